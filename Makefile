@@ -1,0 +1,78 @@
+# `make` lists the targets. Needed: make, and Python 3.11 or newer with its venv module.
+#
+# One environment, in $(VENV), holds either the wheel (demo: what a user installs, with the URDFs inside) or the
+# checkout in editable mode (test, lint, ...). Each installation removes the stamps of the other, so that changing
+# sides costs seconds and calling the same target again costs nothing.
+
+PYTHON ?= python3
+VENV ?= .venv
+PYTEST_ARGS ?=
+
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt
+SOURCES := $(shell find framework robots urdf -type f ! -name '*.pyc' 2>/dev/null)
+METADATA := pyproject.toml constraints.txt
+NOTEBOOKS := $(wildcard notebooks/*.ipynb)
+DEMO := crossing_C
+
+.PHONY: help demo test slow bench lint format notebooks clean
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+
+demo: $(VENV)/.wheel  ## install, then plan the crossing of the paper's 5R robot with flexible links
+	$(BIN)/crossing plan five_bar --scene C --flexibility flexible_links --out $(DEMO)
+	@echo "The plan, the motion and the figures are in $(CURDIR)/$(DEMO):" && ls $(DEMO)
+
+test: $(VENV)/.test  ## run the tests
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+slow: $(VENV)/.test  ## run the tests marked slow
+	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS) || [ $$? -eq 5 ]  # 5: there are none
+
+bench: $(VENV)/.test  ## print the benchmarks
+	$(BIN)/python -m pytest -m benchmark -s $(PYTEST_ARGS) || [ $$? -eq 5 ]
+
+lint: $(VENV)/.dev  ## check style and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(VENV)/.dev  ## mend style, as far as it can be mended by itself
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+ifeq ($(NOTEBOOKS),)
+notebooks:  ## execute the notebooks
+	@echo "There are no notebooks yet."
+else
+notebooks: $(VENV)/.dev
+	$(BIN)/jupyter execute --timeout=600 $(NOTEBOOKS)
+endif
+
+clean:  ## remove the environment, the caches and the output of the demo
+	rm -rf $(VENV) $(DEMO) build dist .mypy_cache .pytest_cache .ruff_cache
+	find framework robots tests -type d -name __pycache__ -prune -exec rm -rf {} +
+
+$(VENV)/.created:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+$(VENV)/.wheel: $(VENV)/.created $(METADATA) $(SOURCES)
+	@rm -f $(VENV)/.test $(VENV)/.dev
+	$(INSTALL) .
+	@touch $@
+
+$(VENV)/.test: $(VENV)/.created $(METADATA)
+	@rm -f $(VENV)/.wheel
+	$(INSTALL) --editable '.[test]'
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.created $(METADATA)
+	@rm -f $(VENV)/.wheel
+	$(INSTALL) --editable '.[dev]'
+	@touch $(VENV)/.test $@

@@ -1,0 +1,119 @@
+"""Every error a user can meet.
+
+Two families, told apart because the reader acts differently on them:
+
+* `InvalidInput`: what was given cannot be right. Exit code 2 at the command line.
+* `NoAnswer`: the question was well posed and the answer is no, or none could be proved. Exit code 1.
+  These carry the last iterate and the residual, so that the reader can go on from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+
+import numpy as np
+
+from framework.arrays import Array
+
+
+class FrameworkError(Exception):
+    """Base of all errors raised on purpose by this package."""
+
+
+# ------------------------------------------------------------------ what was given cannot be right
+
+
+class InvalidInput(FrameworkError, ValueError):
+    """An argument, an option or a file that cannot be right: says what was given and what is valid."""
+
+
+class RobotFileError(InvalidInput):
+    """A robot file or its URDF cannot be used. The message starts with the file and the key."""
+
+
+class OutputError(InvalidInput):
+    """The place where results should go cannot be written."""
+
+
+def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
+    """Sentence for a name that is not in a list: what was given, the nearest name, the valid ones."""
+    names = sorted(valid)
+    near = get_close_matches(str(given), names, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    listed = ", ".join(names) if names else "none"
+    return f"unknown {what} {given!r}{hint} (valid: {listed})"
+
+
+# ------------------------------------------------------------------ the answer is no
+
+
+class NoAnswer(FrameworkError):
+    """The question was well posed, but there is no answer, or none that could be proved."""
+
+
+class NotAssembled(NoAnswer):
+    """The loops do not close. Carries the last iterate `q` (nq,) and its `residual` [m, rad]."""
+
+    def __init__(self, message: str, *, q: Array, residual: float) -> None:
+        super().__init__(message)
+        self.q = q
+        self.residual = residual
+
+
+class OutOfReach(NotAssembled):
+    """The path leaves the workspace: after path coordinate `s`, at `platform`, the leg of `joint` ends."""
+
+    def __init__(
+        self, message: str, *, q: Array, residual: float, s: float, platform: Array, joint: str
+    ) -> None:
+        super().__init__(message, q=q, residual=residual)
+        self.s = s
+        self.platform = platform
+        self.joint = joint
+
+
+class Type1Singularity(NoAnswer):
+    """The path meets a Type 1 singularity (a leg stretched or folded) at `s`, in the leg of `joint`."""
+
+    def __init__(self, message: str, *, s: float, platform: Array, joint: str) -> None:
+        super().__init__(message)
+        self.s = s
+        self.platform = platform
+        self.joint = joint
+
+
+class SingularPath(NoAnswer):
+    """The path runs along the singular locus instead of crossing it."""
+
+
+class NoLaw(NoAnswer):
+    """No motion law can pass, or none that advances all the time was found."""
+
+
+class UnboundedTorque(NoAnswer):
+    """The law meets a Type 2 singularity with t_s . W_p != 0: the torque has a pole at `time`.
+
+    `wrench` is t_s . W_p at that instant, in newton when t_s moves the platform's point, in N m when
+    t_s only turns it.
+    """
+
+    def __init__(self, message: str, *, time: float, s: float, platform: Array, wrench: float) -> None:
+        super().__init__(message)
+        self.time = time
+        self.s = s
+        self.platform = platform
+        self.wrench = wrench
+
+
+class NotConverged(NoAnswer):
+    """A numerical method did not reach its tolerance; `residual` says how far it came."""
+
+    def __init__(self, message: str, *, residual: float) -> None:
+        super().__init__(message)
+        self.residual = residual
+
+
+def point(x: Sequence[float] | Array) -> str:
+    """Coordinates for a message: `(0.1, 0.345)`."""
+    return "(" + ", ".join(f"{float(value):.6g}" for value in np.atleast_1d(x)) + ")"
