@@ -1,0 +1,22 @@
+"""The planar 5R of the paper: a payload on massless legs, motors behind harmonic drives.
+
+Scenes: A stays clear of the locus, B meets it without condition (8), C crosses it, C-printed keeps the
+paper's rounded singular point to show the pole that 72 micrometres leave.
+"""
+
+from __future__ import annotations
+
+from framework import ParallelRobot
+from framework.catalogue import CatalogueEntry
+from robots.files import robot_file
+
+ENTRY = CatalogueEntry(
+    file=robot_file("five_bar"),
+    summary="planar 5R, 10 kg payload on massless legs",
+    source="Briot and Arakelian, ASME IDETC 2010, DETC2010-28207",
+)
+
+
+def load(flexibility: str = "rigid") -> ParallelRobot:
+    """The robot: rigid, flexible_joints or flexible_links."""
+    return ENTRY.load(flexibility)

@@ -1,0 +1,18 @@
+"""The planar 5R of the paper with rods of 1 kg: condition (8) must see the inertia of the legs."""
+
+from __future__ import annotations
+
+from framework import ParallelRobot
+from framework.catalogue import CatalogueEntry
+from robots.files import robot_file
+
+ENTRY = CatalogueEntry(
+    file=robot_file("five_bar_heavy"),
+    summary="planar 5R, 10 kg payload on uniform rods of 1 kg",
+    source="the same, with our own rods",
+)
+
+
+def load(flexibility: str = "rigid") -> ParallelRobot:
+    """The robot: rigid, flexible_joints or flexible_links."""
+    return ENTRY.load(flexibility)
