@@ -1,0 +1,168 @@
+"""Functions of time as Chebyshev series, panel by panel.
+
+Everything that a plan knows as a function of time is sampled on Chebyshev points and carried by its
+coefficients. A removable quotient 0/0 between two nodes is then no event at all, and how fast the
+coefficients fall tells whether the function was resolved: `TimeFunction.tail` is the certificate.
+A function with kinks of a known place (the knots of a spline) gets a panel on either side.
+
+Source: Trefethen, Approximation Theory and Approximation Practice, SIAM 2013, chapters 3, 8 and 21.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from framework.arrays import Array, ArrayLike
+from framework.errors import InvalidInput
+
+
+def nodes(size: int) -> Array:
+    """Chebyshev points of the second kind on [-1, 1], ascending, ends included, shape (size,)."""
+    return -np.cos(np.pi * np.arange(size) / (size - 1))
+
+
+@lru_cache(maxsize=64)
+def _transform(size: int) -> Array:
+    """Matrix (size, size) from values at `nodes(size)` to Chebyshev coefficients."""
+    k = np.arange(size)
+    matrix = np.cos(np.pi * np.outer(k, size - 1 - k) / (size - 1)) * (2.0 / (size - 1))
+    matrix[:, [0, -1]] *= 0.5
+    matrix[[0, -1], :] *= 0.5
+    matrix.flags.writeable = False
+    return matrix
+
+
+def coefficients(values: Array) -> Array:
+    """Chebyshev coefficients of values (..., size, k) sampled at `nodes(size)`, same shape."""
+    return _transform(values.shape[-2]) @ values
+
+
+def tail(series: Array) -> float:
+    """Size of the last eighth of the coefficients (..., size, k) over the largest one; 0 for zero."""
+    largest = float(np.max(np.abs(series), initial=0.0))
+    if not np.isfinite(largest):
+        return float("inf")
+    last = max(2, series.shape[-2] // 8)
+    return float(np.max(np.abs(series[..., -last:, :]))) / largest if largest > 0 else 0.0
+
+
+def extrema(series: Array) -> Array:
+    """Points in [-1, 1] where the derivative of one Chebyshev series (size,) vanishes, ascending."""
+    return real_roots(_derivative(len(series)) @ series)
+
+
+def real_roots(series: Array, *, margin: float = 1e-9) -> Array:
+    """Real roots in [-1, 1] of one Chebyshev series (size,), ascending, by the colleague matrix.
+
+    `margin` accepts roots that rounding has pushed off the real axis or over an end.
+    """
+    trimmed = chebyshev.chebtrim(series, tol=1e-15 * float(np.max(np.abs(series), initial=0.0)))
+    if trimmed.size < 2:
+        return np.empty(0)
+    roots = chebyshev.chebroots(trimmed)
+    real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(margin)])
+    return np.sort(np.clip(real[np.abs(real) <= 1 + margin], -1.0, 1.0))
+
+
+@dataclass(frozen=True)
+class TimeFunction:
+    """A vector function of time: `coefficients` (panels, size, k) between `edges` (panels + 1,) [s]."""
+
+    edges: Array
+    coefficients: Array
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """Value, or time derivative of the given order, at t: a scalar gives (k,), (T,) gives (T, k).
+
+        Raises:
+            InvalidInput: t lies outside the interval, or is not finite.
+        """
+        times = np.asarray(t, dtype=float)
+        start, end = self.edges[0], self.edges[-1]
+        slack = 1e-12 * (end - start)
+        if not np.all((times >= start - slack) & (times <= end + slack)):
+            raise InvalidInput(f"time {t!r} is outside [{start:g}, {end:g}] s")
+        flat = np.atleast_1d(times).ravel()
+        panel = np.clip(np.searchsorted(self.edges, flat, side="right") - 1, 0, len(self.edges) - 2)
+        values = np.empty((flat.size, self.coefficients.shape[2]))
+        for p in range(len(self.edges) - 1):
+            inside = panel == p
+            if not inside.any():
+                continue
+            half = 0.5 * (self.edges[p + 1] - self.edges[p])
+            local = (flat[inside] - self.edges[p]) / half - 1.0
+            series = self.coefficients[p]
+            for _ in range(order):
+                series = _derivative(len(series)) @ series / half
+            values[inside] = chebyshev.chebval(np.clip(local, -1, 1), series).T
+        return values.reshape(*times.shape, -1)
+
+    @property
+    def tail(self) -> float:
+        """Relative size of the last coefficients: the certificate of resolution."""
+        return tail(self.coefficients)
+
+
+@dataclass(frozen=True)
+class TimeGrid:
+    """Chebyshev nodes of `size` points on each panel between `edges` (panels + 1,) [s]."""
+
+    edges: Array
+    size: int
+
+    @property
+    def times(self) -> Array:
+        """All nodes, panel after panel (an inner edge appears twice), shape (panels * size,)."""
+        half = 0.5 * np.diff(self.edges)[:, None]
+        times = self.edges[:-1, None] + half * (nodes(self.size) + 1.0)
+        times[:, -1] = self.edges[1:]
+        return times.ravel()
+
+    def fit(self, values: Array) -> TimeFunction:
+        """The function through values (panels * size, k) at `times`."""
+        stacked = values.reshape(len(self.edges) - 1, self.size, -1)
+        return TimeFunction(self.edges, coefficients(stacked))
+
+    def differentiate(self, values: Array) -> tuple[Array, Array]:
+        """First and second time derivative at the nodes of values (panels * size, k), same shape."""
+        first, second = _differentiation(self.size)
+        half = 0.5 * np.diff(self.edges)[:, None, None]
+        stacked = values.reshape(len(self.edges) - 1, self.size, -1)
+        one, two = first @ stacked / half, second @ stacked / half**2
+        return one.reshape(values.shape), two.reshape(values.shape)
+
+    @staticmethod
+    def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
+        """The grid of at least `size` nodes a panel that stays farthest from `instants` [s].
+
+        A node on the very instant of a crossing would divide 0 by 0; a few nodes more always help.
+        """
+        best, best_gap = TimeGrid(edges, size), -1.0
+        for candidate in (TimeGrid(edges, size + extra) for extra in range(6)):
+            times = candidate.times
+            gaps = np.abs(times[:, None] - np.asarray(instants)[None, :])
+            gap = float(np.min(gaps, initial=np.inf)) * candidate.size
+            if gap > best_gap * 1.001:
+                best, best_gap = candidate, gap
+        return best
+
+
+@lru_cache(maxsize=64)
+def _derivative(size: int) -> Array:
+    """Matrix (size, size) from Chebyshev coefficients to those of the derivative."""
+    matrix = np.zeros((size, size))
+    matrix[: size - 1] = chebyshev.chebder(np.eye(size), axis=0) if size > 1 else 0.0
+    matrix.flags.writeable = False
+    return matrix
+
+
+@lru_cache(maxsize=16)
+def _differentiation(size: int) -> tuple[Array, Array]:
+    """Matrices (size, size) that differentiate values at `nodes(size)` once and twice."""
+    once = _derivative(size) @ _transform(size)
+    back = chebyshev.chebvander(nodes(size), size - 1)
+    return back @ once, back @ (_derivative(size) @ once)

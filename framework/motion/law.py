@@ -1,0 +1,131 @@
+"""When the platform is where: the polynomial motion law s(t) from its boundary conditions.
+
+The law is solved in normalised time and in the Chebyshev basis. In raw powers of t the twelfth-degree
+law of the paper has coefficients of size 400 that cancel, and rounding them to two decimals moves the
+end of the motion from s = 1 to s = 1.77.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from framework.arrays import Array, ArrayLike
+from framework.errors import InvalidInput
+from framework.motion.chebyshev import extrema, nodes
+
+# A law may overshoot the ends of the path by this much of it; the path goes on there as a curve.
+# The paper's case C needs 1.3e-4 when its conditions are met with degree 8 (rigid robot).
+OVERSHOOT = 1e-3
+
+
+class MotionLaw(Protocol):
+    """Anything with a `duration` [s] and `law(t, order)`, t of shape (T,), values in [0, 1]."""
+
+    @property
+    def duration(self) -> float: ...
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array: ...
+
+
+class Condition(NamedTuple):
+    """The derivative of the given `order` of s is `value` [1/s^order] at `time` [s]."""
+
+    time: float
+    order: int
+    value: float
+
+
+@dataclass(frozen=True)
+class Law:
+    """Polynomial law: Chebyshev `coefficients` (degree + 1,) on [0, `duration`] [s]."""
+
+    coefficients: Array
+    duration: float
+
+    @property
+    def degree(self) -> int:
+        return len(self.coefficients) - 1
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """s(t) or its derivative [1/s^order], with the shape of t."""
+        scale = 2.0 / self.duration
+        series = chebyshev.chebder(self.coefficients, order, scl=scale)
+        return np.asarray(chebyshev.chebval(np.asarray(t, dtype=float) * scale - 1.0, series))
+
+    @staticmethod
+    def from_conditions(conditions: Sequence[Condition], duration: float) -> Law:
+        """The law of least degree, one less than the number of conditions, that meets all of them.
+
+        Raises:
+            InvalidInput: the duration is not positive, a condition is not finite or lies outside
+                [0, duration], or two of them contradict or repeat each other.
+        """
+        if not (np.isfinite(duration) and duration > 0):
+            raise InvalidInput(f"duration must be a positive number of seconds, got {duration!r}")
+        for time, order, value in conditions:
+            if not (np.isfinite(value) and 0 <= time <= duration):
+                raise InvalidInput(
+                    f"condition s^({order})({time!r}) = {value!r} must be finite and inside "
+                    f"[0, {duration:g}] s"
+                )
+        scale = 2.0 / duration
+        rows, sizes = _condition_rows(tuple((time * scale - 1.0, order) for time, order, _ in conditions))
+        orders = np.array([order for _, order, _ in conditions])
+        values = np.array([value for *_, value in conditions]) / scale**orders / sizes
+        solution = np.linalg.solve(rows, values)
+        for _ in range(2):  # the rows are of very different slope: refine away what elimination lost
+            solution += np.linalg.solve(rows, values - rows @ solution)
+        return Law(np.asarray(solution, dtype=float), duration)
+
+    @staticmethod
+    def rest_to_rest(duration: float, smoothness: int, inner: Sequence[Condition] = ()) -> Law:
+        """From s = 0 to s = 1 with `smoothness` derivatives zero at both ends, through `inner`.
+
+        Degree 2 (smoothness + 1) + len(inner) - 1: with the three conditions of one crossing 8 for a
+        rigid robot (smoothness 2) and 12 for an elastic one (4), as counted by Briot and Arakelian
+        2010, Eqs. (19)-(31).
+        """
+        ends = [
+            Condition(time, order, value if order == 0 else 0.0)
+            for time, value in ((0.0, 0.0), (duration, 1.0))
+            for order in range(smoothness + 1)
+        ]
+        return Law.from_conditions([*ends, *inner], duration)
+
+    def advance(self, smoothness: int) -> float:
+        """Smallest of s'(t) / (t (T - t))^smoothness on [0, T], over its mean; positive: monotone.
+
+        The zeros that the ends force on s' are divided out first, so that the sign near the ends is
+        decided by the law and not by rounding.
+        """
+        degree = max(self.degree - 1 - 2 * smoothness, 0)
+        x = 0.5 * (nodes(2 * degree + 6) + 1)[1:-1]  # inner points of [0, 1], more than unknowns
+        slope = self(x * self.duration, 1) / (x * (1 - x)) ** smoothness
+        local = 2 * x - 1
+        series = np.asarray(chebyshev.chebfit(local, slope, degree), dtype=float)
+        turning = extrema(series)
+        lowest = chebyshev.chebval(np.concatenate(([-1.0, 1.0], turning)), series).min()
+        return float(lowest / np.mean(np.abs(slope)))
+
+
+@lru_cache(maxsize=64)
+def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array]:
+    """Rows (k, k) of derivatives of the Chebyshev polynomials at (x, order), and what divided them.
+
+    Raises:
+        InvalidInput: two rows repeat each other.
+    """
+    count = len(places)
+    identity = np.eye(count)
+    rows = np.array([chebyshev.chebval(x, chebyshev.chebder(identity, m)) for x, m in places])
+    sizes = np.abs(rows).max(axis=1)
+    rows /= np.where(sizes > 0, sizes, 1.0)[:, None]
+    if np.linalg.matrix_rank(rows, tol=1e-13) < count:
+        raise InvalidInput("the conditions on the law repeat or contradict each other")
+    return rows, sizes
