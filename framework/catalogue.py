@@ -1,0 +1,57 @@
+"""The robots known by name. Any installed package can add its own.
+
+A package registers a mapping from names to `CatalogueEntry` under the entry point group
+`crossing.catalogue`; this project's `robots` is the first of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from framework.errors import InvalidInput, choose_from
+from framework.model import ParallelRobot
+
+
+@dataclass(frozen=True)
+class CatalogueEntry:
+    """One mechanism: where its robot file is, what it is, where it comes from."""
+
+    file: Path
+    summary: str
+    source: str
+
+    @property
+    def name(self) -> str:
+        return self.file.stem
+
+    def load(self, flexibility: str = "rigid") -> ParallelRobot:
+        """The robot with the springs of one flexibility; raises RobotFileError for an unknown one."""
+        return ParallelRobot.from_file(self.file, flexibility=flexibility)
+
+
+def catalogue() -> Mapping[str, CatalogueEntry]:
+    """All registered robots, by name."""
+    found: dict[str, CatalogueEntry] = {}
+    for point in entry_points(group="crossing.catalogue"):
+        found.update(point.load())
+    return dict(sorted(found.items()))
+
+
+def robot_file(name_or_path: str) -> Path:
+    """The robot file that a catalogue name or a path stands for.
+
+    Raises:
+        InvalidInput: neither a known name nor a robot file.
+    """
+    known = catalogue()
+    if name_or_path in known:
+        return known[name_or_path].file
+    path = Path(name_or_path)
+    if path.suffix in (".yaml", ".yml") or path.exists():
+        return path
+    raise InvalidInput(
+        f"{choose_from('robot', name_or_path, known)}, or give the path of a robot file (.yaml)"
+    )

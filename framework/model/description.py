@@ -1,0 +1,144 @@
+"""What a robot file says, as frozen records. No file is read and no pinocchio called here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from framework.errors import RobotFileError, choose_from
+
+FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+
+# The locked axes of each closure kind whose axis is z, in the frame of the first body.
+_LOCKED = {
+    "fixed": ("x", "y", "z", "rx", "ry", "rz"),
+    "revolute": ("x", "y", "z", "rx", "ry"),  # turns about its axis
+    "prismatic": ("x", "y", "rx", "ry", "rz"),  # slides along its axis
+    "universal": ("x", "y", "z", "rz"),  # does not turn about its axis
+    "cylindrical": ("x", "y", "rx", "ry"),  # turns about and slides along its axis
+    "spherical": ("x", "y", "z"),
+    "planar": ("z", "rx", "ry"),  # its axis is the normal of the plane
+}
+CLOSURE_KINDS = tuple(_LOCKED)
+
+
+def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
+    """Axes that a closure of this kind locks, in the frame of the first body.
+
+    `axis` in {x, y, z} is the axis of the joint; the kinds are tabled for z and turned cyclically.
+
+    Raises:
+        RobotFileError: unknown kind or axis.
+    """
+    if kind not in _LOCKED:
+        raise RobotFileError(choose_from("closure kind", kind, _LOCKED))
+    if axis not in ("x", "y", "z"):
+        raise RobotFileError(choose_from("closure axis", axis, ("x", "y", "z")))
+    turn = {"x": "yzx", "y": "zxy", "z": "xyz"}[axis]  # where x, y, z go when z goes to `axis`
+    moved = {name[:-1] + turn["xyz".index(name[-1])] for name in _LOCKED[kind]}
+    return tuple(name for name in AXES if name in moved)
+
+
+@dataclass(frozen=True)
+class Platform:
+    """The frame whose motion is prescribed, on these axes of the base frame."""
+
+    frame: str
+    axes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """A motor on a URDF joint.
+
+    `rotor_inertia` [kg m^2] and the limits [N m], [rad/s] are on the motor side of the gear, whose
+    ratio is motor angle over joint angle.
+    """
+
+    joint: str
+    gear_ratio: float = 1.0
+    rotor_inertia: float = 0.0
+    torque_limit: float | None = None
+    speed_limit: float | None = None
+
+
+@dataclass(frozen=True)
+class Closure:
+    """Two frames and the axes of their relative pose, in the first frame, that are locked."""
+
+    name: str
+    frames: tuple[str, str]
+    axes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A virtual joint in series behind the URDF joint `after`.
+
+    `part` is "joint" (exists from flexible_joints on) or "link" (flexible_links only). `motion` holds
+    the axes of the child frame that give way, or is empty for the motion of `after` itself.
+    `stiffness` [N/m or N m/rad] has one entry an axis.
+    """
+
+    name: str
+    part: str
+    after: str
+    motion: tuple[str, ...]
+    stiffness: tuple[float, ...]
+
+    def exists_in(self, flexibility: str) -> bool:
+        first = "flexible_joints" if self.part == "joint" else "flexible_links"
+        return FLEXIBILITIES.index(flexibility) >= FLEXIBILITIES.index(first)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of its virtual joints, one for each axis."""
+        if len(self.motion) <= 1:
+            return (self.name,)
+        return tuple(f"{self.name}_{axis}" for axis in self.motion)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A path and a duration [s], and what is asked at the crossings.
+
+    `kind` is line, arc or spline, through `points`. `times` [s] and `speeds` [1/s] are None when left
+    open; empty `times` ask for a law without crossing conditions. `at` imposes path coordinates
+    instead of locating the singular points.
+    """
+
+    name: str
+    kind: str
+    points: tuple[tuple[float, ...], ...]
+    duration: float
+    times: tuple[float, ...] | None = None
+    speeds: tuple[float, ...] | None = None
+    at: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """All that a robot file says. `urdf_text` is the untouched URDF, i.e. the rigid robot."""
+
+    name: str
+    file: Path
+    urdf_text: str
+    platform: Platform
+    actuators: tuple[Actuator, ...]
+    closures: tuple[Closure, ...]
+    springs: tuple[Spring, ...] = ()
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    reference: Mapping[str, float] = field(default_factory=dict)
+    scenes: Mapping[str, Scene] = field(default_factory=dict)
+
+    def active_springs(self, flexibility: str) -> tuple[Spring, ...]:
+        """The springs of one flexibility, in file order.
+
+        Raises:
+            InvalidInput: unknown flexibility.
+        """
+        if flexibility not in FLEXIBILITIES:
+            raise RobotFileError(choose_from("flexibility", flexibility, FLEXIBILITIES))
+        return tuple(spring for spring in self.springs if spring.exists_in(flexibility))

@@ -1,0 +1,220 @@
+"""A parallel robot as pinocchio sees it: the open tree, its index sets and its loop equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from framework.arrays import Array, IntArray
+from framework.errors import RobotFileError
+from framework.model.description import AXES, Closure, RobotDescription
+from framework.model.robot_file import read_robot_file
+from framework.model.virtual_joints import count_turns, insert_springs
+
+
+class LoopRows(NamedTuple):
+    """The scalar loop equations of a robot as a table; m rows.
+
+    A translation row is e . (p2 - p1) = 0 with e the axis `first_axis` of the first frame. A rotation
+    row is sign u . w = 0 with u the axis `first_axis` of the first and w the axis `second_axis` of the
+    second frame (Haug's dot-1 primitive): polynomial in the rotation matrices, so it has no angle that
+    jumps, and to first order it is the relative rotation about the locked axis.
+    """
+
+    first: IntArray  # (m,) frame, as index into ParallelRobot.frames
+    second: IntArray  # (m,)
+    rotation: NDArray[np.bool_]  # (m,)
+    first_axis: IntArray  # (m,)
+    second_axis: IntArray  # (m,)
+    sign: Array  # (m,)
+    names: tuple[str, ...]  # closure.axis
+
+    def take(self, rows: IntArray) -> LoopRows:
+        """The table of some of the rows."""
+        names = tuple(self.names[i] for i in rows)
+        return LoopRows(*[column[rows] for column in self[:-1]], names)  # type: ignore[call-arg,arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class ParallelRobot:
+    """The tree with its springs (`model`), and which of its coordinates are what.
+
+    `actuated` (n_a,), `elastic` (n_e,) and `passive` (n_p,) index pinocchio's velocity vector, in the
+    order of the robot file for the first two. q_a is the joint side of the gear; the motor angle is
+    gear_ratio * q_a. Nothing here changes after construction.
+    """
+
+    description: RobotDescription
+    flexibility: str
+    model: pin.Model
+    actuated: IntArray
+    elastic: IntArray
+    passive: IntArray
+    gear_ratio: Array  # (n_a,) motor angle over joint angle
+    rotor_inertia: Array  # (n_a,) [kg m^2], motor side
+    stiffness: Array  # (n_e,) [N/m] or [N m/rad]
+    elastic_names: tuple[str, ...]  # (n_e,)
+    frames: tuple[int, ...]  # pinocchio frames whose motion the equations need; the platform is 0
+    rows: LoopRows
+    platform_axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
+    q_near: Array  # (nq,) configuration of the robot file, nearly assembled
+    length: float  # [m] size of the robot, to compare metres with radians
+
+    @property
+    def name(self) -> str:
+        return self.description.name
+
+    @property
+    def n(self) -> int:
+        """Number of platform coordinates."""
+        return len(self.platform_axes)
+
+    @property
+    def n_a(self) -> int:
+        return len(self.actuated)
+
+    @property
+    def n_e(self) -> int:
+        return len(self.elastic)
+
+    @property
+    def n_p(self) -> int:
+        return len(self.passive)
+
+    @property
+    def actuator_names(self) -> tuple[str, ...]:
+        return tuple(actuator.joint for actuator in self.description.actuators)
+
+    @property
+    def axis_names(self) -> tuple[str, ...]:
+        """Names of the platform coordinates, e.g. ("x", "y")."""
+        return self.description.platform.axes
+
+    def joint_of(self, column: int) -> str:
+        """Name of the joint that owns one entry of the velocity vector."""
+        return str(self.model.names[int(np.searchsorted(_first_columns(self.model), column, "right"))])
+
+    @staticmethod
+    def from_file(file: str | Path, flexibility: str = "rigid") -> ParallelRobot:
+        """The robot of a robot file with the springs of one flexibility.
+
+        Raises:
+            RobotFileError: see `read_robot_file`; or pinocchio refuses the URDF.
+        """
+        return ParallelRobot.from_description(read_robot_file(file), flexibility)
+
+    @staticmethod
+    def from_description(description: RobotDescription, flexibility: str = "rigid") -> ParallelRobot:
+        """The robot of a description with the springs of one flexibility.
+
+        Raises:
+            RobotFileError: unknown flexibility, or pinocchio refuses the URDF.
+        """
+        springs = description.active_springs(flexibility)
+        try:
+            model = pin.buildModelFromXML(insert_springs(count_turns(description.urdf_text), springs))
+        except (ValueError, RuntimeError) as error:
+            raise RobotFileError(
+                f"{description.file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}"
+            ) from None
+        model.gravity.linear = np.array(description.gravity)
+
+        def columns(names: list[str]) -> IntArray:
+            return np.array([model.joints[model.getJointId(name)].idx_v for name in names], dtype=int)
+
+        elastic_names = [name for spring in springs for name in spring.coordinates]
+        actuated = columns([actuator.joint for actuator in description.actuators])
+        elastic = columns(elastic_names)
+        passive = np.setdiff1d(np.arange(model.nv), np.concatenate([actuated, elastic]))
+        frame_names = [description.platform.frame]
+        for closure in description.closures:
+            frame_names += [name for name in closure.frames if name not in frame_names]
+        frames = tuple(_frame(model, name) for name in frame_names)
+        q_near = _reference(model, description)
+        return ParallelRobot(
+            description=description,
+            flexibility=flexibility,
+            model=model,
+            actuated=actuated,
+            elastic=elastic,
+            passive=passive,
+            gear_ratio=np.array([actuator.gear_ratio for actuator in description.actuators]),
+            rotor_inertia=np.array([actuator.rotor_inertia for actuator in description.actuators]),
+            stiffness=np.array([value for spring in springs for value in spring.stiffness]),
+            elastic_names=tuple(elastic_names),
+            frames=frames,
+            rows=_loop_rows(description.closures, frame_names),
+            platform_axes=np.array([AXES.index(axis) for axis in description.platform.axes]),
+            q_near=q_near,
+            length=_length(model, q_near),
+        )
+
+
+def _frame(model: pin.Model, name: str) -> int:
+    """Index of the frame of a link or else of a joint: URDF lets the two share a name."""
+    link = pin.FrameType.BODY
+    is_link = model.existFrame(name, link)
+    return int(model.getFrameId(name, link) if is_link else model.getFrameId(name))
+
+
+def _first_columns(model: pin.Model) -> list[int]:
+    return [joint.idx_v for joint in model.joints[1:]]
+
+
+def _loop_rows(closures: tuple[Closure, ...], frame_names: list[str]) -> LoopRows:
+    """One row for each locked axis of each closure."""
+    table: list[tuple[float, ...]] = []
+    names: list[str] = []
+    for closure in closures:
+        first, second = (frame_names.index(name) for name in closure.frames)
+        locked = {AXES.index(axis) - 3 for axis in closure.axes if axis.startswith("r")}
+        for axis in closure.axes:
+            k = "xyz".index(axis[-1])
+            if axis.startswith("r"):
+                table.append((first, second, True, *_perpendicular_pair(k, locked)))
+            else:
+                table.append((first, second, False, k, 0, 1.0))
+            names.append(f"{closure.name}.{axis}")
+    columns = np.array(table).T
+    first_frame, second_frame, rotation, first_axis, second_axis = columns[:5].astype(np.intp)
+    return LoopRows(
+        first_frame, second_frame, rotation > 0, first_axis, second_axis, columns[5], tuple(names)
+    )
+
+
+def _perpendicular_pair(locked_axis: int, locked: set[int]) -> tuple[int, int, float]:
+    """Axes (of the first, of the second frame) to keep perpendicular, and the sign, to lock a rotation.
+
+    With i, j, k cyclic, R = 1 + [phi]x gives x_j . (R x_k) = -phi_i and x_k . (R x_j) = +phi_i.
+    """
+    following, preceding = (locked_axis + 1) % 3, (locked_axis + 2) % 3
+    free = {0, 1, 2} - locked
+    if free == {following}:  # the free axis is carried by the second frame
+        return preceding, following, 1.0
+    if free == {preceding} or not free:
+        return following, preceding, -1.0
+    # two free axes: a universal joint, its first axis on the first frame, its second on the second
+    first, second = min(following, preceding), max(following, preceding)
+    return first, second, -1.0 if first == following else 1.0
+
+
+def _reference(model: pin.Model, description: RobotDescription) -> Array:
+    """The configuration that the robot file gives, zero where it is silent."""
+    angles = np.zeros(model.nv)
+    for name, value in description.reference.items():
+        angles[model.joints[model.getJointId(name)].idx_v] = value
+    return np.asarray(pin.integrate(model, pin.neutral(model), angles))
+
+
+def _length(model: pin.Model, q: Array) -> float:
+    """Largest distance between two frames at q [m]; 1 for a robot without extent."""
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    points = np.array([placement.translation for placement in data.oMf])
+    extent = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
+    return extent if extent > 0 else 1.0

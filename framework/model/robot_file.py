@@ -1,0 +1,434 @@
+"""Read a robot file (YAML beside its URDF) into frozen records, strictly.
+
+Every complaint names the file and the key, says what was given and what is valid.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from framework.errors import RobotFileError, choose_from
+from framework.model.description import (
+    AXES,
+    Actuator,
+    Closure,
+    Platform,
+    RobotDescription,
+    Scene,
+    Spring,
+    locked_axes,
+)
+from framework.model.virtual_joints import virtual_link
+
+T = TypeVar("T")
+VERSION = 1
+PATH_KINDS = {"line": 2, "arc": 3, "spline": 2}  # least number of points
+
+
+def read_robot_file(file: str | Path) -> RobotDescription:
+    """The description in a robot file.
+
+    Raises:
+        RobotFileError: the file or its URDF is missing or malformed, or a key is unknown, missing,
+            of the wrong type or length, not finite, or names something that the URDF does not have.
+    """
+    path = Path(file)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotFileError(f"{path}: cannot read the robot file: {_reason(error)}") from None
+    try:
+        content = yaml.load(text, Loader=_StrictLoader)
+    except yaml.YAMLError as error:
+        raise RobotFileError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+    try:
+        return _description(path, _Mapping("", content))
+    except RobotFileError as error:
+        raise RobotFileError(f"{path}: {error}") from None
+
+
+def _description(path: Path, top: _Mapping) -> RobotDescription:
+    version = top.required("version", _whole)
+    if version != VERSION:
+        raise RobotFileError(f"version: got {version}, this program reads version {VERSION}")
+    urdf_path = path.parent / top.required("urdf", _text)
+    urdf_text, joints, frames = _read_urdf(urdf_path)
+
+    def joint(where: str, value: Any) -> str:
+        return _one_of("joint", where, value, joints)
+
+    def frame(where: str, value: Any) -> str:
+        return _one_of("frame", where, value, frames)
+
+    def platform(entry: _Mapping) -> Platform:
+        axes = entry.required("axes", _axes)
+        if sum(axis.startswith("r") for axis in axes) > 1:
+            raise RobotFileError(
+                f"{entry.where}axes: got {list(axes)}; at most one of rx, ry, rz is supported"
+            )
+        return Platform(entry.required("frame", frame), axes)
+
+    def actuator(entry: _Mapping) -> Actuator:
+        return Actuator(
+            joint=entry.required("joint", joint),
+            gear_ratio=entry.optional("gear_ratio", _positive, 1.0),
+            rotor_inertia=entry.optional("rotor_inertia", _not_negative, 0.0),
+            torque_limit=entry.optional("torque_limit", _positive, None),
+            speed_limit=entry.optional("speed_limit", _positive, None),
+        )
+
+    def closure(entry: _Mapping) -> Closure:
+        pair = _list(frame)(f"{entry.where}frames", entry.required("frames", _any))
+        if len(pair) != 2 or pair[0] == pair[1]:
+            raise RobotFileError(f"{entry.where}frames: needs two different frames, got {list(pair)}")
+        if entry.has("kind") == entry.has("axes"):
+            raise RobotFileError(f"{entry.where[:-1]}: needs either kind or axes, and not both")
+        if entry.has("axes"):
+            given = entry.required("axes", _axes)
+            axes = tuple(axis for axis in AXES if axis in given)
+        else:
+            kind, axis = entry.required("kind", _text), entry.optional("axis", _text, "z")
+            try:
+                axes = locked_axes(kind, axis)
+            except RobotFileError as error:
+                raise RobotFileError(f"{entry.where}kind: {error}") from None
+        return Closure(entry.required("name", _text), (pair[0], pair[1]), axes)
+
+    def spring(entry: _Mapping) -> Spring:
+        motion = (
+            ()
+            if entry.optional("motion", _text_or_list, "own") == "own"
+            else _axes(f"{entry.where}motion", entry.required("motion", _any))
+        )
+        stiffness = entry.required("stiffness", _positives)
+        if len(stiffness) != max(len(motion), 1):
+            raise RobotFileError(
+                f"{entry.where}stiffness: needs one value an axis of motion "
+                f"({max(len(motion), 1)}), got {len(stiffness)}"
+            )
+        part = _one_of("part", f"{entry.where}part", entry.required("part", _any), ("joint", "link"))
+        after = entry.required("after", joint)
+        if not motion and joints[after] not in ("revolute", "continuous", "prismatic"):
+            raise RobotFileError(
+                f"{entry.where}motion: required, because joint {after!r} is {joints[after]} and has no "
+                f"motion of its own (valid: {', '.join(AXES)} or a list of them)"
+            )
+        return Spring(entry.required("name", _text), part, after, motion, stiffness)
+
+    movable = {name: kind for name, kind in joints.items() if kind != "fixed"}
+
+    def reference(entry: _Mapping) -> Mapping[str, float]:
+        for name in entry.content:
+            _one_of("joint", f"{entry.where}{name}", name, movable)
+        return {str(name): _number(f"{entry.where}{name}", entry.take(name)) for name in entry.content}
+
+    def scenes(entry: _Mapping) -> Mapping[str, Scene]:
+        return {
+            str(name): _scene(str(name), _Mapping(f"{entry.where}{name}.", entry.take(name)))
+            for name in entry.content
+        }
+
+    description = RobotDescription(
+        name=path.stem,
+        file=path,
+        urdf_text=urdf_text,
+        platform=top.section("platform", platform),
+        actuators=top.sections("actuators", actuator),
+        closures=top.sections("closures", closure),
+        springs=top.sections("springs", spring) if top.has("springs") else (),
+        gravity=top.optional("gravity", _vector3, (0.0, 0.0, -9.81)),
+        reference=top.section("reference", reference) if top.has("reference") else {},
+        scenes=top.section("scenes", scenes) if top.has("scenes") else {},
+    )
+    top.finish()
+    _check_names(description, joints, frames)
+    return description
+
+
+def _scene(name: str, entry: _Mapping) -> Scene:
+    kinds = [kind for kind in PATH_KINDS if entry.has(kind)]
+    if len(kinds) != 1:
+        raise RobotFileError(
+            f"{entry.where[:-1]}: needs exactly one path ({', '.join(PATH_KINDS)}), got {kinds or 'none'}"
+        )
+    kind = kinds[0]
+    points = _list(_numbers)(f"{entry.where}{kind}", entry.required(kind, _any))
+    if len(points) < PATH_KINDS[kind] or (kind != "spline" and len(points) > PATH_KINDS[kind]):
+        raise RobotFileError(
+            f"{entry.where}{kind}: needs {'at least ' if kind == 'spline' else ''}{PATH_KINDS[kind]} "
+            f"points, got {len(points)}"
+        )
+    scene = Scene(
+        name=name,
+        kind=kind,
+        points=points,
+        duration=entry.required("duration", _positive),
+        times=entry.optional("times", _numbers, None),
+        speeds=entry.optional("speeds", _positives, None),
+        at=entry.optional("at", _numbers, None),
+    )
+    entry.finish()
+    return scene
+
+
+def _check_names(description: RobotDescription, joints: Mapping[str, str], frames: Sequence[str]) -> None:
+    """Names must be unique, and virtual joints must not take a name of the URDF."""
+    groups = {
+        "actuators": [actuator.joint for actuator in description.actuators],
+        "closures": [closure.name for closure in description.closures],
+        "springs": [name for spring in description.springs for name in spring.coordinates],
+    }
+    for key, names in groups.items():
+        for name in names:
+            if names.count(name) > 1:
+                raise RobotFileError(f"{key}: {name!r} is there twice")
+    for name in groups["springs"]:
+        if name in joints:
+            raise RobotFileError(f"springs: {name!r} is already a joint of the URDF")
+        if virtual_link(name) in frames:
+            raise RobotFileError(
+                f"springs: {name!r} needs the name {virtual_link(name)!r}, taken in the URDF"
+            )
+    for actuator in description.actuators:
+        if joints[actuator.joint] not in ("revolute", "continuous", "prismatic"):
+            raise RobotFileError(
+                f"actuators: joint {actuator.joint!r} is {joints[actuator.joint]}; a motor needs a "
+                f"revolute, continuous or prismatic joint"
+            )
+
+
+# ------------------------------------------------------------------ the URDF, as far as names go
+
+
+def _read_urdf(path: Path) -> tuple[str, dict[str, str], list[str]]:
+    """Text, joint types by name, and all frame names (links and joints) of a URDF."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        root = ElementTree.fromstring(text)
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotFileError(f"urdf: cannot read {path}: {_reason(error)}") from None
+    except ElementTree.ParseError as error:
+        raise RobotFileError(f"urdf: {path} is not well-formed XML: {error}") from None
+    if root.tag != "robot":
+        raise RobotFileError(f"urdf: {path} is not a URDF: its root is <{root.tag}>, not <robot>")
+    links = [link.get("name", "") for link in root.findall("link")]
+    joints = {joint.get("name", ""): joint.get("type", "") for joint in root.findall("joint")}
+    names = [*links, *(joint.get("name", "") for joint in root.findall("joint"))]
+    for name in names:
+        if not name or links.count(name) > 1 or names.count(name) - links.count(name) > 1:
+            raise RobotFileError(f"urdf: {path}: the name {name!r} is empty or there twice")
+    children = []
+    for joint in root.findall("joint"):
+        label = f"urdf: {path}: joint {joint.get('name')!r}"
+        for end in ("parent", "child"):
+            element = joint.find(end)
+            link = element.get("link", "") if element is not None else ""
+            if link not in links:
+                raise RobotFileError(f"{label}: {end}: {choose_from('link', link, links)}")
+            if end == "child":
+                children.append(link)
+        if joint.find("mimic") is not None:
+            raise RobotFileError(f"{label}: mimic joints are not supported; use a closure instead")
+        if joint.get("type") not in ("fixed", "revolute", "continuous", "prismatic"):
+            raise RobotFileError(
+                f"{label}: type {joint.get('type')!r} (valid: fixed, revolute, continuous, prismatic)"
+            )
+        origin, axis = joint.find("origin"), joint.find("axis")
+        for element, key in ((origin, "xyz"), (origin, "rpy"), (axis, "xyz")):
+            if element is not None and element.get(key) is not None:
+                _xml_vector(f"{label}: {element.tag} {key}", element.get(key, ""))
+        if axis is not None and not any(map(float, axis.get("xyz", "1 0 0").split())):
+            raise RobotFileError(f"{label}: its axis is zero")
+    roots = [link for link in links if link not in children]
+    twice = [link for link in children if children.count(link) > 1]
+    if twice:
+        raise RobotFileError(
+            f"urdf: {path}: link {twice[0]!r} has two parents; a URDF is a tree: cut the loop and "
+            f"declare it under closures"
+        )
+    if len(roots) != 1:
+        raise RobotFileError(f"urdf: {path}: needs exactly one root link, got {roots or 'none'}")
+    for element in root.iter("mass"):
+        _xml_number(f"urdf: {path}: mass", element.get("value", ""))
+    return text, joints, names
+
+
+def _xml_number(where: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RobotFileError(f"{where}: needs a finite number, got {text!r}")
+    return value
+
+
+def _xml_vector(where: str, text: str) -> None:
+    parts = text.split()
+    if len(parts) != 3:
+        raise RobotFileError(f"{where}: needs three numbers, got {text!r}")
+    for part in parts:
+        _xml_number(where, part)
+
+
+# ------------------------------------------------------------------ YAML, key by key
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """SafeLoader that refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"the key {key!r} is there twice", node.start_mark
+                )
+        return super().construct_mapping(node, deep=deep)
+
+
+class _Mapping:
+    """A YAML mapping that remembers which keys were asked for, so that unknown ones are noticed."""
+
+    def __init__(self, where: str, content: Any) -> None:
+        if not isinstance(content, dict):
+            raise RobotFileError(f"{where[:-1] or 'the file'}: needs a mapping of keys, got {content!r}")
+        self.where = where
+        self.content: dict[Any, Any] = content
+        self._asked: set[Any] = set()
+
+    def has(self, key: str) -> bool:
+        self._asked.add(key)
+        return key in self.content
+
+    def take(self, key: Any) -> Any:
+        self._asked.add(key)
+        return self.content[key]
+
+    def required(self, key: str, read: Callable[[str, Any], T]) -> T:
+        if not self.has(key):
+            raise RobotFileError(
+                f"{self.where}{key}: missing (given: {', '.join(map(str, self.content)) or 'nothing'})"
+            )
+        return read(f"{self.where}{key}", self.content[key])
+
+    def optional(self, key: str, read: Callable[[str, Any], T], default: T | None) -> Any:
+        return read(f"{self.where}{key}", self.content[key]) if self.has(key) else default
+
+    def section(self, key: str, read: Callable[[_Mapping], T]) -> T:
+        """A mapping below `key`."""
+        return _finished(read, _Mapping(f"{self.where}{key}.", self.required(key, _any)))
+
+    def sections(self, key: str, read: Callable[[_Mapping], T]) -> tuple[T, ...]:
+        """A list of mappings below `key`, at least one."""
+        items = self.required(key, _any)
+        if not isinstance(items, list) or not items:
+            raise RobotFileError(f"{self.where}{key}: needs a list with at least one entry, got {items!r}")
+        return tuple(
+            _finished(read, _Mapping(f"{self.where}{key}[{i}].", item)) for i, item in enumerate(items)
+        )
+
+    def finish(self) -> None:
+        """Complain about keys that nobody asked for."""
+        for key in self.content:
+            if key not in self._asked:
+                raise RobotFileError(f"{self.where}{key}: {choose_from('key', key, map(str, self._asked))}")
+
+
+def _finished(read: Callable[[_Mapping], T], entry: _Mapping) -> T:
+    value = read(entry)
+    entry.finish()
+    return value
+
+
+def _any(where: str, value: Any) -> Any:
+    return value
+
+
+def _one_of(what: str, where: str, value: Any, valid: Sequence[str] | Mapping[str, str]) -> str:
+    if not isinstance(value, str) or value not in valid:
+        raise RobotFileError(f"{where}: {choose_from(what, value, valid)}")
+    return value
+
+
+def _text(where: str, value: Any) -> str:
+    if not isinstance(value, str) or not value:
+        raise RobotFileError(f"{where}: needs a text, got {value!r}")
+    return value
+
+
+def _text_or_list(where: str, value: Any) -> Any:
+    return value if isinstance(value, list) else _text(where, value)
+
+
+def _whole(where: str, value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise RobotFileError(f"{where}: needs a whole number, got {value!r}")
+    return value
+
+
+def _number(where: str, value: Any) -> float:
+    if isinstance(value, str):  # YAML 1.1 reads 1e5 as a text
+        try:
+            value = float(value)
+        except ValueError:
+            raise RobotFileError(f"{where}: needs a number, got {value!r}") from None
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        raise RobotFileError(f"{where}: needs a finite number, got {value!r}")
+    return float(value)
+
+
+def _positive(where: str, value: Any) -> float:
+    number = _number(where, value)
+    if number <= 0:
+        raise RobotFileError(f"{where}: must be greater than zero, got {value!r}")
+    return number
+
+
+def _not_negative(where: str, value: Any) -> float:
+    number = _number(where, value)
+    if number < 0:
+        raise RobotFileError(f"{where}: must not be negative, got {value!r}")
+    return number
+
+
+def _list(read: Callable[[str, Any], T]) -> Callable[[str, Any], tuple[T, ...]]:
+    def read_list(where: str, value: Any) -> tuple[T, ...]:
+        if not isinstance(value, list):
+            raise RobotFileError(f"{where}: needs a list, got {value!r}")
+        return tuple(read(f"{where}[{i}]", item) for i, item in enumerate(value))
+
+    return read_list
+
+
+_numbers = _list(_number)
+
+
+def _positives(where: str, value: Any) -> tuple[float, ...]:
+    return _list(_positive)(where, value if isinstance(value, list) else [value])
+
+
+def _vector3(where: str, value: Any) -> tuple[float, float, float]:
+    vector = _numbers(where, value)
+    if len(vector) != 3:
+        raise RobotFileError(f"{where}: needs three numbers, got {value!r}")
+    return vector[0], vector[1], vector[2]
+
+
+def _axes(where: str, value: Any) -> tuple[str, ...]:
+    axes = _list(lambda at, item: _one_of("axis", at, item, AXES))(
+        where, value if isinstance(value, list) else [value]
+    )
+    if not axes or len(set(axes)) < len(axes):
+        raise RobotFileError(f"{where}: needs different axes out of {', '.join(AXES)}, got {value!r}")
+    return axes
+
+
+def _reason(error: OSError | UnicodeDecodeError) -> str:
+    return (error.strerror or str(error)) if isinstance(error, OSError) else "not UTF-8 text"
