@@ -1,0 +1,185 @@
+"""From the platform to the joints: positions, velocities and accelerations for a stack of instants.
+
+With x and the deflections q_e given, F(q) = [platform(q) - x ; closures(q)] = 0 fixes all other
+coordinates. Its Jacobian along them is square and regular everywhere but in Type 1 singularities; in
+particular Type 2 singularities do not trouble it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, IntArray
+from framework.errors import InvalidInput, NotAssembled
+from framework.kinematics.assembly import LONGEST_STEP, loop_rows, reference_configuration
+from framework.kinematics.closures import (
+    closure_drift,
+    column_scale,
+    loop_equations,
+    platform_jacobian,
+    platform_residual,
+)
+from framework.kinematics.frames import FrameStack, drift_accelerations, frames_at, move
+from framework.model import ParallelRobot
+
+# A Newton step this small leaves an error of its square: rounding. In radians and robot lengths.
+LAST_STEP = 1e-8
+ITERATIONS = 25
+
+
+class System(NamedTuple):
+    """F and its derivatives at T configurations; m independent loop equations."""
+
+    frames: FrameStack
+    residual: Array  # (T, n + m)
+    platform: Array  # (T, n, nv)
+    closures: Array  # (T, m, nv)
+
+    @property
+    def jacobian(self) -> Array:
+        """dF/dq (T, n + m, nv)."""
+        return np.concatenate([self.platform, self.closures], axis=1)
+
+
+@dataclass(frozen=True)
+class ClosedStack:
+    """T configurations `q` (T, nq) on the prescribed x, with the equations `system` there."""
+
+    q: Array
+    system: System
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Positions, velocities and accelerations of all coordinates at T instants."""
+
+    q: Array  # (T, nq)
+    v: Array  # (T, nv)
+    a: Array  # (T, nv)
+    system: System
+
+
+def moving_columns(robot: ParallelRobot) -> IntArray:
+    """The columns that follow when x and q_e are given: actuated, then passive."""
+    return np.concatenate([robot.actuated, robot.passive])
+
+
+def require_square(robot: ParallelRobot) -> None:
+    """Raise InvalidInput unless x and the loops determine all joints, and motors match the mobility."""
+    loops = len(loop_rows(robot).names)
+    mobility = robot.n_a + robot.n_p - loops
+    if not robot.n == robot.n_a == mobility:
+        raise InvalidInput(
+            f"{robot.name}: {robot.n} platform axes, {robot.n_a} actuators, {mobility} degrees of "
+            f"freedom ({robot.n_a + robot.n_p} joints less {loops} independent loop equations); "
+            f"planning needs these three numbers to be equal"
+        )
+
+
+def system_at(robot: ParallelRobot, q: Array, x: Array) -> System:
+    """F, its rows and their derivatives at q (T, nq) for the platform at x (T, n)."""
+    at = frames_at(robot, q)
+    loops = loop_equations(loop_rows(robot), at)
+    residual = np.concatenate([platform_residual(robot, at, x), loops.residual], axis=1)
+    return System(at, residual, platform_jacobian(robot, at), loops.jacobian)
+
+
+def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
+    """Close all loops at platform coordinates x (T, n), from guess (T, nq) near the solution.
+
+    The elastic coordinates keep the values of the guess. Newton's method on the whole stack, with
+    bounded steps.
+
+    Raises:
+        NotAssembled: some instant does not close; carries its last iterate and residual.
+    """
+    columns = moving_columns(robot)
+    lengths = column_scale(robot)[columns]
+    q = guess
+    largest = np.inf
+    for _ in range(ITERATIONS):
+        system = system_at(robot, q, x)
+        if largest < LAST_STEP:
+            return ClosedStack(q, system)
+        try:
+            newton = -np.linalg.solve(system.jacobian[:, :, columns], system.residual[..., None])
+        except np.linalg.LinAlgError:
+            break
+        newton = newton[..., 0] / lengths
+        size = np.abs(newton).max(axis=1, initial=0.0)
+        largest = float(size.max(initial=0.0))
+        if not np.isfinite(largest):
+            break
+        step = np.zeros((len(q), robot.model.nv))
+        bound = np.minimum(1.0, LONGEST_STEP / np.maximum(size, 1e-300))
+        step[:, columns] = newton * bound[:, None] * lengths
+        q = move(robot, q, step)
+    worst = int(np.argmax(np.nan_to_num(np.abs(system.residual), nan=np.inf).max(axis=1)))
+    residual = float(np.abs(system.residual[worst]).max())
+    raise NotAssembled(
+        f"{robot.name}: the loops do not close at x = {np.round(x[worst], 6).tolist()}: "
+        f"{residual:.3g} left after {ITERATIONS} iterations",
+        q=q[worst],
+        residual=residual,
+    )
+
+
+def joint_rates(robot: ParallelRobot, system: System, platform: Array, elastic: Array) -> Array:
+    """All joint rates (T, nv) for platform twists (T, n) and deflection rates (T, n_e).
+
+    Also solves for accelerations, when `platform` and the loops' drift are passed as
+    right-hand side: see `motion_at`.
+    """
+    right = np.zeros((len(platform), system.residual.shape[1]))
+    right[:, : platform.shape[1]] = platform
+    return _solve_rates(robot, system, right, elastic)
+
+
+def _solve_rates(robot: ParallelRobot, system: System, right: Array, elastic: Array) -> Array:
+    columns, jacobian = moving_columns(robot), system.jacobian
+    rates = np.zeros((len(right), robot.model.nv))
+    rates[:, robot.elastic] = elastic
+    if robot.n_e:
+        right = right - np.einsum("tfe,te->tf", jacobian[:, :, robot.elastic], elastic)
+    rates[:, columns] = np.linalg.solve(jacobian[:, :, columns], right[..., None])[..., 0]
+    return rates
+
+
+def motion_at(
+    robot: ParallelRobot,
+    closed: ClosedStack,
+    dx: Array,
+    ddx: Array,
+    dq_e: Array | None = None,
+    ddq_e: Array | None = None,
+) -> Motion:
+    """Velocities and accelerations for platform rates dx, ddx (T, n) and deflection rates (T, n_e)."""
+    nothing = np.zeros((len(dx), robot.n_e))
+    dq_e = nothing if dq_e is None else dq_e
+    ddq_e = nothing if ddq_e is None else ddq_e
+    system = closed.system
+    v = joint_rates(robot, system, dx, dq_e)
+    acceleration = drift_accelerations(robot, closed.q, v)
+    drift = closure_drift(loop_rows(robot), system.frames, v, acceleration)
+    platform_drift = acceleration[:, 0, robot.platform_axes]
+    right = np.concatenate([ddx - platform_drift, -drift], axis=1)
+    return Motion(closed.q, v, _solve_rates(robot, system, right, ddq_e), system)
+
+
+def mode_signs(robot: ParallelRobot, system: System) -> tuple[Array, Array]:
+    """Signs (T,) of the working mode and of the assembly mode.
+
+    The sign of det [dF/dq] changes at Type 1 singularities, the sign of the determinant of the
+    passive columns of the loops at Type 2.
+    """
+    working = np.linalg.slogdet(system.jacobian[:, :, moving_columns(robot)])[0]
+    return working, np.linalg.slogdet(system.closures[:, :, robot.passive])[0]
+
+
+def reference_system(robot: ParallelRobot) -> System:
+    """The equations at the assembled reference."""
+    reference = reference_configuration(robot)
+    return system_at(robot, reference.q[None], reference.x[None])

@@ -1,0 +1,246 @@
+"""Where a path meets a singularity: all roots of g(s), transversal and tangential, to rounding.
+
+On panels of the path g is a polynomial up to rounding (Chebyshev interpolation with a checked tail),
+so its roots and its minima are all found as eigenvalues; each is then polished on the robot itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from framework.arrays import Array
+from framework.errors import NotAssembled, NotConverged, SingularPath, Type1Singularity, point
+from framework.kinematics.assembly import loop_rows
+from framework.kinematics.closures import scaled
+from framework.kinematics.inverse_kinematics import (
+    System,
+    moving_columns,
+)
+from framework.kinematics.singularity import (
+    Border,
+    bordered,
+    passive_matrix,
+    uncontrolled_motion,
+)
+from framework.kinematics.tracking import Track, track_path, weakest_leg
+from framework.model import ParallelRobot
+from framework.motion.chebyshev import coefficients, extrema, nodes, real_roots, tail
+from framework.motion.path import Path
+
+PANEL_NODES = 24
+RESOLVED = 1e-9  # tail of g on a panel; roots are polished afterwards
+NARROWEST = 2e-4  # panel of s that still does not resolve: a border or the branch itself breaks down
+LARGEST_ETA = 20.0  # a border that has turned away from the null vector
+TOUCH = 1e-12  # |g| over its largest value along the path: a minimum this deep touches the locus
+
+
+@dataclass(frozen=True)
+class SingularPoint:
+    """A place on the path where the motors lose hold of the robot, springs at rest.
+
+    `kind` is type_2, leg_passive, constraint or closure (see `uncontrolled_motion`); `contact` is
+    transversal or tangential. `slope` is dg/ds. `motion` are the joint rates of the twist.
+    """
+
+    s: float
+    kind: str
+    contact: str
+    corank: int
+    twist: Array  # (n,) t_s, unit, pointing along the path
+    platform: Array  # (n,)
+    slope: float
+    q: Array  # (nq,)
+    motion: Array  # (nv,)
+
+
+def locate_singularities(
+    robot: ParallelRobot, path: Path, *, track: Track | None = None
+) -> tuple[SingularPoint, ...]:
+    """All singular points on the path, ascending in s, each to rounding in s.
+
+    Args:
+        track: the path as followed by `track_path`, if at hand.
+
+    Raises:
+        OutOfReach, Type1Singularity: the path cannot be followed, or meets a stretched or folded leg.
+        SingularPath: the path runs along the singular locus.
+        NotConverged: g cannot be resolved; says where.
+    """
+    track = track_path(robot, path) if track is None else track
+
+    def mobile(system: System) -> Array:
+        rows = loop_rows(robot)
+        both = [scaled(robot, system.platform, None), scaled(robot, system.closures, rows)]
+        return np.concatenate(both, axis=1)[:, :, moving_columns(robot)]
+
+    def passive(system: System) -> Array:
+        return passive_matrix(robot, system)
+
+    samples = _Samples(track, {})
+    for s, _ in _contacts(samples, mobile):
+        raise _type_1(track, s)
+    return tuple(_singular_point(track, s, contact) for s, contact in _contacts(samples, passive))
+
+
+class _Samples(NamedTuple):
+    """The path closed on the nodes of panels, each panel once."""
+
+    track: Track
+    panels: dict[tuple[float, float], System]
+
+    def on(self, start: float, end: float) -> System:
+        if (start, end) not in self.panels:
+            s = start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
+            self.panels[start, end] = self.track.closed(s).system
+        return self.panels[start, end]
+
+
+@dataclass(frozen=True)
+class _Panel:
+    start: float
+    end: float
+    series: Array  # (size,) Chebyshev coefficients of g
+
+    def at(self, local: Array) -> Array:
+        return self.start + 0.5 * (self.end - self.start) * (np.asarray(local) + 1.0)
+
+
+def _contacts(samples: _Samples, matrix: Callable[[System], Array]) -> list[tuple[float, str]]:
+    """All s where the matrix of the system loses rank, with the contact, ascending."""
+    track = samples.track
+    panels = _panels(samples, matrix)
+    largest = max(float(np.abs(panel.series).sum()) for panel in panels)
+    if largest < TOUCH:
+        raise SingularPath(f"{track.robot.name}: the path runs along a singularity all the way")
+    found: list[tuple[float, str]] = []
+    for panel in panels:
+        turning = extrema(panel.series)
+        deep = np.abs(chebyshev.chebval(turning, panel.series)) < 1e3 * RESOLVED * largest
+        for s in panel.at(turning[deep]):
+            s, depth = _polish_touch(track, matrix, float(s))
+            if abs(depth) < TOUCH * largest:
+                found.append((s, "tangential"))
+        for s in panel.at(real_roots(panel.series)):
+            found.append((_polish_root(track, matrix, float(s)), "transversal"))
+    # a touch is also a close pair of roots, and a root on the edge of two panels is found twice
+    found.sort(key=lambda hit: (hit[1] != "tangential", hit[0]))
+    kept: list[tuple[float, str]] = []
+    for s, contact in found:
+        near = 1e-4 if contact == "transversal" else 1e-6
+        if all(abs(s - other) > (near if how == "tangential" else 1e-10) for other, how in kept):
+            kept.append((s, contact))
+    return sorted(kept)
+
+
+def _panels(samples: _Samples, matrix: Callable[[System], Array]) -> list[_Panel]:
+    """g on panels of [0, 1], each resolved; split where it is not."""
+    track = samples.track
+    edges = np.concatenate(([0.0], track.path.knots, [1.0]))
+    waiting = list(pairwise(edges))[::-1]
+    done: list[_Panel] = []
+    while waiting:
+        start, end = waiting.pop()
+        panel = _resolve(samples, matrix, start, end)
+        if panel is not None:
+            done.append(panel)
+            continue
+        middle = 0.5 * (start + end)
+        if end - start < NARROWEST:
+            raise NotConverged(
+                f"{track.robot.name}: the singularity measure cannot be resolved near s = {middle:.6g}: "
+                f"two motions may become uncontrollable at once, or two branches meet",
+                residual=end - start,
+            )
+        waiting += [(middle, end), (start, middle)]
+    return done
+
+
+def _resolve(samples: _Samples, matrix: Callable[[System], Array], start: float, end: float) -> _Panel | None:
+    """g on one panel, or None when its tail is too large or the border unfit."""
+    try:
+        matrices = matrix(samples.on(start, end))
+    except NotAssembled:
+        return None
+    eta, g = bordered(matrices, Border.of(matrices[PANEL_NODES // 2]))
+    series = coefficients(g[:, None])
+    if np.linalg.norm(eta, axis=1).max() > LARGEST_ETA or tail(series) > RESOLVED:
+        return None
+    return _Panel(start, end, series[:, 0])
+
+
+def _polish_root(track: Track, matrix: Callable[[System], Array], s: float) -> float:
+    """Newton on g with the border of the root itself; slope by central differences."""
+    h = 1e-4
+    for _ in range(3):
+        at = np.clip([s - h, s, s + h], 0.0, 1.0)
+        matrices = matrix(track.closed(at).system)
+        g = bordered(matrices, Border.of(matrices[1])).g
+        step = -g[1] * (at[2] - at[0]) / (g[2] - g[0])
+        s = float(np.clip(s + step, 0.0, 1.0))
+        if abs(step) < 1e-14:
+            break
+    return s
+
+
+def _polish_touch(track: Track, matrix: Callable[[System], Array], s: float) -> tuple[float, float]:
+    """The extremum of g near s and g there, on a panel of its own centred on it."""
+    for width in (0.04, 0.04, 0.04):
+        start, end = max(0.0, s - width), min(1.0, s + width)
+        local = start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
+        matrices = matrix(track.closed(np.append(local, s)).system)
+        g = bordered(matrices, Border.of(matrices[-1])).g
+        series = coefficients(g[:-1, None])[:, 0]
+        turning = extrema(series)
+        if not len(turning):
+            return s, float(g[-1])
+        centre = 2 * (s - start) / (end - start) - 1
+        best = turning[np.argmin(np.abs(turning - centre))]
+        depth = float(chebyshev.chebval(best, series))
+        s = start + 0.5 * (end - start) * (float(best) + 1)
+    return s, depth
+
+
+def _singular_point(track: Track, s: float, contact: str) -> SingularPoint:
+    robot = track.robot
+    h = 1e-4
+    at = np.clip([s - h, s, s + h], 0.0, 1.0)
+    closed = track.closed(at)
+    system = closed.system
+    P = passive_matrix(robot, system)
+    g = bordered(P, Border.of(P[1])).g
+    # a border taken at the root knows no sign of det: give g the sign of det P beyond it
+    sign = np.sign(g[2]) * np.linalg.slogdet(P[2])[0] if at[2] > s else 1.0
+    here = track.closed(s).system
+    uncontrolled = uncontrolled_motion(robot, here)
+    forward = np.dot(uncontrolled.twist, track.path(s, 1))
+    along = -1.0 if forward < 0 else 1.0
+    return SingularPoint(
+        s=s,
+        kind=uncontrolled.kind,
+        contact=contact,
+        corank=uncontrolled.corank,
+        twist=along * uncontrolled.twist,
+        platform=track.path(s),
+        slope=float(sign * (g[2] - g[0]) / (at[2] - at[0])),
+        q=closed.q[1],
+        motion=along * uncontrolled.motion,
+    )
+
+
+def _type_1(track: Track, s: float) -> Type1Singularity:
+    robot = track.robot
+    joint = weakest_leg(robot, track.closed(s).system)
+    x = track.path(s)
+    return Type1Singularity(
+        f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, "
+        f"{', '.join(robot.axis_names)} = {point(x)}: the leg of {joint} is stretched or folded there",
+        s=s,
+        platform=x,
+        joint=joint,
+    )

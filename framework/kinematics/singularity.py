@@ -1,0 +1,144 @@
+"""How near a robot is to a Type 2 singularity, and which twist t_s its motors cannot hold.
+
+Type 2: the passive columns P of the independent loop equations lose rank, P eta = 0; with the motors
+locked the passive joints may move along eta, and the platform along t_s. The measure is the bordered
+scalar g of
+
+    [P  b] [eta]   [0]
+    [c' 0] [ g ] = [1]
+
+which vanishes exactly when P is singular, is as smooth as P, has a sign and a scale: roots are found
+on it, not on the smallest singular value (no sign, a kink) and not on det P (no scale).
+Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000, chapter 3.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.kinematics.assembly import loop_rows
+from framework.kinematics.closures import column_scale, scaled
+from framework.kinematics.inverse_kinematics import (
+    System,
+)
+from framework.model import ParallelRobot
+
+VANISHED = 1e-7  # of a unit motion (radians, robot lengths): less does not count as moving
+
+
+class Border(NamedTuple):
+    """The border (b, c) of the matrices near one of them: its last singular vectors."""
+
+    b: Array  # (k,) left
+    c: Array  # (k,) right
+
+    @staticmethod
+    def of(matrix: Array) -> Border:
+        """The border for matrices near this one (k, k); g then has the sign of the determinant."""
+        left, _, right = np.linalg.svd(matrix)
+        b, c = left[:, -1], right[-1]
+        # for the matrix itself g = -sigma with this border; det decides which sign it should have
+        return Border(-b if np.linalg.det(left) * np.linalg.det(right) > 0 else b, c)
+
+
+class Bordered(NamedTuple):
+    """Solution of the bordered system for T matrices."""
+
+    eta: Array  # (T, k), c . eta = 1; the null vector where g = 0
+    g: Array  # (T,)
+
+
+def bordered(matrices: Array, border: Border) -> Bordered:
+    """Solve the bordered system for matrices (T, k, k)."""
+    count, k = matrices.shape[:2]
+    whole = np.zeros((count, k + 1, k + 1))
+    whole[:, :k, :k] = matrices
+    whole[:, :k, k] = border.b
+    whole[:, k, :k] = border.c
+    unit = np.zeros((count, k + 1, 1))
+    unit[:, k] = 1.0
+    solution = np.linalg.solve(whole, unit)[..., 0]
+    return Bordered(solution[:, :k], solution[:, k])
+
+
+def passive_matrix(robot: ParallelRobot, system: System) -> Array:
+    """P (T, m, n_p): passive columns of the independent loop equations, without dimension."""
+    return scaled(robot, system.closures, loop_rows(robot))[:, :, robot.passive]
+
+
+def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
+    """Joint rates (..., nv) of dimensionless passive rates eta (..., n_p)."""
+    motion = np.zeros((*eta.shape[:-1], robot.model.nv))
+    motion[..., robot.passive] = eta * column_scale(robot)[robot.passive]
+    return motion
+
+
+class Uncontrolled(NamedTuple):
+    """The motion that locked motors do not hold, at one configuration."""
+
+    kind: str  # type_2, leg_passive, constraint or closure
+    twist: Array  # (n,) t_s on the platform's axes, see `unit_twist`; zeros when it does not move
+    motion: Array  # (nv,) joint rates that belong to the twist
+    corank: int  # number of independent such motions
+
+
+def uncontrolled_motion(robot: ParallelRobot, system: System) -> Uncontrolled:
+    """Classify a singular configuration (a system of T = 1) and find its twist t_s.
+
+    type_2: the platform moves along t_s. leg_passive: only passive joints inside a leg move.
+    constraint: the platform moves, but along none of its axes. closure: the loop equations
+    themselves lose rank, whatever is locked.
+    """
+    P = passive_matrix(robot, system)[0]
+    values, right = np.linalg.svd(P)[1:]
+    corank = max(int(np.sum(values < VANISHED * max(values[0], 1.0))), 1)
+    motion = passive_motion(robot, right[-1])
+    six = system.frames.jacobian[0, 0] @ motion  # the whole twist of the platform
+    size = np.concatenate([six[:3] / robot.length, six[3:]])
+    twist = six[robot.platform_axes]
+    whole = scaled(robot, system.closures, loop_rows(robot))[0]
+    if np.linalg.svd(whole, compute_uv=False)[-1] < VANISHED:
+        return Uncontrolled("closure", 0 * twist, motion, corank)
+    if np.abs(size).max() < VANISHED:
+        return Uncontrolled("leg_passive", 0 * twist, motion, corank)
+    if np.abs(size[robot.platform_axes]).max() < VANISHED:
+        return Uncontrolled("constraint", 0 * twist, motion, corank)
+    scale = unit_twist(robot, twist)
+    return Uncontrolled("type_2", twist / scale, motion / scale, corank)
+
+
+def unit_twist(robot: ParallelRobot, twist: Array) -> float:
+    """What to divide a twist (n,) by: its speed, or its turning rate where the point rests.
+
+    Along a unit twist, t_s . W_p is a force [N] (a torque [N m] for a pure turn).
+    """
+    linear = np.linalg.norm(twist[robot.platform_axes < 3])
+    angular = np.linalg.norm(twist[robot.platform_axes >= 3])
+    return float(linear if linear > VANISHED * robot.length * angular else angular)
+
+
+class SingularityMeasure(NamedTuple):
+    """How a motion approaches and leaves a singularity, at T instants."""
+
+    g: Array  # (T,) signed, about the smallest singular value of P
+    motion: Array  # (T, nv) the joint rates nearest to an uncontrolled motion, of unit size
+
+
+def singularity_measure(robot: ParallelRobot, system: System) -> SingularityMeasure:
+    """g and the least controlled motion along a motion, with borders that follow it.
+
+    T should be fine enough that P changes little from one instant to the next.
+    """
+    P = passive_matrix(robot, system)
+    g, directions = np.empty(len(P)), np.empty(P.shape[:2])
+    border = Border.of(P[0])
+    for k in range(len(P)):
+        eta = bordered(P[k : k + 1], border).eta[0]
+        left = bordered(P[k : k + 1].transpose(0, 2, 1), Border(border.c, border.b)).eta[0]
+        border = Border(left / np.linalg.norm(left), eta / np.linalg.norm(eta))
+        g[k] = bordered(P[k : k + 1], border).g[0]
+        directions[k] = border.c
+    return SingularityMeasure(g, passive_motion(robot, directions))

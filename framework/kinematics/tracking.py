@@ -1,0 +1,212 @@
+"""Follow a path from the reference without ever jumping to another working or assembly branch.
+
+The start is reached along the straight segment from the reference's platform coordinates, then the
+path is followed by a tangent predictor and a Newton corrector. A step counts only if the corrector
+stays small against the predictor and the working mode keeps its sign; otherwise it is halved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike
+from framework.errors import InvalidInput, NotAssembled, OutOfReach, Type1Singularity, point
+from framework.kinematics.assembly import Configuration, loop_rows, reference_configuration
+from framework.kinematics.closures import column_scale, scaled
+from framework.kinematics.frames import move, offset
+from framework.kinematics.inverse_kinematics import (
+    ClosedStack,
+    System,
+    close_loops,
+    joint_rates,
+    mode_signs,
+    moving_columns,
+    require_square,
+    system_at,
+)
+from framework.model import ParallelRobot
+from framework.motion.path import Line, Path
+
+FIRST_STEP = 1 / 8  # in s
+SHORTEST_STEP = 1e-7  # in s: between the last pose that closes and the first that does not
+LARGEST_CORRECTION = 0.03  # [rad, lengths]: the corrector of a step, or a quarter of the predictor
+
+
+@dataclass(frozen=True)
+class Track:
+    """A path with the branch of the inverse kinematics that leads along it, springs at rest.
+
+    Between the knots `s` (K,) the branch is known well enough (cubic Hermite in the tangent `offset`
+    from `origin`) for Newton's method to land on it: `closed` gives it to rounding anywhere.
+    """
+
+    robot: ParallelRobot
+    path: Path
+    origin: Array  # (nq,)
+    s: Array  # (K,)
+    u: Array  # (K, nv) offset from origin
+    du: Array  # (K, nv) derivative with respect to s
+
+    def guess(self, s: Array) -> Array:
+        """Configurations (T, nq) near the branch at s (T,)."""
+        k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
+        step = (self.s[k + 1] - self.s[k])[:, None]
+        t = ((s - self.s[k])[:, None]) / step
+        u = (
+            (1 + 2 * t) * (1 - t) ** 2 * self.u[k]
+            + t * (1 - t) ** 2 * step * self.du[k]
+            + t**2 * (3 - 2 * t) * self.u[k + 1]
+            + t**2 * (t - 1) * step * self.du[k + 1]
+        )
+        return move(self.robot, self.origin, u)
+
+    def closed(self, s: ArrayLike) -> ClosedStack:
+        """Assembled configurations on the branch at s (T,)."""
+        s = np.atleast_1d(np.asarray(s, dtype=float))
+        return close_loops(self.robot, self.path(s), self.guess(s))
+
+
+def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
+    """The robot with its loops closed, at the reference or with the platform at x (n,).
+
+    Raises:
+        InvalidInput: x has the wrong length or is not finite.
+        NotAssembled: the loops do not close at the reference.
+        OutOfReach, Type1Singularity: x cannot be reached from the reference on its working mode.
+    """
+    reference = reference_configuration(robot)
+    if x is None:
+        return reference
+    target = _platform_point(robot, x)
+    if np.allclose(target, reference.x, rtol=0, atol=1e-14 * robot.length):
+        return reference
+    require_square(robot)
+    segment = Line(reference.x, target)
+    track = _follow(robot, segment, reference.q, "the way from the reference to the point")
+    closed = track.closed(1.0)
+    residual = float(np.abs(closed.system.residual).max())
+    return Configuration(closed.q[0], target, residual, len(track.s))
+
+
+def track_path(robot: ParallelRobot, path: Path) -> Track:
+    """Follow the path from s = 0 to 1 on the branch of the reference.
+
+    Raises:
+        InvalidInput: the path has not as many coordinates as the platform.
+        OutOfReach: a leg ends before the path does; names the leg and the place.
+        Type1Singularity: the path runs into a pose where a leg is stretched or folded.
+    """
+    if path.n != robot.n:
+        raise InvalidInput(
+            f"the path has {path.n} coordinates, the platform of {robot.name} has {robot.n} "
+            f"({', '.join(robot.axis_names)})"
+        )
+    require_square(robot)
+    start = assemble(robot, path(0.0))
+    return _follow(robot, path, start.q, "the path")
+
+
+def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
+    target = np.asarray(x, dtype=float)
+    if target.shape != (robot.n,) or not np.all(np.isfinite(target)):
+        raise InvalidInput(
+            f"platform coordinates must be {robot.n} finite numbers ({', '.join(robot.axis_names)}), "
+            f"got {np.asarray(x).tolist()!r}"
+        )
+    return target
+
+
+def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Track:
+    """Predictor and corrector along the path from a configuration on its first point."""
+    lengths = column_scale(robot)
+    elastic = np.zeros((1, robot.n_e))
+    q, s, step = q0[None], 0.0, FIRST_STEP
+    system = system_at(robot, q, path(np.zeros(1)))
+    if np.abs(path(1.0) - path(0.0)).max() < 1e-4 * robot.length:
+        step = 1.0
+    mode = mode_signs(robot, system)[0]
+    at, configurations, rates = [0.0], [q], []
+    while True:
+        rate = joint_rates(robot, system, path(np.array([s]), 1), elastic)
+        rates.append(rate)
+        if s >= 1.0:
+            break
+        while True:
+            step = min(step, 1.0 - s)
+            if step < SHORTEST_STEP:
+                raise _end_of_reach(robot, path, s, q[0], system, what)
+            following = 1.0 if s + step > 1.0 - 1e-12 else s + step
+            predicted = move(robot, q, rate * (following - s))
+            try:
+                closed = close_loops(robot, path(np.array([following])), predicted)
+            except NotAssembled:
+                step *= 0.5
+                continue
+            correction = np.abs(offset(robot, predicted[0], closed.q) / lengths).max()
+            advance = np.abs(rate * (following - s) / lengths).max()
+            same_mode = mode_signs(robot, closed.system)[0] == mode
+            if same_mode and correction <= max(LARGEST_CORRECTION, 0.25 * advance):
+                break
+            step *= 0.5
+        s, q, system = following, closed.q, closed.system
+        at.append(s)
+        configurations.append(q)
+        step *= 2.0 if correction < 0.2 * LARGEST_CORRECTION else 1.0
+        step = min(step, 2 * FIRST_STEP)
+    stacked = np.concatenate(configurations)
+    return Track(robot, path, q0, np.array(at), offset(robot, q0, stacked), np.concatenate(rates))
+
+
+def _end_of_reach(
+    robot: ParallelRobot, path: Path, s: float, q: Array, system: System, what: str
+) -> OutOfReach | Type1Singularity:
+    """Name the leg that is stretched or folded where the path cannot be followed any further."""
+    joint = weakest_leg(robot, system)
+    x = path(s)
+    ahead = f"{what} leaves the workspace" if not _reachable_beyond(robot, path, s, q) else None
+    where = f"at s = {s:.6g}, {', '.join(robot.axis_names)} = {point(x)}"
+    if ahead is None:
+        return Type1Singularity(
+            f"{robot.name}: {what} meets a Type 1 singularity {where}: the leg of {joint} is stretched "
+            f"or folded there and could go on in another working mode",
+            s=s,
+            platform=x,
+            joint=joint,
+        )
+    return OutOfReach(
+        f"{robot.name}: {ahead} {where}: the leg of {joint} cannot follow",
+        q=q,
+        residual=float(np.abs(system.residual).max()),
+        s=s,
+        platform=x,
+        joint=joint,
+    )
+
+
+def weakest_leg(robot: ParallelRobot, system: System) -> str:
+    """Name of the actuated joint that moves most while the platform rests, in the weakest motion."""
+    columns = moving_columns(robot)
+    rows = loop_rows(robot)
+    whole = np.concatenate(
+        [scaled(robot, system.platform, None), scaled(robot, system.closures, rows)], axis=1
+    )[0][:, columns]
+    weakest = np.linalg.svd(whole)[2][-1][: robot.n_a]
+    return robot.actuator_names[int(np.argmax(np.abs(weakest)))]
+
+
+def _reachable_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> bool:
+    """Whether the loops close again a little further along the path, on whichever branch."""
+    for ahead in (1e-3, 1e-2):
+        if s + ahead > 1.0:
+            break
+        for side in (1.0, -1.0):
+            nudge = np.zeros((1, robot.model.nv))
+            nudge[0, moving_columns(robot)] = side * 0.02
+            try:
+                close_loops(robot, path(np.array([s + ahead])), move(robot, q[None], nudge))
+            except NotAssembled:
+                continue
+            return True
+    return False
