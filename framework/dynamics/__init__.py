@@ -1,0 +1,1 @@
+"""What the motion costs: generalised forces, deflections, motor torques."""

@@ -1,0 +1,117 @@
+"""One fixed point for every flexibility: deflections that hold the forces that they cause.
+
+On the time nodes: close the loops at x(t) and q_e(t), take the forces of the tree with all coordinates
+and their time derivatives, put q_e = -K^-1 (force on the elastic coordinates), repeat. The first pass,
+at q_e = 0, is the small-displacement hypothesis of Briot and Arakelian 2010 (A and B of the rigid
+robot). A rigid robot has no springs and needs that pass only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.dynamics.forces import Forces, loop_forces
+from framework.errors import NotConverged
+from framework.kinematics.frames import move
+from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
+from framework.kinematics.tracking import Track
+from framework.motion.chebyshev import TimeFunction, TimeGrid
+from framework.motion.law import MotionLaw
+from framework.motion.path import along
+
+SETTLED = 1e-11  # remaining change of the deflections over the largest one
+PASSES = 60
+# The law to use when the robot deflects like this, after this law; None before the first pass.
+LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
+
+
+@dataclass(frozen=True)
+class Deflected:
+    """The motion on the nodes of `grid`, the forces that cause it and the deflections they cause."""
+
+    grid: TimeGrid
+    law: MotionLaw
+    motion: Motion
+    forces: Forces
+    q_e: Array  # (T, n_e) deflections in `motion`
+    changes: tuple[float, ...]  # largest change of q_e in each pass [m, rad]
+
+
+def settle(
+    track: Track,
+    grid: TimeGrid,
+    choose_law: LawChoice,
+    geometry: str,
+    start: TimeFunction | None,
+    before: MotionLaw,
+) -> Deflected:
+    """Deflections and forces at the nodes of the grid.
+
+    `geometry` "rigid" takes the forces at q_e = 0 and only moves the motors by what they deflect;
+    "deformed" goes on until the deflections settle. `start` and `before` are the deflections and the law
+    to begin with.
+
+    Raises:
+        NotConverged: the deflections do not settle; NotAssembled: they tear the loops.
+    """
+    robot = track.robot
+    zero = np.zeros((len(grid.times), robot.n_e))
+    q_e = zero if start is None else start(grid.times)
+    law = choose_law(start, before)
+    motion = _motion(track, grid, law, q_e, None, zero)
+    forces = loop_forces(robot, motion)
+    changes: list[float] = []
+    if geometry == "rigid":
+        if robot.n_e:
+            q_e = _deflections(track, forces)
+            changes.append(float(np.abs(q_e).max()))
+            motion = _motion(track, grid, law, q_e, motion, zero)
+        return Deflected(grid, law, motion, forces, q_e, tuple(changes))
+    while True:
+        new = _deflections(track, forces)
+        changes.append(float(np.abs(new - q_e).max()))
+        if not np.isfinite(changes[-1]) or len(changes) > PASSES:
+            raise NotConverged(
+                f"{robot.name}: the deflections do not settle after {len(changes)} passes "
+                f"(last change {changes[-1]:.3g}); are the springs too soft for this motion?",
+                residual=changes[-1],
+            )
+        ratio = changes[-1] / changes[-2] if len(changes) > 1 and changes[-2] > 0 else 0.5
+        remaining = changes[-1] * min(ratio / (1 - ratio), 1.0) if ratio < 1 else np.inf
+        largest = float(np.abs(new).max())
+        if remaining <= SETTLED * largest or changes[-1] <= 1e-15 * max(largest, robot.length * 1e-3):
+            return Deflected(grid, law, motion, forces, q_e, tuple(changes))
+        law = choose_law(grid.fit(new), law)
+        motion = _motion(track, grid, law, new, motion, q_e)
+        q_e = new
+        forces = loop_forces(robot, motion)
+
+
+def _deflections(track: Track, forces: Forces) -> Array:
+    """-K^-1 (force on the elastic coordinates), Eq. (3b) with linear springs."""
+    return -forces.spring_force / track.robot.stiffness
+
+
+def _motion(
+    track: Track,
+    grid: TimeGrid,
+    law: MotionLaw,
+    q_e: Array,
+    before: Motion | None,
+    q_e_before: Array,
+) -> Motion:
+    """All coordinates at the nodes for these deflections; `before` is a motion near it, if any."""
+    robot, times = track.robot, grid.times
+    s = [law(times, order) for order in range(3)]
+    x, dx, ddx = along(track.path, s)
+    step = np.zeros((len(times), robot.model.nv))
+    step[:, robot.elastic] = q_e - q_e_before
+    near = track.guess(s[0]) if before is None else before.q
+    closed = close_loops(robot, x, move(robot, near, step))
+    if not robot.n_e:
+        return motion_at(robot, closed, dx, ddx)
+    return motion_at(robot, closed, dx, ddx, *grid.differentiate(q_e))
