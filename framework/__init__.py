@@ -1,0 +1,36 @@
+"""Parallel robots through their Type 2 singularities, from a URDF to torques that prove themselves."""
+
+from framework.crossing.plan import CrossingPlan, plan_crossing
+from framework.crossing.scenes import plan_scene, scene_path
+from framework.dynamics.inverse_dynamics import InverseDynamics, inverse_dynamics
+from framework.dynamics.raw import raw_sampling
+from framework.kinematics.checkup import check_robot
+from framework.kinematics.locus import SingularPoint, locate_singularities
+from framework.kinematics.tracking import assemble, track_path
+from framework.kinematics.velocity_matrices import VelocityMatrices, velocity_matrices
+from framework.model import ParallelRobot
+from framework.motion.law import Condition, Law
+from framework.motion.path import Arc, Line, Spline
+
+__all__ = [
+    "Arc",
+    "Condition",
+    "CrossingPlan",
+    "InverseDynamics",
+    "Law",
+    "Line",
+    "ParallelRobot",
+    "SingularPoint",
+    "Spline",
+    "VelocityMatrices",
+    "assemble",
+    "check_robot",
+    "inverse_dynamics",
+    "locate_singularities",
+    "plan_crossing",
+    "plan_scene",
+    "raw_sampling",
+    "scene_path",
+    "track_path",
+    "velocity_matrices",
+]

@@ -1,0 +1,140 @@
+"""Condition (8) on a path: alpha s" + beta s'^2 + gamma + delta s' = 0 at the singular point.
+
+t_s . W_p = motion . r with r the RNEA of the open tree and `motion` the joint rates that belong to t_s
+(motors locked). On a path, r is affine in s" and quadratic in s', and its coefficients come out of four
+evaluations of the inverse dynamics the robot already has (after toppra, which recovers its constraint
+coefficients in the same way). delta appears only with deflections that are changing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.dynamics.forces import tree_forces
+from framework.errors import NoLaw, point
+from framework.kinematics.frames import move
+from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, motion_at, system_at
+from framework.kinematics.locus import SingularPoint
+from framework.kinematics.singularity import Border, bordered, passive_matrix, uncontrolled_motion
+from framework.kinematics.tracking import Track
+from framework.motion.path import along
+
+# |alpha| against the size of its terms: below, s" has no hold on t_s . W_p beyond rounding
+NO_HOLD = 1e-9
+
+
+class Condition8(NamedTuple):
+    """alpha s" + beta s'^2 + delta s' + gamma = t_s . W_p [N, or N m for a pure turn]."""
+
+    alpha: float
+    beta: float
+    gamma: float
+    delta: float
+    scale: float  # what |alpha| would be if the terms of its sum did not cancel
+
+    def acceleration(self, speed: float) -> float:
+        """The s" [1/s^2] that makes t_s . W_p vanish at this s' [1/s]."""
+        return -(self.beta * speed**2 + self.delta * speed + self.gamma) / self.alpha
+
+
+class Deflection(NamedTuple):
+    """Deflections and their time derivatives at one instant, each (n_e,)."""
+
+    value: Array
+    rate: Array
+    acceleration: Array
+
+
+class CrossingPoint(NamedTuple):
+    """Where the (deflected) robot is singular on its path, and what holds there."""
+
+    s: float
+    kind: str
+    twist: Array  # (n,)
+    motion: Array  # (nv,)
+    q: Array  # (nq,)
+
+
+def crossing_point(
+    track: Track, at: SingularPoint, deflection: Deflection | None, near: float
+) -> CrossingPoint:
+    """The singular point of the path; with a deflection, the one it has moved to,
+    found from path coordinate `near`.
+
+    Raises:
+        NoLaw: the deflected robot has no singular point near.
+    """
+    if deflection is None or not len(deflection.value):
+        return CrossingPoint(at.s, at.kind, at.twist, at.motion, at.q)
+    robot, s, h = track.robot, near, 1e-5
+    for _ in range(20):
+        span = np.clip([s - h, s, s + h], 0.0, 1.0)
+        closed = _deflected(track, span, deflection)
+        P = passive_matrix(robot, closed.system)
+        g = bordered(P, Border.of(P[1])).g
+        slope = (g[2] - g[0]) / (span[2] - span[0])
+        step = -g[1] / slope
+        s = float(np.clip(s + step, 0.0, 1.0))
+        if abs(step) < 1e-9:  # Newton: the next step would be rounding
+            break
+    else:
+        raise NoLaw(
+            f"{robot.name}: the deflected robot has no singular point near s = {at.s:.6g}; the "
+            f"deflections are too large for the path to cross the locus there"
+        )
+    return _oriented(track, s, _deflected(track, np.array([s]), deflection))
+
+
+def imposed_point(track: Track, s: float) -> CrossingPoint:
+    """A point of the path treated as singular whether it is or not, as rounded data would have it."""
+    return _oriented(track, s, track.closed(s))
+
+
+def _oriented(track: Track, s: float, closed: ClosedStack) -> CrossingPoint:
+    """The uncontrolled motion there, its twist pointing along the path."""
+    found = uncontrolled_motion(track.robot, closed.system)
+    sign = -1.0 if np.dot(found.twist, track.path(s, 1)) < 0 else 1.0
+    return CrossingPoint(s, found.kind, sign * found.twist, sign * found.motion, closed.q[0])
+
+
+def _deflected(track: Track, s: Array, deflection: Deflection) -> ClosedStack:
+    step = np.zeros((len(s), track.robot.model.nv))
+    step[:, track.robot.elastic] = deflection.value
+    return close_loops(track.robot, track.path(s), move(track.robot, track.guess(s), step))
+
+
+def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | None) -> Condition8:
+    """Coefficients of condition (8) at a crossing point.
+
+    Raises:
+        NoLaw: the path's tangent leaves t_s . W_p untouched by s", so no law can meet the condition.
+    """
+    robot = track.robot
+    speed, acceleration = np.array([0.0, 0.0, 1.0, -1.0]), np.array([0.0, 1.0, 0.0, 0.0])
+    q = np.repeat(here.q[None], 4, axis=0)
+    closed = ClosedStack(q, system_at(robot, q, np.repeat(track.path(here.s)[None], 4, axis=0)))
+    _, dx, ddx = along(track.path, [np.full(4, here.s), speed, acceleration])
+    rates: tuple[Array, ...] = ()
+    if deflection is not None and robot.n_e:
+        rates = (np.tile(deflection.rate, (4, 1)), np.tile(deflection.acceleration, (4, 1)))
+    forces = tree_forces(robot, motion_at(robot, closed, dx, ddx, *rates))
+    rest, pushed, forth, back = forces @ here.motion
+    alpha = pushed - rest
+    scale = float(np.abs(forces[1] - forces[0]).max() * np.abs(here.motion).max())
+    condition = Condition8(
+        alpha=float(alpha),
+        beta=float(0.5 * (forth + back) - rest),
+        gamma=float(rest),
+        delta=float(0.5 * (forth - back)),
+        scale=scale,
+    )
+    if abs(condition.alpha) <= NO_HOLD * scale:
+        raise NoLaw(
+            f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = "
+            f"{point(track.path(here.s))} the path runs orthogonal to t_s (alpha = "
+            f'{condition.alpha:.2g}): s" has no effect on t_s . W_p there; cross in another direction'
+        )
+    return condition

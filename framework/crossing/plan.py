@@ -1,0 +1,463 @@
+"""Plan a crossing: locate the singular points, meet condition (8) in each, prove the torques finite."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from typing import IO, Any
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike
+from framework.crossing.condition import (
+    Condition8,
+    CrossingPoint,
+    Deflection,
+    condition_at,
+    crossing_point,
+    imposed_point,
+)
+from framework.crossing.schedule import Milestone, refuse_wandering, schedule
+from framework.dynamics.certificate import Certificate
+from framework.dynamics.inverse_dynamics import (
+    TOLERANCE,
+    InverseDynamics,
+    Passage,
+    checked_geometry,
+    resolve,
+    rigid_passages,
+)
+from framework.errors import InvalidInput, NoLaw
+from framework.kinematics.locus import SingularPoint, locate_singularities
+from framework.kinematics.tracking import Track, track_path
+from framework.model import ParallelRobot
+from framework.motion.chebyshev import TimeFunction
+from framework.motion.law import Condition, Law, MotionLaw
+from framework.motion.path import Path
+
+SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends: elastic, rigid
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """One passage through a Type 2 singularity.
+
+    The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`, the latter from
+    condition (8), whose coefficients are kept in `condition`. `residual` is |t_s . W_p| relative to
+    its largest value along the motion, measured on the finished motion.
+    """
+
+    s: float
+    time: float
+    speed: float
+    acceleration: float
+    kind: str
+    twist: Array  # (n,) t_s
+    platform: Array  # (n,)
+    residual: float
+    condition: Condition8
+
+
+@dataclass(frozen=True)
+class CrossingPlan:
+    """A motion law with its torques and its proof. All times in [s], t (T,) gives (T, n_a)."""
+
+    robot: ParallelRobot
+    path: Path
+    law: Law
+    crossings: tuple[Crossing, ...]
+    dynamics: InverseDynamics
+    certificate: Certificate
+    seconds: float  # time that planning took
+
+    @property
+    def duration(self) -> float:
+        return self.law.duration
+
+    @property
+    def geometry(self) -> str:
+        return self.dynamics.geometry
+
+    def torque(self, t: ArrayLike, order: int = 0) -> Array:
+        """Motor torques [N m], motor side, or their time derivatives."""
+        return self.dynamics.torque(t, order)
+
+    def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
+        """Motor angles [rad], motor side (gear ratio times joint angle), or their derivatives."""
+        return self.dynamics.motor_angle(t, order)
+
+    def deflection(self, t: ArrayLike, order: int = 0) -> Array:
+        """Deflections (T, n_e) of the springs [m, rad], or their derivatives."""
+        return self.dynamics.deflection(t, order)
+
+    def platform(self, t: ArrayLike, order: int = 0) -> Array:
+        """Platform coordinates (T, n) [m, rad], or their derivatives up to order 4."""
+        return self.dynamics.platform(t, order)
+
+    @property
+    def peak_torque(self) -> dict[str, float]:
+        """Largest |torque| [N m] of each motor, by joint."""
+        times = np.linspace(0.0, self.duration, 2001)
+        peaks = np.abs(self.torque(times)).max(axis=0)
+        return dict(zip(self.robot.actuator_names, map(float, peaks), strict=True))
+
+    def samples(self, count: int = 1501) -> tuple[list[str], Array]:
+        """Column names and rows (count, columns) of motion.csv, SI units."""
+        if count < 2:
+            raise InvalidInput(f"samples: needs at least 2, got {count!r}")
+        robot, times = self.robot, np.linspace(0.0, self.duration, count)
+        names = ["time", "s", "ds", "dds"]
+        names += [f"platform_{axis}" for axis in robot.axis_names]
+        names += [f"motor_angle_{joint}" for joint in robot.actuator_names]
+        names += [f"torque_{joint}" for joint in robot.actuator_names]
+        names += [f"deflection_{spring}" for spring in robot.elastic_names]
+        law = [self.law(times, order) for order in range(3)]
+        columns = [
+            np.column_stack([times, *law]),
+            self.platform(times),
+            self.motor_angle(times),
+            self.torque(times),
+            self.deflection(times),
+        ]
+        return names, np.concatenate(columns, axis=1)
+
+    def to_csv(self, file: str | PathLike[str] | IO[str], samples: int = 1501) -> None:
+        """Write motion.csv to a path or an open text file."""
+        names, rows = self.samples(samples)
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows([[repr(float(value)) for value in row] for row in rows])
+        if isinstance(file, str | PathLike):
+            with open(file, "w", encoding="utf-8") as stream:
+                stream.write(text.getvalue())
+        else:
+            file.write(text.getvalue())
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of plan.json."""
+        certificate = self.certificate
+        return {
+            "robot": self.robot.name,
+            "flexibility": self.robot.flexibility,
+            "geometry": self.geometry,
+            "duration": self.duration,
+            "law": {
+                "degree": self.law.degree,
+                "chebyshev": self.law.coefficients.tolist(),
+                "domain": [0.0, self.duration],
+            },
+            "crossings": [
+                {
+                    "s": crossing.s,
+                    "time": crossing.time,
+                    "speed": crossing.speed,
+                    "acceleration": crossing.acceleration,
+                    "kind": crossing.kind,
+                    "twist": crossing.twist.tolist(),
+                    "platform": crossing.platform.tolist(),
+                    "residual": crossing.residual,
+                }
+                for crossing in self.crossings
+            ],
+            "peak_torque": self.peak_torque,
+            "certificate": {
+                "nodes": certificate.nodes,
+                "tail": certificate.tail,
+                "passes": certificate.passes,
+                "max_closure_error": certificate.max_closure_error,
+                "monotone": certificate.monotone,
+            },
+            "seconds": self.seconds,
+        }
+
+
+def plan_crossing(
+    robot: ParallelRobot,
+    path: Path,
+    *,
+    duration: float,
+    times: Sequence[float] | None = None,
+    speeds: Sequence[float] | None = None,
+    at: Sequence[float] | None = None,
+    geometry: str | None = None,
+    smoothness: int | None = None,
+    tolerance: float = TOLERANCE,
+) -> CrossingPlan:
+    """A rest-to-rest law along the path that crosses its singular points with finite torques.
+
+    Args:
+        duration: of the motion [s].
+        times: instants of the crossings [s], ascending, one for each singular point; chosen when
+            None. An empty list asks for a law without crossing conditions.
+        speeds: s' at the crossings [1/s]; chosen when None.
+        at: path coordinates to impose condition (8) at, instead of the located singular points.
+        geometry: "rigid" takes forces on the undeformed robot (the paper's small displacements);
+            "deformed", the default for elastic robots, on the deformed one, whose singular points
+            are elsewhere.
+        smoothness: derivatives of s that vanish at both ends; 2 for rigid, 4 for elastic robots.
+        tolerance: tail of the torques that counts as resolved.
+
+    Raises:
+        InvalidInput: an argument that cannot be right; says what is valid.
+        NoLaw: no law can cross (a stop on the locus, a tangential touch, a path orthogonal to t_s,
+            two uncontrolled motions at once), or none that always advances was found.
+        UnboundedTorque: the law meets a singularity without condition (8); no torque is returned.
+        NotConverged, OutOfReach, Type1Singularity, SingularPath: see `inverse_dynamics`.
+
+    Source: Briot and Arakelian 2010, condition (8) and Eqs. (19)-(31).
+    """
+    started = time.perf_counter()
+    geometry = checked_geometry(robot, geometry)
+    task = _task(robot, path, duration, times, speeds, at, smoothness)
+    track, points, targets, choice = task.track, task.points, task.targets, task.milestones
+    smoothness = task.smoothness
+
+    def crossings(
+        deflections: TimeFunction | None, before: MotionLaw | None
+    ) -> list[tuple[CrossingPoint, Condition8]]:
+        found = []
+        for target, milestone in zip(targets, choice, strict=True):
+            here = _deflection(deflections, milestone.time) if geometry == "deformed" else None
+            if isinstance(target, SingularPoint):
+                near = target.s if before is None else float(before(milestone.time))
+                place = crossing_point(track, target, here, near)
+            else:
+                place = target
+            found.append((place, condition_at(track, place, here)))
+        return found
+
+    def choose_law(deflections: TimeFunction | None, before: MotionLaw | None) -> Law:
+        law = _law(crossings(deflections, before), choice, duration, smoothness)
+        if before is None:
+            refuse_wandering(law, [point.s for point in points], robot.name)
+        return law
+
+    dynamics = resolve(track, points, choose_law, geometry=geometry, tolerance=tolerance)
+    law = dynamics.law
+    assert isinstance(law, Law)
+    certificate = replace(dynamics.certificate, monotone=law.advance(smoothness) > 0)
+    residuals = [
+        min(dynamics.passages, key=lambda passage: abs(passage.time - milestone.time)).residual
+        for milestone in choice
+        if dynamics.passages
+    ]
+    refuse_wandering(law, [passage.s for passage in dynamics.passages], robot.name)
+    final = crossings(dynamics.deflections, law)
+    reported = tuple(
+        Crossing(
+            s=place.s,
+            time=milestone.time,
+            speed=milestone.speed,
+            acceleration=condition.acceleration(milestone.speed),
+            kind=place.kind,
+            twist=place.twist,
+            platform=path(place.s),
+            residual=residual,
+            condition=condition,
+        )
+        for (place, condition), milestone, residual in zip(final, choice, residuals, strict=True)
+    )
+    return CrossingPlan(robot, path, law, reported, dynamics, certificate, time.perf_counter() - started)
+
+
+def unproved_law(
+    robot: ParallelRobot,
+    path: Path,
+    *,
+    duration: float,
+    times: Sequence[float] | None = None,
+    speeds: Sequence[float] | None = None,
+    at: Sequence[float] | None = None,
+    smoothness: int | None = None,
+) -> tuple[Law, tuple[Passage, ...]]:
+    """The law of `plan_crossing` on the undeformed robot before anything is proved, for raw sampling.
+
+    With it the passages through singular points and t_s . W_p there, zero or not.
+
+    Raises:
+        As `plan_crossing`, but no UnboundedTorque and no NotConverged.
+    """
+    task = _task(robot, path, duration, times, speeds, at, smoothness)
+    crossings = [(place, condition_at(task.track, place, None)) for place in _at_rest(task)]
+    law = _law(crossings, task.milestones, duration, task.smoothness)
+    refuse_wandering(law, [point.s for point in task.points], robot.name)
+    return law, rigid_passages(task.track, task.points, law)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What is asked, checked, with the path followed and its singular points located."""
+
+    track: Track
+    points: tuple[SingularPoint, ...]
+    targets: list[SingularPoint | CrossingPoint]  # where condition (8) is to hold
+    milestones: tuple[Milestone, ...]  # one for each target
+    smoothness: int
+
+
+def _task(
+    robot: ParallelRobot,
+    path: Path,
+    duration: float,
+    times: Sequence[float] | None,
+    speeds: Sequence[float] | None,
+    at: Sequence[float] | None,
+    smoothness: int | None,
+) -> _Task:
+    smoothness = _checked_smoothness(robot, smoothness)
+    _check_numbers(duration, times, speeds, at)
+    track = track_path(robot, path)
+    points = locate_singularities(robot, path, track=track)
+    targets = _targets(track, points, times, speeds, at)
+    milestones = _choose_milestones(track, targets, duration, times, speeds, smoothness)
+    return _Task(track, points, targets, milestones, smoothness)
+
+
+def _at_rest(task: _Task) -> list[CrossingPoint]:
+    """The crossing points of the undeformed robot."""
+    return [
+        crossing_point(task.track, target, None, target.s) if isinstance(target, SingularPoint) else target
+        for target in task.targets
+    ]
+
+
+def _deflection(deflections: TimeFunction | None, t: float) -> Deflection | None:
+    if deflections is None:
+        return None
+    return Deflection(*(deflections(t, order) for order in range(3)))
+
+
+def _law(
+    crossings: list[tuple[CrossingPoint, Condition8]],
+    milestones: Sequence[Milestone],
+    duration: float,
+    smoothness: int,
+) -> Law:
+    inner = [
+        Condition(milestone.time, order, value)
+        for (place, condition), milestone in zip(crossings, milestones, strict=True)
+        for order, value in enumerate((place.s, milestone.speed, condition.acceleration(milestone.speed)))
+    ]
+    return Law.rest_to_rest(duration, smoothness, inner)
+
+
+def _targets(
+    track: Track,
+    points: tuple[SingularPoint, ...],
+    times: Sequence[float] | None,
+    speeds: Sequence[float] | None,
+    at: Sequence[float] | None,
+) -> list[SingularPoint | CrossingPoint]:
+    """Where condition (8) is to hold; refuses what no law can cross."""
+    robot = track.robot
+    if at is not None:
+        targets: list[SingularPoint | CrossingPoint] = [imposed_point(track, s) for s in at]
+        what = f"{len(at)} imposed by `at`"
+    else:
+        targets = [*points]
+        what = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
+        if points:
+            what += " at s = " + ", ".join(f"{found.s:.6g}" for found in points)
+    if times is not None and len(times) == 0 and at is None:
+        return []
+    for name, given in (("times", times), ("speeds", speeds)):
+        if given is not None and len(given) != len(targets):
+            raise InvalidInput(
+                f"{name}: got {len(given)} ({', '.join(f'{value:g}' for value in given)}), but there "
+                f"{'is' if len(targets) == 1 else 'are'} {what}"
+            )
+    for target in points if at is None else ():
+        _refuse_uncrossable(robot, target)
+    return targets
+
+
+def _refuse_uncrossable(robot: ParallelRobot, at: SingularPoint) -> None:
+    where = f"{robot.name}: at s = {at.s:.6g} the path"
+    if at.s < 1e-9 or at.s > 1 - 1e-9:
+        end = "starts" if at.s < 0.5 else "ends"
+        raise NoLaw(
+            f"{where} {end} on a Type 2 singularity; a stop on the locus can never be crossed: "
+            f"move the path's end"
+        )
+    if at.corank > 1:
+        raise NoLaw(
+            f"{where} meets a singularity with {at.corank} uncontrolled motions at once; they need as "
+            f"many conditions, which one law s(t) cannot meet"
+        )
+    if at.contact == "tangential":
+        raise NoLaw(
+            f"{where} touches the locus without crossing it; finite torques would ask for condition "
+            f"(8) and its time derivative at once: move the path off the locus or across it"
+        )
+    if at.kind == "closure":
+        raise NoLaw(f"{where} meets a singularity of the loop equations themselves, whatever the motors")
+
+
+def _choose_milestones(
+    track: Track,
+    targets: list[SingularPoint | CrossingPoint],
+    duration: float,
+    times: Sequence[float] | None,
+    speeds: Sequence[float] | None,
+    smoothness: int,
+) -> tuple[Milestone, ...]:
+    """Times and speeds of the crossings on the undeformed robot, those left open chosen."""
+    if not targets:
+        return ()
+    for t in times or ():
+        if not 0 < t < duration:
+            raise InvalidInput(
+                f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s"
+            )
+    crossings = []
+    for target in targets:
+        place = crossing_point(track, target, None, target.s) if isinstance(target, SingularPoint) else target
+        crossings.append((place, condition_at(track, place, None)))
+
+    def build(milestones: Sequence[Milestone]) -> Law:
+        return _law(crossings, milestones, duration, smoothness)
+
+    return schedule(
+        [place.s for place, _ in crossings], duration, times, speeds, smoothness, build, track.robot.name
+    )
+
+
+def _checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
+    least = SMOOTHNESS[robot.n_e > 0]
+    if smoothness is None:
+        return least
+    if isinstance(smoothness, bool) or not isinstance(smoothness, int | np.integer):
+        raise InvalidInput(f"smoothness: needs a whole number, got {smoothness!r}")
+    if not least <= smoothness <= 12:
+        raise InvalidInput(
+            f"smoothness: got {smoothness}, valid: {least} .. 12 (the torque of a {robot.flexibility} "
+            f"robot contains derivatives of s up to order {least}; fewer zeros make it jump at the ends)"
+        )
+    return int(smoothness)
+
+
+def _check_numbers(
+    duration: float,
+    times: Sequence[float] | None,
+    speeds: Sequence[float] | None,
+    at: Sequence[float] | None,
+) -> None:
+    if not (np.isfinite(duration) and duration > 0):
+        raise InvalidInput(f"duration: must be a positive number of seconds, got {duration!r}")
+    for name, values in (("times", times), ("speeds", speeds), ("at", at)):
+        for value in values if values is not None else ():
+            if not np.isfinite(value):
+                raise InvalidInput(f"{name}: must be finite numbers, got {value!r}")
+    for speed in speeds if speeds is not None else ():
+        if speed <= 0:
+            raise InvalidInput(f"speeds: s' at a crossing must be greater than zero, got {speed:g}")
+    if times is not None and np.any(np.diff(times) <= 0):
+        raise InvalidInput(f"times: must ascend, got {list(times)}")
+    for s in at if at is not None else ():
+        if not 0 < s < 1:
+            raise InvalidInput(f"at: path coordinates must lie in (0, 1), got {s:g}")

@@ -1,0 +1,148 @@
+"""When and how fast to cross, when the user leaves it open: a law that always advances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import InvalidInput, NoLaw
+from framework.motion.law import OVERSHOOT, Law
+
+# Least slope of s (the ends' zeros divided out) over its mean that a law of our own choice should keep.
+COMFORTABLE = 0.2
+
+
+class Milestone(NamedTuple):
+    """The law is to cross a singular point at `time` [s] with s' = `speed` [1/s]."""
+
+    time: float
+    speed: float
+
+
+def schedule(
+    s: Sequence[float],
+    duration: float,
+    times: Sequence[float] | None,
+    speeds: Sequence[float] | None,
+    smoothness: int,
+    build: Callable[[Sequence[Milestone]], Law],
+    name: str,
+) -> tuple[Milestone, ...]:
+    """Milestones for crossings at path coordinates s (k,), ascending.
+
+    What the user gives is kept. What is open starts from the law that would ignore the crossings, and
+    is then moved, if need be, until the law built by `build` advances comfortably.
+
+    Raises:
+        NoLaw: no law that always advances was found.
+    """
+    plain = Law.rest_to_rest(duration, smoothness)
+    when = np.array([_inverse(plain, value) for value in s]) if times is None else np.array(times)
+    start = plain(when, 1) if speeds is None else np.array(speeds)
+    first = tuple(Milestone(float(t), float(v)) for t, v in zip(when, start, strict=True))
+    open_times, open_speeds = times is None, speeds is None
+    if not (open_times or open_speeds):
+        return first  # what such a law does is for `refuse_wandering` to judge
+    best, score = first, _advance(build, first, smoothness, duration)
+    if score < COMFORTABLE:
+        best, score = _improve(first, open_times, open_speeds, smoothness, duration, build)
+    if score <= 0:
+        raise NoLaw(
+            f"{name}: no law that always advances found through s = "
+            f"{', '.join(f'{value:.6g}' for value in s)}, tried t = "
+            f"{', '.join(f'{m.time:.6g}' for m in best)} s, s' = "
+            f"{', '.join(f'{m.speed:.6g}' for m in best)} 1/s; give other times or speeds"
+        )
+    return best
+
+
+def refuse_wandering(law: Law, s: Sequence[float], name: str) -> None:
+    """Refuse a law that meets a singular point s (k,) more than once, or leaves the path.
+
+    A law that always advances passes; so does one that overshoots an end by less than OVERSHOOT.
+
+    Raises:
+        NoLaw: says where and when.
+    """
+    times = np.linspace(0.0, law.duration, 2001)
+    values = law(times)
+    for end, beyond in ((0.0, -values), (1.0, values - 1.0)):
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > OVERSHOOT:
+            raise NoLaw(
+                f"{name}: the law does not always advance: it leaves the path at s = {end:g}, up to "
+                f"s = {values[worst]:.4g} at t = {times[worst]:.4g} s; choose other times or speeds"
+            )
+    for singular in s:
+        crossed = np.flatnonzero(np.diff(np.sign(values - singular)))
+        if len(crossed) > 1:
+            raise NoLaw(
+                f"{name}: the law does not always advance: it meets the singular point s = "
+                f"{singular:.6g} {len(crossed)} times (about t = "
+                f"{', '.join(f'{times[k]:.4g}' for k in crossed)} s); choose other times or speeds"
+            )
+
+
+def _inverse(law: Law, s: float) -> float:
+    """Time at which a monotone law has the value s, by bisection."""
+    low, high = 0.0, law.duration
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if law(middle) < s else (low, middle)
+    return 0.5 * (low + high)
+
+
+def _advance(
+    build: Callable[[Sequence[Milestone]], Law],
+    milestones: Sequence[Milestone],
+    smoothness: int,
+    duration: float,
+) -> float:
+    """How well the law advances; negative infinity where there is none."""
+    t = np.array([0.0, *(m.time for m in milestones), duration])
+    if np.any(np.diff(t) < 1e-3 * duration) or any(m.speed <= 0 for m in milestones):
+        return -np.inf
+    try:
+        return build(milestones).advance(smoothness)
+    except InvalidInput:
+        return -np.inf
+
+
+def _improve(
+    first: tuple[Milestone, ...],
+    open_times: bool,
+    open_speeds: bool,
+    smoothness: int,
+    duration: float,
+    build: Callable[[Sequence[Milestone]], Law],
+) -> tuple[tuple[Milestone, ...], float]:
+    """Nelder-Mead on what is open, until the law advances comfortably."""
+    from scipy.optimize import minimize
+
+    count = len(first)
+
+    def milestones(free: Array) -> tuple[Milestone, ...]:
+        shift = free[:count] if open_times else np.zeros(count)
+        faster = np.exp(free[-count:]) if open_speeds else np.ones(count)
+        return tuple(
+            Milestone(m.time + duration * float(d), m.speed * float(f))
+            for m, d, f in zip(first, shift, faster, strict=True)
+        )
+
+    def cost(free: Array) -> float:
+        score = _advance(build, milestones(free), smoothness, duration)
+        return 1e6 if np.isneginf(score) else -min(score, COMFORTABLE)
+
+    unknowns = count * (open_times + open_speeds)
+    simplex = np.vstack([np.zeros(unknowns), 0.1 * np.eye(unknowns)])
+    found = minimize(
+        cost,
+        np.zeros(unknowns),
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "maxfev": 400 * unknowns, "xatol": 1e-4, "fatol": 1e-6},
+    )
+    best = milestones(found.x)
+    return best, _advance(build, best, smoothness, duration)
