@@ -1,0 +1,380 @@
+"""The command line: `crossing robots | check | locate | plan`.
+
+Exit codes: 0 done, 1 the answer is no, 2 misuse or bad input (one line on stderr). With --json there
+is one JSON object on stdout and nothing else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from framework.catalogue import catalogue, robot_file
+from framework.crossing.plan import CrossingPlan, plan_crossing
+from framework.crossing.scenes import scene, scene_path
+from framework.errors import FrameworkError, InvalidInput, NoAnswer, point
+from framework.kinematics.checkup import check_robot
+from framework.kinematics.locus import locate_singularities
+from framework.model import ParallelRobot
+from framework.model.description import FLEXIBILITIES
+from framework.motion.path import Line
+from framework.motion.path import Path as MotionPath
+from framework.output import written_together
+
+Report = tuple[dict[str, Any], str]  # for machines, for people
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code."""
+    parser = _parser()
+    try:
+        options = parser.parse_args(arguments)
+        document, text = options.run(options)
+    except FrameworkError as error:
+        print(f"crossing: {error}", file=sys.stderr)
+        return 1 if isinstance(error, NoAnswer) else 2
+    except _Misuse as misuse:
+        print(f"crossing: {misuse}", file=sys.stderr)
+        return 2
+    print(json.dumps(document, allow_nan=False) if options.json else text)
+    return 0
+
+
+# ------------------------------------------------------------------ commands
+
+
+def _robots(options: argparse.Namespace) -> Report:
+    rows: list[dict[str, Any]] = []
+    for name, entry in catalogue().items():
+        found = check_robot(entry.load())
+        description = entry.load().description
+        rows.append(
+            {
+                "name": name,
+                "degrees_of_freedom": found.mobility,
+                "loops": len(description.closures),
+                "springs": len(description.springs),
+                "scenes": list(description.scenes),
+                "summary": entry.summary,
+                "source": entry.source,
+                "file": str(entry.file),
+            }
+        )
+    lines = [f"{'name':16s}  dof  loops  springs  scenes"]
+    for row in rows:
+        lines.append(
+            f"{row['name']:16s}  {row['degrees_of_freedom']:3d}  {row['loops']:5d}  {row['springs']:7d}  "
+            f"{', '.join(row['scenes'])}"
+        )
+        lines.append(f"{'':16s}  {row['summary']} ({row['source']})")
+    return {"robots": rows}, "\n".join(lines)
+
+
+def _check(options: argparse.Namespace) -> Report:
+    found = check_robot(_load(options))
+    rank = f"{found.rank} of {found.loop_equations} loop equations independent"
+    if found.redundant_rows:
+        rank += f"; redundant: {', '.join(found.redundant_rows)}"
+    lines = [
+        f"{found.robot}, {found.flexibility}",
+        f"  platform          {', '.join(found.platform_axes)} at {point(found.platform)}",
+        f"  actuated joints   {', '.join(found.actuators)}",
+        f"  passive joints    {', '.join(found.passive_joints)}",
+        f"  springs           {', '.join(found.springs) or 'none'}",
+        f"  mobility          {found.mobility}; A is {'square' if found.square else 'NOT square'}",
+        f"  closures          {rank}; closed to {found.closure_error:.1e}",
+        f"  mass              {found.mass:g} kg; without mass of their own: "
+        f"{', '.join(found.massless_joints) or 'none'}",
+        "  reference         "
+        + ", ".join(f"{joint} {value:.6g}" for joint, value in found.reference.items()),
+        f"  mode              working {found.working_mode:+d} (changes at Type 1), assembly "
+        f"{found.assembly_mode:+d} (changes at Type 2); smallest singular value "
+        f"{found.smallest_singular_value:.3g}",
+        *(f"  to do             {advice}" for advice in found.advice),
+    ]
+    return asdict(found), "\n".join(lines)
+
+
+def _locate(options: argparse.Namespace) -> Report:
+    robot = _load(options)
+    path = _path(options, robot)
+    points = locate_singularities(robot, path)
+    document = {
+        "robot": robot.name,
+        "singularities": [
+            {
+                "s": found.s,
+                "kind": found.kind,
+                "contact": found.contact,
+                "corank": found.corank,
+                "twist": found.twist.tolist(),
+                "platform": found.platform.tolist(),
+                "slope": found.slope,
+            }
+            for found in points
+        ],
+    }
+    if not points:
+        return document, f"{robot.name}: no singularity on the path"
+    axes = ", ".join(robot.axis_names)
+    return document, "\n".join(
+        f"s = {found.s:.15f}  {found.kind} ({found.contact})  {axes} = {point(found.platform)}  "
+        f"t_s = {point(found.twist)}  dg/ds = {found.slope:.6g}"
+        for found in points
+    )
+
+
+def _plan(options: argparse.Namespace) -> Report:
+    robot = _load(options)
+    path, given = _path(options, robot), _motion_options(options, robot)
+    if options.samples < 2:
+        raise InvalidInput(f"--samples: needs at least 2, got {options.samples}")
+    out = None if options.out is None else Path(options.out)
+    if out is None:
+        return _raw(options, robot, path, given, None) if options.raw else _planned(robot, path, given)
+    with written_together(out) as folder:
+        if options.raw:
+            return _raw(options, robot, path, given, folder)
+        document, text = _planned(robot, path, given, lambda plan: _write_plan(plan, folder, options.samples))
+    return document, f"{text}\n  written to        {out}"
+
+
+def _planned(
+    robot: ParallelRobot,
+    path: MotionPath,
+    given: dict[str, Any],
+    write: Callable[[CrossingPlan], None] = lambda plan: None,
+) -> Report:
+    plan = plan_crossing(robot, path, **given)
+    write(plan)
+    return plan.to_dict(), _plan_text(plan)
+
+
+def _write_plan(plan: CrossingPlan, folder: Path, samples: int) -> None:
+    from framework.show.plots import save_figures
+
+    (folder / "plan.json").write_text(json.dumps(plan.to_dict(), indent=2, allow_nan=False) + "\n")
+    plan.to_csv(folder / "motion.csv", samples)
+    save_figures(plan, folder)
+
+
+def _plan_text(plan: CrossingPlan) -> str:
+    robot, certificate = plan.robot, plan.certificate
+    lines = [
+        f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: law of degree {plan.law.degree} over "
+        f"{plan.duration:g} s"
+    ]
+    for crossing in plan.crossings:
+        lines.append(
+            f"  crossing          t = {crossing.time:.6g} s at s = {crossing.s:.15f}, "
+            f"{', '.join(robot.axis_names)} = {point(crossing.platform)}"
+        )
+        lines.append(
+            f"                    t_s = {point(crossing.twist)}, s' = {crossing.speed:.6g} 1/s, s\" = "
+            f"{crossing.acceleration:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of its peak"
+        )
+    if not plan.crossings:
+        lines.append("  crossing          none: no singularity on the path")
+    peaks = ", ".join(f"{joint} {value:.6g} N m" for joint, value in plan.peak_torque.items())
+    lines += [
+        f"  peak torque       {peaks}",
+        f"  certificate       tail {certificate.tail:.1e} on {certificate.nodes} nodes, "
+        f"{certificate.passes} pass{'es' * (certificate.passes != 1)}, loops closed to "
+        f"{certificate.max_closure_error:.1e}",
+    ]
+    if not certificate.monotone:
+        s = plan.law(np.linspace(0.0, plan.duration, 2001))
+        lines.append(
+            f"  mind              the law overshoots its ends (s from {s.min():.6g} to {s.max():.6g}); other "
+            f"times or speeds, or a higher --smoothness, avoid it"
+        )
+    return "\n".join(lines)
+
+
+def _raw(
+    options: argparse.Namespace,
+    robot: ParallelRobot,
+    path: MotionPath,
+    given: dict[str, Any],
+    folder: Path | None,
+) -> Report:
+    """The law without its proof: torques sampled as they come."""
+    from framework.crossing.plan import unproved_law
+    from framework.dynamics.raw import raw_sampling
+
+    law, passages = unproved_law(robot, path, **{k: v for k, v in given.items() if k != "geometry"})
+    raw = raw_sampling(robot, path, law, samples=options.samples, geometry=given["geometry"])
+    largest = dict(zip(robot.actuator_names, map(float, np.abs(raw.torque).max(axis=0)), strict=True))
+    document = {
+        "robot": robot.name,
+        "raw": True,
+        "proved": False,
+        "samples": options.samples,
+        "largest_sample": largest,
+        "passages": [
+            {"s": passage.s, "time": passage.time, "wrench": passage.wrench} for passage in passages
+        ],
+    }
+    if folder is not None:
+        _write_raw(raw, robot, [passage.time for passage in passages], document, folder)
+    lines = [
+        f"{robot.name}: raw sampling, proves nothing: {options.samples} samples, largest "
+        + ", ".join(f"{joint} {value:.6g} N m" for joint, value in largest.items())
+    ]
+    lines += [
+        f"  singular          t = {passage.time:.9g} s, s = {passage.s:.12g}, t_s . W_p = "
+        f"{passage.wrench:.6g}"
+        for passage in passages
+    ]
+    return document, "\n".join(lines)
+
+
+def _write_raw(
+    raw: Any, robot: ParallelRobot, poles: list[float], document: dict[str, Any], folder: Path
+) -> None:
+    from framework.show.plots import plot_raw_torques, save
+
+    names = ["time"]
+    names += [f"motor_angle_{joint}" for joint in robot.actuator_names]
+    names += [f"torque_{joint}" for joint in robot.actuator_names]
+    names += [f"deflection_{spring}" for spring in robot.elastic_names]
+    rows = np.column_stack([raw.time, raw.motor_angle, raw.torque, raw.deflection])
+    np.savetxt(folder / "raw.csv", rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
+    (folder / "raw.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    save(lambda: plot_raw_torques(raw, robot.actuator_names, poles), folder / "raw_torques")
+
+
+# ------------------------------------------------------------------ what the options say
+
+
+def _load(options: argparse.Namespace) -> ParallelRobot:
+    return ParallelRobot.from_file(
+        robot_file(options.robot), flexibility=getattr(options, "flexibility", "rigid")
+    )
+
+
+def _path(options: argparse.Namespace, robot: ParallelRobot) -> MotionPath:
+    """The path of --scene, or the line of --from and --to."""
+    ends = (options.start, options.end)
+    if options.scene is not None:
+        if any(end is not None for end in ends):
+            raise InvalidInput("--scene already has a path; give either --scene or --from and --to")
+        return scene_path(scene(robot, options.scene))
+    if any(end is None for end in ends):
+        scenes = ", ".join(robot.description.scenes) or "none"
+        raise InvalidInput(f"give --scene (of {robot.name}: {scenes}), or both --from and --to")
+    for name, end in zip(("--from", "--to"), ends, strict=True):
+        if len(end) != robot.n or not np.all(np.isfinite(end)):
+            raise InvalidInput(
+                f"{name}: needs {robot.n} finite numbers ({', '.join(robot.axis_names)}), got "
+                f"{' '.join(f'{value:g}' for value in end)}"
+            )
+    return Line(*ends)
+
+
+def _motion_options(options: argparse.Namespace, robot: ParallelRobot) -> dict[str, Any]:
+    """Arguments of `plan_crossing`; what is typed overrides what the scene says."""
+    given: dict[str, Any] = {"duration": None, "times": None, "speeds": None, "at": None}
+    if options.scene is not None:
+        chosen = scene(robot, options.scene)
+        given = {key: getattr(chosen, key) for key in given}
+    for key in ("duration", "times", "speeds"):
+        if getattr(options, key) is not None:
+            given[key] = getattr(options, key)
+    if given["duration"] is None:
+        raise InvalidInput("--duration: required with --from and --to")
+    return {**given, "geometry": options.geometry, "smoothness": options.smoothness}
+
+
+# ------------------------------------------------------------------ the parser
+
+
+class _Misuse(Exception):
+    """argparse found the command line wrong."""
+
+
+class _OneLineParser(argparse.ArgumentParser):
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        raise _Misuse(f"{message} (see `{self.prog} --help`)")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _OneLineParser(
+        prog="crossing",
+        description="Carry parallel robots through Type 2 singularities with finite motor torques.",
+    )
+    parser.set_defaults(json=False)
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=_OneLineParser)
+
+    def command(name: str, run: Callable[[argparse.Namespace], Report], text: str) -> Any:
+        sub = commands.add_parser(name, help=text, description=text)
+        sub.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
+        sub.set_defaults(run=run)
+        return sub
+
+    command("robots", _robots, "list the catalogue")
+
+    check = command("check", _check, "mobility, rank, redundant rows, masses, closure error, mode")
+    _add_robot(check)
+    _add_flexibility(check)
+
+    locate = command("locate", _locate, "find the singular points on a path")
+    _add_robot(locate)
+    _add_path(locate)
+
+    plan = command("plan", _plan, "plan a motion through the singular points, with torques and proof")
+    _add_robot(plan)
+    _add_path(plan)
+    _add_flexibility(plan)
+    plan.add_argument("--duration", type=float, metavar="T", help="of the motion [s]")
+    plan.add_argument("--times", type=float, nargs="*", metavar="t", help="instants of the crossings [s]")
+    plan.add_argument("--speeds", type=float, nargs="*", metavar="v", help="s' at the crossings [1/s]")
+    plan.add_argument(
+        "--geometry",
+        choices=("rigid", "deformed"),
+        help="forces of the undeformed or of the deformed robot (default: deformed when elastic)",
+    )
+    plan.add_argument(
+        "--smoothness",
+        type=int,
+        metavar="R",
+        help="derivatives of s that vanish at both ends (default: 2 rigid, 4 elastic)",
+    )
+    plan.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
+    plan.add_argument("--samples", type=int, default=1501, metavar="N", help="rows of motion.csv")
+    plan.add_argument(
+        "--raw",
+        action="store_true",
+        help="no proof: sample the torques as they come, spikes included, to look at",
+    )
+    return parser
+
+
+def _add_robot(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("robot", metavar="ROBOT", help="catalogue name, or path of a robot file")
+
+
+def _add_flexibility(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--flexibility", choices=FLEXIBILITIES, default="rigid", help="which springs exist")
+
+
+def _add_path(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--scene", metavar="S", help="a scene of the robot file")
+    parser.add_argument(
+        "--from", dest="start", type=float, nargs="+", metavar="X", help="first platform point"
+    )
+    parser.add_argument("--to", dest="end", type=float, nargs="+", metavar="X", help="last platform point")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,1 @@
+"""Where people look: figures. The only place that knows matplotlib."""

@@ -1,0 +1,182 @@
+"""Figures of a plan. Each function draws on the axes given, or on new ones, and returns them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from framework.arrays import Array
+from framework.crossing.plan import CrossingPlan
+from framework.dynamics.raw import RawSampling
+from framework.dynamics.wrench import wrench_along
+from framework.kinematics.singularity import singularity_measure
+from framework.kinematics.tracking import track_path
+from framework.show.style import CROSSING, figure, line_style, styled
+
+SAMPLES = 601
+
+
+def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axes]:
+    """s(t) and its first two derivatives, on three axes."""
+    axes = figure(3, height=1.25)[1] if axes is None else list(axes)
+    times = np.linspace(0.0, plan.duration, SAMPLES)
+    labels = ("$s$", r"$\dot s$  [1/s]", r"$\ddot s$  [1/s$^2$]")
+    for order, (ax, label) in enumerate(zip(axes, labels, strict=True)):
+        ax.plot(times, plan.law(times, order), **line_style(0))
+        ax.set_ylabel(label)
+        _mark_crossings(plan, ax)
+        for crossing in plan.crossings:
+            value = (crossing.s, crossing.speed, crossing.acceleration)[order]
+            ax.plot([crossing.time], [value], "o", color=CROSSING, markersize=3, zorder=3)
+    axes[-1].set_xlabel("time  [s]")
+    axes[0].set_title(f"law of degree {plan.law.degree}", loc="left")
+    return axes
+
+
+def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
+    """Torque of each motor over time."""
+    ax = figure()[1][0] if ax is None else ax
+    times = np.linspace(0.0, plan.duration, SAMPLES)
+    for k, (joint, torque) in enumerate(zip(plan.robot.actuator_names, plan.torque(times).T, strict=True)):
+        ax.plot(times, torque, label=joint.replace("_", " "), **line_style(k))
+    _torque_axes(ax)
+    _mark_crossings(plan, ax)
+    return ax
+
+
+def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
+    """The singularity measure g along the path, of the robot at rest and as it deflects."""
+    ax = figure()[1][0] if ax is None else ax
+    robot = plan.robot
+    s = np.linspace(0.0, 1.0, SAMPLES)
+    track = track_path(robot, plan.path)
+    g = singularity_measure(robot, track.closed(s).system).g
+    ax.plot(s, g, label="springs at rest" if robot.n_e else None, **line_style(0))
+    if plan.geometry == "deformed":
+        times = np.linspace(0.0, plan.duration, SAMPLES)
+        deflected = wrench_along(plan.dynamics, times)[0]
+        deflected *= np.sign(deflected[0] * g[0])
+        ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
+        ax.legend(loc="lower right")
+        for crossing in plan.crossings[:1]:
+            _magnify(ax, crossing.s, s, g, plan.law(times), deflected)
+    ax.axhline(0.0, color="black", linewidth=0.5)
+    for crossing in plan.crossings:
+        ax.plot([crossing.s], [0.0], "o", color=CROSSING, markersize=4, zorder=3)
+        ax.annotate(
+            f"Type 2 at $s$ = {crossing.s:.6f}",
+            (crossing.s, 0.0),
+            textcoords="offset points",
+            xytext=(0, -12),
+            ha="center",
+            fontsize=7,
+        )
+    ax.set_xlabel("path coordinate  $s$")
+    ax.set_ylabel("singularity measure  $g$")
+    return ax
+
+
+def _magnify(ax: Axes, crossing: float, s: Array, g: Array, s_deflected: Array, deflected: Array) -> None:
+    """Show how far the deflections move a crossing, in a corner of the axes."""
+    at_rest = float(np.interp(0.0, *_ascending(g, s, crossing)))
+    shift = abs(crossing - at_rest)
+    if shift < 1e-9:
+        return
+    inset = ax.inset_axes((0.15, 0.64, 0.3, 0.34))
+    near = np.linspace(min(crossing, at_rest) - shift, max(crossing, at_rest) + shift, 5)
+    inset.plot((near - at_rest) * 1e6, np.interp(near, s, g) * 1e6, **line_style(0))
+    inset.plot((near - at_rest) * 1e6, np.interp(near, s_deflected, deflected) * 1e6, **line_style(1))
+    inset.axhline(0.0, color="black", linewidth=0.5)
+    inset.set_xlabel(r"$10^6\,(s - s_\mathrm{rest})$", fontsize=6, labelpad=1)
+    inset.set_ylabel(r"$10^6\,g$", fontsize=6, labelpad=1)
+    inset.tick_params(labelsize=5.5, pad=1)
+
+
+def _ascending(g: Array, s: Array, near: float) -> tuple[Array, Array]:
+    """g and s around the sign change of g nearest to `near`, ordered for interpolation over g."""
+    changes = np.flatnonzero(np.diff(np.sign(g)))
+    k = int(changes[np.argmin(np.abs(s[changes] - near))]) if len(changes) else 0
+    order = np.argsort(g[k : k + 2])
+    return g[k : k + 2][order], s[k : k + 2][order]
+
+
+def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
+    """t_s . W_p over time: it has to vanish where g does."""
+    ax = figure()[1][0] if ax is None else ax
+    times = np.linspace(0.0, plan.duration, SAMPLES)
+    _, wrench = wrench_along(plan.dynamics, times)
+    turning = not np.any(plan.robot.platform_axes < 3)
+    ax.plot(times, wrench, **line_style(0))
+    ax.axhline(0.0, color="black", linewidth=0.5)
+    ax.set_xlabel("time  [s]")
+    ax.set_ylabel(rf"$\mathbf{{t}}_s \cdot \mathbf{{W}}_p$  [{'N m' if turning else 'N'}]")
+    _mark_crossings(plan, ax)
+    for crossing in plan.crossings:
+        ax.plot([crossing.time], [0.0], "o", color=CROSSING, markersize=4, zorder=3)
+    return ax
+
+
+def plot_raw_torques(
+    raw: RawSampling, joints: Sequence[str], poles: Sequence[float], ax: Axes | None = None
+) -> Axes:
+    """Torques of a raw sampling [N m], with the instants (poles) at which they are unbounded [s]."""
+    ax = figure()[1][0] if ax is None else ax
+    for k, (joint, torque) in enumerate(zip(joints, raw.torque.T, strict=True)):
+        ax.plot(raw.time, torque, label=joint.replace("_", " "), **line_style(k))
+    for pole in poles:
+        ax.axvline(pole, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
+    _torque_axes(ax)
+    ax.set_title("raw sampling, proves nothing", loc="left")
+    return ax
+
+
+def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
+    """Write law, torques, singularity and wrench into a folder, each as PDF and PNG."""
+    return [
+        path
+        for name, draw in (
+            ("law", lambda: plot_law(plan)[0]),
+            ("torques", lambda: plot_torques(plan)),
+            ("singularity", lambda: plot_singularity(plan)),
+            ("wrench", lambda: plot_wrench(plan)),
+        )
+        for path in save(draw, folder / name)
+    ]
+
+
+def save(draw: Callable[[], Axes], stem: Path) -> list[Path]:
+    """Draw in the common style and write `stem`.pdf and `stem`.png."""
+    with styled():
+        drawing = draw().figure
+        assert isinstance(drawing, Figure)
+        drawing.draw_without_rendering()
+        drawing.set_layout_engine("none")  # laid out once, for both files
+        paths = [stem.with_suffix(".pdf"), stem.with_suffix(".png")]
+        drawing.savefig(paths[0], metadata={"CreationDate": None})
+        drawing.savefig(paths[1])
+    return paths
+
+
+def _torque_axes(ax: Axes) -> None:
+    ax.set_xlabel("time  [s]")
+    ax.set_ylabel("motor torque  [N m]")
+    ax.legend()
+
+
+def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:
+    for crossing in plan.crossings:
+        ax.axvline(crossing.time, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
+
+
+__all__ = [
+    "plot_law",
+    "plot_raw_torques",
+    "plot_singularity",
+    "plot_torques",
+    "plot_wrench",
+    "save_figures",
+]

@@ -1,0 +1,58 @@
+"""One look for all figures: readable in print, in grey and by the colour-blind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+# Okabe and Ito's palette without its yellow, dark and light alternating.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+DASHES = ("-", "--", "-.", ":")
+CROSSING = "#444444"
+COLUMN = 3.5  # [in] width of a journal column
+
+_SETTINGS: dict[Any, Any] = {
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "axes.titlesize": 8,
+    "legend.fontsize": 7,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "axes.linewidth": 0.6,
+    "lines.linewidth": 1.2,
+    "axes.grid": True,
+    "grid.linewidth": 0.3,
+    "grid.color": "#cccccc",
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+    "figure.dpi": 100,
+    "savefig.dpi": 200,
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw and save within this style, leaving matplotlib's settings as they were."""
+    with matplotlib.rc_context(_SETTINGS):
+        yield
+
+
+def figure(rows: int = 1, *, height: float = 2.2) -> tuple[Figure, list[Axes]]:
+    """A figure one journal column wide with `rows` axes over a common abscissa; `height` [in] each."""
+    drawing = Figure(figsize=(COLUMN, height * rows), layout="constrained")
+    axes = drawing.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    return drawing, list(axes)
+
+
+def line_style(k: int) -> dict[str, Any]:
+    """Colour and dash of the k-th curve: either of them tells it from the others."""
+    return {"color": COLORS[k % len(COLORS)], "linestyle": DASHES[k % len(DASHES)]}
