@@ -37,7 +37,7 @@ class Deflected:
     law: MotionLaw
     motion: Motion
     forces: Forces
-    q_e: Array  # (T, n_e) deflections in `motion`
+    q_e: Array  # (T, n_e) deflections that `forces` cause; `motion` has them up to the last change
     changes: tuple[float, ...]  # largest change of q_e in each pass [m, rad]
 
 
@@ -84,7 +84,7 @@ def settle(
         remaining = changes[-1] * min(ratio / (1 - ratio), 1.0) if ratio < 1 else np.inf
         largest = float(np.abs(new).max())
         if remaining <= SETTLED * largest or changes[-1] <= 1e-15 * max(largest, robot.length * 1e-3):
-            return Deflected(grid, law, motion, forces, q_e, tuple(changes))
+            return Deflected(grid, law, motion, forces, new, tuple(changes))
         law = choose_law(grid.fit(new), law)
         motion = _motion(track, grid, law, new, motion, q_e)
         q_e = new

@@ -1,0 +1,179 @@
+"""Laws that hold for every robot of the catalogue, with every flexibility.
+
+Generated: a robot added to the catalogue is tested here without a line written.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework import ParallelRobot, locate_singularities, plan_scene, scene_path, velocity_matrices
+from framework.errors import NoAnswer
+from framework.kinematics.assembly import loop_rows
+from framework.kinematics.closures import closure_drift, loop_equations
+from framework.kinematics.frames import drift_accelerations, frames_at, move
+from framework.kinematics.inverse_kinematics import close_loops, motion_at
+from framework.kinematics.tracking import track_path
+from framework.model.description import FLEXIBILITIES
+from framework.motion.chebyshev import TimeGrid
+
+CASES = [(name, flexibility) for name in robots.CATALOGUE for flexibility in FLEXIBILITIES]
+ELASTIC = [(name, flexibility) for name, flexibility in CASES if flexibility != "rigid"]
+SCENES = [
+    (name, scene) for name, entry in robots.CATALOGUE.items() for scene in entry.load().description.scenes
+]
+
+
+@pytest.fixture(params=CASES, ids="-".join, scope="module")
+def robot(request) -> ParallelRobot:
+    name, flexibility = request.param
+    return robots.load(name, flexibility=flexibility)
+
+
+def first_path(robot: ParallelRobot):
+    return scene_path(next(iter(robot.description.scenes.values())))
+
+
+def closed_with_deflections(robot: ParallelRobot, x, q_e, near):
+    """Assembled configurations at x (T, n) and deflections q_e (T, n_e), near one configuration."""
+    step = np.zeros((len(x), robot.model.nv))
+    step[:, robot.elastic] = q_e
+    return close_loops(robot, x, move(robot, np.repeat(near[None], len(x), axis=0), step))
+
+
+def planned(robot: ParallelRobot, **options):
+    """The first scene of the robot that has a plan."""
+    for name in robot.description.scenes:
+        try:
+            return plan_scene(robot, name, **options)
+        except NoAnswer:
+            continue
+    raise AssertionError(f"{robot.name} has no scene that can be planned")
+
+
+def test_loop_jacobian_and_drift_are_derivatives_of_the_loop_equations(robot):
+    rng = np.random.default_rng(1)
+    q = np.repeat(robot.q_near[None], 2, axis=0) + 0.1 * rng.standard_normal((2, robot.model.nq))
+    v = rng.standard_normal((2, robot.model.nv))
+    at = frames_at(robot, q)
+    h = 1e-5
+    ahead, here, back = (
+        loop_equations(robot.rows, frames_at(robot, move(robot, q, k * h * v))).residual for k in (1, 0, -1)
+    )
+    rate = np.einsum("tmv,tv->tm", loop_equations(robot.rows, at).jacobian, v)
+    drift = closure_drift(robot.rows, at, v, drift_accelerations(robot, q, v))
+    np.testing.assert_allclose(rate, (ahead - back) / (2 * h), atol=1e-8)  # h^2 and eps / h
+    np.testing.assert_allclose(drift, (ahead - 2 * here + back) / h**2, atol=3e-5)  # eps / h^2
+
+
+def test_velocity_matrices_relate_rates_on_the_manifold(robot):
+    rng = np.random.default_rng(2)
+    track = track_path(robot, first_path(robot))
+    h = 1e-5
+    for s in (0.1, 0.5, 0.9):
+        x, near = track.path(s), track.closed(s).q[0]
+        q_e = 1e-4 * rng.standard_normal(robot.n_e)
+        dx, dq_e = rng.standard_normal(robot.n), rng.standard_normal(robot.n_e)
+        steps = np.array([[0.0], [h], [-h]])
+        q = closed_with_deflections(robot, x + steps * dx, q_e + steps * dq_e, near).q
+        dq_a = ((q[1] - q[2]) / (2 * h))[robot.actuated]
+        A, B, C = velocity_matrices(robot, q[0])
+        # differences are good to h^2 (curvature of order 10 to 100) and eps / h
+        np.testing.assert_allclose(A @ dx, B @ dq_a + C @ dq_e, atol=1e-7)
+
+
+def test_velocities_and_accelerations_are_time_derivatives_of_positions(robot):
+    track = track_path(robot, first_path(robot))
+    grid = TimeGrid(np.array([0.0, 1.0]), 48)
+    t = grid.times[:, None]
+    s = 0.05 + 0.1 * t + 0.1 * t**2
+    x = track.path(s[:, 0])
+    slope, curve = track.path(s[:, 0], 1), track.path(s[:, 0], 2)
+    ds, dds = 0.1 + 0.2 * t, 0.2
+    phase = np.arange(robot.n_e)
+    q_e, dq_e, ddq_e = (1e-3 * np.sin(t + phase + k * np.pi / 2) * np.ones(robot.n_e) for k in range(3))
+    closed = closed_with_deflections(robot, x, q_e, track.closed(0.1).q[0])
+    motion = motion_at(robot, closed, slope * ds, curve * ds**2 + slope * dds, dq_e, ddq_e)
+    v, a = grid.differentiate(closed.q - closed.q[0])
+    # spectral differentiation amplifies rounding by about size^2 and size^4 / 10
+    np.testing.assert_allclose(motion.v, v, atol=1e-11)
+    np.testing.assert_allclose(motion.a, a, atol=1e-7)
+
+
+@pytest.mark.parametrize(("name", "scene"), SCENES, ids="-".join)
+def test_null_vector_of_A_is_the_twist_of_the_passive_columns(name, scene):
+    robot = robots.load(name)
+    for point in locate_singularities(robot, scene_path(robot.description.scenes[scene])):
+        A = velocity_matrices(robot, point.q).A
+        values, right = np.linalg.svd(A)[1:]
+        null = right[-1] / np.linalg.norm(right[-1])
+        null *= np.sign(null @ point.twist)
+        assert values[-1] < 1e-12 * values[0]
+        np.testing.assert_allclose(null, point.twist / np.linalg.norm(point.twist), atol=1e-12)
+        moved = frames_at(robot, point.q[None]).jacobian[0, 0, robot.platform_axes] @ point.motion
+        np.testing.assert_allclose(moved, point.twist, atol=1e-12)
+        assert np.abs(point.motion[robot.actuated]).max() == 0.0
+
+
+def test_motor_power_is_the_rate_of_energy(robot):
+    plan = planned(robot)
+    grid = TimeGrid(np.array([0.0, plan.duration]), 97)
+    t = grid.times
+    q, v = plan.dynamics.configuration(t), plan.dynamics.velocity(t)
+    q_e = plan.deflection(t)
+    data = robot.model.createData()
+    energy = np.array(
+        [
+            pin.computeKineticEnergy(robot.model, data, q[k], v[k])
+            + pin.computePotentialEnergy(robot.model, data, q[k])
+            for k in range(len(t))
+        ]
+    )
+    energy += 0.5 * (plan.motor_angle(t, 1) ** 2) @ robot.rotor_inertia
+    energy += 0.5 * q_e**2 @ robot.stiffness
+    power = np.sum(plan.torque(t) * plan.motor_angle(t, 1), axis=1)
+    rate = grid.differentiate(energy[:, None])[0][:, 0]
+    assert np.abs(power).max() > 1e-3
+    # energy carries rounding of its terms (about 1e2 J with gravity), amplified by 97^2 / 3
+    np.testing.assert_allclose(power, rate, atol=1e-9 * max(1.0, np.abs(power).max()))
+
+
+@pytest.mark.parametrize(("name", "flexibility"), ELASTIC, ids="-".join)
+def test_stiff_springs_tend_to_the_rigid_robot_as_one_over_stiffness(name, flexibility):
+    description = robots.load(name).description
+    rigid = planned(robots.load(name), smoothness=4)
+    t = np.linspace(0.0, rigid.duration, 301)
+    differences = []
+    for factor in (1.0, 1e3, 1e6):
+        springs = tuple(
+            replace(spring, stiffness=tuple(factor * k for k in spring.stiffness))
+            for spring in description.springs
+        )
+        stiff = ParallelRobot.from_description(replace(description, springs=springs), flexibility)
+        differences.append(np.abs(planned(stiff).torque(t) - rigid.torque(t)).max())
+    soft, stiff, stiffer = differences
+    assert stiffer < stiff < soft
+    assert soft / stiff == pytest.approx(1e3, rel=0.05)  # second order in 1/k is of this size
+    assert stiff / stiffer == pytest.approx(1e3, rel=1e-3)
+
+
+@pytest.mark.parametrize("change", ["duplicated", "reversed", "swapped frames"])
+def test_torques_do_not_depend_on_how_the_closures_are_written(robot, change):
+    description = robot.description
+    closures = description.closures
+    if change == "duplicated":
+        closures += tuple(replace(closure, name=f"{closure.name} again") for closure in closures)
+    elif change == "reversed":
+        closures = tuple(replace(c, axes=c.axes[::-1]) for c in closures[::-1])
+    else:
+        closures = tuple(replace(c, frames=c.frames[::-1]) for c in closures)
+    other = ParallelRobot.from_description(replace(description, closures=closures), robot.flexibility)
+    assert len(loop_rows(other).names) == len(loop_rows(robot).names)
+    one, two = planned(robot), planned(other)
+    t = np.linspace(0.0, one.duration, 201)
+    np.testing.assert_allclose(two.torque(t), one.torque(t), atol=1e-12, rtol=1e-10)
