@@ -15,7 +15,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.errors import NoLaw, point
-from framework.kinematics.frames import move
+from framework.kinematics.frames import move, offset
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, motion_at, system_at
 from framework.kinematics.locus import SingularPoint
 from framework.kinematics.singularity import Border, bordered, passive_matrix, uncontrolled_motion
@@ -70,22 +70,22 @@ def crossing_point(
     if deflection is None or not len(deflection.value):
         return CrossingPoint(at.s, at.kind, at.twist, at.motion, at.q)
     robot, s, h = track.robot, near, 1e-5
+    guess: Array | None = None
     for _ in range(20):
         span = np.clip([s - h, s, s + h], 0.0, 1.0)
-        closed = _deflected(track, span, deflection)
+        closed = _deflected(track, span, deflection, guess)
         P = passive_matrix(robot, closed.system)
         g = bordered(P, Border.of(P[1])).g
-        slope = (g[2] - g[0]) / (span[2] - span[0])
-        step = -g[1] / slope
+        step = -g[1] * (span[2] - span[0]) / (g[2] - g[0])
+        if abs(step) < 1e-13:
+            return _oriented(track, s, ClosedStack(closed.q[1:2], closed.system.at(1)))
         s = float(np.clip(s + step, 0.0, 1.0))
-        if abs(step) < 1e-9:  # Newton: the next step would be rounding
-            break
-    else:
-        raise NoLaw(
-            f"{robot.name}: the deflected robot has no singular point near s = {at.s:.6g}; the "
-            f"deflections are too large for the path to cross the locus there"
-        )
-    return _oriented(track, s, _deflected(track, np.array([s]), deflection))
+        along_path = offset(robot, closed.q[0], closed.q[2:]) / (span[2] - span[0])
+        guess = move(robot, closed.q, np.repeat(step * along_path, 3, axis=0))
+    raise NoLaw(
+        f"{robot.name}: the deflected robot has no singular point near s = {at.s:.6g}; the deflections "
+        f"are too large for the path to cross the locus there"
+    )
 
 
 def imposed_point(track: Track, s: float) -> CrossingPoint:
@@ -100,10 +100,12 @@ def _oriented(track: Track, s: float, closed: ClosedStack) -> CrossingPoint:
     return CrossingPoint(s, found.kind, sign * found.twist, sign * found.motion, closed.q[0])
 
 
-def _deflected(track: Track, s: Array, deflection: Deflection) -> ClosedStack:
-    step = np.zeros((len(s), track.robot.model.nv))
-    step[:, track.robot.elastic] = deflection.value
-    return close_loops(track.robot, track.path(s), move(track.robot, track.guess(s), step))
+def _deflected(track: Track, s: Array, deflection: Deflection, guess: Array | None) -> ClosedStack:
+    if guess is None:
+        step = np.zeros((len(s), track.robot.model.nv))
+        step[:, track.robot.elastic] = deflection.value
+        guess = move(track.robot, track.guess(s), step)
+    return close_loops(track.robot, track.path(s), guess)
 
 
 def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | None) -> Condition8:

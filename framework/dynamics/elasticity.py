@@ -61,7 +61,7 @@ def settle(
     robot = track.robot
     zero = np.zeros((len(grid.times), robot.n_e))
     q_e = zero if start is None else start(grid.times)
-    law = choose_law(start, before)
+    law = before if start is None else choose_law(start, before)
     motion = _motion(track, grid, law, q_e, None, zero)
     forces = loop_forces(robot, motion)
     changes: list[float] = []

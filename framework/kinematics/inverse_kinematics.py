@@ -38,6 +38,12 @@ class System(NamedTuple):
     platform: Array  # (T, n, nv)
     closures: Array  # (T, m, nv)
 
+    def at(self, k: int) -> System:
+        """The system of one instant, T = 1."""
+        here = slice(k, k + 1)
+        frames = FrameStack(*(part[here] for part in self.frames))
+        return System(frames, self.residual[here], self.platform[here], self.closures[here])
+
     @property
     def jacobian(self) -> Array:
         """dF/dq (T, n + m, nv)."""

@@ -177,13 +177,13 @@ def _resolve(samples: _Samples, matrix: Callable[[System], Array], start: float,
 def _polish_root(track: Track, matrix: Callable[[System], Array], s: float) -> float:
     """Newton on g with the border of the root itself; slope by central differences."""
     h = 1e-4
-    for _ in range(3):
+    for _ in range(4):
         at = np.clip([s - h, s, s + h], 0.0, 1.0)
         matrices = matrix(track.closed(at).system)
         g = bordered(matrices, Border.of(matrices[1])).g
         step = -g[1] * (at[2] - at[0]) / (g[2] - g[0])
         s = float(np.clip(s + step, 0.0, 1.0))
-        if abs(step) < 1e-14:
+        if abs(step) < 1e-8:  # the next step would be h^2 of it: rounding
             break
     return s
 
@@ -211,13 +211,11 @@ def _singular_point(track: Track, s: float, contact: str) -> SingularPoint:
     h = 1e-4
     at = np.clip([s - h, s, s + h], 0.0, 1.0)
     closed = track.closed(at)
-    system = closed.system
-    P = passive_matrix(robot, system)
+    P = passive_matrix(robot, closed.system)
     g = bordered(P, Border.of(P[1])).g
     # a border taken at the root knows no sign of det: give g the sign of det P beyond it
     sign = np.sign(g[2]) * np.linalg.slogdet(P[2])[0] if at[2] > s else 1.0
-    here = track.closed(s).system
-    uncontrolled = uncontrolled_motion(robot, here)
+    uncontrolled = uncontrolled_motion(robot, closed.system.at(1))
     forward = np.dot(uncontrolled.twist, track.path(s, 1))
     along = -1.0 if forward < 0 else 1.0
     return SingularPoint(

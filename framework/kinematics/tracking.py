@@ -85,7 +85,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     require_square(robot)
     segment = Line(reference.x, target)
     track = _follow(robot, segment, reference.q, "the way from the reference to the point")
-    closed = track.closed(1.0)
+    closed = track.closed(1.0)  # on the last knot: one evaluation
     residual = float(np.abs(closed.system.residual).max())
     return Configuration(closed.q[0], target, residual, len(track.s))
 
