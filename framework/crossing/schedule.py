@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,16 +39,18 @@ def schedule(
     Raises:
         NoLaw: no law that always advances was found.
     """
-    plain = Law.rest_to_rest(duration, smoothness)
-    when = np.array([_inverse(plain, value) for value in s]) if times is None else np.array(times)
-    start = plain(when, 1) if speeds is None else np.array(speeds)
-    first = tuple(Milestone(float(t), float(v)) for t, v in zip(when, start, strict=True))
-    open_times, open_speeds = times is None, speeds is None
-    if not (open_times or open_speeds):
-        return first  # what such a law does is for `refuse_wandering` to judge
-    best, score = first, _advance(build, first, smoothness, duration)
-    if score < COMFORTABLE:
-        best, score = _improve(first, open_times, open_speeds, smoothness, duration, build)
+    if times is not None and speeds is not None:
+        # what such a law does is for `refuse_wandering` to judge
+        return _milestones(np.array(times), np.array(speeds))
+    best: tuple[Milestone, ...] = ()
+    score = -np.inf
+    for start in _starts(s, duration, times, speeds, smoothness):
+        found = _advance(build, start, smoothness, duration)
+        if found > score or not best:
+            best, score = start, found
+        if score >= COMFORTABLE:
+            return best
+    best, score = _improve(best, times is None, speeds is None, smoothness, duration, build)
     if score <= 0:
         raise NoLaw(
             f"{name}: no law that always advances found through s = "
@@ -77,13 +79,35 @@ def refuse_wandering(law: Law, s: Sequence[float], name: str) -> None:
                 f"s = {values[worst]:.4g} at t = {times[worst]:.4g} s; choose other times or speeds"
             )
     for singular in s:
-        crossed = np.flatnonzero(np.diff(np.sign(values - singular)))
+        crossed = np.flatnonzero(np.diff(values > singular))
         if len(crossed) > 1:
             raise NoLaw(
                 f"{name}: the law does not always advance: it meets the singular point s = "
                 f"{singular:.6g} {len(crossed)} times (about t = "
                 f"{', '.join(f'{times[k]:.4g}' for k in crossed)} s); choose other times or speeds"
             )
+
+
+def _starts(
+    s: Sequence[float],
+    duration: float,
+    times: Sequence[float] | None,
+    speeds: Sequence[float] | None,
+    smoothness: int,
+) -> Iterator[tuple[Milestone, ...]]:
+    """First the law that ignores the crossings, then laws of one cruising speed, ever faster."""
+    plain = Law.rest_to_rest(duration, smoothness)
+    when = np.array([_inverse(plain, value) for value in s]) if times is None else np.array(times)
+    how_fast = plain(when, 1) if speeds is None else np.array(speeds)
+    yield _milestones(when, how_fast)
+    for cruising in np.linspace(1.2, 2.4, 7) / duration:
+        middle = 0.5 * duration + (np.array(s) - 0.5) / cruising
+        when = middle if times is None else np.array(times)
+        yield _milestones(when, np.full(len(s), cruising) if speeds is None else np.array(speeds))
+
+
+def _milestones(times: Array, speeds: Array) -> tuple[Milestone, ...]:
+    return tuple(Milestone(float(t), float(v)) for t, v in zip(times, speeds, strict=True))
 
 
 def _inverse(law: Law, s: float) -> float:

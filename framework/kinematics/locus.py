@@ -18,10 +18,7 @@ from framework.arrays import Array
 from framework.errors import NotAssembled, NotConverged, SingularPath, Type1Singularity, point
 from framework.kinematics.assembly import loop_rows
 from framework.kinematics.closures import scaled
-from framework.kinematics.inverse_kinematics import (
-    System,
-    moving_columns,
-)
+from framework.kinematics.inverse_kinematics import System, moving_columns, system_at
 from framework.kinematics.singularity import (
     Border,
     bordered,
@@ -83,9 +80,25 @@ def locate_singularities(
         return passive_matrix(robot, system)
 
     samples = _Samples(track, {})
-    for s, _ in _contacts(samples, mobile):
-        raise _type_1(track, s)
+    try:
+        type_1 = [s for s, _ in _contacts(samples, mobile)]
+    except _Unresolved as unresolved:  # the branch has a kink, or another one meets it
+        type_1 = [unresolved.s]
+    if type_1:
+        raise _type_1(track, type_1[0])
     return tuple(_singular_point(track, s, contact) for s, contact in _contacts(samples, passive))
+
+
+class _Unresolved(NotConverged):
+    """g is not smooth near `s`, however narrow the panel."""
+
+    def __init__(self, name: str, s: float, width: float) -> None:
+        super().__init__(
+            f"{name}: the singularity measure cannot be resolved near s = {s:.6g}: two motions may "
+            f"become uncontrollable at once",
+            residual=width,
+        )
+        self.s = s
 
 
 class _Samples(NamedTuple):
@@ -152,11 +165,7 @@ def _panels(samples: _Samples, matrix: Callable[[System], Array]) -> list[_Panel
             continue
         middle = 0.5 * (start + end)
         if end - start < NARROWEST:
-            raise NotConverged(
-                f"{track.robot.name}: the singularity measure cannot be resolved near s = {middle:.6g}: "
-                f"two motions may become uncontrollable at once, or two branches meet",
-                residual=end - start,
-            )
+            raise _Unresolved(track.robot.name, middle, end - start)
         waiting += [(middle, end), (start, middle)]
     return done
 
@@ -233,8 +242,8 @@ def _singular_point(track: Track, s: float, contact: str) -> SingularPoint:
 
 def _type_1(track: Track, s: float) -> Type1Singularity:
     robot = track.robot
-    joint = weakest_leg(robot, track.closed(s).system)
     x = track.path(s)
+    joint = weakest_leg(robot, system_at(robot, track.guess(np.array([s])), x[None]))
     return Type1Singularity(
         f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, "
         f"{', '.join(robot.axis_names)} = {point(x)}: the leg of {joint} is stretched or folded there",
