@@ -40,6 +40,7 @@ from framework.motion.path import Path, along
 GEOMETRIES = ("rigid", "deformed")
 TOLERANCE = 1e-10  # tail of the torques that counts as resolved
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
+STANDING = 1e-7  # speed at a crossing over the largest one: no more than that is a stop
 POLE = 1e-7  # |t_s . W_p| at the crossing over its largest value: surely a pole, no need to resolve it
 
 
@@ -245,7 +246,7 @@ def _rigid_passage(track: Track, law: MotionLaw, t: float, at: SingularPoint) ->
     """t_s . W_p of the undeformed robot when the law takes it through a singular point at time t."""
     speed = float(law(np.array([t]), 1)[0])
     quickest = float(np.abs(law(np.linspace(0, law.duration, 101), 1)).max())
-    if abs(speed) < 1e-9 * quickest:
+    if abs(speed) < STANDING * quickest:
         raise NoLaw(
             f"{track.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, "
             f"s = {at.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"

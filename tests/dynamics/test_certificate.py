@@ -1,0 +1,176 @@
+"""What the certificate tells: which torques are resolved, and which never are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework import (
+    Condition,
+    Law,
+    Line,
+    ParallelRobot,
+    Spline,
+    inverse_dynamics,
+    locate_singularities,
+    plan_crossing,
+    raw_sampling,
+)
+from framework.dynamics.elasticity import settle
+from framework.dynamics.forces import motor_torque
+from framework.errors import InvalidInput, NoLaw
+from framework.kinematics.tracking import track_path
+from framework.motion.chebyshev import TimeGrid
+from tests.robots import five_bar_oracle as oracle
+
+LINE = Line([0.1, 0.345], [-0.05, 0.195])
+CLEAR = Line([0.1, 0.345], [-0.05, 0.295])
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("five_bar")
+
+
+def tails(robot, law) -> list[float]:
+    """Tail of the torques on 64, 128 and 256 nodes, whatever the law."""
+    track = track_path(robot, LINE)
+    found = []
+    for size in (64, 128, 256):
+        grid = TimeGrid.clear_of(np.array([1.0]), np.array([0.0, 1.5]), size)
+        state = settle(track, grid, lambda *_: law, "rigid", None, law)
+        found.append(grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque)).tail)
+    return found
+
+
+def test_a_pole_keeps_the_tail_up_however_many_nodes(robot):
+    (point,) = locate_singularities(robot, LINE)
+
+    def crossing_at(s):
+        return [Condition(1.0, 0, s), Condition(1.0, 1, 1.5), Condition(1.0, 2, 0.0)]
+
+    right = tails(robot, Law.rest_to_rest(1.5, 4, crossing_at(point.s)))
+    beside = tails(robot, Law.rest_to_rest(1.5, 4, crossing_at(2 / 3)))  # 72 micrometres
+    unprepared = tails(robot, Law.rest_to_rest(1.5, 4))
+    # a pole of residue rho on the axis leaves coefficients of size rho that do not fall at all
+    assert max(right) < 1e-10
+    assert min(beside) > 1e-5
+    assert min(unprepared) > 1e-2
+    assert min(unprepared) > 10 * max(beside)
+
+
+def test_half_way_between_nodes_the_loops_are_as_closed_as_the_certificate_says():
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    plan = plan_crossing(robot, LINE, duration=1.5)
+    t = np.linspace(0.0, 1.5, 997)
+    q = plan.dynamics.configuration(t)
+    data, model = robot.model.createData(), robot.model
+    tips = [model.getFrameId(name, pin.FrameType.BODY) for name in ("left_tip", "right_tip")]
+    gaps = []
+    for row in q:
+        pin.framesForwardKinematics(model, data, row)
+        left, right = (data.oMf[frame].translation for frame in tips)
+        gaps.append(np.linalg.norm(left - right))
+    assert max(gaps) < max(10 * plan.certificate.max_closure_error, 1e-14)
+
+
+def test_knots_of_a_spline_get_panels_of_their_own(robot):
+    points = [
+        [0.1, 0.345],
+        [0.08, 0.33],
+        [0.05, 0.33],
+        [0.03, 0.31],
+        [0.02, 0.33],
+        [0.0, 0.32],
+        [-0.02, 0.31],
+        [-0.05, 0.32],
+    ]
+    path = Spline(points)
+    assert len(path.knots) == 2  # degree 5 through 8 points
+    plan = plan_crossing(robot, path, duration=1.5)
+    edges = plan.dynamics.torques.edges
+    np.testing.assert_allclose(plan.law(edges[1:-1]), path.knots, atol=1e-12)
+    assert plan.certificate.tail < 1e-10
+    raw = raw_sampling(robot, path, plan.law, samples=3001)
+    # second differences of motor angles of 50 rad at steps of 0.5 ms: h^2 and eps / h^2
+    np.testing.assert_allclose(plan.torque(raw.time)[5:-5], raw.torque[5:-5], atol=1e-4)
+
+
+def test_raw_sampling_agrees_with_closed_forms_away_from_the_crossing():
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    plan = plan_crossing(robot, CLEAR, duration=1.5)
+    exact = oracle.solve("A", "flexible_links", "deformed")
+    few = slice(100, 2901, 100)
+    raw = raw_sampling(robot, CLEAR, plan.law, samples=3001)
+    np.testing.assert_allclose(raw.torque[few], oracle.torques(exact, raw.time[few]), atol=2e-6)
+
+
+def test_gravity_in_the_plane_of_motion_bends_the_robot_at_rest():
+    description = replace(robots.load("five_bar").description, gravity=(0.0, -9.81, 0.0))
+    for flexibility in ("rigid", "flexible_links"):
+        hanging = ParallelRobot.from_description(description, flexibility)
+        plan = plan_crossing(hanging, CLEAR, duration=1.5)
+        for end in (0.0, 1.5):
+            # statics by virtual work: motor torque = -(gear) J' (weight), J = A^-1 B in closed form
+            x = plan.platform(end)
+            if flexibility == "rigid":
+                A, B, _ = oracle.velocity_matrices(x)
+                holding = (np.linalg.solve(A, B).T @ [0.0, 98.1]) / 50.0
+                np.testing.assert_allclose(plan.torque(end), holding, rtol=1e-12)
+            np.testing.assert_allclose(plan.motor_angle(end, 1), 0.0, atol=1e-8)
+            assert np.all(np.abs(plan.torque(end)) > 0.01)
+        if hanging.n_e:
+            assert np.all(np.abs(plan.deflection(0.0)) > 1e-6)
+
+
+def test_a_crossing_under_gravity_is_proved_by_power(robot):
+    description = replace(robot.description, gravity=(0.0, -9.81, 0.0))
+    hanging = ParallelRobot.from_description(description, "flexible_links")
+    plan = plan_crossing(hanging, LINE, duration=0.3)
+    (crossing,) = plan.crossings
+    # gravity pulls along t_s: 10 kg have to fall freely along it at that instant
+    assert abs(crossing.acceleration) > 10.0
+    assert crossing.platform @ [0, 1] > 0
+    acceleration = plan.platform(crossing.time, 2)
+    assert acceleration @ crossing.twist == pytest.approx(-9.81 * crossing.twist[1], rel=1e-9)
+
+
+class Standing:
+    """Goes to s_c, rests there, goes on."""
+
+    duration = 2.0
+
+    def __init__(self, s: float) -> None:
+        self.s = s
+
+    def __call__(self, t, order=0):
+        slow = self.s + min(self.s, 1 - self.s) * np.polynomial.Polynomial([-1.0, 1.0]) ** 3
+        return slow.deriv(order)(np.asarray(t, dtype=float)) if order else slow(t)
+
+
+def test_standing_still_on_the_locus_is_refused(robot):
+    (point,) = locate_singularities(robot, LINE)
+    with pytest.raises(NoLaw, match="stands still on a Type 2 singularity"):
+        inverse_dynamics(robot, LINE, Standing(point.s))
+
+
+@pytest.mark.parametrize(
+    ("law", "message"),
+    [
+        (lambda t: 1.2 * t, "s must stay in"),
+        (lambda t: t * np.nan, "one finite s"),
+    ],
+)
+def test_laws_that_cannot_be_are_refused(robot, law, message):
+    class Brought:
+        duration = 1.0
+
+        def __call__(self, t, order=0):
+            return law(np.asarray(t, dtype=float))
+
+    with pytest.raises(InvalidInput, match=message):
+        inverse_dynamics(robot, CLEAR, Brought())
