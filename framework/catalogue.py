@@ -22,6 +22,7 @@ class CatalogueEntry:
     file: Path
     summary: str
     source: str
+    singularities: tuple[str, ...] = ()  # kinds that its scenes and tests meet
 
     @property
     def name(self) -> str:

@@ -63,6 +63,7 @@ def _robots(options: argparse.Namespace) -> Report:
                 "springs": len(description.springs),
                 "scenes": list(description.scenes),
                 "summary": entry.summary,
+                "singularities": list(entry.singularities),
                 "source": entry.source,
                 "file": str(entry.file),
             }
@@ -73,7 +74,8 @@ def _robots(options: argparse.Namespace) -> Report:
             f"{row['name']:16s}  {row['degrees_of_freedom']:3d}  {row['loops']:5d}  {row['springs']:7d}  "
             f"{', '.join(row['scenes'])}"
         )
-        lines.append(f"{'':16s}  {row['summary']} ({row['source']})")
+        lines.append(f"{'':16s}  {row['summary']}; singularities: {', '.join(row['singularities'])}")
+        lines.append(f"{'':16s}  {row['source']}")
     return {"robots": rows}, "\n".join(lines)
 
 

@@ -1,13 +1,25 @@
-"""The catalogue: one short file for each mechanism, found here by name."""
+"""The catalogue: one short file for each mechanism, found here by name.
+
+A file of this package with an `ENTRY` is in the catalogue; nothing else needs to know it.
+"""
 
 from __future__ import annotations
+
+from importlib import import_module
+from pkgutil import iter_modules
 
 from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from framework.errors import InvalidInput, choose_from
-from robots import five_bar, five_bar_heavy
 
-CATALOGUE: dict[str, CatalogueEntry] = {entry.name: entry for entry in (five_bar.ENTRY, five_bar_heavy.ENTRY)}
+
+def _entries() -> dict[str, CatalogueEntry]:
+    modules = [import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__)]
+    entries = [module.ENTRY for module in modules if hasattr(module, "ENTRY")]
+    return {entry.name: entry for entry in entries}
+
+
+CATALOGUE: dict[str, CatalogueEntry] = _entries()
 
 
 def load(name: str, *, flexibility: str = "rigid") -> ParallelRobot:

@@ -14,6 +14,7 @@ ENTRY = CatalogueEntry(
     file=robot_file("five_bar"),
     summary="planar 5R, 10 kg payload on massless legs",
     source="Briot and Arakelian, ASME IDETC 2010, DETC2010-28207",
+    singularities=("type_1", "type_2"),
 )
 
 

@@ -10,6 +10,7 @@ ENTRY = CatalogueEntry(
     file=robot_file("five_bar_heavy"),
     summary="planar 5R, 10 kg payload on uniform rods of 1 kg",
     source="the same, with our own rods",
+    singularities=("type_1", "type_2"),
 )
 
 

@@ -18,7 +18,7 @@ from framework.errors import NoLaw, point
 from framework.kinematics.frames import move, offset
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, motion_at, system_at
 from framework.kinematics.locus import SingularPoint
-from framework.kinematics.singularity import Border, bordered, passive_matrix, uncontrolled_motion
+from framework.kinematics.singularity import Border, bordered, measured_matrix, uncontrolled_motion
 from framework.kinematics.tracking import Track
 from framework.motion.path import along
 
@@ -74,11 +74,11 @@ def crossing_point(
     for _ in range(20):
         span = np.clip([s - h, s, s + h], 0.0, 1.0)
         closed = _deflected(track, span, deflection, guess)
-        P = passive_matrix(robot, closed.system)
+        P = measured_matrix(robot, closed.system)
         g = bordered(P, Border.of(P[1])).g
         step = -g[1] * (span[2] - span[0]) / (g[2] - g[0])
         if abs(step) < 1e-13:
-            return _oriented(track, s, ClosedStack(closed.q[1:2], closed.system.at(1)))
+            return _oriented(track, s, ClosedStack(closed.q[1:2], closed.x[1:2], closed.system.at(1)))
         s = float(np.clip(s + step, 0.0, 1.0))
         along_path = offset(robot, closed.q[0], closed.q[2:]) / (span[2] - span[0])
         guess = move(robot, closed.q, np.repeat(step * along_path, 3, axis=0))
@@ -117,7 +117,8 @@ def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | Non
     robot = track.robot
     speed, acceleration = np.array([0.0, 0.0, 1.0, -1.0]), np.array([0.0, 1.0, 0.0, 0.0])
     q = np.repeat(here.q[None], 4, axis=0)
-    closed = ClosedStack(q, system_at(robot, q, np.repeat(track.path(here.s)[None], 4, axis=0)))
+    x = np.repeat(track.path(here.s)[None], 4, axis=0)
+    closed = ClosedStack(q, x, system_at(robot, q, x))
     _, dx, ddx = along(track.path, [np.full(4, here.s), speed, acceleration])
     rates: tuple[Array, ...] = ()
     if deflection is not None and robot.n_e:

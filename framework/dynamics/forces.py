@@ -18,6 +18,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
+from framework.kinematics.assembly import passive_columns
+from framework.kinematics.frames import offset
 from framework.kinematics.inverse_kinematics import Motion
 from framework.model import ParallelRobot
 
@@ -31,12 +33,15 @@ class Forces(NamedTuple):
 
 
 def tree_forces(robot: ParallelRobot, motion: Motion) -> Array:
-    """RNEA of the open tree, (T, nv)."""
+    """RNEA of the open tree and the springs on its own joints, (T, nv)."""
     model = robot.model
     data = model.createData()
-    forces = np.empty((len(motion.q), model.nv))
+    forces: Array = np.empty((len(motion.q), model.nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         forces[k] = pin.rnea(model, data, q, v, a)
+    if robot.joint_stiffness.any():
+        turned = offset(robot, pin.neutral(model), motion.q)
+        forces = forces + np.asarray(robot.joint_stiffness * (turned - robot.joint_rest), dtype=float)
     return forces
 
 
@@ -47,14 +52,32 @@ def loop_forces(robot: ParallelRobot, motion: Motion) -> Forces:
     """
     r = tree_forces(robot, motion)
     J = motion.system.closures
-    P = J[:, :, robot.passive]
-    passive = r[:, robot.passive]
+    columns = passive_columns(robot)
+    P, passive = J[:, :, columns], r[:, columns]
+    if P.shape[1] > P.shape[2]:
+        multipliers = _least_torque(robot, r, J, P)
+        held = r - np.einsum("tmv,tm->tv", J, multipliers)
+        return Forces(held[:, robot.actuated], held[:, robot.elastic], passive)
     try:
         multipliers = np.linalg.solve(P.transpose(0, 2, 1), passive[..., None])  # (T, m, 1)
     except np.linalg.LinAlgError:
         multipliers = np.array([_solve_or_infinite(p.T, f) for p, f in zip(P, passive, strict=True)])
     held = r - np.einsum("tmv,tm->tv", J, multipliers[..., 0])
     return Forces(held[:, robot.actuated], held[:, robot.elastic], passive)
+
+
+def _least_torque(robot: ParallelRobot, r: Array, J: Array, P: Array) -> Array:
+    """Multipliers (T, m) of a robot with redundant motors: those of the least motor torques.
+
+    P' lambda = r_p leaves m - n_p of them open; they are chosen so that the sum of squares of
+    tau_joint / n, the motor torques without the rotors, is least.
+    """
+    transposed = P.transpose(0, 2, 1)
+    some = np.linalg.pinv(transposed) @ r[:, passive_columns(robot), None]
+    free = np.linalg.svd(transposed)[2][:, P.shape[2] :].transpose(0, 2, 1)  # (T, m, m - n_p)
+    through_gear = J[:, :, robot.actuated].transpose(0, 2, 1) / robot.gear_ratio[:, None]
+    wanted = r[:, robot.actuated, None] / robot.gear_ratio[:, None] - through_gear @ some
+    return (some + free @ (np.linalg.pinv(through_gear @ free) @ wanted))[..., 0]
 
 
 def _solve_or_infinite(matrix: Array, right: Array) -> Array:

@@ -28,9 +28,9 @@ from framework.errors import (
     point,
 )
 from framework.kinematics.frames import move, offset
-from framework.kinematics.inverse_kinematics import close_loops, motion_at, system_at
+from framework.kinematics.inverse_kinematics import close_loops, mode_signs, motion_at, system_at
 from framework.kinematics.locus import SingularPoint, locate_singularities
-from framework.kinematics.singularity import Border, bordered, passive_matrix, uncontrolled_motion
+from framework.kinematics.singularity import Border, bordered, measured_matrix, uncontrolled_motion
 from framework.kinematics.tracking import Track, track_path
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid, real_roots
@@ -267,7 +267,7 @@ def _deformed_passage(result: InverseDynamics, near: Passage) -> Passage:
         times = np.clip([t - h, t, t + h], 0.0, result.duration)
         q = result.configuration(times)
         system = system_at(robot, q, result.platform(times))
-        P = passive_matrix(robot, system)
+        P = measured_matrix(robot, system)
         g = bordered(P, Border.of(P[1])).g
         step = -g[1] * (times[2] - times[0]) / (g[2] - g[0])
         t = float(np.clip(t + step, 0.0, result.duration))
@@ -357,8 +357,7 @@ def _closure_error_between(result: InverseDynamics, grid: TimeGrid) -> float:
 
 def _check_passages(robot: ParallelRobot, state: Deflected, passages: tuple[Passage, ...]) -> None:
     """The assembly mode must change exactly at the known passages."""
-    P = state.motion.system.closures[:, :, robot.passive]
-    signs = np.sign(np.linalg.slogdet(P)[0])
+    signs = mode_signs(robot, state.motion.system)[1]
     times = state.grid.times
     for k in np.flatnonzero(signs[1:] != signs[:-1]):
         if not any(times[k] <= passage.time <= times[k + 1] for passage in passages):

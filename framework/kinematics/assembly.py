@@ -9,13 +9,9 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.errors import NotAssembled
-from framework.kinematics.closures import (
-    column_scale,
-    loop_equations,
-    platform_coordinates,
-    scaled,
-)
+from framework.kinematics.closures import column_scale, loop_equations, scaled
 from framework.kinematics.frames import frames_at, move
+from framework.kinematics.platform import platform_coordinates, platform_jacobian
 from framework.model import ParallelRobot
 from framework.model.parallel_robot import LoopRows
 
@@ -106,6 +102,33 @@ def independent_rows(robot: ParallelRobot) -> IntArray:
     diagonal = np.abs(np.diag(upper))
     rank = int(np.sum(diagonal > REDUNDANT * diagonal[0]))
     return np.sort(order[:rank])
+
+
+@lru_cache(maxsize=128)
+def idle_columns(robot: ParallelRobot) -> IntArray:
+    """Passive joints to hold still because their motion moves nothing, such as a rod about its axis.
+
+    Passive motions that neither the loops nor the platform feel at the reference; one joint of each is
+    chosen by pivoting. They carry no load as long as the body that they turn is balanced about them.
+    """
+    from scipy.linalg import qr
+
+    at = frames_at(robot, reference_configuration(robot).q[None])
+    loops = scaled(robot, loop_equations(robot.rows, at).jacobian, robot.rows)[0]
+    felt = np.concatenate([scaled(robot, platform_jacobian(robot, at), None)[0], loops])
+    passive = felt[:, robot.passive]
+    if not passive.shape[1]:
+        return np.empty(0, dtype=np.intp)
+    values, right = np.linalg.svd(passive)[1:]
+    rank = int(np.sum(values > REDUNDANT * max(float(values[0]), 1.0)))
+    order = qr(right[rank:], mode="r", pivoting=True)[1]
+    return np.sort(robot.passive[order[: len(robot.passive) - rank]])
+
+
+@lru_cache(maxsize=128)
+def passive_columns(robot: ParallelRobot) -> IntArray:
+    """The passive joints that follow the platform and the motors: all but the idle ones."""
+    return np.setdiff1d(robot.passive, idle_columns(robot))
 
 
 @lru_cache(maxsize=128)

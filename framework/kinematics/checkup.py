@@ -48,7 +48,7 @@ def check_robot(robot: ParallelRobot) -> Checkup:
     kept = independent_rows(robot)
     names = robot.rows.names
     mobility = len(moving_columns(robot)) - len(kept)
-    square = robot.n == robot.n_a == mobility
+    square = robot.n == mobility <= robot.n_a
     system = reference_system(robot)
     working, assembly, smallest = 0, 0, float("nan")
     if square:

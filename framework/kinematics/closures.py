@@ -1,4 +1,4 @@
-"""The loop equations closures(q) = 0 and the platform coordinates, with Jacobian and drift, stacked.
+"""The loop equations closures(q) = 0 with Jacobian and drift, stacked.
 
 Built from frame Jacobians alone. One table of rows (`ParallelRobot.rows`) serves every kind of joint:
 a kind is data, not code.
@@ -35,22 +35,25 @@ def loop_equations(rows: LoopRows, at: FrameStack) -> LoopEquations:
     """closures(q) and its derivative.
 
     Translation: d/dt e.d = e.(v2 - v1) + (e x d).w1 with e carried by the first frame.
-    Rotation: d/dt u.w = (u x w).(w1 - w2).
+    Rotation: d/dt u.w = (u x w).(w1 - w2). Distance L: d/dt (d.d - L^2) / 2L = (d / L).(v2 - v1).
     """
     e, w, d = _row_vectors(rows, at)
     first, second = at.jacobian[:, rows.first], at.jacobian[:, rows.second]  # (T, m, 6, nv)
-    if not rows.rotation.any():
+    if rows.only_translations:
         residual = np.einsum("tmi,tmi->tm", e, d)
         jacobian = np.einsum("tmi,tmiv->tmv", e, second[:, :, :3] - first[:, :, :3])
         jacobian += np.einsum("tmi,tmiv->tmv", cross(e, d), first[:, :, 3:])
         return LoopEquations(residual, jacobian)
-    turning = rows.rotation[:, None]
+    turning, distance = rows.rotation[:, None], rows.distance[:, None]
+    length = np.where(rows.distance, rows.length, 1.0)
     other = np.where(turning, rows.sign[:, None] * w, d)
-    arm = cross(e, other)
-    jacobian = np.einsum("tmi,tmiv->tmv", np.where(turning, 0.0, e), second[:, :, :3] - first[:, :, :3])
+    linear = np.where(turning, 0.0, np.where(distance, d / length[:, None], e))
+    arm = np.where(distance, 0.0, cross(e, other))
+    jacobian = np.einsum("tmi,tmiv->tmv", linear, second[:, :, :3] - first[:, :, :3])
     jacobian += np.einsum("tmi,tmiv->tmv", arm, first[:, :, 3:])
     jacobian -= np.einsum("tmi,tmiv->tmv", np.where(turning, arm, 0.0), second[:, :, 3:])
-    return LoopEquations(np.einsum("tmi,tmi->tm", e, other), jacobian)
+    gap = (np.einsum("tmi,tmi->tm", d, d) - length**2) / (2 * length)
+    return LoopEquations(np.where(rows.distance, gap, np.einsum("tmi,tmi->tm", e, other)), jacobian)
 
 
 def closure_drift(rows: LoopRows, at: FrameStack, v: Array, acceleration: Array) -> Array:
@@ -69,11 +72,14 @@ def closure_drift(rows: LoopRows, at: FrameStack, v: Array, acceleration: Array)
         return rate, cross(alpha, axis) + cross(omega, rate)
 
     de, dde = swept(e, twist1[..., 3:], acc1[..., 3:])
-    dw, ddw = swept(w, twist2[..., 3:], acc2[..., 3:])
     dd, ddd = twist2[..., :3] - twist1[..., :3], acc2[..., :3] - acc1[..., :3]
-    translation = dde * d + 2 * de * dd + e * ddd
-    rotation = rows.sign[:, None] * (dde * w + 2 * de * dw + e * ddw)
-    return np.sum(np.where(rows.rotation[:, None], rotation, translation), axis=-1)
+    translation = np.sum(dde * d + 2 * de * dd + e * ddd, axis=-1)
+    if rows.only_translations:
+        return translation
+    dw, ddw = swept(w, twist2[..., 3:], acc2[..., 3:])
+    rotation = rows.sign * np.sum(dde * w + 2 * de * dw + e * ddw, axis=-1)
+    distance = np.sum(dd * dd + d * ddd, axis=-1) / np.where(rows.distance, rows.length, 1.0)
+    return np.where(rows.rotation, rotation, np.where(rows.distance, distance, translation))
 
 
 def _row_vectors(rows: LoopRows, at: FrameStack) -> tuple[Array, Array, Array]:
@@ -106,39 +112,3 @@ def column_scale(robot: ParallelRobot) -> Array:
             scale[joint.idx_v] = robot.length
     scale.flags.writeable = False
     return scale
-
-
-# ------------------------------------------------------------------ the platform
-
-
-def platform_coordinates(robot: ParallelRobot, at: FrameStack) -> Array:
-    """Coordinates x (T, n) of the platform on its axes, in the base frame [m, rad].
-
-    The coordinate of a platform that turns about one axis is its twist angle about that axis.
-    """
-    axes = robot.platform_axes
-    x = np.empty((len(at.position), robot.n))
-    x[:, axes < 3] = at.position[:, 0, axes[axes < 3]]
-    turning = axes[axes >= 3] - 3
-    if len(turning) == 1:
-        x[:, axes >= 3] = _twist_angle(at.rotation[:, 0], int(turning[0]))[:, None]
-    return x
-
-
-def platform_residual(robot: ParallelRobot, at: FrameStack, x: Array) -> Array:
-    """platform(q) - x, (T, n); differences of one angle are taken the short way round."""
-    difference = platform_coordinates(robot, at) - x
-    turning = robot.platform_axes >= 3
-    difference[:, turning] = np.mod(difference[:, turning] + np.pi, 2 * np.pi) - np.pi
-    return difference
-
-
-def platform_jacobian(robot: ParallelRobot, at: FrameStack) -> Array:
-    """Derivative (T, n, nv) of the platform's twist on its axes along pinocchio's velocity vector."""
-    return at.jacobian[:, 0, robot.platform_axes]
-
-
-def _twist_angle(rotation: Array, axis: int) -> Array:
-    """Angle (T,) about one base axis in the swing-twist decomposition of rotations (T, 3, 3)."""
-    j, k = (axis + 1) % 3, (axis + 2) % 3
-    return np.arctan2(rotation[:, k, j] - rotation[:, j, k], rotation[:, j, j] + rotation[:, k, k])

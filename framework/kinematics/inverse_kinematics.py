@@ -14,15 +14,10 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput, NotAssembled
-from framework.kinematics.assembly import LONGEST_STEP, loop_rows, reference_configuration
-from framework.kinematics.closures import (
-    closure_drift,
-    column_scale,
-    loop_equations,
-    platform_jacobian,
-    platform_residual,
-)
+from framework.kinematics.assembly import LONGEST_STEP, loop_rows, passive_columns, reference_configuration
+from framework.kinematics.closures import closure_drift, column_scale, loop_equations
 from framework.kinematics.frames import FrameStack, drift_accelerations, frames_at, move
+from framework.kinematics.platform import platform_jacobian, platform_residual, platform_twist
 from framework.model import ParallelRobot
 
 # A Newton step this small leaves an error of its square: rounding. In radians and robot lengths.
@@ -52,9 +47,10 @@ class System(NamedTuple):
 
 @dataclass(frozen=True)
 class ClosedStack:
-    """T configurations `q` (T, nq) on the prescribed x, with the equations `system` there."""
+    """T configurations `q` (T, nq) on the prescribed `x` (T, n), with the equations `system` there."""
 
     q: Array
+    x: Array
     system: System
 
 
@@ -70,18 +66,19 @@ class Motion:
 
 def moving_columns(robot: ParallelRobot) -> IntArray:
     """The columns that follow when x and q_e are given: actuated, then passive."""
-    return np.concatenate([robot.actuated, robot.passive])
+    return np.concatenate([robot.actuated, passive_columns(robot)])
 
 
 def require_square(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless x and the loops determine all joints, and motors match the mobility."""
+    """Raise InvalidInput unless x and the loops determine all joints, and there are motors enough."""
     loops = len(loop_rows(robot).names)
-    mobility = robot.n_a + robot.n_p - loops
-    if not robot.n == robot.n_a == mobility:
+    joints = len(moving_columns(robot))
+    mobility = joints - loops
+    if not robot.n == mobility <= robot.n_a:
         raise InvalidInput(
             f"{robot.name}: {robot.n} platform axes, {robot.n_a} actuators, {mobility} degrees of "
-            f"freedom ({robot.n_a + robot.n_p} joints less {loops} independent loop equations); "
-            f"planning needs these three numbers to be equal"
+            f"freedom ({joints} joints less {loops} independent loop equations); planning needs as many "
+            f"platform axes as degrees of freedom, and no fewer actuators"
         )
 
 
@@ -109,7 +106,7 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
     for _ in range(ITERATIONS):
         system = system_at(robot, q, x)
         if largest < LAST_STEP:
-            return ClosedStack(q, system)
+            return ClosedStack(q, x, system)
         try:
             newton = -np.linalg.solve(system.jacobian[:, :, columns], system.residual[..., None])
         except np.linalg.LinAlgError:
@@ -134,11 +131,7 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
 
 
 def joint_rates(robot: ParallelRobot, system: System, platform: Array, elastic: Array) -> Array:
-    """All joint rates (T, nv) for platform twists (T, n) and deflection rates (T, n_e).
-
-    Also solves for accelerations, when `platform` and the loops' drift are passed as
-    right-hand side: see `motion_at`.
-    """
+    """All joint rates (T, nv) for platform twists (T, n) and deflection rates (T, n_e)."""
     right = np.zeros((len(platform), system.residual.shape[1]))
     right[:, : platform.shape[1]] = platform
     return _solve_rates(robot, system, right, elastic)
@@ -167,11 +160,12 @@ def motion_at(
     dq_e = nothing if dq_e is None else dq_e
     ddq_e = nothing if ddq_e is None else ddq_e
     system = closed.system
-    v = joint_rates(robot, system, dx, dq_e)
+    twist, dtwist = platform_twist(robot, closed.x, dx, ddx)
+    v = joint_rates(robot, system, twist, dq_e)
     acceleration = drift_accelerations(robot, closed.q, v)
     drift = closure_drift(loop_rows(robot), system.frames, v, acceleration)
     platform_drift = acceleration[:, 0, robot.platform_axes]
-    right = np.concatenate([ddx - platform_drift, -drift], axis=1)
+    right = np.concatenate([dtwist - platform_drift, -drift], axis=1)
     return Motion(closed.q, v, _solve_rates(robot, system, right, ddq_e), system)
 
 
@@ -179,10 +173,12 @@ def mode_signs(robot: ParallelRobot, system: System) -> tuple[Array, Array]:
     """Signs (T,) of the working mode and of the assembly mode.
 
     The sign of det [dF/dq] changes at Type 1 singularities, the sign of the determinant of the
-    passive columns of the loops at Type 2.
+    passive columns of the loops at Type 2 (of a robot without redundant motors; else it is 1).
     """
     working = np.linalg.slogdet(system.jacobian[:, :, moving_columns(robot)])[0]
-    return working, np.linalg.slogdet(system.closures[:, :, robot.passive])[0]
+    passive = system.closures[:, :, passive_columns(robot)]
+    square = passive.shape[1] == passive.shape[2]
+    return working, np.linalg.slogdet(passive)[0] if square else np.ones(len(passive))
 
 
 def reference_system(robot: ParallelRobot) -> System:

@@ -22,7 +22,7 @@ from framework.kinematics.inverse_kinematics import System, moving_columns, syst
 from framework.kinematics.singularity import (
     Border,
     bordered,
-    passive_matrix,
+    measured_matrix,
     uncontrolled_motion,
 )
 from framework.kinematics.tracking import Track, track_path, weakest_leg
@@ -77,7 +77,7 @@ def locate_singularities(
         return np.concatenate(both, axis=1)[:, :, moving_columns(robot)]
 
     def passive(system: System) -> Array:
-        return passive_matrix(robot, system)
+        return measured_matrix(robot, system)
 
     samples = _Samples(track, {})
     try:
@@ -220,7 +220,7 @@ def _singular_point(track: Track, s: float, contact: str) -> SingularPoint:
     h = 1e-4
     at = np.clip([s - h, s, s + h], 0.0, 1.0)
     closed = track.closed(at)
-    P = passive_matrix(robot, closed.system)
+    P = measured_matrix(robot, closed.system)
     g = bordered(P, Border.of(P[1])).g
     # a border taken at the root knows no sign of det: give g the sign of det P beyond it
     sign = np.sign(g[2]) * np.linalg.slogdet(P[2])[0] if at[2] > s else 1.0

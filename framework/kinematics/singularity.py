@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.kinematics.assembly import loop_rows
+from framework.kinematics.assembly import loop_rows, passive_columns
 from framework.kinematics.closures import column_scale, scaled
 from framework.kinematics.inverse_kinematics import (
     System,
@@ -66,13 +66,24 @@ def bordered(matrices: Array, border: Border) -> Bordered:
 
 def passive_matrix(robot: ParallelRobot, system: System) -> Array:
     """P (T, m, n_p): passive columns of the independent loop equations, without dimension."""
-    return scaled(robot, system.closures, loop_rows(robot))[:, :, robot.passive]
+    return scaled(robot, system.closures, loop_rows(robot))[:, :, passive_columns(robot)]
+
+
+def measured_matrix(robot: ParallelRobot, system: System) -> Array:
+    """The square matrix (T, n_p, n_p) whose singularity is Type 2: P, or P'P with redundant motors.
+
+    With more motors than degrees of freedom P has more rows than columns; it loses rank at isolated
+    places at most, which P'P touches without crossing.
+    """
+    P = passive_matrix(robot, system)
+    return P if P.shape[1] == P.shape[2] else P.transpose(0, 2, 1) @ P
 
 
 def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
     """Joint rates (..., nv) of dimensionless passive rates eta (..., n_p)."""
     motion = np.zeros((*eta.shape[:-1], robot.model.nv))
-    motion[..., robot.passive] = eta * column_scale(robot)[robot.passive]
+    columns = passive_columns(robot)
+    motion[..., columns] = eta * column_scale(robot)[columns]
     return motion
 
 
@@ -132,7 +143,7 @@ def singularity_measure(robot: ParallelRobot, system: System) -> SingularityMeas
 
     T should be fine enough that P changes little from one instant to the next.
     """
-    P = passive_matrix(robot, system)
+    P = measured_matrix(robot, system)
     g, directions = np.empty(len(P)), np.empty(P.shape[:2])
     border = Border.of(P[0])
     for k in range(len(P)):

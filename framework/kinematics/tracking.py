@@ -26,6 +26,7 @@ from framework.kinematics.inverse_kinematics import (
     require_square,
     system_at,
 )
+from framework.kinematics.platform import platform_twist
 from framework.model import ParallelRobot
 from framework.motion.path import Line, Path
 
@@ -129,7 +130,9 @@ def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Track:
     mode = mode_signs(robot, system)[0]
     at, configurations, rates = [0.0], [q], []
     while True:
-        rate = joint_rates(robot, system, path(np.array([s]), 1), elastic)
+        here = np.array([s])
+        twist, _ = platform_twist(robot, path(here), path(here, 1))
+        rate = joint_rates(robot, system, twist, elastic)
         rates.append(rate)
         if s >= 1.0:
             break

@@ -13,12 +13,13 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
-from framework.kinematics.assembly import loop_rows
-from framework.kinematics.closures import platform_coordinates, scaled
+from framework.kinematics.assembly import loop_rows, passive_columns
+from framework.kinematics.closures import scaled
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import (
     system_at,
 )
+from framework.kinematics.platform import platform_coordinates
 from framework.model import ParallelRobot
 
 
@@ -44,12 +45,12 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
         raise InvalidInput(f"q must be {robot.model.nq} finite numbers, got {q.tolist()!r}")
     x = platform_coordinates(robot, frames_at(robot, q[None]))
     system = system_at(robot, q[None], x)
-    rows = loop_rows(robot)
+    rows, passive = loop_rows(robot), passive_columns(robot)
     balanced = np.concatenate(
         [scaled(robot, system.platform, None), scaled(robot, system.closures, rows)], axis=1
     )[0]
     # left null space N of the passive columns, in balanced units; then back to metres and radians
-    N = np.linalg.qr(balanced[:, robot.passive], mode="complete")[0][:, robot.n_p :]
+    N = np.linalg.qr(balanced[:, passive], mode="complete")[0][:, len(passive) :]
     turning = np.concatenate([robot.platform_axes >= 3, rows.rotation])
     N = N * np.where(turning, 1.0, 1.0 / robot.length)[:, None]
     jacobian = system.jacobian[0]

@@ -21,7 +21,7 @@ _LOCKED = {
     "spherical": ("x", "y", "z"),
     "planar": ("z", "rx", "ry"),  # its axis is the normal of the plane
 }
-CLOSURE_KINDS = tuple(_LOCKED)
+CLOSURE_KINDS = (*_LOCKED, "distance")
 
 
 def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
@@ -33,7 +33,7 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
         RobotFileError: unknown kind or axis.
     """
     if kind not in _LOCKED:
-        raise RobotFileError(choose_from("closure kind", kind, _LOCKED))
+        raise RobotFileError(choose_from("closure kind", kind, CLOSURE_KINDS))
     if axis not in ("x", "y", "z"):
         raise RobotFileError(choose_from("closure axis", axis, ("x", "y", "z")))
     turn = {"x": "yzx", "y": "zxy", "z": "xyz"}[axis]  # where x, y, z go when z goes to `axis`
@@ -66,11 +66,15 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Closure:
-    """Two frames and the axes of their relative pose, in the first frame, that are locked."""
+    """Two frames and the axes of their relative pose, in the first frame, that are locked.
+
+    A closure of kind distance locks no axis but the distance of the origins, `length` [m].
+    """
 
     name: str
     frames: tuple[str, str]
     axes: tuple[str, ...]
+    length: float | None = None
 
 
 @dataclass(frozen=True)
@@ -98,6 +102,19 @@ class Spring:
         if len(self.motion) <= 1:
             return (self.name,)
         return tuple(f"{self.name}_{axis}" for axis in self.motion)
+
+
+@dataclass(frozen=True)
+class JointSpring:
+    """A spring on a real joint of the URDF, there for every flexibility.
+
+    It pulls the `joint` to `rest` [rad, m] with `stiffness` [N m/rad, N/m], joint side of a gear.
+    """
+
+    name: str
+    joint: str
+    stiffness: float
+    rest: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -129,6 +146,7 @@ class RobotDescription:
     actuators: tuple[Actuator, ...]
     closures: tuple[Closure, ...]
     springs: tuple[Spring, ...] = ()
+    joint_springs: tuple[JointSpring, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     reference: Mapping[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -23,16 +24,23 @@ class LoopRows(NamedTuple):
     A translation row is e . (p2 - p1) = 0 with e the axis `first_axis` of the first frame. A rotation
     row is sign u . w = 0 with u the axis `first_axis` of the first and w the axis `second_axis` of the
     second frame (Haug's dot-1 primitive): polynomial in the rotation matrices, so it has no angle that
-    jumps, and to first order it is the relative rotation about the locked axis.
+    jumps, and to first order it is the relative rotation about the locked axis. A distance row is
+    (|p2 - p1|^2 - length^2) / (2 length) = 0, to first order the error in length.
     """
 
     first: IntArray  # (m,) frame, as index into ParallelRobot.frames
     second: IntArray  # (m,)
+    distance: NDArray[np.bool_]  # (m,)
     rotation: NDArray[np.bool_]  # (m,)
     first_axis: IntArray  # (m,)
     second_axis: IntArray  # (m,)
     sign: Array  # (m,)
+    length: Array  # (m,) [m], of distance rows
     names: tuple[str, ...]  # closure.axis
+
+    @property
+    def only_translations(self) -> bool:
+        return not (self.rotation.any() or self.distance.any())
 
     def take(self, rows: IntArray) -> LoopRows:
         """The table of some of the rows."""
@@ -58,6 +66,8 @@ class ParallelRobot:
     gear_ratio: Array  # (n_a,) motor angle over joint angle
     rotor_inertia: Array  # (n_a,) [kg m^2], motor side
     stiffness: Array  # (n_e,) [N/m] or [N m/rad]
+    joint_stiffness: Array  # (nv,) of springs on joints of the URDF, joint side
+    joint_rest: Array  # (nv,) where those springs are at rest
     elastic_names: tuple[str, ...]  # (n_e,)
     frames: tuple[int, ...]  # pinocchio frames whose motion the equations need; the platform is 0
     rows: LoopRows
@@ -135,7 +145,9 @@ class ParallelRobot:
         for closure in description.closures:
             frame_names += [name for name in closure.frames if name not in frame_names]
         frames = tuple(_frame(model, name) for name in frame_names)
-        q_near = _reference(model, description)
+        q_near = np.asarray(
+            pin.integrate(model, pin.neutral(model), _on_joints(model, description.reference))
+        )
         return ParallelRobot(
             description=description,
             flexibility=flexibility,
@@ -146,6 +158,8 @@ class ParallelRobot:
             gear_ratio=np.array([actuator.gear_ratio for actuator in description.actuators]),
             rotor_inertia=np.array([actuator.rotor_inertia for actuator in description.actuators]),
             stiffness=np.array([value for spring in springs for value in spring.stiffness]),
+            joint_stiffness=_on_joints(model, {s.joint: s.stiffness for s in description.joint_springs}),
+            joint_rest=_on_joints(model, {s.joint: s.rest for s in description.joint_springs}),
             elastic_names=tuple(elastic_names),
             frames=frames,
             rows=_loop_rows(description.closures, frame_names),
@@ -172,18 +186,28 @@ def _loop_rows(closures: tuple[Closure, ...], frame_names: list[str]) -> LoopRow
     names: list[str] = []
     for closure in closures:
         first, second = (frame_names.index(name) for name in closure.frames)
+        if closure.length is not None:
+            table.append((first, second, True, False, 0, 0, 1.0, closure.length))
+            names.append(f"{closure.name}.distance")
         locked = {AXES.index(axis) - 3 for axis in closure.axes if axis.startswith("r")}
         for axis in closure.axes:
             k = "xyz".index(axis[-1])
-            if axis.startswith("r"):
-                table.append((first, second, True, *_perpendicular_pair(k, locked)))
-            else:
-                table.append((first, second, False, k, 0, 1.0))
+            rotation = axis.startswith("r")
+            pair = _perpendicular_pair(k, locked) if rotation else (k, 0, 1.0)
+            table.append((first, second, False, rotation, *pair, 0.0))
             names.append(f"{closure.name}.{axis}")
     columns = np.array(table).T
-    first_frame, second_frame, rotation, first_axis, second_axis = columns[:5].astype(np.intp)
+    first_frame, second_frame, first_axis, second_axis = columns[[0, 1, 4, 5]].astype(np.intp)
     return LoopRows(
-        first_frame, second_frame, rotation > 0, first_axis, second_axis, columns[5], tuple(names)
+        first=first_frame,
+        second=second_frame,
+        distance=columns[2] > 0,
+        rotation=columns[3] > 0,
+        first_axis=first_axis,
+        second_axis=second_axis,
+        sign=columns[6],
+        length=columns[7],
+        names=tuple(names),
     )
 
 
@@ -203,12 +227,12 @@ def _perpendicular_pair(locked_axis: int, locked: set[int]) -> tuple[int, int, f
     return first, second, -1.0 if first == following else 1.0
 
 
-def _reference(model: pin.Model, description: RobotDescription) -> Array:
-    """The configuration that the robot file gives, zero where it is silent."""
-    angles = np.zeros(model.nv)
-    for name, value in description.reference.items():
-        angles[model.joints[model.getJointId(name)].idx_v] = value
-    return np.asarray(pin.integrate(model, pin.neutral(model), angles))
+def _on_joints(model: pin.Model, values: Mapping[str, float]) -> Array:
+    """A vector (nv,) with values by joint name, zero elsewhere."""
+    vector = np.zeros(model.nv)
+    for name, value in values.items():
+        vector[model.joints[model.getJointId(name)].idx_v] = value
+    return vector
 
 
 def _length(model: pin.Model, q: Array) -> float:

@@ -9,15 +9,17 @@ import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import yaml
 
 from framework.errors import RobotFileError, choose_from
+from framework.model.additions import AddedFrame, add_frames, free_root
 from framework.model.description import (
     AXES,
     Actuator,
     Closure,
+    JointSpring,
     Platform,
     RobotDescription,
     Scene,
@@ -58,7 +60,27 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
     if version != VERSION:
         raise RobotFileError(f"version: got {version}, this program reads version {VERSION}")
     urdf_path = path.parent / top.required("urdf", _text)
-    urdf_text, joints, frames = _read_urdf(urdf_path)
+    text = _file_text(urdf_path)
+    if (
+        top.optional("root", lambda at, value: _one_of("root", at, value, ("fixed", "free")), "fixed")
+        == "free"
+    ):
+        _parse_urdf(urdf_path, text)
+        text = free_root(text)
+    links = _parse_urdf(urdf_path, text).links
+
+    def added(entry: _Mapping) -> AddedFrame:
+        return AddedFrame(
+            name=entry.required("name", _text),
+            parent=_one_of("link", f"{entry.where}parent", entry.required("parent", _any), links),
+            xyz=entry.optional("xyz", _vector3, (0.0, 0.0, 0.0)),
+            rpy=entry.optional("rpy", _vector3, (0.0, 0.0, 0.0)),
+        )
+
+    urdf_text = add_frames(text, top.sections("frames", added) if top.has("frames") else ())
+    _, joints, frames = _parse_urdf(urdf_path, urdf_text)
+
+    movable = {name: kind for name, kind in joints.items() if kind != "fixed"}
 
     def joint(where: str, value: Any) -> str:
         return _one_of("joint", where, value, joints)
@@ -68,9 +90,10 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
 
     def platform(entry: _Mapping) -> Platform:
         axes = entry.required("axes", _axes)
-        if sum(axis.startswith("r") for axis in axes) > 1:
+        if sum(axis.startswith("r") for axis in axes) == 2:
             raise RobotFileError(
-                f"{entry.where}axes: got {list(axes)}; at most one of rx, ry, rz is supported"
+                f"{entry.where}axes: got {list(axes)}; a platform turns about none, one or all three of "
+                f"rx, ry, rz"
             )
         return Platform(entry.required("frame", frame), axes)
 
@@ -87,6 +110,9 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
         pair = _list(frame)(f"{entry.where}frames", entry.required("frames", _any))
         if len(pair) != 2 or pair[0] == pair[1]:
             raise RobotFileError(f"{entry.where}frames: needs two different frames, got {list(pair)}")
+        if entry.has("kind") and entry.content["kind"] == "distance":
+            length = entry.required("length", _positive)
+            return Closure(entry.required("name", _text), (pair[0], pair[1]), (), length)
         if entry.has("kind") == entry.has("axes"):
             raise RobotFileError(f"{entry.where[:-1]}: needs either kind or axes, and not both")
         if entry.has("axes"):
@@ -100,7 +126,14 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
                 raise RobotFileError(f"{entry.where}kind: {error}") from None
         return Closure(entry.required("name", _text), (pair[0], pair[1]), axes)
 
-    def spring(entry: _Mapping) -> Spring:
+    def spring(entry: _Mapping) -> Spring | JointSpring:
+        if entry.has("joint"):
+            return JointSpring(
+                name=entry.required("name", _text),
+                joint=_one_of("joint", f"{entry.where}joint", entry.required("joint", _any), movable),
+                stiffness=entry.required("stiffness", _positive),
+                rest=entry.optional("rest", _number, 0.0),
+            )
         motion = (
             ()
             if entry.optional("motion", _text_or_list, "own") == "own"
@@ -121,8 +154,6 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
             )
         return Spring(entry.required("name", _text), part, after, motion, stiffness)
 
-    movable = {name: kind for name, kind in joints.items() if kind != "fixed"}
-
     def reference(entry: _Mapping) -> Mapping[str, float]:
         for name in entry.content:
             _one_of("joint", f"{entry.where}{name}", name, movable)
@@ -134,6 +165,7 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
             for name in entry.content
         }
 
+    springs = top.sections("springs", spring) if top.has("springs") else ()
     description = RobotDescription(
         name=path.stem,
         file=path,
@@ -141,7 +173,8 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
         platform=top.section("platform", platform),
         actuators=top.sections("actuators", actuator),
         closures=top.sections("closures", closure),
-        springs=top.sections("springs", spring) if top.has("springs") else (),
+        springs=tuple(found for found in springs if isinstance(found, Spring)),
+        joint_springs=tuple(found for found in springs if isinstance(found, JointSpring)),
         gravity=top.optional("gravity", _vector3, (0.0, 0.0, -9.81)),
         reference=top.section("reference", reference) if top.has("reference") else {},
         scenes=top.section("scenes", scenes) if top.has("scenes") else {},
@@ -206,13 +239,23 @@ def _check_names(description: RobotDescription, joints: Mapping[str, str], frame
 # ------------------------------------------------------------------ the URDF, as far as names go
 
 
-def _read_urdf(path: Path) -> tuple[str, dict[str, str], list[str]]:
-    """Text, joint types by name, and all frame names (links and joints) of a URDF."""
+class _Urdf(NamedTuple):
+    links: list[str]
+    joints: dict[str, str]  # type by name
+    names: list[str]  # of all frames, links and joints
+
+
+def _file_text(path: Path) -> str:
     try:
-        text = path.read_text(encoding="utf-8")
-        root = ElementTree.fromstring(text)
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise RobotFileError(f"urdf: cannot read {path}: {_reason(error)}") from None
+
+
+def _parse_urdf(path: Path, text: str) -> _Urdf:
+    """Names of a URDF; refuses what is no tree of fixed, revolute, continuous and prismatic joints."""
+    try:
+        root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise RobotFileError(f"urdf: {path} is not well-formed XML: {error}") from None
     if root.tag != "robot":
@@ -256,7 +299,7 @@ def _read_urdf(path: Path) -> tuple[str, dict[str, str], list[str]]:
         raise RobotFileError(f"urdf: {path}: needs exactly one root link, got {roots or 'none'}")
     for element in root.iter("mass"):
         _xml_number(f"urdf: {path}: mass", element.get("value", ""))
-    return text, joints, names
+    return _Urdf(links, joints, names)
 
 
 def _xml_number(where: str, text: str) -> float:

@@ -1,0 +1,130 @@
+"""The platform's coordinates x, its twist v, and how the rates of one make the other.
+
+Translations are the coordinates of the frame's origin in the base frame [m]. A platform that turns about one
+axis has the twist angle about that base axis as coordinate [rad], counted on through full turns. One that
+turns about all three has the rotation vector of its frame with respect to the base: smooth, without an
+order of angles, singular only at a whole turn. v is (linear, angular) at the frame's origin on base axes,
+so v = T(x) dx with T the left Jacobian of SO(3) in the last case and the identity in all others.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.kinematics.closures import cross
+from framework.kinematics.frames import FrameStack
+from framework.model import ParallelRobot
+
+
+def platform_coordinates(robot: ParallelRobot, at: FrameStack) -> Array:
+    """Coordinates x (T, n) of the platform on its axes, in the base frame [m, rad]."""
+    axes = robot.platform_axes
+    turning = axes >= 3
+    x = np.empty((len(at.position), robot.n))
+    x[:, ~turning] = at.position[:, 0, axes[~turning]]
+    if turning.sum() == 1:
+        x[:, turning] = _twist_angle(at.rotation[:, 0], int(axes[turning][0]) - 3)[:, None]
+    elif turning.any():
+        x[:, turning] = _logarithm(at.rotation[:, 0])[:, axes[turning] - 3]
+    return x
+
+
+def platform_residual(robot: ParallelRobot, at: FrameStack, x: Array) -> Array:
+    """How far the platform is from x, (T, n); turns are taken the short way round."""
+    axes = robot.platform_axes
+    turning = axes >= 3
+    if turning.sum() < 2:
+        difference = platform_coordinates(robot, at) - x
+        if turning.any():
+            difference[:, turning] = np.mod(difference[:, turning] + np.pi, 2 * np.pi) - np.pi
+        return difference
+    difference = np.empty((len(x), robot.n))
+    difference[:, ~turning] = at.position[:, 0, axes[~turning]] - x[:, ~turning]
+    target = rotation_matrix(_whole_vector(robot, x))
+    turn = _logarithm(at.rotation[:, 0] @ target.transpose(0, 2, 1))
+    difference[:, turning] = turn[:, axes[turning] - 3]
+    return difference
+
+
+def platform_jacobian(robot: ParallelRobot, at: FrameStack) -> Array:
+    """Derivative (T, n, nv) of the platform's twist on its axes along pinocchio's velocity vector."""
+    return at.jacobian[:, 0, robot.platform_axes]
+
+
+def platform_twist(
+    robot: ParallelRobot, x: Array, dx: Array, ddx: Array | None = None
+) -> tuple[Array, Array]:
+    """Twist v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
+    ddx = np.zeros_like(dx) if ddx is None else ddx
+    turning = robot.platform_axes >= 3
+    if turning.sum() < 2:
+        return dx, ddx
+    order = robot.platform_axes[turning] - 3
+    r, dr, ddr = (_whole_vector(robot, part) for part in (x, dx, ddx))
+    a, da, b, db = _left_jacobian_series(np.sum(r * r, axis=1), np.sum(r * dr, axis=1))
+    swept, swept_twice = cross(r, dr), cross(r, cross(r, dr))
+    omega = dr + a * swept + b * swept_twice
+    alpha = (
+        ddr
+        + a * cross(r, ddr)
+        + da * swept
+        + b * (cross(dr, swept) + cross(r, cross(r, ddr)))
+        + db * swept_twice
+    )
+    v, dv = dx.copy(), ddx.copy()
+    v[:, turning], dv[:, turning] = omega[:, order], alpha[:, order]
+    return v, dv
+
+
+def rotation_matrix(vector: Array) -> Array:
+    """Rotation matrices (T, 3, 3) of rotation vectors (T, 3) [rad]."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+
+
+def _logarithm(rotation: Array) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())
+
+
+def _whole_vector(robot: ParallelRobot, x: Array) -> Array:
+    """The rotation vector (T, 3) among coordinates (T, n)."""
+    turning = robot.platform_axes >= 3
+    vector = np.zeros((len(x), 3))
+    vector[:, robot.platform_axes[turning] - 3] = x[:, turning]
+    return vector
+
+
+def _left_jacobian_series(square: Array, half_rate: Array) -> tuple[Array, Array, Array, Array]:
+    """a = (1 - cos t) / t^2, b = (t - sin t) / t^3 and their time derivatives, each (T, 1).
+
+    `square` is t^2, `half_rate` half its time derivative. Below one radian by their series, which the
+    closed forms lose to cancellation.
+    """
+    small = square < 1.0
+    t = np.sqrt(np.where(small, 1.0, square))
+    a_series, b_series, da_series, db_series = (np.zeros_like(square) for _ in range(4))
+    term_a, term_b = 0.5, 1.0 / 6.0
+    for k in range(12):  # the last term is below 1e-17 for t < 1
+        power = square**k
+        a_series += term_a * power
+        b_series += term_b * power
+        term_a /= -(2 * k + 3) * (2 * k + 4)
+        term_b /= -(2 * k + 4) * (2 * k + 5)
+        da_series += term_a * (k + 1) * power  # derivative with respect to t^2
+        db_series += term_b * (k + 1) * power
+    a = np.where(small, a_series, (1 - np.cos(t)) / t**2)
+    b = np.where(small, b_series, (t - np.sin(t)) / t**3)
+    da = np.where(small, da_series, (t * np.sin(t) - 2 * (1 - np.cos(t))) / (2 * t**4))
+    db = np.where(small, db_series, (t * (1 - np.cos(t)) - 3 * (t - np.sin(t))) / (2 * t**5))
+    rate = (2 * half_rate)[:, None]
+    return a[:, None], da[:, None] * rate, b[:, None], db[:, None] * rate
+
+
+def _twist_angle(rotation: Array, axis: int) -> Array:
+    """Angle (T,) about one base axis in the swing-twist decomposition of rotations (T, 3, 3)."""
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    return np.arctan2(rotation[:, k, j] - rotation[:, j, k], rotation[:, j, j] + rotation[:, k, k])
