@@ -55,8 +55,7 @@ def loop_forces(robot: ParallelRobot, motion: Motion) -> Forces:
     columns = passive_columns(robot)
     P, passive = J[:, :, columns], r[:, columns]
     if P.shape[1] > P.shape[2]:
-        multipliers = _least_torque(robot, r, J, P)
-        held = r - np.einsum("tmv,tm->tv", J, multipliers)
+        held = r - np.einsum("tmv,tm->tv", J, _least_torque(robot, r, J, P))
         return Forces(held[:, robot.actuated], held[:, robot.elastic], passive)
     try:
         multipliers = np.linalg.solve(P.transpose(0, 2, 1), passive[..., None])  # (T, m, 1)
