@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
@@ -43,7 +45,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except _Misuse as misuse:
         print(f"crossing: {misuse}", file=sys.stderr)
         return 2
-    print(json.dumps(document, allow_nan=False) if options.json else text)
+    try:
+        print(json.dumps(document, allow_nan=False) if options.json else text, flush=True)
+    except BrokenPipeError:  # whoever reads has seen enough, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 
@@ -305,6 +310,8 @@ class _Misuse(Exception):
 class _OneLineParser(argparse.ArgumentParser):
     def __init__(self, **settings: Any) -> None:
         super().__init__(allow_abbrev=False, **settings)
+        # argparse takes -1e-3 for an option: its pattern for negative numbers knows no exponents
+        self._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 
     def error(self, message: str) -> NoReturn:
         raise _Misuse(f"{message} (see `{self.prog} --help`)")

@@ -21,19 +21,30 @@ def written_together(folder: Path) -> Iterator[Path]:
     Raises:
         OutputError: `folder` cannot be made or written.
     """
-    made = not folder.exists()
+    new = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
     except OSError as error:
+        _remove_empty(new)
         raise OutputError(f"--out: cannot write into {folder}: {error.strerror or error}") from None
     try:
         yield temporary
-        for file in temporary.iterdir():
+        files = sorted(temporary.iterdir())
+        for file in files:
+            if (folder / file.name).is_dir():
+                raise OutputError(f"--out: cannot write into {folder}: {file.name} is a folder there")
+        for file in files:
             os.replace(file, folder / file.name)
     except OSError as error:
         raise OutputError(f"--out: cannot write into {folder}: {error.strerror or error}") from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-        if made and not any(folder.iterdir()):
+        _remove_empty(new)
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    """Remove folders made for nothing, the deepest first."""
+    for folder in folders:
+        if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()

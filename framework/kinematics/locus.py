@@ -83,7 +83,7 @@ def locate_singularities(
     try:
         type_1 = [s for s, _ in _contacts(samples, mobile)]
     except _Unresolved as unresolved:  # the branch has a kink, or another one meets it
-        type_1 = [unresolved.s]
+        type_1 = [round(unresolved.s, 3)]  # known to the width of a panel
     if type_1:
         raise _type_1(track, type_1[0])
     return tuple(_singular_point(track, s, contact) for s, contact in _contacts(samples, passive))

@@ -21,7 +21,7 @@ _LOCKED = {
     "spherical": ("x", "y", "z"),
     "planar": ("z", "rx", "ry"),  # its axis is the normal of the plane
 }
-CLOSURE_KINDS = (*_LOCKED, "distance")
+CLOSURE_KINDS = tuple(_LOCKED)  # those that lock axes; `distance` locks none
 
 
 def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
@@ -33,7 +33,7 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
         RobotFileError: unknown kind or axis.
     """
     if kind not in _LOCKED:
-        raise RobotFileError(choose_from("closure kind", kind, CLOSURE_KINDS))
+        raise RobotFileError(choose_from("closure kind", kind, (*_LOCKED, "distance")))
     if axis not in ("x", "y", "z"):
         raise RobotFileError(choose_from("closure axis", axis, ("x", "y", "z")))
     turn = {"x": "yzx", "y": "zxy", "z": "xyz"}[axis]  # where x, y, z go when z goes to `axis`

@@ -6,10 +6,9 @@ Every complaint names the file and the key, says what was given and what is vali
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import yaml
 
@@ -26,6 +25,7 @@ from framework.model.description import (
     Spring,
     locked_axes,
 )
+from framework.model.urdf import parse_urdf, read_text
 from framework.model.virtual_joints import virtual_link
 
 T = TypeVar("T")
@@ -41,10 +41,7 @@ def read_robot_file(file: str | Path) -> RobotDescription:
             of the wrong type or length, not finite, or names something that the URDF does not have.
     """
     path = Path(file)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotFileError(f"{path}: cannot read the robot file: {_reason(error)}") from None
+    text = read_text(path, f"{path}: cannot read the robot file")
     try:
         content = yaml.load(text, Loader=_StrictLoader)
     except yaml.YAMLError as error:
@@ -60,14 +57,14 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
     if version != VERSION:
         raise RobotFileError(f"version: got {version}, this program reads version {VERSION}")
     urdf_path = path.parent / top.required("urdf", _text)
-    text = _file_text(urdf_path)
+    text = read_text(urdf_path, f"urdf: cannot read {urdf_path}")
     if (
         top.optional("root", lambda at, value: _one_of("root", at, value, ("fixed", "free")), "fixed")
         == "free"
     ):
-        _parse_urdf(urdf_path, text)
+        parse_urdf(urdf_path, text)
         text = free_root(text)
-    links = _parse_urdf(urdf_path, text).links
+    links = parse_urdf(urdf_path, text).links
 
     def added(entry: _Mapping) -> AddedFrame:
         return AddedFrame(
@@ -78,7 +75,8 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
         )
 
     urdf_text = add_frames(text, top.sections("frames", added) if top.has("frames") else ())
-    _, joints, frames = _parse_urdf(urdf_path, urdf_text)
+    urdf = parse_urdf(urdf_path, urdf_text)
+    joints, frames = urdf.joints, urdf.names
 
     movable = {name: kind for name, kind in joints.items() if kind != "fixed"}
 
@@ -110,6 +108,10 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
         pair = _list(frame)(f"{entry.where}frames", entry.required("frames", _any))
         if len(pair) != 2 or pair[0] == pair[1]:
             raise RobotFileError(f"{entry.where}frames: needs two different frames, got {list(pair)}")
+        if urdf.body(pair[0]) == urdf.body(pair[1]):
+            raise RobotFileError(
+                f"{entry.where}frames: {pair[0]!r} and {pair[1]!r} are on one rigid body: nothing to close"
+            )
         if entry.has("kind") and entry.content["kind"] == "distance":
             length = entry.required("length", _positive)
             return Closure(entry.required("name", _text), (pair[0], pair[1]), (), length)
@@ -161,16 +163,18 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
 
     def scenes(entry: _Mapping) -> Mapping[str, Scene]:
         return {
-            str(name): _scene(str(name), _Mapping(f"{entry.where}{name}.", entry.take(name)))
+            str(name): _scene(str(name), _Mapping(f"{entry.where}{name}.", entry.take(name)), axes)
             for name in entry.content
         }
 
     springs = top.sections("springs", spring) if top.has("springs") else ()
+    platform_read = top.section("platform", platform)
+    axes = platform_read.axes
     description = RobotDescription(
         name=path.stem,
         file=path,
         urdf_text=urdf_text,
-        platform=top.section("platform", platform),
+        platform=platform_read,
         actuators=top.sections("actuators", actuator),
         closures=top.sections("closures", closure),
         springs=tuple(found for found in springs if isinstance(found, Spring)),
@@ -184,7 +188,7 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
     return description
 
 
-def _scene(name: str, entry: _Mapping) -> Scene:
+def _scene(name: str, entry: _Mapping, axes: Sequence[str]) -> Scene:
     kinds = [kind for kind in PATH_KINDS if entry.has(kind)]
     if len(kinds) != 1:
         raise RobotFileError(
@@ -197,6 +201,11 @@ def _scene(name: str, entry: _Mapping) -> Scene:
             f"{entry.where}{kind}: needs {'at least ' if kind == 'spline' else ''}{PATH_KINDS[kind]} "
             f"points, got {len(points)}"
         )
+    for i, point in enumerate(points):
+        if len(point) != len(axes):
+            raise RobotFileError(
+                f"{entry.where}{kind}[{i}]: needs {len(axes)} numbers ({', '.join(axes)}), got {list(point)}"
+            )
     scene = Scene(
         name=name,
         kind=kind,
@@ -234,90 +243,6 @@ def _check_names(description: RobotDescription, joints: Mapping[str, str], frame
                 f"actuators: joint {actuator.joint!r} is {joints[actuator.joint]}; a motor needs a "
                 f"revolute, continuous or prismatic joint"
             )
-
-
-# ------------------------------------------------------------------ the URDF, as far as names go
-
-
-class _Urdf(NamedTuple):
-    links: list[str]
-    joints: dict[str, str]  # type by name
-    names: list[str]  # of all frames, links and joints
-
-
-def _file_text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotFileError(f"urdf: cannot read {path}: {_reason(error)}") from None
-
-
-def _parse_urdf(path: Path, text: str) -> _Urdf:
-    """Names of a URDF; refuses what is no tree of fixed, revolute, continuous and prismatic joints."""
-    try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise RobotFileError(f"urdf: {path} is not well-formed XML: {error}") from None
-    if root.tag != "robot":
-        raise RobotFileError(f"urdf: {path} is not a URDF: its root is <{root.tag}>, not <robot>")
-    links = [link.get("name", "") for link in root.findall("link")]
-    joints = {joint.get("name", ""): joint.get("type", "") for joint in root.findall("joint")}
-    names = [*links, *(joint.get("name", "") for joint in root.findall("joint"))]
-    for name in names:
-        if not name or links.count(name) > 1 or names.count(name) - links.count(name) > 1:
-            raise RobotFileError(f"urdf: {path}: the name {name!r} is empty or there twice")
-    children = []
-    for joint in root.findall("joint"):
-        label = f"urdf: {path}: joint {joint.get('name')!r}"
-        for end in ("parent", "child"):
-            element = joint.find(end)
-            link = element.get("link", "") if element is not None else ""
-            if link not in links:
-                raise RobotFileError(f"{label}: {end}: {choose_from('link', link, links)}")
-            if end == "child":
-                children.append(link)
-        if joint.find("mimic") is not None:
-            raise RobotFileError(f"{label}: mimic joints are not supported; use a closure instead")
-        if joint.get("type") not in ("fixed", "revolute", "continuous", "prismatic"):
-            raise RobotFileError(
-                f"{label}: type {joint.get('type')!r} (valid: fixed, revolute, continuous, prismatic)"
-            )
-        origin, axis = joint.find("origin"), joint.find("axis")
-        for element, key in ((origin, "xyz"), (origin, "rpy"), (axis, "xyz")):
-            if element is not None and element.get(key) is not None:
-                _xml_vector(f"{label}: {element.tag} {key}", element.get(key, ""))
-        if axis is not None and not any(map(float, axis.get("xyz", "1 0 0").split())):
-            raise RobotFileError(f"{label}: its axis is zero")
-    roots = [link for link in links if link not in children]
-    twice = [link for link in children if children.count(link) > 1]
-    if twice:
-        raise RobotFileError(
-            f"urdf: {path}: link {twice[0]!r} has two parents; a URDF is a tree: cut the loop and "
-            f"declare it under closures"
-        )
-    if len(roots) != 1:
-        raise RobotFileError(f"urdf: {path}: needs exactly one root link, got {roots or 'none'}")
-    for element in root.iter("mass"):
-        _xml_number(f"urdf: {path}: mass", element.get("value", ""))
-    return _Urdf(links, joints, names)
-
-
-def _xml_number(where: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise RobotFileError(f"{where}: needs a finite number, got {text!r}")
-    return value
-
-
-def _xml_vector(where: str, text: str) -> None:
-    parts = text.split()
-    if len(parts) != 3:
-        raise RobotFileError(f"{where}: needs three numbers, got {text!r}")
-    for part in parts:
-        _xml_number(where, part)
 
 
 # ------------------------------------------------------------------ YAML, key by key
@@ -417,14 +342,17 @@ def _whole(where: str, value: Any) -> int:
 
 
 def _number(where: str, value: Any) -> float:
-    if isinstance(value, str):  # YAML 1.1 reads 1e5 as a text
-        try:
-            value = float(value)
-        except ValueError:
-            raise RobotFileError(f"{where}: needs a number, got {value!r}") from None
-    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+    try:
+        if isinstance(value, bool) or not isinstance(value, int | float | str):
+            raise ValueError
+        number = float(value)  # a text, too: YAML 1.1 reads 1e5 as one
+    except ValueError:
+        raise RobotFileError(f"{where}: needs a number, got {value!r}") from None
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
         raise RobotFileError(f"{where}: needs a finite number, got {value!r}")
-    return float(value)
+    return number
 
 
 def _positive(where: str, value: Any) -> float:
@@ -471,7 +399,3 @@ def _axes(where: str, value: Any) -> tuple[str, ...]:
     if not axes or len(set(axes)) < len(axes):
         raise RobotFileError(f"{where}: needs different axes out of {', '.join(AXES)}, got {value!r}")
     return axes
-
-
-def _reason(error: OSError | UnicodeDecodeError) -> str:
-    return (error.strerror or str(error)) if isinstance(error, OSError) else "not UTF-8 text"

@@ -99,7 +99,7 @@ class TimeFunction:
             for _ in range(order):
                 series = _derivative(len(series)) @ series / half
             values[inside] = chebyshev.chebval(np.clip(local, -1, 1), series).T
-        return values.reshape(*times.shape, -1)
+        return values.reshape(*times.shape, self.coefficients.shape[2])
 
     @property
     def tail(self) -> float:

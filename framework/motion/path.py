@@ -48,7 +48,7 @@ def _points(points: Any, least: int, kind: str) -> Array:
 
 
 def _stack(s: ArrayLike, values: Array) -> Array:
-    return values.reshape(*np.shape(s), -1)
+    return values.reshape(*np.shape(s), values.shape[1])
 
 
 class Line:

@@ -1,0 +1,177 @@
+"""The URDF as far as this project judges it before pinocchio parses it: names, tree, numbers.
+
+Pinocchio's parser prints to the console and tells little; what can be told better is told here.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from pathlib import Path
+
+from framework.errors import RobotFileError, choose_from
+
+JOINT_TYPES = ("fixed", "revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """Names in a URDF; a frame is a link or a joint."""
+
+    links: list[str]
+    joints: dict[str, str]  # type by name
+    parents: dict[str, tuple[str, str]]  # (joint, parent link) by child link
+    children: dict[str, str]  # child link by joint
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all frames."""
+        return [*self.links, *self.joints]
+
+    def body(self, frame: str) -> str:
+        """The link nearest to the root that is rigidly connected to a frame: the name of its body."""
+        link = frame if frame in self.links else self.children[frame]
+        while link in self.parents and self.joints[self.parents[link][0]] == "fixed":
+            link = self.parents[link][1]
+        return link
+
+
+def read_text(path: Path, complaint: str) -> str:
+    """The text of a file; `complaint` is what to say, before the reason, when there is none.
+
+    Raises:
+        RobotFileError: the file is missing, cannot be read, or is not UTF-8 text.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text, or not a file name"
+        raise RobotFileError(f"{complaint}: {reason}") from None
+
+
+def parse_urdf(path: Path, text: str) -> Urdf:
+    """Names of a URDF; `path` is for messages.
+
+    Raises:
+        RobotFileError: not well-formed, not a tree of known joint types, or a number that is none.
+    """
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise RobotFileError(f"urdf: {path} is not well-formed XML: {error}") from None
+    if root.tag != "robot":
+        raise RobotFileError(f"urdf: {path} is not a URDF: its root is <{root.tag}>, not <robot>")
+    found = {tag: root.findall(tag) for tag in ("link", "joint")}
+    for tag, elements in found.items():
+        names = [element.get("name", "") for element in elements]
+        for name in names:
+            if not name or names.count(name) > 1:
+                raise RobotFileError(f"urdf: {path}: the {tag} name {name!r} is empty or there twice")
+    links = [link.get("name", "") for link in found["link"]]
+    for link in found["link"]:
+        _check_inertial(f"urdf: {path}: link {link.get('name')!r}", link)
+    parents: dict[str, tuple[str, str]] = {}
+    children: dict[str, str] = {}
+    for joint in found["joint"]:
+        name, where = joint.get("name", ""), f"urdf: {path}: joint {joint.get('name')!r}"
+        parent, child = (_link_of(where, joint, end, links) for end in ("parent", "child"))
+        if child in parents:
+            raise RobotFileError(
+                f"urdf: {path}: link {child!r} has two parents; a URDF is a tree: cut the loop and "
+                f"declare it under closures"
+            )
+        parents[child], children[name] = (name, parent), child
+        _check_joint(where, joint)
+    roots = [link for link in links if link not in parents]
+    if len(roots) != 1:
+        raise RobotFileError(f"urdf: {path}: needs exactly one root link, got {roots or 'none'}")
+    hanging = {child for child in parents if not _hangs_from(child, roots[0], parents)}
+    if hanging:
+        raise RobotFileError(
+            f"urdf: {path}: links {', '.join(sorted(hanging))} hang from each other and not from the root "
+            f"{roots[0]!r}: a URDF is a tree"
+        )
+    joints = {joint.get("name", ""): joint.get("type", "") for joint in found["joint"]}
+    return Urdf(links, joints, parents, children)
+
+
+def _hangs_from(link: str, root: str, parents: dict[str, tuple[str, str]]) -> bool:
+    """Whether following parents from a link leads to the root, and not in a ring."""
+    for _ in parents:
+        if link == root:
+            return True
+        link = parents[link][1]
+    return link == root
+
+
+def _link_of(where: str, joint: ElementTree.Element, end: str, links: list[str]) -> str:
+    element = joint.find(end)
+    link = element.get("link", "") if element is not None else ""
+    if link not in links:
+        raise RobotFileError(f"{where}: {end}: {choose_from('link', link, links)}")
+    return link
+
+
+def _check_joint(where: str, joint: ElementTree.Element) -> None:
+    kind = joint.get("type")
+    if kind not in JOINT_TYPES:
+        raise RobotFileError(f"{where}: {choose_from('type', kind, JOINT_TYPES)}")
+    if joint.find("mimic") is not None:
+        raise RobotFileError(f"{where}: mimic joints are not supported; use a closure instead")
+    _check_origin(where, joint)
+    axis = joint.find("axis")
+    if axis is not None and kind != "fixed":
+        direction = _vector(f"{where}: axis xyz", axis.get("xyz", "1 0 0"))
+        if not any(direction):
+            raise RobotFileError(f"{where}: its axis is zero")
+    limit = joint.find("limit")
+    if kind in ("revolute", "prismatic"):
+        if limit is None:
+            raise RobotFileError(f"{where}: a {kind} joint needs a <limit> with effort and velocity")
+        for key in ("effort", "velocity"):
+            if limit.get(key) is None:
+                raise RobotFileError(f"{where}: its <limit> lacks {key}")
+    if limit is not None:
+        for key, value in limit.attrib.items():
+            _number(f"{where}: limit {key}", value)
+
+
+def _check_inertial(where: str, link: ElementTree.Element) -> None:
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    _check_origin(f"{where}: inertial", inertial)
+    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    if mass is None or inertia is None:
+        raise RobotFileError(f"{where}: its <inertial> needs both <mass> and <inertia>")
+    if _number(f"{where}: mass", mass.get("value", "")) < 0:
+        raise RobotFileError(f"{where}: mass: must not be negative, got {mass.get('value')!r}")
+    for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
+        value = _number(f"{where}: inertia {key}", inertia.get(key, ""))
+        if value < 0 and key[1] == key[2]:
+            raise RobotFileError(f"{where}: inertia {key}: must not be negative, got {value:g}")
+
+
+def _check_origin(where: str, element: ElementTree.Element) -> None:
+    origin = element.find("origin")
+    for key in ("xyz", "rpy"):
+        if origin is not None and origin.get(key) is not None:
+            _vector(f"{where}: origin {key}", origin.get(key, ""))
+
+
+def _number(where: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RobotFileError(f"{where}: needs a finite number, got {text!r}")
+    return value
+
+
+def _vector(where: str, text: str) -> list[float]:
+    parts = text.split()
+    if len(parts) != 3:
+        raise RobotFileError(f"{where}: needs three numbers, got {text!r}")
+    return [_number(where, part) for part in parts]
