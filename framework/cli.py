@@ -94,6 +94,7 @@ def _check(options: argparse.Namespace) -> Report:
         f"  platform          {', '.join(found.platform_axes)} at {point(found.platform)}",
         f"  actuated joints   {', '.join(found.actuators)}",
         f"  passive joints    {', '.join(found.passive_joints)}",
+        f"  idle joints       {', '.join(found.idle_joints) or 'none'}",
         f"  springs           {', '.join(found.springs) or 'none'}",
         f"  mobility          {found.mobility}; A is {'square' if found.square else 'NOT square'}",
         f"  closures          {rank}; closed to {found.closure_error:.1e}",
@@ -103,8 +104,8 @@ def _check(options: argparse.Namespace) -> Report:
         + ", ".join(f"{joint} {value:.6g}" for joint, value in found.reference.items()),
         f"  mode              working {found.working_mode:+d} (changes at Type 1), assembly "
         f"{found.assembly_mode:+d} (changes at Type 2); smallest singular value "
-        f"{found.smallest_singular_value:.3g}",
-        *(f"  to do             {advice}" for advice in found.advice),
+        f"{'unknown' if found.smallest_singular_value is None else f'{found.smallest_singular_value:.3g}'}",
+        *(f"  note              {advice}" for advice in found.advice),
     ]
     return asdict(found), "\n".join(lines)
 

@@ -6,7 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.kinematics.assembly import independent_rows, reference_configuration
+from framework.kinematics.assembly import (
+    idle_columns,
+    independent_rows,
+    passive_columns,
+    reference_configuration,
+)
 from framework.kinematics.inverse_kinematics import mode_signs, moving_columns, reference_system
 from framework.kinematics.singularity import passive_matrix
 from framework.model import ParallelRobot
@@ -21,8 +26,10 @@ class Checkup:
     platform_axes: tuple[str, ...]
     actuators: tuple[str, ...]
     passive_joints: tuple[str, ...]
+    idle_joints: tuple[str, ...]  # passive joints held still because their motion moves nothing
     springs: tuple[str, ...]
-    mobility: int  # with all springs locked
+    mobility: int  # with all springs locked, without the idle joints
+    redundant_motors: int  # actuators beyond the mobility
     loop_equations: int
     rank: int
     redundant_rows: tuple[str, ...]  # closure.axis
@@ -33,8 +40,8 @@ class Checkup:
     platform: tuple[float, ...]
     working_mode: int  # sign; changes at Type 1
     assembly_mode: int  # sign; changes at Type 2
-    smallest_singular_value: float  # of P, without dimension
-    square: bool  # platform axes, actuators and mobility agree
+    smallest_singular_value: float | None  # of P, without dimension; None when there is no square A
+    square: bool  # as many platform axes as degrees of freedom, and no fewer actuators
     advice: tuple[str, ...]
 
 
@@ -50,33 +57,30 @@ def check_robot(robot: ParallelRobot) -> Checkup:
     mobility = len(moving_columns(robot)) - len(kept)
     square = robot.n == mobility <= robot.n_a
     system = reference_system(robot)
-    working, assembly, smallest = 0, 0, float("nan")
+    working, assembly, smallest = 0, 0, None
     if square:
         working, assembly = (int(sign[0]) for sign in mode_signs(robot, system))
         smallest = float(np.linalg.svd(passive_matrix(robot, system)[0], compute_uv=False)[-1])
     masses = _link_masses(robot)
     massless = tuple(name for name, mass in masses.items() if mass == 0.0)
-    advice = []
-    if not square:
-        advice.append(
-            f"{robot.n} platform axes, {robot.n_a} actuators and {mobility} degrees of freedom differ: "
-            f"planning needs them equal; change platform axes, actuators or closures"
-        )
-    if sum(masses.values()) == 0.0:
-        advice.append("no link has a mass: all torques will be those of the rotors; add <inertial>")
-    if square and smallest < 1e-6:
-        advice.append("the reference is itself singular; give one away from the locus")
+    idle = tuple(robot.joint_of(int(column)) for column in idle_columns(robot))
+    redundant = tuple(name for i, name in enumerate(names) if i not in kept)
+    advice = _advice(robot, mobility, idle, redundant, masses)
+    if smallest is not None and smallest < 1e-6:
+        advice.append("the reference is itself singular: give one away from the locus")
     return Checkup(
         robot=robot.name,
         flexibility=robot.flexibility,
         platform_axes=robot.axis_names,
         actuators=robot.actuator_names,
-        passive_joints=tuple(robot.joint_of(int(column)) for column in robot.passive),
+        passive_joints=tuple(robot.joint_of(int(column)) for column in passive_columns(robot)),
+        idle_joints=idle,
         springs=robot.elastic_names,
         mobility=mobility,
+        redundant_motors=max(robot.n_a - mobility, 0),
         loop_equations=len(names),
         rank=len(kept),
-        redundant_rows=tuple(name for i, name in enumerate(names) if i not in kept),
+        redundant_rows=redundant,
         mass=float(sum(masses.values())),
         massless_joints=massless,
         closure_error=reference.residual,
@@ -92,6 +96,53 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         square=square,
         advice=tuple(advice),
     )
+
+
+def _advice(
+    robot: ParallelRobot,
+    mobility: int,
+    idle: tuple[str, ...],
+    redundant: tuple[str, ...],
+    masses: dict[str, float],
+) -> list[str]:
+    """What is wrong or remarkable about a robot, each with what to do."""
+    found = []
+    if robot.n != mobility:
+        found.append(
+            f"{robot.n} platform axes for {mobility} degrees of freedom: planning needs as many; change the "
+            f"platform's axes or the closures"
+        )
+    if robot.n_a < mobility:
+        found.append(
+            f"{robot.n_a} actuators for {mobility} degrees of freedom: nothing holds the rest; add actuators"
+        )
+    if robot.n_a > mobility:
+        found.append(
+            f"{robot.n_a} actuators for {mobility} degrees of freedom: torques will be those of least norm; "
+            f"drop actuators if that is not meant"
+        )
+    if idle:
+        found.append(
+            f"{', '.join(idle)} may turn without moving anything else and is held still: fine if what it "
+            f"turns is balanced about it; else lock it by a closure"
+        )
+    if redundant:
+        found.append(
+            f"{', '.join(redundant)} repeat other loop equations, and always will: as it should be in a "
+            f"planar or overconstrained mechanism; else choose a closure kind that locks less"
+        )
+    if sum(masses.values()) == 0.0:
+        found.append("no link has a mass: all torques will be those of the rotors; add <inertial>")
+    heaviest = max(masses.values(), default=0.0)
+    for name, mass in masses.items():
+        if 0 < mass < 1e-6 * heaviest:
+            found.append(
+                f"what {name} carries weighs {mass:g} kg, a millionth of the heaviest part: is it in the "
+                f"wrong unit? Leave <inertial> out for a massless part"
+            )
+    if heaviest > 1e5:
+        found.append(f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
+    return found
 
 
 def _link_masses(robot: ParallelRobot) -> dict[str, float]:
