@@ -18,6 +18,7 @@ from framework.errors import NoLaw, point
 from framework.kinematics.frames import move, offset
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, motion_at, system_at
 from framework.kinematics.locus import SingularPoint
+from framework.kinematics.platform import path_twist
 from framework.kinematics.singularity import Border, bordered, measured_matrix, uncontrolled_motion
 from framework.kinematics.tracking import Track
 from framework.motion.path import along
@@ -96,7 +97,7 @@ def imposed_point(track: Track, s: float) -> CrossingPoint:
 def _oriented(track: Track, s: float, closed: ClosedStack) -> CrossingPoint:
     """The uncontrolled motion there, its twist pointing along the path."""
     found = uncontrolled_motion(track.robot, closed.system)
-    sign = -1.0 if np.dot(found.twist, track.path(s, 1)) < 0 else 1.0
+    sign = -1.0 if np.dot(found.twist, path_twist(track.robot, track.path, s)) < 0 else 1.0
     return CrossingPoint(s, found.kind, sign * found.twist, sign * found.motion, closed.q[0])
 
 

@@ -19,6 +19,7 @@ from framework.errors import NotAssembled, NotConverged, SingularPath, Type1Sing
 from framework.kinematics.assembly import loop_rows
 from framework.kinematics.closures import scaled
 from framework.kinematics.inverse_kinematics import System, moving_columns, system_at
+from framework.kinematics.platform import path_twist
 from framework.kinematics.singularity import (
     Border,
     bordered,
@@ -225,7 +226,7 @@ def _singular_point(track: Track, s: float, contact: str) -> SingularPoint:
     # a border taken at the root knows no sign of det: give g the sign of det P beyond it
     sign = np.sign(g[2]) * np.linalg.slogdet(P[2])[0] if at[2] > s else 1.0
     uncontrolled = uncontrolled_motion(robot, closed.system.at(1))
-    forward = np.dot(uncontrolled.twist, track.path(s, 1))
+    forward = np.dot(uncontrolled.twist, path_twist(robot, track.path, s))
     along = -1.0 if forward < 0 else 1.0
     return SingularPoint(
         s=s,

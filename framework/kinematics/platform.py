@@ -15,6 +15,7 @@ from framework.arrays import Array
 from framework.kinematics.closures import cross
 from framework.kinematics.frames import FrameStack
 from framework.model import ParallelRobot
+from framework.motion.path import Path
 
 
 def platform_coordinates(robot: ParallelRobot, at: FrameStack) -> Array:
@@ -75,6 +76,12 @@ def platform_twist(
     v, dv = dx.copy(), ddx.copy()
     v[:, turning], dv[:, turning] = omega[:, order], alpha[:, order]
     return v, dv
+
+
+def path_twist(robot: ParallelRobot, path: Path, s: float) -> Array:
+    """Twist (n,) of the platform for ds/dt = 1 at path coordinate s."""
+    here = np.array([s])
+    return platform_twist(robot, path(here), path(here, 1))[0][0]
 
 
 def rotation_matrix(vector: Array) -> Array:

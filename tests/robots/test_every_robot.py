@@ -15,12 +15,14 @@ import robots
 from framework import ParallelRobot, locate_singularities, plan_scene, scene_path, velocity_matrices
 from framework.errors import NoAnswer
 from framework.kinematics.assembly import loop_rows
-from framework.kinematics.closures import closure_drift, loop_equations
+from framework.kinematics.closures import closure_drift, column_scale, loop_equations
 from framework.kinematics.frames import drift_accelerations, frames_at, move
 from framework.kinematics.inverse_kinematics import close_loops, motion_at
+from framework.kinematics.platform import platform_twist
 from framework.kinematics.tracking import track_path
 from framework.model.description import FLEXIBILITIES
 from framework.motion.chebyshev import TimeGrid
+from tests.robots.transformed import moved, scaled
 
 CASES = [(name, flexibility) for name in robots.CATALOGUE for flexibility in FLEXIBILITIES]
 ELASTIC = [(name, flexibility) for name, flexibility in CASES if flexibility != "rigid"]
@@ -79,12 +81,14 @@ def test_velocity_matrices_relate_rates_on_the_manifold(robot):
         x, near = track.path(s), track.closed(s).q[0]
         q_e = 1e-4 * rng.standard_normal(robot.n_e)
         dx, dq_e = rng.standard_normal(robot.n), rng.standard_normal(robot.n_e)
+        dq_e *= column_scale(robot)[robot.elastic]  # metres in lengths of the robot, however small it is
         steps = np.array([[0.0], [h], [-h]])
         q = closed_with_deflections(robot, x + steps * dx, q_e + steps * dq_e, near).q
         dq_a = ((q[1] - q[2]) / (2 * h))[robot.actuated]
         A, B, C = velocity_matrices(robot, q[0])
+        v = platform_twist(robot, x[None], dx[None])[0][0]
         # differences are good to h^2 (curvature of order 10 to 100) and eps / h
-        np.testing.assert_allclose(A @ dx, B @ dq_a + C @ dq_e, atol=1e-7)
+        np.testing.assert_allclose(A @ v, B @ dq_a + C @ dq_e, atol=1e-7)
 
 
 def test_velocities_and_accelerations_are_time_derivatives_of_positions(robot):
@@ -177,3 +181,23 @@ def test_torques_do_not_depend_on_how_the_closures_are_written(robot, change):
     one, two = planned(robot), planned(other)
     t = np.linspace(0.0, one.duration, 201)
     np.testing.assert_allclose(two.torque(t), one.torque(t), atol=1e-12, rtol=1e-10)
+
+
+def test_torques_do_not_depend_on_where_the_robot_stands(robot):
+    shifted = ParallelRobot.from_description(moved(robot.description, (3.0, -2.0, 1.0)), robot.flexibility)
+    one, two = planned(robot), planned(shifted)
+    t = np.linspace(0.0, one.duration, 201)
+    peak = np.abs(one.torque(t)).max()
+    # coordinates a few metres off carry ten times the rounding
+    np.testing.assert_allclose(two.torque(t), one.torque(t), rtol=0, atol=1e-9 * peak)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_torques_of_a_robot_of_another_size_scale_with_its_square(robot, size):
+    """A robot drawn in millimetres, or as small as one drawn so: no tolerance may know metres."""
+    other = ParallelRobot.from_description(scaled(robot.description, size), robot.flexibility)
+    one, two = planned(robot), planned(other)
+    t = np.linspace(0.0, one.duration, 201)
+    peak = np.abs(one.torque(t)).max()
+    np.testing.assert_allclose(two.torque(t) / size**2, one.torque(t), rtol=0, atol=1e-9 * peak)
+    assert two.certificate.nodes == one.certificate.nodes
