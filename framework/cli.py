@@ -13,6 +13,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -186,17 +187,22 @@ def _plan_text(plan: CrossingPlan) -> str:
         )
         lines.append(
             f"                    t_s = {point(crossing.twist)}, s' = {crossing.speed:.6g} 1/s, s\" = "
-            f"{crossing.acceleration:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of its peak"
+            f"{round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of its peak"
         )
     if not plan.crossings:
-        lines.append("  crossing          none: no singularity on the path")
-    peaks = ", ".join(f"{joint} {value:.6g} N m" for joint, value in plan.peak_torque.items())
+        lines.append("  crossing          none")
+    peaks = ", ".join(
+        f"{joint} {value:.6g} {unit}"
+        for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
+    )
     lines += [
         f"  peak torque       {peaks}",
         f"  certificate       tail {certificate.tail:.1e} on {certificate.nodes} nodes, "
         f"{certificate.passes} pass{'es' * (certificate.passes != 1)}, loops closed to "
         f"{certificate.max_closure_error:.1e}",
     ]
+    for joint, asked in plan.exceeded.items():
+        lines.append(f"  mind              {joint} exceeds its limits: {asked}")
     if not certificate.monotone:
         s = plan.law(np.linspace(0.0, plan.duration, 2001))
         lines.append(
@@ -256,7 +262,7 @@ def _write_raw(
     rows = np.column_stack([raw.time, raw.motor_angle, raw.torque, raw.deflection])
     np.savetxt(folder / "raw.csv", rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
     (folder / "raw.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
-    save(lambda: plot_raw_torques(raw, robot.actuator_names, poles), folder / "raw_torques")
+    save(lambda: plot_raw_torques(raw, robot, poles), folder / "raw_torques")
 
 
 # ------------------------------------------------------------------ what the options say
@@ -324,6 +330,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Carry parallel robots through Type 2 singularities with finite motor torques.",
     )
     parser.set_defaults(json=False)
+    parser.add_argument("--version", action="version", version=_version())
     commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=_OneLineParser)
 
     def command(name: str, run: Callable[[argparse.Namespace], Report], text: str) -> Any:
@@ -370,12 +377,18 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _version() -> str:
+    return f"crossing {version('parallel-singularity-crossing')}"
+
+
 def _add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("robot", metavar="ROBOT", help="catalogue name, or path of a robot file")
 
 
 def _add_flexibility(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--flexibility", choices=FLEXIBILITIES, default="rigid", help="which springs exist")
+    parser.add_argument(
+        "--flexibility", choices=FLEXIBILITIES, default="rigid", help="which springs exist (default: rigid)"
+    )
 
 
 def _add_path(parser: argparse.ArgumentParser) -> None:

@@ -115,5 +115,7 @@ class NotConverged(NoAnswer):
 
 
 def point(x: Sequence[float] | Array) -> str:
-    """Coordinates for a message: `(0.1, 0.345)`."""
-    return "(" + ", ".join(f"{float(value):.6g}" for value in np.atleast_1d(x)) + ")"
+    """Coordinates for a message: `(0.1, 0.345)`; what is rounding against the others is 0."""
+    values = np.atleast_1d(np.asarray(x, dtype=float))
+    values = np.where(np.abs(values) < 1e-12 * np.abs(values).max(initial=0.0), 0.0, values)
+    return "(" + ", ".join(f"{float(value):.6g}" for value in values) + ")"

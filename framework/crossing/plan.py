@@ -62,7 +62,7 @@ class Crossing:
     condition: Condition8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CrossingPlan:
     """A motion law with its torques and its proof. All times in [s], t (T,) gives (T, n_a)."""
 
@@ -104,6 +104,32 @@ class CrossingPlan:
         times = np.linspace(0.0, self.duration, 2001)
         peaks = np.abs(self.torque(times)).max(axis=0)
         return dict(zip(self.robot.actuator_names, map(float, peaks), strict=True))
+
+    @property
+    def exceeded(self) -> dict[str, str]:
+        """Limits of the robot file that the plan does not keep: what is asked of each such motor."""
+        times = np.linspace(0.0, self.duration, 2001)
+        torques = np.abs(self.torque(times)).max(axis=0)
+        speeds = np.abs(self.motor_angle(times, 1)).max(axis=0)
+        found = {}
+        for k, motor in enumerate(self.robot.description.actuators):
+            asked = []
+            if motor.torque_limit is not None and torques[k] > motor.torque_limit:
+                unit = self.robot.torque_units[k]
+                asked.append(f"torque {torques[k]:.4g} {unit} of {motor.torque_limit:.4g}")
+            if motor.speed_limit is not None and speeds[k] > motor.speed_limit:
+                asked.append(f"speed {speeds[k]:.4g} rad/s of {motor.speed_limit:.4g}")
+            if asked:
+                found[motor.joint] = ", ".join(asked)
+        return found
+
+    def __repr__(self) -> str:
+        where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
+        return (
+            f"CrossingPlan({self.robot.name}, {self.robot.flexibility}, {self.geometry}: degree "
+            f"{self.law.degree} over {self.duration:g} s, crossings: {where or 'none'}, tail "
+            f"{self.certificate.tail:.1e})"
+        )
 
     def samples(self, count: int = 1501) -> tuple[list[str], Array]:
         """Column names and rows (count, columns) of motion.csv, SI units."""
@@ -165,6 +191,7 @@ class CrossingPlan:
                 for crossing in self.crossings
             ],
             "peak_torque": self.peak_torque,
+            "exceeded_limits": self.exceeded,
             "certificate": {
                 "nodes": certificate.nodes,
                 "tail": certificate.tail,

@@ -56,7 +56,7 @@ def schedule(
             f"{name}: no law that always advances found through s = "
             f"{', '.join(f'{value:.6g}' for value in s)}, tried t = "
             f"{', '.join(f'{m.time:.6g}' for m in best)} s, s' = "
-            f"{', '.join(f'{m.speed:.6g}' for m in best)} 1/s; give other times or speeds"
+            f"{', '.join(f'{m.speed:.6g}' for m in best)} 1/s; give other times, speeds or another duration"
         )
     return best
 

@@ -24,6 +24,7 @@ from framework.motion.law import MotionLaw
 from framework.motion.path import along
 
 SETTLED = 1e-11  # remaining change of the deflections over the largest one
+ROUNDING = 1e-7  # changes that no longer shrink below this share of the deflections are rounding
 PASSES = 60
 # The law to use when the robot deflects like this, after this law; None before the first pass.
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
@@ -72,18 +73,20 @@ def settle(
             motion = _motion(track, grid, law, q_e, motion, zero)
         return Deflected(grid, law, motion, forces, q_e, tuple(changes))
     while True:
-        new = _deflections(track, forces)
+        new = grid.smooth(_deflections(track, forces))
         changes.append(float(np.abs(new - q_e).max()))
+        largest = float(np.abs(new).max())
         if not np.isfinite(changes[-1]) or len(changes) > PASSES:
             raise NotConverged(
-                f"{robot.name}: the deflections do not settle after {len(changes)} passes "
-                f"(last change {changes[-1]:.3g}); are the springs too soft for this motion?",
+                f"{robot.name}: the deflections do not settle in {len(changes)} passes (last change "
+                f"{changes[-1]:.3g} of {largest:.3g} m or rad): the springs are too soft for so quick a "
+                f"motion; stiffen them, take more time, or use geometry rigid",
                 residual=changes[-1],
             )
         ratio = changes[-1] / changes[-2] if len(changes) > 1 and changes[-2] > 0 else 0.5
         remaining = changes[-1] * min(ratio / (1 - ratio), 1.0) if ratio < 1 else np.inf
-        largest = float(np.abs(new).max())
-        if remaining <= SETTLED * largest or changes[-1] <= 1e-15 * max(largest, robot.length * 1e-3):
+        stalled = ratio > 0.5 and changes[-1] <= ROUNDING * largest
+        if remaining <= SETTLED * largest or stalled or changes[-1] <= 1e-18 * robot.length:
             return Deflected(grid, law, motion, forces, new, tuple(changes))
         law = choose_law(grid.fit(new), law)
         motion = _motion(track, grid, law, new, motion, q_e)

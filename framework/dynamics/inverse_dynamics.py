@@ -41,6 +41,7 @@ GEOMETRIES = ("rigid", "deformed")
 TOLERANCE = 1e-10  # tail of the torques that counts as resolved
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
 STANDING = 1e-7  # speed at a crossing over the largest one: no more than that is a stop
+UNPROVED = 1e-10  # the same, of torques that cannot be resolved: the pole is to blame
 POLE = 1e-7  # |t_s . W_p| at the crossing over its largest value: surely a pole, no need to resolve it
 
 
@@ -66,7 +67,7 @@ class Passage:
         return abs(self.wrench) / self.scale if self.scale > 0 else 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class InverseDynamics:
     """Torques of a motion as functions of time, with the certificate."""
 
@@ -81,6 +82,13 @@ class InverseDynamics:
     origin: Array  # (nq,)
     passages: tuple[Passage, ...]
     certificate: Certificate
+
+    def __repr__(self) -> str:
+        return (
+            f"InverseDynamics({self.robot.name}, {self.robot.flexibility}, {self.geometry}: "
+            f"{self.duration:g} s, passages at {[round(p.time, 6) for p in self.passages]} s, tail "
+            f"{self.certificate.tail:.1e})"
+        )
 
     @property
     def duration(self) -> float:
@@ -173,9 +181,16 @@ def resolve(
         grid = TimeGrid.clear_of(instants, edges, size)
         try:
             state = settle(track, grid, choose_law, geometry, start, law)
-        except (NotAssembled, NotConverged) as failure:
-            _refuse_pole(track.robot, passages, 1e-13)
-            raise NotConverged(str(failure), residual=failure.residual) from None
+        except NotAssembled as failure:
+            _refuse_pole(track.robot, passages, UNPROVED)
+            raise NotConverged(
+                f"{track.robot.name}: the deflections tear the loops open: the springs are too soft for this "
+                f"motion; stiffen them, take more time, or use geometry rigid ({failure})",
+                residual=failure.residual,
+            ) from None
+        except NotConverged:
+            _refuse_pole(track.robot, passages, UNPROVED)
+            raise
         law = state.law
         result = _result(track, state, geometry, passages)
         tail = result.certificate.tail
@@ -186,7 +201,7 @@ def resolve(
         if tail <= tolerance:
             _check_passages(track.robot, state, passages)
             return replace(result, passages=passages)
-    _refuse_pole(track.robot, passages, 1e-13)
+    _refuse_pole(track.robot, passages, UNPROVED)
     raise NotConverged(
         f"{track.robot.name}: the torques are not resolved by {grid.size} nodes a panel (tail "
         f"{tail:.2g}, tolerance {tolerance:.2g}): is the law smooth, is the path far from other "

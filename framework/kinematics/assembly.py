@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.errors import NotAssembled
 from framework.kinematics.closures import column_scale, loop_equations, scaled
-from framework.kinematics.frames import frames_at, move
+from framework.kinematics.frames import frames_at, move, offset
 from framework.kinematics.platform import platform_coordinates, platform_jacobian
 from framework.model import ParallelRobot
 from framework.model.parallel_robot import LoopRows
@@ -19,6 +20,7 @@ from framework.model.parallel_robot import LoopRows
 # magnitude. Relative to the largest row, in lengths of the robot.
 REDUNDANT = 1e-9
 CLOSED = 1e-12  # largest loop equation of a closed robot, in lengths of the robot and radians
+FAR = 0.2  # [rad, lengths] that a joint may end from where the robot file puts it
 LONGEST_STEP = 0.5  # [rad or lengths of the robot] that one Newton step may move a joint
 
 
@@ -37,31 +39,62 @@ class Configuration:
 
 @lru_cache(maxsize=128)
 def reference_configuration(robot: ParallelRobot) -> Configuration:
-    """The assembled configuration nearest to the robot file's `reference`, springs at rest.
+    """The assembled configuration at the robot file's `reference`, springs at rest.
 
-    Damped Newton steps of least norm on all loop equations, redundant ones included. It decides the
-    working and the assembly mode. Memoised: a pure function of a frozen robot.
+    The joints that the file gives are held while the others close the loops; if that cannot be, all
+    joints give way, as little as possible. It decides the working and the assembly mode. Memoised: a
+    pure function of a frozen robot.
 
     Raises:
-        NotAssembled: the loops do not close from there; carries the last iterate and the residual.
+        NotAssembled: the loops do not close from there, or only far from what the file gives; carries
+            the last iterate and the residual.
     """
-    rows = robot.rows
+    model = robot.model
+    given = [model.joints[model.getJointId(name)].idx_v for name in robot.description.reference]
+    movable = np.setdiff1d(np.arange(model.nv), robot.elastic)
+    others = np.setdiff1d(movable, given)
+    closing = _close(robot, robot.q_near, others) if len(given) and len(others) else None
+    if closing is None or closing.worst > CLOSED:
+        closing = _close(robot, robot.q_near, movable)
+    at = frames_at(robot, closing.q[None])
+    residual = np.abs(loop_equations(robot.rows, at).residual[0])
+    if closing.worst > CLOSED:
+        row = int(np.argmax(residual * np.where(robot.rows.rotation, robot.length, 1.0)))
+        unit = "rad" if robot.rows.rotation[row] else "m"
+        raise NotAssembled(
+            f"{robot.name}: the loops do not close near the reference: {robot.rows.names[row]} stays "
+            f"{residual[row]:.3g} {unit} apart after {closing.iterations} iterations; check the link "
+            f"lengths and give a reference nearer to an assembled configuration",
+            q=closing.q,
+            residual=float(residual[row]),
+        )
+    _refuse_far(robot, closing.q, float(residual.max()), given)
+    x = platform_coordinates(robot, at)[0]
+    return Configuration(closing.q, x, float(residual.max()), closing.iterations)
+
+
+class _Closing(NamedTuple):
+    q: Array  # (nq,)
+    worst: float  # largest loop equation, in lengths of the robot and radians
+    iterations: int
+
+
+def _close(robot: ParallelRobot, start: Array, free: IntArray) -> _Closing:
+    """Damped Newton steps of least norm of the columns `free` on all loop equations, from `start`."""
+    rows, lengths = robot.rows, column_scale(robot)[free]
     weights = np.where(rows.rotation, 1.0, 1.0 / robot.length)
-    free = np.setdiff1d(np.arange(robot.model.nv), robot.elastic)
-    lengths = column_scale(robot)[free]
 
     def mismatch(q: Array) -> float:
         return float(np.linalg.norm(weights * loop_equations(rows, frames_at(robot, q)).residual[0]))
 
-    q = robot.q_near[None]
-    now, iterations = mismatch(q), 0
-    while iterations < 100:
+    q, iterations = start[None], 0
+    now = mismatch(q)
+    while iterations < 100 and now > 1e-15:
         iterations += 1
         loops = loop_equations(rows, frames_at(robot, q))
         jacobian = scaled(robot, loops.jacobian, rows)[0][:, free]
-        residual = weights * loops.residual[0]
+        joint = -np.linalg.lstsq(jacobian, weights * loops.residual[0], rcond=REDUNDANT)[0]
         step = np.zeros((1, robot.model.nv))
-        joint = -np.linalg.lstsq(jacobian, residual, rcond=REDUNDANT)[0]
         step[0, free] = joint * min(1.0, LONGEST_STEP / max(np.abs(joint).max(), 1e-300)) * lengths
         fraction = 1.0
         while (after := mismatch(move(robot, q, fraction * step))) > now and fraction > 1e-4:
@@ -69,21 +102,24 @@ def reference_configuration(robot: ParallelRobot) -> Configuration:
         if after >= now:
             break
         q, now = move(robot, q, fraction * step), after
-        if now < 1e-15:
-            break
-    at = frames_at(robot, q)
-    loop = np.abs(loop_equations(rows, at).residual[0])
-    worst = int(np.argmax(weights * loop))
-    if weights[worst] * loop[worst] > CLOSED:
-        unit = "rad" if rows.rotation[worst] else "m"
-        raise NotAssembled(
-            f"{robot.name}: the loops do not close near the reference: {rows.names[worst]} stays "
-            f"{loop[worst]:.3g} {unit} apart after {iterations} iterations; check the link lengths "
-            f"and give a reference nearer to an assembled configuration",
-            q=q[0],
-            residual=float(loop[worst]),
-        )
-    return Configuration(q[0], platform_coordinates(robot, at)[0], float(loop.max()), iterations)
+    worst = np.abs(weights * loop_equations(rows, frames_at(robot, q)).residual[0]).max()
+    return _Closing(q[0], float(worst), iterations)
+
+
+def _refuse_far(robot: ParallelRobot, q: Array, residual: float, given: list[int]) -> None:
+    """Refuse an assembled configuration in which a joint is far from what the file gives."""
+    moved = offset(robot, robot.q_near, q[None])[0]
+    for column in sorted(given, key=lambda column: -abs(moved[column] / column_scale(robot)[column])):
+        if abs(moved[column]) > FAR * column_scale(robot)[column]:
+            value = robot.description.reference[robot.joint_of(column)]
+            raise NotAssembled(
+                f"{robot.name}: the reference is not near an assembled configuration: "
+                f"{robot.joint_of(column)} is given as {value:g}, the loops close at "
+                f"{value + moved[column]:.4g}; give all joints, so that one way of assembling is meant",
+                q=q,
+                residual=residual,
+            )
+        break
 
 
 @lru_cache(maxsize=128)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, IntArray
-from framework.errors import InvalidInput, NotAssembled
+from framework.errors import InvalidInput, NotAssembled, point
 from framework.kinematics.assembly import LONGEST_STEP, loop_rows, passive_columns, reference_configuration
 from framework.kinematics.closures import closure_drift, column_scale, loop_equations
 from framework.kinematics.frames import FrameStack, drift_accelerations, frames_at, move
@@ -123,8 +123,8 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
     worst = int(np.argmax(np.nan_to_num(np.abs(system.residual), nan=np.inf).max(axis=1)))
     residual = float(np.abs(system.residual[worst]).max())
     raise NotAssembled(
-        f"{robot.name}: the loops do not close at x = {np.round(x[worst], 6).tolist()}: "
-        f"{residual:.3g} left after {ITERATIONS} iterations",
+        f"{robot.name}: the loops do not close at {', '.join(robot.axis_names)} = {point(x[worst])}: "
+        f"{residual:.3g} m or rad left after {ITERATIONS} iterations",
         q=q[worst],
         residual=residual,
     )

@@ -178,6 +178,10 @@ def _resolve(samples: _Samples, matrix: Callable[[System], Array], start: float,
     except NotAssembled:
         return None
     eta, g = bordered(matrices, Border.of(matrices[PANEL_NODES // 2]))
+    if np.abs(g).max() < 10 * TOUCH:
+        raise SingularPath(
+            f"{samples.track.robot.name}: the path runs along a singularity from s = {start:.6g} to {end:.6g}"
+        )
     series = coefficients(g[:, None])
     if np.linalg.norm(eta, axis=1).max() > LARGEST_ETA or tail(series) > RESOLVED:
         return None

@@ -141,7 +141,7 @@ class RobotDescription:
 
     name: str
     file: Path
-    urdf_text: str
+    urdf_text: str = field(repr=False)
     platform: Platform
     actuators: tuple[Actuator, ...]
     closures: tuple[Closure, ...]

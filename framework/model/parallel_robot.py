@@ -101,6 +101,24 @@ class ParallelRobot:
         return tuple(actuator.joint for actuator in self.description.actuators)
 
     @property
+    def torque_units(self) -> tuple[str, ...]:
+        """Unit of each motor's torque: N for a slide without a gear (gear ratio 1), N m for all others."""
+        slides = [
+            self.model.joints[self.model.getJointId(name)].shortname().startswith("JointModelP")
+            for name in self.actuator_names
+        ]
+        return tuple(
+            "N" if slide and gear == 1.0 else "N m"
+            for slide, gear in zip(slides, self.gear_ratio, strict=True)
+        )
+
+    def __repr__(self) -> str:
+        return (
+            f"ParallelRobot({self.name!r}, {self.flexibility}: platform {', '.join(self.axis_names)}; "
+            f"motors {', '.join(self.actuator_names)}; springs {', '.join(self.elastic_names) or 'none'})"
+        )
+
+    @property
     def axis_names(self) -> tuple[str, ...]:
         """Names of the platform coordinates, e.g. ("x", "y")."""
         return self.description.platform.axes

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -266,7 +267,9 @@ class _Mapping:
 
     def __init__(self, where: str, content: Any) -> None:
         if not isinstance(content, dict):
-            raise RobotFileError(f"{where[:-1] or 'the file'}: needs a mapping of keys, got {content!r}")
+            raise RobotFileError(
+                f"{where[:-1] or 'the file'}: needs a mapping of keys, got {str(content)[:60]!r}"
+            )
         self.where = where
         self.content: dict[Any, Any] = content
         self._asked: set[Any] = set()
@@ -281,9 +284,10 @@ class _Mapping:
 
     def required(self, key: str, read: Callable[[str, Any], T]) -> T:
         if not self.has(key):
-            raise RobotFileError(
-                f"{self.where}{key}: missing (given: {', '.join(map(str, self.content)) or 'nothing'})"
-            )
+            given = [str(name) for name in self.content]
+            near = get_close_matches(key, given, n=1)
+            hint = f"; is {near[0]!r} a misspelling?" if near else ""
+            raise RobotFileError(f"{self.where}{key}: missing{hint} (given: {', '.join(given) or 'nothing'})")
         return read(f"{self.where}{key}", self.content[key])
 
     def optional(self, key: str, read: Callable[[str, Any], T], default: T | None) -> Any:

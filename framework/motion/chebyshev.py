@@ -19,6 +19,8 @@ from numpy.polynomial import chebyshev
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
 
+NOISE = 3.0  # times the largest coefficient of the last eighth: all that may be rounding
+
 
 def nodes(size: int) -> Array:
     """Chebyshev points of the second kind on [-1, 1], ascending, ends included, shape (size,)."""
@@ -127,6 +129,17 @@ class TimeGrid:
         stacked = values.reshape(len(self.edges) - 1, self.size, -1)
         return TimeFunction(self.edges, coefficients(stacked))
 
+    def smooth(self, values: Array) -> Array:
+        """Values (panels * size, k) without the part of their series that is rounding.
+
+        Differentiating twice amplifies a coefficient by up to size^4, so rounding would grow if it were
+        fed back. The last eighth of a resolved series is rounding and shows its size.
+        """
+        series = coefficients(values.reshape(len(self.edges) - 1, self.size, -1))
+        floor = NOISE * np.abs(series[:, -max(2, self.size // 8) :]).max(axis=1, keepdims=True)
+        series[np.abs(series) <= floor] = 0.0
+        return np.asarray((_values(self.size) @ series).reshape(values.shape), dtype=float)
+
     def differentiate(self, values: Array) -> tuple[Array, Array]:
         """First and second time derivative at the nodes of values (panels * size, k), same shape."""
         first, second = _differentiation(self.size)
@@ -164,5 +177,12 @@ def _derivative(size: int) -> Array:
 def _differentiation(size: int) -> tuple[Array, Array]:
     """Matrices (size, size) that differentiate values at `nodes(size)` once and twice."""
     once = _derivative(size) @ _transform(size)
-    back = chebyshev.chebvander(nodes(size), size - 1)
-    return back @ once, back @ (_derivative(size) @ once)
+    return _values(size) @ once, _values(size) @ (_derivative(size) @ once)
+
+
+@lru_cache(maxsize=64)
+def _values(size: int) -> Array:
+    """Matrix (size, size) from Chebyshev coefficients to values at `nodes(size)`."""
+    matrix = np.asarray(chebyshev.chebvander(nodes(size), size - 1), dtype=float)
+    matrix.flags.writeable = False
+    return matrix

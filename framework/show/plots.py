@@ -9,12 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from framework.arrays import Array
 from framework.crossing.plan import CrossingPlan
 from framework.dynamics.raw import RawSampling
 from framework.dynamics.wrench import wrench_along
+from framework.kinematics.locus import locate_singularities
 from framework.kinematics.singularity import singularity_measure
-from framework.kinematics.tracking import track_path
+from framework.kinematics.tracking import Track, track_path
+from framework.model import ParallelRobot
 from framework.show.style import CROSSING, figure, line_style, styled
 
 SAMPLES = 601
@@ -43,7 +44,7 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     times = np.linspace(0.0, plan.duration, SAMPLES)
     for k, (joint, torque) in enumerate(zip(plan.robot.actuator_names, plan.torque(times).T, strict=True)):
         ax.plot(times, torque, label=joint.replace("_", " "), **line_style(k))
-    _torque_axes(ax)
+    _torque_axes(ax, plan.robot)
     _mark_crossings(plan, ax)
     return ax
 
@@ -62,46 +63,45 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
         deflected *= np.sign(deflected[0] * g[0])
         ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
         ax.legend(loc="lower right")
-        for crossing in plan.crossings[:1]:
-            _magnify(ax, crossing.s, s, g, plan.law(times), deflected)
+        if plan.crossings:
+            _magnify(ax, plan, track)
     ax.axhline(0.0, color="black", linewidth=0.5)
     for crossing in plan.crossings:
         ax.plot([crossing.s], [0.0], "o", color=CROSSING, markersize=4, zorder=3)
         ax.annotate(
-            f"Type 2 at $s$ = {crossing.s:.6f}",
+            f"$s$ = {crossing.s:.6f}",
             (crossing.s, 0.0),
             textcoords="offset points",
-            xytext=(0, -12),
+            xytext=(16, -13),
             ha="center",
             fontsize=7,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
         )
     ax.set_xlabel("path coordinate  $s$")
     ax.set_ylabel("singularity measure  $g$")
     return ax
 
 
-def _magnify(ax: Axes, crossing: float, s: Array, g: Array, s_deflected: Array, deflected: Array) -> None:
-    """Show how far the deflections move a crossing, in a corner of the axes."""
-    at_rest = float(np.interp(0.0, *_ascending(g, s, crossing)))
-    shift = abs(crossing - at_rest)
-    if shift < 1e-9:
+def _magnify(ax: Axes, plan: CrossingPlan, track: Track) -> None:
+    """Show in a corner how far the deflections move the first crossing."""
+    crossing, robot = plan.crossings[0], plan.robot
+    points = locate_singularities(robot, plan.path, track=track)
+    at_rest = min((found.s for found in points), key=lambda s: abs(s - crossing.s))
+    shift = abs(crossing.s - at_rest)
+    if shift < 1e-9:  # nothing to see: the deflections leave the locus where it is
         return
-    inset = ax.inset_axes((0.15, 0.64, 0.3, 0.34))
-    near = np.linspace(min(crossing, at_rest) - shift, max(crossing, at_rest) + shift, 5)
-    inset.plot((near - at_rest) * 1e6, np.interp(near, s, g) * 1e6, **line_style(0))
-    inset.plot((near - at_rest) * 1e6, np.interp(near, s_deflected, deflected) * 1e6, **line_style(1))
+    inset = ax.inset_axes((0.16, 0.63, 0.3, 0.35), facecolor="white", zorder=4)
+    near = np.linspace(min(crossing.s, at_rest) - shift, max(crossing.s, at_rest) + shift, 5)
+    g = singularity_measure(robot, track.closed(near).system).g
+    times = crossing.time + (near - crossing.s) / crossing.speed
+    deflected = wrench_along(plan.dynamics, times)[0]
+    for k, (s, values) in enumerate(((near, g), (plan.law(times), deflected))):
+        upward = np.sign((values[-1] - values[0]) * crossing.speed)
+        inset.plot((s - at_rest) * 1e6, upward * values * 1e6, **line_style(k))
     inset.axhline(0.0, color="black", linewidth=0.5)
     inset.set_xlabel(r"$10^6\,(s - s_\mathrm{rest})$", fontsize=6, labelpad=1)
     inset.set_ylabel(r"$10^6\,g$", fontsize=6, labelpad=1)
     inset.tick_params(labelsize=5.5, pad=1)
-
-
-def _ascending(g: Array, s: Array, near: float) -> tuple[Array, Array]:
-    """g and s around the sign change of g nearest to `near`, ordered for interpolation over g."""
-    changes = np.flatnonzero(np.diff(np.sign(g)))
-    k = int(changes[np.argmin(np.abs(s[changes] - near))]) if len(changes) else 0
-    order = np.argsort(g[k : k + 2])
-    return g[k : k + 2][order], s[k : k + 2][order]
 
 
 def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
@@ -121,15 +121,15 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 
 
 def plot_raw_torques(
-    raw: RawSampling, joints: Sequence[str], poles: Sequence[float], ax: Axes | None = None
+    raw: RawSampling, robot: ParallelRobot, poles: Sequence[float], ax: Axes | None = None
 ) -> Axes:
     """Torques of a raw sampling [N m], with the instants (poles) at which they are unbounded [s]."""
     ax = figure()[1][0] if ax is None else ax
-    for k, (joint, torque) in enumerate(zip(joints, raw.torque.T, strict=True)):
+    for k, (joint, torque) in enumerate(zip(robot.actuator_names, raw.torque.T, strict=True)):
         ax.plot(raw.time, torque, label=joint.replace("_", " "), **line_style(k))
     for pole in poles:
         ax.axvline(pole, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
-    _torque_axes(ax)
+    _torque_axes(ax, robot)
     ax.set_title("raw sampling, proves nothing", loc="left")
     return ax
 
@@ -161,9 +161,10 @@ def save(draw: Callable[[], Axes], stem: Path) -> list[Path]:
     return paths
 
 
-def _torque_axes(ax: Axes) -> None:
+def _torque_axes(ax: Axes, robot: ParallelRobot) -> None:
+    unit = ", ".join(dict.fromkeys(robot.torque_units))
     ax.set_xlabel("time  [s]")
-    ax.set_ylabel("motor torque  [N m]")
+    ax.set_ylabel(f"motor torque  [{unit}]")
     ax.legend()
 
 

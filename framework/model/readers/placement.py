@@ -1,0 +1,108 @@
+"""Rigid placements as 4 x 4 matrices, and the ways in which XML files write them."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from collections.abc import Sequence
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import RobotFileError
+
+Vector3 = tuple[float, float, float]
+
+
+def numbers(where: str, text: str | None, count: int) -> tuple[float, ...]:
+    """`count` finite numbers out of an attribute.
+
+    Raises:
+        RobotFileError: another count, or no finite number among them.
+    """
+    parts = (text or "").split()
+    values = []
+    for part in parts:
+        try:
+            value = float(part)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise RobotFileError(f"{where}: needs finite numbers, got {short(text)}")
+        values.append(value)
+    if len(values) != count:
+        raise RobotFileError(f"{where}: needs {count} number{'s' * (count != 1)}, got {short(text)}")
+    return tuple(values)
+
+
+def short(value: object) -> str:
+    """What was given, cut to a length that fits a message of one line."""
+    return reprlib.repr(value)
+
+
+def placement(rotation: Array | None = None, translation: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:
+    """The placement (4, 4) of a rotation matrix and a translation."""
+    matrix = np.eye(4)
+    if rotation is not None:
+        matrix[:3, :3] = rotation
+    matrix[:3, 3] = translation
+    return matrix
+
+
+def inverse(matrix: Array) -> Array:
+    """The inverse of a placement."""
+    turn = matrix[:3, :3].T
+    return placement(turn, -turn @ matrix[:3, 3])
+
+
+def about(axis: Sequence[float] | Array, angle: float) -> Array:
+    """The rotation matrix of a turn about an axis (Rodrigues); the axis needs no unit length."""
+    x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew)
+
+
+def from_rpy(rpy: Sequence[float]) -> Array:
+    """The rotation matrix of a URDF's roll, pitch and yaw."""
+    roll, pitch, yaw = rpy
+    return np.asarray(about((0, 0, 1), yaw) @ about((0, 1, 0), pitch) @ about((1, 0, 0), roll))
+
+
+def to_rpy(rotation: Array) -> Vector3:
+    """Roll, pitch and yaw of a rotation matrix, to rounding at every pitch.
+
+    The yaw is taken out before the roll is read, so that the two fit each other where the pitch is
+    a quarter turn and neither is determined alone.
+    """
+    pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
+    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
+    rest = about((0, 0, 1), -yaw) @ rotation
+    return math.atan2(-rest[1, 2], rest[1, 1]), pitch, yaw
+
+
+def from_quaternion(w: float, x: float, y: float, z: float) -> Array:
+    """The rotation matrix of a quaternion of any length but zero."""
+    w, x, y, z = np.array([w, x, y, z]) / math.hypot(w, x, y, z)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def turning(name: str, axis: Sequence[float] | Array) -> Array:
+    """A rotation matrix whose column `name` (x, y or z) is the axis; exact for axes of the frame."""
+    main = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    helper = np.eye(3)[int(np.argmin(np.abs(main)))]
+    second = np.cross(main, helper)
+    second /= np.linalg.norm(second)
+    columns = [main, second, np.cross(main, second)]  # right-handed, in cyclic order
+    first = "xyz".index(name)
+    if abs(main[first]) == 1.0 and main[first] > 0:
+        return np.eye(3)
+    matrix = np.empty((3, 3))
+    for k, column in enumerate(columns):
+        matrix[:, (first + k) % 3] = column
+    return matrix

@@ -1,0 +1,86 @@
+"""The `<constraint>` proposed for ROS's URDF (urdfdom pull request 264, urdfdom_headers 108).
+
+    <constraint name="tip" type="spherical">
+      <parent link="left_rod"/>   <parent_origin xyz="0.25 0 0" rpy="0 0 0"/>  <parent_axis xyz="0 0 1"/>
+      <child link="right_rod"/>   <child_origin xyz="0.25 0 0"/>               <child_axis xyz="0 0 1"/>
+    </constraint>
+
+Each axis is in its own frame. A revolute, prismatic, cylindrical or planar joint has one axis: the
+child's is the parent's unless given. A universal joint has two at right angles, both needed. `fixed` (or
+`link`, a cut link) and `spherical` have none. Motors are the joints with a transmission or a command
+interface of ros2_control; the file says nothing about the platform.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import RobotFileError, choose_from
+from framework.model.description import Actuator, Closure, RobotDescription, locked_axes
+from framework.model.readers.placement import placement, turning
+from framework.model.readers.unsaid import Options
+from framework.model.readers.urdf_tree import UrdfTree, attribute, axis_of, only, origin_of, required
+
+ELEMENTS = ("constraint",)
+_KINDS = {"continuous": "revolute", "link": "fixed"} | {
+    kind: kind
+    for kind in ("fixed", "spherical", "revolute", "prismatic", "cylindrical", "planar", "universal")
+}
+_PARTS = ("parent", "parent_origin", "parent_axis", "child", "child_origin", "child_axis")
+
+
+def read_ros_constraint(file: Path, root: ElementTree.Element, options: Options) -> RobotDescription:
+    """The description in a URDF with `<constraint>` elements.
+
+    Raises:
+        RobotFileError: names the element.
+    """
+    tree = UrdfTree(root, ELEMENTS)
+    closures = [_constraint(tree, element) for element in tree.extra]
+    for name in tree.motors:
+        if name not in tree.movable:
+            raise RobotFileError(f"transmission: {choose_from('movable joint', name, tree.movable)}")
+    return tree.describe(file, options, closures, actuators=[Actuator(name) for name in tree.motors])
+
+
+def _constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    name = attribute(element, "<constraint>", "name")
+    where = f"constraint {name!r}"
+    only(element, where, _PARTS, ("name", "type"))
+    given = attribute(element, where, "type")
+    if given.lower() not in _KINDS:
+        raise RobotFileError(f"{where}: {choose_from('type', given, _KINDS)}")
+    kind = _KINDS[given.lower()]
+    frames = []
+    for end, turn in zip(("parent", "child"), _turns(element, where, kind), strict=True):
+        found = required(element, where, end)
+        only(found, f"{where}: <{end}>", (), ("link",))
+        link = tree.link(f"{where}: <{end}>", attribute(found, f"{where}: <{end}>", "link"))
+        origin = origin_of(element.find(f"{end}_origin"), f"{where}: <{end}_origin>")
+        frames.append(tree.frame_at(f"{name}_{end}", link, origin @ placement(turn)))
+    return Closure(name, (frames[0], frames[1]), locked_axes(kind))
+
+
+def _turns(element: ElementTree.Element, where: str, kind: str) -> tuple[Array, Array]:
+    """Turns of the two frames that put the axes where the closure wants them."""
+    if kind in ("fixed", "spherical"):
+        return np.eye(3), np.eye(3)
+    axis = axis_of(required(element, where, "parent_axis"), f"{where}: <parent_axis>")
+    child = element.find("child_axis")
+    if kind == "universal":
+        other = axis_of(required(element, where, "child_axis"), f"{where}: <child_axis>")
+        # the first axis is x of the first frame, the second is y of the second frame
+        return turning("x", axis), turning("y", other)
+    other = axis_of(child, f"{where}: <child_axis>") if child is not None else axis
+    if kind == "prismatic" and np.linalg.norm(np.cross(axis, other)) > 1e-12 * np.linalg.norm(
+        axis
+    ) * np.linalg.norm(other):
+        raise RobotFileError(
+            f"{where}: <child_axis>: differs from <parent_axis>; a prismatic joint does not turn, so turn "
+            f"the frame by the rpy of <child_origin> instead"
+        )
+    return turning("z", axis), turning("z", other if kind != "prismatic" else axis)

@@ -1,0 +1,117 @@
+"""What a foreign file leaves unsaid - platform, axes, motors, reference - and the person must say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from framework.errors import RobotFileError, choose_from
+from framework.model.description import AXES, Actuator, Platform
+from framework.model.readers.placement import short
+
+_SHOWN = 24  # candidates named in a message
+
+
+@dataclass(frozen=True)
+class Options:
+    """What was said beside the file; None is left to the file.
+
+    `reference` [rad, m] goes by joint name; a foreign file's zero pose is the reference unless it
+    says something else.
+    """
+
+    platform: str | None = None
+    axes: tuple[str, ...] | None = None
+    motors: tuple[str, ...] | None = None
+    reference: Mapping[str, float] = field(default_factory=dict)
+
+
+class Said(NamedTuple):
+    """Platform and motors, from the options and else from the file."""
+
+    platform: Platform
+    actuators: tuple[Actuator, ...]
+
+
+def settle(
+    options: Options,
+    *,
+    frames: Sequence[str],
+    joints: Sequence[str],
+    platform: Platform | None = None,
+    actuators: Sequence[Actuator] = (),
+    likely_motors: Sequence[str] = (),
+) -> Said:
+    """What the options say, else the file; `frames` and movable `joints` are the valid names.
+
+    Raises:
+        RobotFileError: something is said nowhere (names the options and the candidates), or an
+            option is not valid.
+    """
+    frame = options.platform or (platform.frame if platform else None)
+    axes = options.axes or (platform.axes if platform else None)
+    missing = []
+    if frame is None:
+        missing.append(f"--platform FRAME (of: {_few(frames)})")
+    if axes is None:
+        missing.append(f"--axes (of: {', '.join(AXES)})")
+    if options.motors is None and not actuators:
+        missing.append(f"--motors (of: {_few(likely_motors or joints)})")
+    if frame is None or axes is None or missing:
+        raise RobotFileError(f"the file does not say: give {'; '.join(missing)}")
+    if frame not in frames:
+        raise RobotFileError(f"--platform: {choose_from('frame', frame, frames)}")
+    for axis in axes:
+        if axis not in AXES:
+            raise RobotFileError(f"--axes: {choose_from('axis', axis, AXES)}")
+    if len(set(axes)) < len(axes):
+        raise RobotFileError(f"--axes: needs different axes, got {' '.join(axes)}")
+    if sum(axis.startswith("r") for axis in axes) == 2:
+        raise RobotFileError(
+            f"--axes: got {' '.join(axes)}; a platform turns about none, one or all three of rx, ry, rz"
+        )
+    return Said(Platform(frame, axes), _actuators(options.motors, joints, actuators))
+
+
+def _actuators(
+    motors: Sequence[str] | None, joints: Sequence[str], known: Sequence[Actuator]
+) -> tuple[Actuator, ...]:
+    """The motors of the file, or those of the options with what the file knows of them."""
+    if motors is None:
+        return tuple(known)
+    by_joint = {actuator.joint: actuator for actuator in known}
+    for name in motors:
+        if name not in joints:
+            raise RobotFileError(f"--motors: {choose_from('movable joint', name, joints)}")
+        if list(motors).count(name) > 1:
+            raise RobotFileError(f"--motors: {name!r} is there twice")
+    if not motors:
+        raise RobotFileError(f"--motors: needs at least one joint (valid: {_few(joints)})")
+    return tuple(by_joint.get(name, Actuator(name)) for name in motors)
+
+
+def checked_reference(
+    options: Options, joints: Sequence[str], found: Mapping[str, float]
+) -> dict[str, float]:
+    """The reference of the file with that of the options over it."""
+    for name in options.reference:
+        if name not in joints:
+            raise RobotFileError(f"--reference: {choose_from('movable joint', name, joints)}")
+    return {**found, **{name: float(value) for name, value in options.reference.items()}}
+
+
+def _few(names: Sequence[str]) -> str:
+    listed = ", ".join(names[:_SHOWN]) or "none"
+    return listed + (f", and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+
+
+def names_list(where: str, value: object) -> tuple[str, ...]:
+    """A list of texts.
+
+    Raises:
+        RobotFileError: it is not.
+    """
+    if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
+        raise RobotFileError(f"{where}: needs a list of names, got {short(value)}")
+    return tuple(value)

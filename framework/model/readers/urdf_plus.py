@@ -1,0 +1,107 @@
+"""URDF+ (Chignoli, Slotine, Wensing, Kim 2024; the parser of ROAM lab's GRBDA): `<loop>` and `<coupling>`.
+
+    <loop name="tip" type="revolute">
+      <predecessor link="left_rod">  <origin xyz="0.25 0 0"/> </predecessor>
+      <successor link="right_rod">   <origin xyz="0.25 0 0"/> </successor>
+      <axis xyz="0 0 1"/>            in both frames, which the joint makes coincide but for its motion
+    </loop>
+    <coupling name="belt">           ratio * (angle of the predecessor) = angle of the successor
+      <predecessor link="pulley"/> <successor link="wheel"/> <ratio value="1"/>
+    </coupling>
+
+The angle of a link is the sum of the joints that carry it and not the other. A coupling is no loop of
+frames; only two kinds of it are one: a joint that is held, and links turned alike (ratio 1, all axes
+parallel). Others are refused. The file says nothing about platform and motors; joints marked
+`independent` are proposed as motors.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import RobotFileError, choose_from
+from framework.model.description import Actuator, Closure, RobotDescription, locked_axes
+from framework.model.readers.placement import numbers, placement, turning
+from framework.model.readers.unsaid import Options
+from framework.model.readers.urdf_tree import UrdfTree, attribute, axis_of, only, origin_of, required
+
+ELEMENTS = ("loop", "coupling")
+_KINDS = {"revolute": "revolute", "continuous": "revolute"} | {
+    kind: kind for kind in ("prismatic", "cylindrical", "planar", "spherical", "fixed")
+}
+_WITHOUT_AXIS = ("spherical", "fixed")
+
+
+def read_urdf_plus(file: Path, root: ElementTree.Element, options: Options) -> RobotDescription:
+    """The description in a URDF+ file.
+
+    Raises:
+        RobotFileError: names the element.
+    """
+    independent = [
+        joint.get("name", "")
+        for joint in root.findall("joint")
+        if joint.get("independent", "").lower() in ("true", "1")
+    ]
+    tree = UrdfTree(root, ELEMENTS)
+    closures = [_loop(tree, element) for element in tree.extra if element.tag == "loop"]
+    for element in tree.extra:
+        if element.tag == "coupling" and (closure := _coupling(tree, element)) is not None:
+            closures.append(closure)
+    driven = [Actuator(name) for name in tree.motors if name in tree.movable]
+    return tree.describe(file, options, closures, actuators=driven, likely_motors=independent)
+
+
+def _loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    name = attribute(element, "<loop>", "name")
+    where = f"loop {name!r}"
+    only(element, where, ("predecessor", "successor", "axis"), ("name", "type"))
+    kind = attribute(element, where, "type")
+    if kind not in _KINDS:
+        raise RobotFileError(f"{where}: {choose_from('type', kind, _KINDS)}")
+    turn: Array = np.eye(3)
+    if kind not in _WITHOUT_AXIS:
+        turn = turning("z", axis_of(required(element, where, "axis"), f"{where}: <axis>"))
+    frames = []
+    for end in ("predecessor", "successor"):
+        link, origin = _end(tree, element, where, end)
+        frames.append(tree.frame_at(f"{name}_{end}", link, origin @ placement(turn)))
+    return Closure(name, (frames[0], frames[1]), locked_axes(_KINDS[kind]))
+
+
+def _coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
+    name = attribute(element, "<coupling>", "name")
+    where = f"coupling {name!r}"
+    only(element, where, ("predecessor", "successor", "ratio"), ("name", "type"))
+    first, _ = _end(tree, element, where, "predecessor")
+    second, _ = _end(tree, element, where, "successor")
+    value = required(element, where, "ratio")
+    only(value, f"{where}: <ratio>", (), ("value",))
+    (ratio,) = numbers(f"{where}: <ratio>", attribute(value, f"{where}: <ratio>", "value"), 1)
+    if first == second:
+        raise RobotFileError(f"{where}: couples {first!r} with itself")
+    drivers, driven = tree.moving_chains(first, second)
+    held, others = (driven, drivers) if ratio == 0.0 or not drivers else (drivers, driven)
+    if len(held) == 1 and (ratio == 0.0 or not others):
+        tree.fix(held[0], 0.0)
+        return None
+    closure = tree.same_turning(name, first, second) if ratio == 1.0 else None
+    if closure is None:
+        raise RobotFileError(
+            f"{where}: a gear of ratio {ratio:g} between {first!r} and {second!r} cannot be held by loops "
+            f"of frames (valid: ratio 1 between turns about parallel axes, or a joint that is held); "
+            f"leave the geared link out and give its motor a gear_ratio"
+        )
+    return closure
+
+
+def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> tuple[str, Array]:
+    found = required(element, where, end)
+    where = f"{where}: <{end}>"
+    only(found, where, ("origin",), ("link",))
+    link = tree.link(where, attribute(found, where, "link"))
+    return link, origin_of(found.find("origin"), f"{where}: <origin>")

@@ -1,0 +1,131 @@
+"""Write a description as our own robot file and URDF, both or neither."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from framework.errors import OutputError, RobotFileError
+from framework.model.description import (
+    Actuator,
+    Closure,
+    RobotDescription,
+    Scene,
+    Spring,
+    locked_axes,
+)
+from framework.model.robot_file import VERSION, read_robot_file
+from framework.output import written_together
+
+_KINDS = {locked_axes(kind): kind for kind in ("fixed", "spherical")}  # kinds without an axis
+
+
+def write_robot_file(description: RobotDescription, folder: str | Path) -> Path:
+    """Write NAME.yaml and NAME.urdf into a folder, read them back to be sure, and return the YAML's path.
+
+    Raises:
+        OutputError: the folder cannot be written, or these would overwrite the file that was read.
+        RobotFileError: what was written cannot be read; nothing is left in the folder then.
+    """
+    out, name = Path(folder), description.name
+    for suffix in (".yaml", ".urdf"):
+        target = out / f"{name}{suffix}"
+        if target.exists() and target.resolve() in (
+            description.file.resolve(),
+            description.file.with_suffix(suffix).resolve(),
+        ):
+            raise OutputError(f"--out: would overwrite {target}, which is read; give another folder")
+    with written_together(out) as temporary:
+        (temporary / f"{name}.urdf").write_text(
+            _urdf_text(description.urdf_text, description.file.parent, out), encoding="utf-8"
+        )
+        written = temporary / f"{name}.yaml"
+        written.write_text(_yaml_text(description), encoding="utf-8")
+        try:
+            read_robot_file(written)
+        except RobotFileError as error:
+            message = str(error).removeprefix(f"{written}: ").replace(str(temporary), str(out))
+            raise RobotFileError(f"{description.file}: cannot become a robot file: {message}") from None
+    return out / f"{name}.yaml"
+
+
+def spring_entry(spring: Spring) -> dict[str, Any]:
+    """A spring as an entry of `springs` in a robot file."""
+    entry: dict[str, Any] = {"name": spring.name, "part": spring.part, "after": spring.after}
+    if spring.motion:
+        entry["motion"] = list(spring.motion)
+    return {**entry, "stiffness": list(spring.stiffness)}
+
+
+def robot_document(description: RobotDescription) -> dict[str, Any]:
+    """The content of the robot file; its URDF is NAME.urdf."""
+    document: dict[str, Any] = {
+        "version": VERSION,
+        "urdf": f"{description.name}.urdf",
+        "gravity": list(description.gravity),
+        "platform": {"frame": description.platform.frame, "axes": list(description.platform.axes)},
+        "actuators": [_actuator(actuator) for actuator in description.actuators],
+        "closures": [_closure(closure) for closure in description.closures],
+    }
+    springs = [spring_entry(spring) for spring in description.springs]
+    springs += [
+        {"name": s.name, "joint": s.joint, "stiffness": s.stiffness, "rest": s.rest}
+        for s in description.joint_springs
+    ]
+    if springs:
+        document["springs"] = springs
+    if description.reference:
+        document["reference"] = dict(description.reference)
+    if description.scenes:
+        document["scenes"] = {name: _scene(scene) for name, scene in description.scenes.items()}
+    return document
+
+
+def _actuator(actuator: Actuator) -> dict[str, Any]:
+    entry: dict[str, Any] = {"joint": actuator.joint, "gear_ratio": actuator.gear_ratio}
+    for key in ("rotor_inertia", "torque_limit", "speed_limit"):
+        if getattr(actuator, key):
+            entry[key] = getattr(actuator, key)
+    return entry
+
+
+def _closure(closure: Closure) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": closure.name, "frames": list(closure.frames)}
+    if closure.length is not None:
+        return {**entry, "kind": "distance", "length": closure.length}
+    if closure.axes in _KINDS:
+        return {**entry, "kind": _KINDS[closure.axes]}
+    return {**entry, "axes": list(closure.axes)}
+
+
+def _scene(scene: Scene) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        scene.kind: [list(point) for point in scene.points],
+        "duration": scene.duration,
+    }
+    for key in ("times", "speeds", "at"):
+        if getattr(scene, key) is not None:
+            entry[key] = list(getattr(scene, key))
+    return entry
+
+
+def _yaml_text(description: RobotDescription) -> str:
+    head = f"# Converted from {description.file.name}. SI units: m, kg, s, rad, N, N m.\n"
+    return head + yaml.safe_dump(
+        robot_document(description), sort_keys=False, default_flow_style=None, allow_unicode=True, width=110
+    )
+
+
+def _urdf_text(text: str, old: Path, new: Path) -> str:
+    """The URDF, its relative mesh files seen from the new folder."""
+    root = ElementTree.fromstring(text)
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "")
+        if name and "://" not in name and not os.path.isabs(name):
+            mesh.set("filename", Path(os.path.relpath(old / name, new)).as_posix())
+    ElementTree.indent(root)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"

@@ -1,0 +1,242 @@
+"""Springs of a link from its section and material.
+
+A slender straight beam of length L along x, clamped at one end, gives way at the other by the compliance
+of Euler and Bernoulli (or Timoshenko), which couples displacement and rotation:
+
+    y = F L^3 / (3 E Iz) + M L^2 / (2 E Iz),    rz = F L^2 / (2 E Iz) + M L / (E Iz).
+
+Seen from the middle of the beam it does not: there the same beam is the diagonal stiffness
+
+    x  E A / L       y  12 E Iz / L^3    z  12 E Iy / L^3
+    rx G J / L       ry E Iy / L         rz E Iz / L
+
+(for Timoshenko 1/ky = L^3 / (12 E Iz) + L / (shear_y G A), likewise z). So a 6-axis virtual joint that
+stands in the middle of the link is exact for every small load at the tip, to first order in the
+deflection, with the beam's own mass neglected. `split_beam` puts a fixed joint there.
+
+At the tip itself no diagonal stiffness is right. `tip_springs` keeps the two direct terms, 3 E I / L^3
+and E I / L: exact for the displacement of a rod that only a force loads at its tip, as one that ends in
+a spherical joint, and for the rotation of one that only a moment loads; the cross terms L^2 / (2 E I)
+are left out. A planar rod with a pin at each end carries no bending: its x alone matters, exact in both.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.errors import InvalidInput, choose_from
+from framework.model.description import AXES, Spring
+from framework.model.readers.placement import inverse, placement, turning
+from framework.model.readers.urdf_tree import joint_element, origin_element, origin_of
+from framework.model.readers.writer import spring_entry
+
+
+@dataclass(frozen=True)
+class Material:
+    """Moduli of elasticity `E` and of shear `G` [Pa]."""
+
+    E: float
+    G: float
+
+    def __post_init__(self) -> None:
+        _positive(E=self.E, G=self.G)
+
+    @staticmethod
+    def isotropic(E: float, poisson: float) -> Material:
+        """The material of modulus `E` and Poisson's ratio, G = E / (2 (1 + poisson)).
+
+        Raises:
+            InvalidInput: E is not positive, or the ratio not between -1 and 0.5.
+        """
+        if not -1.0 < poisson < 0.5:
+            raise InvalidInput(f"poisson: must be between -1 and 0.5, got {poisson!r}")
+        return Material(E, E / (2.0 * (1.0 + poisson)))
+
+
+@dataclass(frozen=True)
+class Section:
+    """A cross-section: area `A` [m^2], second moments `Iy`, `Iz` and torsion constant `J` [m^4].
+
+    `Iy` resists bending about y (displacement along z). The shear factors are Timoshenko's; None leaves
+    shear out (Euler-Bernoulli).
+    """
+
+    A: float
+    Iy: float
+    Iz: float
+    J: float
+    shear_y: float | None = None
+    shear_z: float | None = None
+
+    def __post_init__(self) -> None:
+        _positive(A=self.A, Iy=self.Iy, Iz=self.Iz, J=self.J)
+        if self.shear_y is not None:
+            _positive(shear_y=self.shear_y)
+        if self.shear_z is not None:
+            _positive(shear_z=self.shear_z)
+
+    @staticmethod
+    def tube(outer: float, inner: float = 0.0, shear: float | None = None) -> Section:
+        """A round bar or tube of these radii [m].
+
+        Raises:
+            InvalidInput: not 0 <= inner < outer.
+        """
+        _positive(outer=outer)
+        if not 0.0 <= inner < outer:
+            raise InvalidInput(f"inner: must be from 0 to below outer ({outer!r}), got {inner!r}")
+        area, bend = math.pi * (outer**2 - inner**2), math.pi / 4.0 * (outer**4 - inner**4)
+        return Section(area, bend, bend, 2.0 * bend, shear, shear)
+
+    @staticmethod
+    def rectangle(width: float, height: float, shear: float | None = None) -> Section:
+        """A full rectangle, `width` [m] along y and `height` along z; J by Saint-Venant's series."""
+        _positive(width=width, height=height)
+        a, b = max(width, height), min(width, height)
+        odd = np.arange(1, 200, 2)
+        series = float(np.sum(np.tanh(odd * math.pi * a / (2.0 * b)) / odd**5.0))
+        torsion = a * b**3 / 3.0 * (1.0 - 192.0 / math.pi**5 * b / a * series)
+        bend_y, bend_z = width * height**3 / 12.0, height * width**3 / 12.0
+        return Section(width * height, bend_y, bend_z, torsion, shear, shear)
+
+
+class SplitBeam(NamedTuple):
+    """A URDF with a fixed joint `middle` halfway to a link's tip, x along the beam of this `length` [m]."""
+
+    urdf_text: str
+    middle: str
+    length: float
+
+
+def beam_stiffness(section: Section, material: Material, length: float) -> dict[str, float]:
+    """Diagonal stiffness [N/m, N m/rad] by axis of a beam along x, seen from its middle. Exact there.
+
+    Raises:
+        InvalidInput: the length is not positive.
+    """
+    _positive(length=length)
+    E, G, L = material.E, material.G, length
+
+    def across(moment: float, shear: float | None) -> float:
+        sliding = 0.0 if shear is None else L / (shear * G * section.A)
+        return 1.0 / (L**3 / (12.0 * E * moment) + sliding)
+
+    return {
+        "x": E * section.A / L,
+        "y": across(section.Iz, section.shear_y),
+        "z": across(section.Iy, section.shear_z),
+        "rx": G * section.J / L,
+        "ry": E * section.Iy / L,
+        "rz": E * section.Iz / L,
+    }
+
+
+def beam_spring(
+    name: str,
+    after: str,
+    section: Section,
+    material: Material,
+    length: float,
+    axes: tuple[str, ...] = AXES,
+) -> Spring:
+    """The virtual joint of a link, behind the fixed joint `after` in the middle of its beam.
+
+    The child frame of `after` has x along the beam; see `split_beam`. With fewer `axes` the others are
+    rigid. Exact for small loads at the tip (see the module).
+
+    Raises:
+        InvalidInput: length, name or axes are not valid.
+    """
+    return _spring(name, after, beam_stiffness(section, material, length), axes)
+
+
+def tip_spring(
+    name: str,
+    after: str,
+    section: Section,
+    material: Material,
+    length: float,
+    axes: tuple[str, ...] = AXES,
+) -> Spring:
+    """The virtual joint of a link, behind the fixed joint `after` at its tip; lacks the cross terms.
+
+    Exact where the tip carries either only a force (its displacement) or only a moment (its rotation).
+
+    Raises:
+        InvalidInput: length, name or axes are not valid.
+    """
+    stiffness = beam_stiffness(section, material, length)
+    for axis, turn in (("y", "rz"), ("z", "ry")):  # the tip swings about the middle: (L/2)^2 / k
+        stiffness[axis] = 1.0 / (1.0 / stiffness[axis] + length**2 / (4.0 * stiffness[turn]))
+    return _spring(name, after, stiffness, axes)
+
+
+def split_beam(urdf_text: str, tip: str) -> SplitBeam:
+    """The URDF with a fixed joint halfway along the fixed joint `tip`, which reaches from a link's
+    origin to its tip.
+
+    The new joint is `<tip>_middle`, its child frame has x along the beam; the tip stays where it was.
+    Link masses stay on the near half.
+
+    Raises:
+        InvalidInput: no fixed joint has this name, or it has no length.
+    """
+    try:
+        root = ElementTree.fromstring(urdf_text)
+    except ElementTree.ParseError as error:
+        raise InvalidInput(f"urdf_text: not well-formed XML: {error}") from None
+    fixed = {joint.get("name", ""): joint for joint in root.findall("joint") if joint.get("type") == "fixed"}
+    if tip not in fixed:
+        raise InvalidInput(f"tip: {choose_from('fixed joint', tip, fixed)}")
+    joint, middle = fixed[tip], f"{tip}_middle"
+    taken = {element.get("name") for tag in ("link", "joint") for element in root.findall(tag)}
+    if middle in taken or f"{middle}_link" in taken:
+        raise InvalidInput(f"tip: the name {middle!r} is already there")
+    origin, parent = joint.find("origin"), joint.find("parent")
+    whole = origin_of(origin, f"joint {tip!r}: <origin>")
+    span = whole[:3, 3]
+    length = float(np.linalg.norm(span))
+    if length == 0.0 or parent is None:
+        raise InvalidInput(f"tip: joint {tip!r} has no length")
+    half = placement(turning("x", span), 0.5 * span)
+    root.append(ElementTree.Element("link", name=f"{middle}_link"))
+    root.append(joint_element(middle, "fixed", parent.get("link", ""), f"{middle}_link", half, None))
+    parent.set("link", f"{middle}_link")
+    if origin is not None:
+        joint.remove(origin)
+    joint.append(origin_element(inverse(half) @ whole))
+    return SplitBeam(ElementTree.tostring(root, encoding="unicode"), middle, length)
+
+
+def _spring(name: str, after: str, stiffness: dict[str, float], axes: tuple[str, ...]) -> Spring:
+    if not name or not after:
+        raise InvalidInput(f"name and after: need names, got {name!r} and {after!r}")
+    for axis in axes:
+        if axis not in AXES:
+            raise InvalidInput(f"axes: {choose_from('axis', axis, AXES)}")
+    if not axes or len(set(axes)) < len(axes):
+        raise InvalidInput(f"axes: needs different axes out of {', '.join(AXES)}, got {axes!r}")
+    return Spring(name, "link", after, tuple(axes), tuple(stiffness[axis] for axis in axes))
+
+
+def _positive(**values: float) -> None:
+    for name, value in values.items():
+        if not 0.0 < value < math.inf:
+            raise InvalidInput(f"{name}: must be a finite number greater than zero, got {value!r}")
+
+
+__all__ = [
+    "Material",
+    "Section",
+    "SplitBeam",
+    "beam_spring",
+    "beam_stiffness",
+    "split_beam",
+    "spring_entry",
+    "tip_spring",
+]
