@@ -33,6 +33,7 @@ from framework.dynamics.inverse_dynamics import (
 )
 from framework.errors import InvalidInput, NoLaw
 from framework.kinematics.locus import SingularPoint, locate_singularities
+from framework.kinematics.singularity import UNCROSSABLE
 from framework.kinematics.tracking import Track, track_path
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
@@ -405,6 +406,8 @@ def _targets(
 
 def _refuse_uncrossable(robot: ParallelRobot, at: SingularPoint) -> None:
     where = f"{robot.name}: at s = {at.s:.6g} the path"
+    if at.kind != "type_2":
+        raise NoLaw(f"{where} meets {UNCROSSABLE[at.kind]}")
     if at.s < 1e-9 or at.s > 1 - 1e-9:
         end = "starts" if at.s < 0.5 else "ends"
         raise NoLaw(
@@ -421,8 +424,6 @@ def _refuse_uncrossable(robot: ParallelRobot, at: SingularPoint) -> None:
             f"{where} touches the locus without crossing it; finite torques would ask for condition "
             f"(8) and its time derivative at once: move the path off the locus or across it"
         )
-    if at.kind == "closure":
-        raise NoLaw(f"{where} meets a singularity of the loop equations themselves, whatever the motors")
 
 
 def _choose_milestones(

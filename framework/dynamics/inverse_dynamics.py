@@ -30,7 +30,13 @@ from framework.errors import (
 from framework.kinematics.frames import move, offset
 from framework.kinematics.inverse_kinematics import close_loops, mode_signs, motion_at, system_at
 from framework.kinematics.locus import SingularPoint, locate_singularities
-from framework.kinematics.singularity import Border, bordered, measured_matrix, uncontrolled_motion
+from framework.kinematics.singularity import (
+    UNCROSSABLE,
+    Border,
+    bordered,
+    measured_matrix,
+    uncontrolled_motion,
+)
 from framework.kinematics.tracking import Track, track_path
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid, real_roots
@@ -251,8 +257,11 @@ def rigid_passages(track: Track, points: tuple[SingularPoint, ...], law: MotionL
     """All instants at which the law takes the undeformed robot through a singular point.
 
     Raises:
-        NoLaw: the motion stands still on one of them.
+        NoLaw: the motion stands still on one of them, or one is not of Type 2.
     """
+    for at in points:
+        if at.kind != "type_2":
+            raise NoLaw(f"{track.robot.name}: at s = {at.s:.6g} the path meets {UNCROSSABLE[at.kind]}")
     edges = _panel_edges(track.path, law)
     return tuple(_rigid_passage(track, law, t, at) for at in points for t in _instants(law, edges, at.s))
 

@@ -15,7 +15,7 @@ import numpy as np
 from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput, NotAssembled, point
 from framework.kinematics.assembly import LONGEST_STEP, loop_rows, passive_columns, reference_configuration
-from framework.kinematics.closures import closure_drift, column_scale, loop_equations
+from framework.kinematics.closures import closure_drift, column_scale, loop_equations, scaled
 from framework.kinematics.frames import FrameStack, drift_accelerations, frames_at, move
 from framework.kinematics.platform import platform_jacobian, platform_residual, platform_twist
 from framework.model import ParallelRobot
@@ -179,6 +179,25 @@ def mode_signs(robot: ParallelRobot, system: System) -> tuple[Array, Array]:
     passive = system.closures[:, :, passive_columns(robot)]
     square = passive.shape[1] == passive.shape[2]
     return working, np.linalg.slogdet(passive)[0] if square else np.ones(len(passive))
+
+
+def keeps_working_mode(robot: ParallelRobot, one: System, two: System) -> bool:
+    """Whether no Type 1 singularity lies between two near configurations (systems of T = 1).
+
+    det [dF/dq] also changes sign where the loop equations lose rank, and there a smooth branch goes on.
+    The map from the motions that the loops allow to the platform does not: with N a basis of those
+    motions, carried on from one configuration to the other, det (platform N) keeps its sign.
+    """
+    if mode_signs(robot, one)[0] == mode_signs(robot, two)[0]:
+        return True
+    bases, signs = [], []
+    columns = moving_columns(robot)
+    for system in (one, two):
+        loops = scaled(robot, system.closures, loop_rows(robot))[0][:, columns]
+        basis = np.linalg.svd(loops)[2][len(loops) :].T
+        bases.append(basis)
+        signs.append(np.linalg.slogdet(scaled(robot, system.platform, None)[0][:, columns] @ basis)[0])
+    return bool(signs[0] * signs[1] * np.linalg.slogdet(bases[0].T @ bases[1])[0] > 0)
 
 
 def reference_system(robot: ParallelRobot) -> System:

@@ -17,10 +17,11 @@ from numpy.polynomial import chebyshev
 from framework.arrays import Array
 from framework.errors import NotAssembled, NotConverged, SingularPath, Type1Singularity, point
 from framework.kinematics.assembly import loop_rows
-from framework.kinematics.closures import scaled
+from framework.kinematics.closures import loop_equations, scaled
 from framework.kinematics.inverse_kinematics import System, moving_columns, system_at
 from framework.kinematics.platform import path_twist
 from framework.kinematics.singularity import (
+    VANISHED,
     Border,
     bordered,
     measured_matrix,
@@ -68,7 +69,7 @@ def locate_singularities(
     Raises:
         OutOfReach, Type1Singularity: the path cannot be followed, or meets a stretched or folded leg.
         SingularPath: the path runs along the singular locus.
-        NotConverged: g cannot be resolved; says where.
+        NotConverged: g cannot be resolved, or needs loop equations that were dropped; says where.
     """
     track = track_path(robot, path) if track is None else track
 
@@ -82,12 +83,45 @@ def locate_singularities(
 
     samples = _Samples(track, {})
     try:
-        type_1 = [s for s, _ in _contacts(samples, mobile)]
+        type_1 = [s for s, _ in _contacts(samples, mobile) if _is_type_1(track, s)]
     except _Unresolved as unresolved:  # the branch has a kink, or another one meets it
         type_1 = [round(unresolved.s, 3)]  # known to the width of a panel
     if type_1:
         raise _type_1(track, type_1[0])
-    return tuple(_singular_point(track, s, contact) for s, contact in _contacts(samples, passive))
+    contacts = _contacts(samples, passive)
+    for s, _ in contacts:
+        _refuse_dropped_rows(track, s)
+    return tuple(_singular_point(track, s, contact) for s, contact in contacts)
+
+
+def _refuse_dropped_rows(track: Track, s: float) -> None:
+    """Raise NotConverged if the loops keep their rank at s and only the rows chosen at the reference lose it.
+
+    An overconstrained robot repeats its loop equations in proportions that change as it moves; the rows
+    that say it all at the reference need not do so everywhere.
+    """
+    robot, system = track.robot, track.closed(s).system
+    columns = moving_columns(robot)
+    whole = scaled(robot, loop_equations(robot.rows, system.frames).jacobian, robot.rows)[0][:, columns]
+    kept = scaled(robot, system.closures, loop_rows(robot))[0][:, columns]
+    every, chosen = (np.linalg.svd(part, compute_uv=False) for part in (whole, kept))
+    if np.sum(chosen > VANISHED) < np.sum(every > VANISHED):
+        dropped = sorted(set(robot.rows.names) - set(loop_rows(robot).names))
+        raise NotConverged(
+            f"{robot.name}: the loops are sound at s = {s:.6g}, but the loop equations that were dropped as "
+            f"redundant at the reference ({', '.join(dropped)}) are needed there; give a reference nearer to "
+            f"this place",
+            residual=float(chosen[-1]),
+        )
+
+
+def _is_type_1(track: Track, s: float) -> bool:
+    """Whether the platform stops following the joints at s; not that joints stop following the platform,
+    as they do where they move without it."""
+    _refuse_dropped_rows(track, s)
+    system = track.closed(s).system
+    smallest = np.linalg.svd(measured_matrix(track.robot, system)[0], compute_uv=False)[-1]
+    return bool(smallest > VANISHED) or uncontrolled_motion(track.robot, system).kind == "type_2"
 
 
 class _Unresolved(NotConverged):

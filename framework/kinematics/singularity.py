@@ -21,11 +21,15 @@ import numpy as np
 from framework.arrays import Array
 from framework.kinematics.assembly import loop_rows, passive_columns
 from framework.kinematics.closures import column_scale, scaled
-from framework.kinematics.inverse_kinematics import (
-    System,
-)
+from framework.kinematics.inverse_kinematics import System, moving_columns
 from framework.model import ParallelRobot
 
+# What no law can cross, by kind: what the joints do there is not a function of the platform's path.
+UNCROSSABLE = {
+    "leg_passive": "a singularity inside a leg, whose passive joints then move without platform and motors",
+    "constraint": "a constraint singularity: the platform gains freedoms that it has nowhere else",
+    "closure": "a singularity of the loop equations themselves, whatever the motors do",
+}
 VANISHED = 1e-7  # of a unit motion (radians, robot lengths): less does not count as moving
 
 
@@ -60,8 +64,15 @@ def bordered(matrices: Array, border: Border) -> Bordered:
     whole[:, k, :k] = border.c
     unit = np.zeros((count, k + 1, 1))
     unit[:, k] = 1.0
-    solution = np.linalg.solve(whole, unit)[..., 0]
+    try:
+        solution = np.linalg.solve(whole, unit)[..., 0]
+    except np.linalg.LinAlgError:  # two null vectors at once, to the last bit: g is zero there
+        solution = np.array([_least_solution(one, right) for one, right in zip(whole, unit, strict=True)])
     return Bordered(solution[:, :k], solution[:, k])
+
+
+def _least_solution(matrix: Array, right: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(matrix, right[:, 0], rcond=None)[0])
 
 
 def passive_matrix(robot: ParallelRobot, system: System) -> Array:
@@ -99,9 +110,9 @@ class Uncontrolled(NamedTuple):
 def uncontrolled_motion(robot: ParallelRobot, system: System) -> Uncontrolled:
     """Classify a singular configuration (a system of T = 1) and find its twist t_s.
 
-    type_2: the platform moves along t_s. leg_passive: only passive joints inside a leg move.
-    constraint: the platform moves, but along none of its axes. closure: the loop equations
-    themselves lose rank, whatever is locked.
+    type_2: the platform moves along t_s. leg_passive: only passive joints inside a leg move. In the
+    other two the loop equations themselves lose rank, whatever the motors do. constraint: the platform
+    gains freedoms beyond its n (Zlatanov, Bonev and Gosselin 2002). closure: it does not, other bodies do.
     """
     P = passive_matrix(robot, system)[0]
     values, right = np.linalg.svd(P)[1:]
@@ -110,15 +121,31 @@ def uncontrolled_motion(robot: ParallelRobot, system: System) -> Uncontrolled:
     six = system.frames.jacobian[0, 0] @ motion  # the whole twist of the platform
     size = np.concatenate([six[:3] / robot.length, six[3:]])
     twist = six[robot.platform_axes]
-    whole = scaled(robot, system.closures, loop_rows(robot))[0]
-    if np.linalg.svd(whole, compute_uv=False)[-1] < VANISHED:
-        return Uncontrolled("closure", 0 * twist, motion, corank)
+    freedoms = instantaneous_motions(robot, system)
+    if freedoms.shape[1] > robot.n:
+        moved = system.frames.jacobian[0, 0][:, moving_columns(robot)] @ freedoms
+        moved[:3] /= robot.length
+        rank = int(np.sum(np.linalg.svd(moved, compute_uv=False) > VANISHED))
+        return Uncontrolled("constraint" if rank > robot.n else "closure", 0 * twist, motion, corank)
     if np.abs(size).max() < VANISHED:
         return Uncontrolled("leg_passive", 0 * twist, motion, corank)
     if np.abs(size[robot.platform_axes]).max() < VANISHED:
         return Uncontrolled("constraint", 0 * twist, motion, corank)
     scale = unit_twist(robot, twist)
     return Uncontrolled("type_2", twist / scale, motion / scale, corank)
+
+
+def instantaneous_motions(robot: ParallelRobot, system: System) -> Array:
+    """Joint rates (k, f) of the `moving_columns` that the loops of one configuration allow, springs at rest.
+
+    An orthonormal basis, in radians and robot lengths, turned back to joint rates. f is the number of
+    degrees of freedom, and more where the loop equations lose rank.
+    """
+    columns = moving_columns(robot)
+    loops = scaled(robot, system.closures, loop_rows(robot))[0][:, columns]
+    values, right = np.linalg.svd(loops)[1:]
+    rank = int(np.sum(values > VANISHED * max(float(values[0]), 1.0)))
+    return right[rank:].T * column_scale(robot)[columns][:, None]
 
 
 def unit_twist(robot: ParallelRobot, twist: Array) -> float:

@@ -21,7 +21,7 @@ from framework.kinematics.inverse_kinematics import (
     System,
     close_loops,
     joint_rates,
-    mode_signs,
+    keeps_working_mode,
     moving_columns,
     require_square,
     system_at,
@@ -127,7 +127,6 @@ def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Track:
     system = system_at(robot, q, path(np.zeros(1)))
     if np.abs(path(1.0) - path(0.0)).max() < 1e-4 * robot.length:
         step = 1.0
-    mode = mode_signs(robot, system)[0]
     at, configurations, rates = [0.0], [q], []
     while True:
         here = np.array([s])
@@ -149,7 +148,7 @@ def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Track:
                 continue
             correction = np.abs(offset(robot, predicted[0], closed.q) / lengths).max()
             advance = np.abs(rate * (following - s) / lengths).max()
-            same_mode = mode_signs(robot, closed.system)[0] == mode
+            same_mode = keeps_working_mode(robot, system, closed.system)
             if same_mode and correction <= max(LARGEST_CORRECTION, 0.25 * advance):
                 break
             step *= 0.5

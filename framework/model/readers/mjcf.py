@@ -555,7 +555,7 @@ class _Model:
                 raise RobotFileError(f"{where} {key}: {choose_from('hinge or slide', given, valid)}")
             names.append(given)
         parts = attributes.get("polycoef", "0 1 0 0 0").split()
-        parts += "0 1 0 0 0".split()[len(parts) :]  # what is left out keeps its default
+        parts += ["0", "1", "0", "0", "0"][len(parts) :]  # what is left out keeps its default
         coefficients = numbers(f"{where} polycoef", " ".join(parts), 5)
         first = tree.joints[str(names[0])]
         if len(names) == 1 or not any(coefficients[1:]):
