@@ -36,21 +36,37 @@ Report = tuple[dict[str, Any], str]  # for machines, for people
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
-    parser = _parser()
+    given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        options = parser.parse_args(arguments)
-        document, text = options.run(options)
-    except FrameworkError as error:
+        options = _parser().parse_args(given)
+        with np.errstate(all="ignore"):  # what is not finite is told as an error, not as a warning
+            document, text = options.run(options)
+    except (FrameworkError, _Misuse) as error:
         print(f"crossing: {error}", file=sys.stderr)
+        if "--json" in given:
+            _print(json.dumps({"error": _error_document(error)}, allow_nan=False))
         return 1 if isinstance(error, NoAnswer) else 2
-    except _Misuse as misuse:
-        print(f"crossing: {misuse}", file=sys.stderr)
-        return 2
+    _print(json.dumps(document, allow_nan=False) if options.json else text)
+    return 0
+
+
+def _print(text: str) -> None:
     try:
-        print(json.dumps(document, allow_nan=False) if options.json else text, flush=True)
+        print(text, flush=True)
     except BrokenPipeError:  # whoever reads has seen enough, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 0
+
+
+def _error_document(error: Exception) -> dict[str, Any]:
+    """An error for machines: its kind, the sentence, and the numbers that it carries."""
+    document: dict[str, Any] = {"kind": type(error).__name__.lstrip("_"), "message": str(error)}
+    for key in ("time", "s", "wrench", "joint", "residual", "platform"):
+        value = getattr(error, key, None)
+        if (isinstance(value, float) and np.isfinite(value)) or isinstance(value, str):
+            document[key] = value
+        elif isinstance(value, np.ndarray):
+            document[key] = value.tolist()
+    return document
 
 
 # ------------------------------------------------------------------ commands
@@ -145,6 +161,8 @@ def _plan(options: argparse.Namespace) -> Report:
     path, given = _path(options, robot), _motion_options(options, robot)
     if options.samples < 2:
         raise InvalidInput(f"--samples: needs at least 2, got {options.samples}")
+    if options.out == "":
+        raise InvalidInput("--out: needs the name of a folder, got an empty text")
     out = None if options.out is None else Path(options.out)
     if out is None:
         return _raw(options, robot, path, given, None) if options.raw else _planned(robot, path, given)
@@ -187,7 +205,8 @@ def _plan_text(plan: CrossingPlan) -> str:
         )
         lines.append(
             f"                    t_s = {point(crossing.twist)}, s' = {crossing.speed:.6g} 1/s, s\" = "
-            f"{round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of its peak"
+            f"{round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of its "
+            f"peak"
         )
     if not plan.crossings:
         lines.append("  crossing          none")
@@ -203,6 +222,11 @@ def _plan_text(plan: CrossingPlan) -> str:
     ]
     for joint, asked in plan.exceeded.items():
         lines.append(f"  mind              {joint} exceeds its limits: {asked}")
+    if certificate.end_speed > 1e-6:
+        lines.append(
+            f"  mind              the motors start and stop with {certificate.end_speed:.1e} of their "
+            f"largest speed: the springs carry inertia; a higher --smoothness mends it"
+        )
     if not certificate.monotone:
         s = plan.law(np.linspace(0.0, plan.duration, 2001))
         lines.append(

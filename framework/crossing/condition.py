@@ -34,10 +34,17 @@ class Condition8(NamedTuple):
     beta: float
     gamma: float
     delta: float
-    scale: float  # what |alpha| would be if the terms of its sum did not cancel
+    scale: float  # what the coefficients would be if the terms of their sums did not cancel
+
+    @property
+    def holds_anyway(self) -> bool:
+        """t_s . W_p is zero whatever s' and s" are: a straight path across t_s, without gravity along it."""
+        return max(abs(value) for value in self[:4]) <= NO_HOLD * self.scale
 
     def acceleration(self, speed: float) -> float:
-        """The s" [1/s^2] that makes t_s . W_p vanish at this s' [1/s]."""
+        """The s" [1/s^2] that makes t_s . W_p vanish at this s' [1/s]; 0 when any does."""
+        if self.holds_anyway:
+            return 0.0
         return -(self.beta * speed**2 + self.delta * speed + self.gamma) / self.alpha
 
 
@@ -72,14 +79,17 @@ def crossing_point(
         return CrossingPoint(at.s, at.kind, at.twist, at.motion, at.q)
     robot, s, h = track.robot, near, 1e-5
     guess: Array | None = None
+    last = np.inf
     for _ in range(20):
         span = np.clip([s - h, s, s + h], 0.0, 1.0)
         closed = _deflected(track, span, deflection, guess)
         P = measured_matrix(robot, closed.system)
         g = bordered(P, Border.of(P[1])).g
         step = -g[1] * (span[2] - span[0]) / (g[2] - g[0])
-        if abs(step) < 1e-13:
+        # Newton converges quadratically: a small step that does not shrink is rounding
+        if abs(step) < 1e-13 or (abs(step) < 1e-8 and abs(step) > 0.5 * last):
             return _oriented(track, s, ClosedStack(closed.q[1:2], closed.x[1:2], closed.system.at(1)))
+        last = abs(step)
         s = float(np.clip(s + step, 0.0, 1.0))
         along_path = offset(robot, closed.q[0], closed.q[2:]) / (span[2] - span[0])
         guess = move(robot, closed.q, np.repeat(step * along_path, 3, axis=0))
@@ -127,7 +137,7 @@ def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | Non
     forces = tree_forces(robot, motion_at(robot, closed, dx, ddx, *rates))
     rest, pushed, forth, back = forces @ here.motion
     alpha = pushed - rest
-    scale = float(np.abs(forces[1] - forces[0]).max() * np.abs(here.motion).max())
+    scale = float(np.abs(forces * here.motion).sum(axis=1).max())
     condition = Condition8(
         alpha=float(alpha),
         beta=float(0.5 * (forth + back) - rest),
@@ -135,7 +145,7 @@ def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | Non
         delta=float(0.5 * (forth - back)),
         scale=scale,
     )
-    if abs(condition.alpha) <= NO_HOLD * scale:
+    if abs(condition.alpha) <= NO_HOLD * scale and not condition.holds_anyway:
         raise NoLaw(
             f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = "
             f"{point(track.path(here.s))} the path runs orthogonal to t_s (alpha = "

@@ -43,13 +43,13 @@ from framework.motion.path import Path
 SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends: elastic, rigid
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Crossing:
-    """One passage through a Type 2 singularity.
+    """One passage through a Type 2 singularity, measured on the finished motion.
 
-    The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`, the latter from
-    condition (8), whose coefficients are kept in `condition`. `residual` is |t_s . W_p| relative to
-    its largest value along the motion, measured on the finished motion.
+    The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`. `condition` holds the
+    coefficients of condition (8) that the law was made to meet there, None when nothing was asked and it
+    holds all the same. `residual` is |t_s . W_p| over the largest sum of its terms along the motion.
     """
 
     s: float
@@ -60,10 +60,10 @@ class Crossing:
     twist: Array  # (n,) t_s
     platform: Array  # (n,)
     residual: float
-    condition: Condition8
+    condition: Condition8 | None
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class CrossingPlan:
     """A motion law with its torques and its proof. All times in [s], t (T,) gives (T, n_a)."""
 
@@ -192,7 +192,6 @@ class CrossingPlan:
                 for crossing in self.crossings
             ],
             "peak_torque": self.peak_torque,
-            "exceeded_limits": self.exceeded,
             "certificate": {
                 "nodes": certificate.nodes,
                 "tail": certificate.tail,
@@ -269,28 +268,31 @@ def plan_crossing(
     law = dynamics.law
     assert isinstance(law, Law)
     certificate = replace(dynamics.certificate, monotone=law.advance(smoothness) > 0)
-    residuals = [
-        min(dynamics.passages, key=lambda passage: abs(passage.time - milestone.time)).residual
-        for milestone in choice
-        if dynamics.passages
-    ]
     refuse_wandering(law, [passage.s for passage in dynamics.passages], robot.name)
-    final = crossings(dynamics.deflections, law)
-    reported = tuple(
-        Crossing(
-            s=place.s,
-            time=milestone.time,
-            speed=milestone.speed,
-            acceleration=condition.acceleration(milestone.speed),
-            kind=place.kind,
-            twist=place.twist,
-            platform=path(place.s),
-            residual=residual,
-            condition=condition,
-        )
-        for (place, condition), milestone, residual in zip(final, choice, residuals, strict=True)
-    )
+    met = {
+        milestone: condition
+        for (_, condition), milestone in zip(crossings(dynamics.deflections, law), choice, strict=True)
+    }
+    reported = tuple(_crossing(passage, law, met, duration) for passage in dynamics.passages)
     return CrossingPlan(robot, path, law, reported, dynamics, certificate, time.perf_counter() - started)
+
+
+def _crossing(passage: Passage, law: Law, met: dict[Milestone, Condition8], duration: float) -> Crossing:
+    """What the finished motion does at a passage; `met` holds the conditions imposed, by milestone."""
+    near = [milestone for milestone in met if abs(milestone.time - passage.time) < 1e-9 * duration]
+    found = Milestone(passage.time, float(law(passage.time, 1)))
+    time, speed = near[0] if near else found
+    return Crossing(
+        s=passage.s,
+        time=time,
+        speed=speed,
+        acceleration=met[near[0]].acceleration(speed) if near else float(law(time, 2)),
+        kind=passage.kind,
+        twist=passage.twist,
+        platform=passage.platform,
+        residual=passage.residual,
+        condition=met[near[0]] if near else None,
+    )
 
 
 def unproved_law(
@@ -392,6 +394,8 @@ def _targets(
         if points:
             what += " at s = " + ", ".join(f"{found.s:.6g}" for found in points)
     if times is not None and len(times) == 0 and at is None:
+        if speeds:
+            raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
         return []
     for name, given in (("times", times), ("speeds", speeds)):
         if given is not None and len(given) != len(targets):
@@ -464,7 +468,7 @@ def _checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
     if not least <= smoothness <= 12:
         raise InvalidInput(
             f"smoothness: got {smoothness}, valid: {least} .. 12 (the torque of a {robot.flexibility} "
-            f"robot contains derivatives of s up to order {least}; fewer zeros make it jump at the ends)"
+            f"robot contains derivatives of s up to order {least} at least; fewer zeros make it jump there)"
         )
     return int(smoothness)
 
@@ -486,6 +490,8 @@ def _check_numbers(
             raise InvalidInput(f"speeds: s' at a crossing must be greater than zero, got {speed:g}")
     if times is not None and np.any(np.diff(times) <= 0):
         raise InvalidInput(f"times: must ascend, got {list(times)}")
+    if at is not None and np.any(np.diff(at) <= 0):
+        raise InvalidInput(f"at: must ascend, got {list(at)}")
     for s in at if at is not None else ():
         if not 0 < s < 1:
             raise InvalidInput(f"at: path coordinates must lie in (0, 1), got {s:g}")

@@ -62,9 +62,10 @@ def schedule(
 
 
 def refuse_wandering(law: Law, s: Sequence[float], name: str) -> None:
-    """Refuse a law that meets a singular point s (k,) more than once, or leaves the path.
+    """Refuse a law that runs backwards, leaves the path, or meets a singular point s (k,) twice.
 
-    A law that always advances passes; so does one that overshoots an end by less than OVERSHOOT.
+    A law that always advances passes; so does one that overshoots an end by less than OVERSHOOT and
+    comes back to it, as the paper's case C does with degree 8.
 
     Raises:
         NoLaw: says where and when.
@@ -78,6 +79,14 @@ def refuse_wandering(law: Law, s: Sequence[float], name: str) -> None:
                 f"{name}: the law does not always advance: it leaves the path at s = {end:g}, up to "
                 f"s = {values[worst]:.4g} at t = {times[worst]:.4g} s; choose other times or speeds"
             )
+    inside = (values > 0) & (values < 1)
+    backwards = law(times, 1) < -1e-9 * np.abs(law(times, 1)).max()
+    if np.any(inside & backwards):
+        k = int(np.argmax(inside & backwards))
+        raise NoLaw(
+            f"{name}: the law does not always advance: it runs backwards at t = {times[k]:.4g} s, s = "
+            f"{values[k]:.4g}; choose other times or speeds"
+        )
     for singular in s:
         crossed = np.flatnonzero(np.diff(values > singular))
         if len(crossed) > 1:

@@ -19,7 +19,6 @@ from framework.dynamics.elasticity import Deflected, LawChoice, settle
 from framework.dynamics.forces import motor_torque, tree_forces
 from framework.errors import (
     InvalidInput,
-    NoAnswer,
     NoLaw,
     NotAssembled,
     NotConverged,
@@ -40,23 +39,27 @@ from framework.kinematics.singularity import (
 from framework.kinematics.tracking import Track, track_path
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid, real_roots
-from framework.motion.law import OVERSHOOT, MotionLaw
+from framework.motion.law import OVERSHOOT, Law, MotionLaw
 from framework.motion.path import Path, along
 
 GEOMETRIES = ("rigid", "deformed")
+LOOSEST = 1e-6  # tolerance that still tells a resolved torque from a pole
 TOLERANCE = 1e-10  # tail of the torques that counts as resolved
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
 STANDING = 1e-7  # speed at a crossing over the largest one: no more than that is a stop
-UNPROVED = 1e-10  # the same, of torques that cannot be resolved: the pole is to blame
-POLE = 1e-7  # |t_s . W_p| at the crossing over its largest value: surely a pole, no need to resolve it
+# |t_s . W_p| at a passage over the largest sum of its terms:
+PROVED = 1e-11  # no more than this is rounding, and condition (8) holds
+POLE = 1e-6  # more than this is a pole for sure, resolved or not
+CLOSED_BETWEEN = 1e-9  # loop equations between the nodes, in lengths of the robot and radians
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Passage:
     """An instant at which the motion is in a Type 2 singularity.
 
     `wrench` is t_s . W_p there [N, or N m for a pure turn], the inertia of all bodies included; `scale`
-    is its largest value along the motion. Condition (8) holds when wrench / scale is rounding.
+    is the largest sum of the sizes of its terms along the motion, at least mass length / duration^2.
+    Condition (8) holds when wrench / scale is rounding.
     """
 
     time: float
@@ -69,11 +72,11 @@ class Passage:
 
     @property
     def residual(self) -> float:
-        """|t_s . W_p| relative to its largest value along the motion."""
+        """|t_s . W_p| relative to `scale`."""
         return abs(self.wrench) / self.scale if self.scale > 0 else 0.0
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class InverseDynamics:
     """Torques of a motion as functions of time, with the certificate."""
 
@@ -174,28 +177,29 @@ def resolve(
     tolerance: float,
 ) -> InverseDynamics:
     """Double the nodes until the torques are resolved, or tell why they never are."""
+    if not 0 < tolerance <= LOOSEST:
+        raise InvalidInput(f"tolerance: must lie in (0, {LOOSEST:g}], got {tolerance!r}")
     law = choose_law(None, None)
-    edges = _panel_edges(track.path, law)
     passages = rigid_passages(track, points, law)
     fixed_geometry = geometry == "rigid"
     if fixed_geometry:
-        _refuse_pole(track.robot, passages, POLE)
+        _refuse_pole(track.robot, passages, PROVED)
     instants = np.array([passage.time for passage in passages])
     start: TimeFunction | None = None
     tail = np.inf
     for size in SIZES:
-        grid = TimeGrid.clear_of(instants, edges, size)
+        grid = TimeGrid.clear_of(instants, _panel_edges(track.path, law), size)
         try:
             state = settle(track, grid, choose_law, geometry, start, law)
         except NotAssembled as failure:
-            _refuse_pole(track.robot, passages, UNPROVED)
+            _refuse_pole(track.robot, passages, POLE)
             raise NotConverged(
                 f"{track.robot.name}: the deflections tear the loops open: the springs are too soft for this "
                 f"motion; stiffen them, take more time, or use geometry rigid ({failure})",
                 residual=failure.residual,
             ) from None
         except NotConverged:
-            _refuse_pole(track.robot, passages, UNPROVED)
+            _refuse_pole(track.robot, passages, POLE)
             raise
         law = state.law
         result = _result(track, state, geometry, passages)
@@ -203,11 +207,12 @@ def resolve(
         start = result.deflections if geometry == "deformed" else None
         if not fixed_geometry:
             passages = tuple(_deformed_passage(result, passage) for passage in passages)
-            _refuse_pole(track.robot, passages, POLE)
-        if tail <= tolerance:
-            _check_passages(track.robot, state, passages)
+        closed = result.certificate.max_closure_error <= CLOSED_BETWEEN * max(track.robot.length, 1.0)
+        if tail <= tolerance and closed and _law_is_resolved(law, grid):
+            _refuse_pole(track.robot, passages, PROVED)
+            _check_passages(track.robot, state, geometry, passages)
             return replace(result, passages=passages)
-    _refuse_pole(track.robot, passages, UNPROVED)
+    _refuse_pole(track.robot, passages, POLE)
     raise NotConverged(
         f"{track.robot.name}: the torques are not resolved by {grid.size} nodes a panel (tail "
         f"{tail:.2g}, tolerance {tolerance:.2g}): is the law smooth, is the path far from other "
@@ -225,6 +230,15 @@ def _check_law(law: MotionLaw) -> None:
         raise InvalidInput("law: must give one finite s for each t")
     if s.min() < -OVERSHOOT or s.max() > 1 + OVERSHOOT:
         raise InvalidInput(f"law: s must stay in [0, 1], got values from {s.min():.6g} to {s.max():.6g}")
+
+
+def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
+    """Whether the law is what its values on the nodes say, looked at 16 times as finely."""
+    if isinstance(law, Law):
+        return True  # a polynomial of lower degree than there are nodes
+    times = np.linspace(0.0, law.duration, 16 * len(grid.times))
+    through_nodes = grid.fit(np.asarray(law(grid.times))[:, None])(times)[:, 0]
+    return bool(np.abs(law(times) - through_nodes).max() <= CLOSED_BETWEEN)
 
 
 def _panel_edges(path: Path, law: MotionLaw) -> Array:
@@ -247,7 +261,8 @@ def _instants(law: MotionLaw, edges: Array, s: float) -> Array:
                 slope = float(law(np.array([t]), 1)[0])
                 if slope != 0.0:
                     t = np.clip(t - (float(law(np.array([t]))[0]) - s) / slope, start, end)
-            found.append(t)
+            if abs(float(law(np.array([t]))[0]) - s) < 1e-12:  # a root, and not a near miss
+                found.append(t)
     times = np.sort(np.array(found))
     keep = np.concatenate(([True], np.diff(times) > 1e-9 * (edges[-1] - edges[0])))
     return times[keep[: len(times)]]
@@ -270,7 +285,7 @@ def _rigid_passage(track: Track, law: MotionLaw, t: float, at: SingularPoint) ->
     """t_s . W_p of the undeformed robot when the law takes it through a singular point at time t."""
     speed = float(law(np.array([t]), 1)[0])
     quickest = float(np.abs(law(np.linspace(0, law.duration, 101), 1)).max())
-    if abs(speed) < STANDING * quickest:
+    if abs(speed) <= STANDING * quickest:
         raise NoLaw(
             f"{track.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, "
             f"s = {at.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
@@ -279,8 +294,11 @@ def _rigid_passage(track: Track, law: MotionLaw, t: float, at: SingularPoint) ->
     s = [law(times, order) for order in range(3)]
     x, dx, ddx = along(track.path, s)
     closed = close_loops(track.robot, x, track.guess(s[0]))
-    wrench = tree_forces(track.robot, motion_at(track.robot, closed, dx, ddx)) @ at.motion
-    return Passage(t, at.s, at.platform, at.twist, at.kind, float(wrench[0]), float(np.abs(wrench).max()))
+    forces = tree_forces(track.robot, motion_at(track.robot, closed, dx, ddx))
+    mass = sum(inertia.mass for inertia in track.robot.model.inertias)
+    least = mass * track.robot.length / law.duration**2
+    scale = max(float(np.abs(forces * at.motion).sum(axis=1).max()), least)
+    return Passage(t, at.s, at.platform, at.twist, at.kind, float(forces[0] @ at.motion), scale)
 
 
 def _deformed_passage(result: InverseDynamics, near: Passage) -> Passage:
@@ -364,11 +382,19 @@ def _result(track: Track, state: Deflected, geometry: str, passages: tuple[Passa
             passes=max(len(state.changes), 1),
             change=state.changes[-1] if state.changes else 0.0,
             max_closure_error=0.0,
+            end_speed=_end_speed(robot, state),
             monotone=bool(np.all(np.diff(s) > -1e-14)),
         ),
     )
     error = _closure_error_between(result, grid)
     return replace(result, certificate=replace(result.certificate, max_closure_error=error))
+
+
+def _end_speed(robot: ParallelRobot, state: Deflected) -> float:
+    """Largest motor speed at both ends of the motion over the largest one on the way."""
+    speeds = np.abs(robot.gear_ratio * state.motion.v[:, robot.actuated])
+    quickest = float(speeds.max(initial=0.0))
+    return float(speeds[[0, -1]].max(initial=0.0)) / quickest if quickest > 0 else 0.0
 
 
 def _closure_error_between(result: InverseDynamics, grid: TimeGrid) -> float:
@@ -379,13 +405,20 @@ def _closure_error_between(result: InverseDynamics, grid: TimeGrid) -> float:
     return float(np.abs(system.residual).max())
 
 
-def _check_passages(robot: ParallelRobot, state: Deflected, passages: tuple[Passage, ...]) -> None:
-    """The assembly mode must change exactly at the known passages."""
+def _check_passages(
+    robot: ParallelRobot, state: Deflected, geometry: str, passages: tuple[Passage, ...]
+) -> None:
+    """The assembly mode must change exactly at the known passages.
+
+    With rigid geometry only the motors deflect, after the fact: what `motion` shows then proves nothing.
+    """
+    if geometry == "rigid" and robot.n_e:
+        return
     signs = mode_signs(robot, state.motion.system)[1]
     times = state.grid.times
     for k in np.flatnonzero(signs[1:] != signs[:-1]):
         if not any(times[k] <= passage.time <= times[k + 1] for passage in passages):
-            raise NoAnswer(
+            raise NoLaw(
                 f"{robot.name}: the deflected robot meets a Type 2 singularity between t = "
                 f"{times[k]:.6g} and {times[k + 1]:.6g} s that the undeflected one does not"
             )

@@ -24,7 +24,7 @@ FAR = 0.2  # [rad, lengths] that a joint may end from where the robot file puts 
 LONGEST_STEP = 0.5  # [rad or lengths of the robot] that one Newton step may move a joint
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Configuration:
     """A configuration whose loops are closed: holding one proves it.
 
@@ -35,6 +35,9 @@ class Configuration:
     x: Array
     residual: float
     iterations: int
+
+    def __post_init__(self) -> None:
+        self.q.flags.writeable = self.x.flags.writeable = False  # it may be memoised
 
 
 @lru_cache(maxsize=128)
@@ -127,13 +130,27 @@ def independent_rows(robot: ParallelRobot) -> IntArray:
     """Ascending indices of loop equations that do not repeat others, found at the reference.
 
     A planar robot written in 3D closes its loop out of the plane for nothing; such rows are redundant
-    everywhere. Found once, by rank-revealing QR; a rank that drops in passing is a singularity and is
-    the business of `singularity`. Memoised: a pure function of a frozen robot.
+    everywhere. Found once, by rank-revealing QR on the joints (springs locked); a rank that drops in
+    passing is a singularity and is the business of `singularity`. Memoised: a pure function of a frozen
+    robot.
     """
+    return _independent(robot, np.setdiff1d(np.arange(robot.model.nv), robot.elastic))
+
+
+def rows_of_springs_alone(robot: ParallelRobot) -> tuple[str, ...]:
+    """Names of loop equations that springs can move and joints cannot; no loop may rely on them."""
+    with_springs = _independent(robot, np.arange(robot.model.nv))
+    if len(with_springs) == len(independent_rows(robot)):
+        return ()
+    kept = set(independent_rows(robot).tolist())
+    return tuple(robot.rows.names[row] for row in with_springs if row not in kept)
+
+
+def _independent(robot: ParallelRobot, columns: IntArray) -> IntArray:
     from scipy.linalg import qr
 
     at = frames_at(robot, reference_configuration(robot).q[None])
-    jacobian = scaled(robot, loop_equations(robot.rows, at).jacobian, robot.rows)[0]
+    jacobian = scaled(robot, loop_equations(robot.rows, at).jacobian, robot.rows)[0][:, columns]
     _, upper, order = qr(jacobian.T, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(upper))
     rank = int(np.sum(diagonal > REDUNDANT * diagonal[0]))

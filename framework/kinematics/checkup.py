@@ -131,6 +131,8 @@ def _advice(
             f"{', '.join(redundant)} repeat other loop equations, and always will: as it should be in a "
             f"planar or overconstrained mechanism; else choose a closure kind that locks less"
         )
+    if "<dynamics" in robot.description.urdf_text:
+        found.append("damping and friction of the URDF (<dynamics>) are not part of the torques")
     if sum(masses.values()) == 0.0:
         found.append("no link has a mass: all torques will be those of the rotors; add <inertial>")
     heaviest = max(masses.values(), default=0.0)

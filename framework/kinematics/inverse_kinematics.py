@@ -14,7 +14,13 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput, NotAssembled, point
-from framework.kinematics.assembly import LONGEST_STEP, loop_rows, passive_columns, reference_configuration
+from framework.kinematics.assembly import (
+    LONGEST_STEP,
+    loop_rows,
+    passive_columns,
+    reference_configuration,
+    rows_of_springs_alone,
+)
 from framework.kinematics.closures import closure_drift, column_scale, loop_equations, scaled
 from framework.kinematics.frames import FrameStack, drift_accelerations, frames_at, move
 from framework.kinematics.platform import platform_jacobian, platform_residual, platform_twist
@@ -71,6 +77,13 @@ def moving_columns(robot: ParallelRobot) -> IntArray:
 
 def require_square(robot: ParallelRobot) -> None:
     """Raise InvalidInput unless x and the loops determine all joints, and there are motors enough."""
+    held_by_springs = rows_of_springs_alone(robot)
+    if held_by_springs:
+        raise InvalidInput(
+            f"{robot.name}, {robot.flexibility}: {', '.join(held_by_springs)} can only be closed by springs: "
+            f"the joints cannot move along them; lock fewer axes there (axes: [...]) or leave those axes "
+            f"out of the springs' motion"
+        )
     loops = len(loop_rows(robot).names)
     joints = len(moving_columns(robot))
     mobility = joints - loops

@@ -36,10 +36,11 @@ PANEL_NODES = 24
 RESOLVED = 1e-9  # tail of g on a panel; roots are polished afterwards
 NARROWEST = 2e-4  # panel of s that still does not resolve: a border or the branch itself breaks down
 LARGEST_ETA = 20.0  # a border that has turned away from the null vector
+ON_THE_LOCUS = 1e-7  # |g| all along a panel: the path does not cross the locus, it follows it
 TOUCH = 1e-12  # |g| over its largest value along the path: a minimum this deep touches the locus
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SingularPoint:
     """A place on the path where the motors lose hold of the robot, springs at rest.
 
@@ -164,26 +165,25 @@ def _contacts(samples: _Samples, matrix: Callable[[System], Array]) -> list[tupl
     track = samples.track
     panels = _panels(samples, matrix)
     largest = max(float(np.abs(panel.series).sum()) for panel in panels)
-    if largest < TOUCH:
-        raise SingularPath(f"{track.robot.name}: the path runs along a singularity all the way")
-    found: list[tuple[float, str]] = []
+    touches: list[tuple[float, str]] = []
+    roots: list[tuple[float, str]] = []
     for panel in panels:
+        width = panel.end - panel.start
         turning = extrema(panel.series)
         deep = np.abs(chebyshev.chebval(turning, panel.series)) < 1e3 * RESOLVED * largest
         for s in panel.at(turning[deep]):
             s, depth = _polish_touch(track, matrix, float(s))
-            if abs(depth) < TOUCH * largest:
-                found.append((s, "tangential"))
-        for s in panel.at(real_roots(panel.series)):
-            found.append((_polish_root(track, matrix, float(s)), "transversal"))
-    # a touch is also a close pair of roots, and a root on the edge of two panels is found twice
-    found.sort(key=lambda hit: (hit[1] != "tangential", hit[0]))
-    kept: list[tuple[float, str]] = []
-    for s, contact in found:
-        near = 1e-4 if contact == "transversal" else 1e-6
-        if all(abs(s - other) > (near if how == "tangential" else 1e-10) for other, how in kept):
-            kept.append((s, contact))
-    return sorted(kept)
+            if abs(depth) < TOUCH * largest and all(abs(s - other) > 1e-6 for other, _ in touches):
+                touches.append((s, _contact(track, matrix, s)))
+        for start in panel.at(real_roots(panel.series)):
+            s, depth = _polish_root(track, matrix, float(start))
+            is_root = abs(depth) < TOUCH * largest and abs(s - start) < 1e-3 * width
+            # a touch is also a close pair of roots, and a root on the edge of two panels is found twice
+            new = all(abs(s - other) > 1e-10 for other, _ in roots)
+            if is_root and new and _contact(track, matrix, s) == "transversal":
+                roots.append((s, "transversal"))
+    alone = [root for root in roots if all(abs(root[0] - s) > 1e-4 for s, _ in touches)]
+    return sorted(touches + alone)
 
 
 def _panels(samples: _Samples, matrix: Callable[[System], Array]) -> list[_Panel]:
@@ -212,28 +212,45 @@ def _resolve(samples: _Samples, matrix: Callable[[System], Array], start: float,
     except NotAssembled:
         return None
     eta, g = bordered(matrices, Border.of(matrices[PANEL_NODES // 2]))
-    if np.abs(g).max() < 10 * TOUCH:
+    largest = float(np.abs(g).max())
+    if largest < ON_THE_LOCUS:
         raise SingularPath(
             f"{samples.track.robot.name}: the path runs along a singularity from s = {start:.6g} to {end:.6g}"
         )
     series = coefficients(g[:, None])
-    if np.linalg.norm(eta, axis=1).max() > LARGEST_ETA or tail(series) > RESOLVED:
+    if np.linalg.norm(eta, axis=1).max() > LARGEST_ETA or tail(series) > max(RESOLVED, 1e-13 / largest):
         return None
     return _Panel(start, end, series[:, 0])
 
 
-def _polish_root(track: Track, matrix: Callable[[System], Array], s: float) -> float:
-    """Newton on g with the border of the root itself; slope by central differences."""
-    h = 1e-4
-    for _ in range(4):
+def _polish_root(track: Track, matrix: Callable[[System], Array], s: float) -> tuple[float, float]:
+    """Newton on g with the border of the root itself, and g there; slope by central differences."""
+    h, depth = 1e-4, np.inf
+    for _ in range(6):
         at = np.clip([s - h, s, s + h], 0.0, 1.0)
         matrices = matrix(track.closed(at).system)
         g = bordered(matrices, Border.of(matrices[1])).g
-        step = -g[1] * (at[2] - at[0]) / (g[2] - g[0])
-        s = float(np.clip(s + step, 0.0, 1.0))
-        if abs(step) < 1e-8:  # the next step would be h^2 of it: rounding
+        depth = float(g[1])
+        if g[2] == g[0] or abs(depth) < 1e-15:
             break
-    return s
+        step = -depth * (at[2] - at[0]) / (g[2] - g[0])
+        if not abs(step) < h:
+            break
+        s = float(np.clip(s + step, 0.0, 1.0))
+        if abs(step) < 1e-8:  # the next step would be h^2 of it, and what is left of g rounding
+            depth = 0.0
+            break
+    return s, depth
+
+
+def _contact(track: Track, matrix: Callable[[System], Array], s: float) -> str:
+    """transversal if g changes its sign at s (or the path ends there), tangential if it keeps it."""
+    h = 1e-6  # far more than the rounding of s, far less than what separates two crossings worth the name
+    if not h < s < 1 - h:
+        return "transversal"
+    matrices = matrix(track.closed([s - h, s, s + h]).system)
+    g = bordered(matrices, Border.of(matrices[1])).g
+    return "tangential" if g[0] * g[2] > 0 else "transversal"
 
 
 def _polish_touch(track: Track, matrix: Callable[[System], Array], s: float) -> tuple[float, float]:

@@ -254,9 +254,9 @@ def _on_joints(model: pin.Model, values: Mapping[str, float]) -> Array:
 
 
 def _length(model: pin.Model, q: Array) -> float:
-    """Largest distance between two frames at q [m]; 1 for a robot without extent."""
+    """Largest distance between two frames of the robot at q [m]; 1 for a robot without extent."""
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
-    points = np.array([placement.translation for placement in data.oMf])
-    extent = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
+    points = np.array([placement.translation for placement in list(data.oMf)[1:]])  # not the universe
+    extent = float(np.sqrt(((points[:, None] - points[None]) ** 2).sum(axis=2).max()))
     return extent if extent > 0 else 1.0

@@ -85,7 +85,9 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
         return _one_of("joint", where, value, joints)
 
     def frame(where: str, value: Any) -> str:
-        return _one_of("frame", where, value, frames)
+        """The link of a frame: a joint stands for its child, which moves when a spring behind it gives."""
+        name = _one_of("frame", where, value, frames)
+        return name if name in urdf.links else urdf.children[name]
 
     def platform(entry: _Mapping) -> Platform:
         axes = entry.required("axes", _axes)

@@ -207,8 +207,17 @@ def test_a_path_orthogonal_to_the_twist_is_refused(robot):
     place, steep = locus(1.6), np.array([0.03, 0.06])
     twist = locate_singularities(robot, Line(place + steep, place - steep))[0].twist
     across = 0.05 * np.array([-twist[1], twist[0]])
+    # bent there, it asks for a force along t_s that s" cannot give
+    bent = Arc(place - across - 0.02 * twist, place, place + across - 0.02 * twist)
     with pytest.raises(NoLaw, match="orthogonal to t_s"):
-        plan_crossing(robot, Line(place - across, place + across), duration=1.5)
+        plan_crossing(robot, bent, duration=1.5)
+    # straight, it asks for none: any law passes, and in particular one without conditions
+    straight = Line(place - across, place + across)
+    for times in (None, []):
+        plan = plan_crossing(robot, straight, duration=1.5, times=times)
+        (crossing,) = plan.crossings
+        assert plan.certificate.tail < 1e-10
+        assert crossing.residual < 1e-11
 
 
 def test_a_law_that_meets_the_locus_again_is_refused(robot):

@@ -6,7 +6,7 @@ gravity, springs of joints, motors with gear and armature, the first keyframe as
 zero pose). Of `<equality>`: connect is spherical, weld is fixed, joint is read where it holds a joint or
 keeps two turns about parallel axes equal. Anchors are resolved at the zero pose, as MuJoCo does. What moves
 otherwise - free joints, tendons, flexes, mocap bodies, includes - is refused by name; contact, damping,
-friction, sensors, cameras and pictures are left out. The file says nothing about the platform.
+friction, joint ranges, sensors, cameras and meshes are left out. The file says nothing about the platform.
 """
 
 from __future__ import annotations

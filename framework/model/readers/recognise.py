@@ -16,8 +16,10 @@ from framework.model.description import RobotDescription
 from framework.model.readers import gepetto, ros_constraint, urdf_plus
 from framework.model.readers.mjcf import read_mjcf
 from framework.model.readers.placement import short
+from framework.model.readers.ros_constraint import read_ros_constraint
 from framework.model.readers.sdf import refuse_sdf
 from framework.model.readers.unsaid import Options, checked_reference, settle
+from framework.model.readers.urdf_plus import read_urdf_plus
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_file import read_robot_file
 
@@ -77,22 +79,38 @@ def read_any(
         raise RobotFileError(message if message.startswith(f"{path}: ") else f"{path}: {message}") from None
 
 
-def _from_xml(path: Path, text: str, options: Options) -> RobotDescription:
-    root = parse_xml(text)
+def dialect_of(file: str | Path) -> str:
+    """Which of DIALECTS a file is written in, by its content.
+
+    Raises:
+        RobotFileError: it cannot be read, or is of none of them.
+    """
+    path = Path(file)
+    path = _pair_in(path) if path.is_dir() else path
+    text = _text(path)
+    try:
+        if text.lstrip(_BLANK).startswith("<"):
+            return _dialect_of_xml(parse_xml(text))
+        return _dialect_of_yaml(parse_yaml(text))
+    except RecursionError:
+        raise RobotFileError(f"{path}: nested too deeply") from None
+    except RobotFileError as error:
+        raise RobotFileError(f"{path}: {error}") from None
+
+
+def _dialect_of_xml(root: ElementTree.Element) -> str:
     if root.tag == "sdf":
         refuse_sdf()
     if root.tag == "mujoco":
-        return read_mjcf(path, root, options)
+        return "mjcf"
     if root.tag != "robot":
         raise RobotFileError(f"unknown dialect: {choose_from('root element', root.tag, ('robot', 'mujoco'))}")
     plus = any(root.find(tag) is not None for tag in urdf_plus.ELEMENTS)
     ros = any(root.find(tag) is not None for tag in ros_constraint.ELEMENTS)
     if plus and ros:
         raise RobotFileError("mixes two dialects: <loop> or <coupling> (URDF+) with <constraint> (ROS)")
-    if plus:
-        return urdf_plus.read_urdf_plus(path, root, options)
-    if ros:
-        return ros_constraint.read_ros_constraint(path, root, options)
+    if plus or ros:
+        return "urdf+" if plus else "ros"
     UrdfTree(root)  # a mistyped element is the likelier complaint
     raise RobotFileError(
         "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS) or in a YAML file "
@@ -100,23 +118,35 @@ def _from_xml(path: Path, text: str, options: Options) -> RobotDescription:
     )
 
 
-def _from_yaml(path: Path, text: str, options: Options) -> RobotDescription:
-    content = parse_yaml(text)
+def _dialect_of_yaml(content: Any) -> str:
     if not isinstance(content, dict):
         raise RobotFileError(f"needs a mapping of keys, got {short(content)}")
     if any(key in content for key in _OWN_KEYS):
-        return _own(path, options)
+        return "robot file"
     if any(key in content for key in gepetto.KEYS):
-        urdf = path.with_suffix(".urdf")
-        try:
-            tree = UrdfTree(parse_xml(_text(urdf)))
-        except RobotFileError as error:
-            raise RobotFileError(f"{urdf.name}: {str(error).removeprefix(f'{urdf}: ')}") from None
-        return gepetto.read_pair(path, content, tree, options)
+        return "gepetto"
     valid = ", ".join(map(short, content)) or "nothing"
     raise RobotFileError(
         f"unknown dialect: has neither version (our robot file) nor closed_loop (Gepetto); given: {valid}"
     )
+
+
+def _from_xml(path: Path, text: str, options: Options) -> RobotDescription:
+    root = parse_xml(text)
+    read = {"mjcf": read_mjcf, "urdf+": read_urdf_plus, "ros": read_ros_constraint}
+    return read[_dialect_of_xml(root)](path, root, options)
+
+
+def _from_yaml(path: Path, text: str, options: Options) -> RobotDescription:
+    content = parse_yaml(text)
+    if _dialect_of_yaml(content) == "robot file":
+        return _own(path, options)
+    urdf = path.with_suffix(".urdf")
+    try:
+        tree = UrdfTree(parse_xml(_text(urdf)))
+    except RobotFileError as error:
+        raise RobotFileError(f"{urdf.name}: {str(error).removeprefix(f'{urdf}: ')}") from None
+    return gepetto.read_pair(path, content, tree, options)
 
 
 def _own(path: Path, options: Options) -> RobotDescription:

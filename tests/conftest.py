@@ -1,0 +1,58 @@
+"""What tests of several folders share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import deepcopy
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import robots
+
+FIVE_BAR = robots.CATALOGUE["five_bar"].file
+REMOVED = object()  # the value of a key that is to go
+
+
+def put(content: Any, key: str, value: Any) -> None:
+    """Set (or remove) what a robot file has below a key such as `actuators.0.joint`."""
+    *above, last = (int(part) if part.isdigit() else part for part in key.split("."))
+    for part in above:
+        content = content[part]
+    if value is REMOVED:
+        del content[last]
+    elif isinstance(content, list) and last == len(content):
+        content.append(value)
+    else:
+        content[last] = value
+
+
+@cache
+def _five_bar() -> Any:
+    return yaml.safe_load(FIVE_BAR.read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def write_robot(tmp_path) -> Callable[..., Path]:
+    """Writes the 5R's robot file and URDF into a folder of the test, with changes.
+
+    `changes` are pairs (key, value) for the robot file; `urdf` are pairs (old, new) of its text.
+    """
+
+    def write(*changes: tuple[str, Any], urdf: tuple[tuple[str, str], ...] = ()) -> Path:
+        content = deepcopy(_five_bar())
+        for key, value in changes:
+            put(content, key, value)
+        text = FIVE_BAR.with_suffix(".urdf").read_text(encoding="utf-8")
+        for old, new in urdf:
+            assert old in text, f"the URDF has no {old!r}"
+            text = text.replace(old, new, 1)
+        (tmp_path / "five_bar.urdf").write_text(text, encoding="utf-8")
+        file = tmp_path / "my_robot.yaml"
+        file.write_text(yaml.safe_dump(content), encoding="utf-8")
+        return file
+
+    return write

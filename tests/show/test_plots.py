@@ -1,0 +1,160 @@
+"""Figures hold the plan's numbers, say their units, and show where the crossings are."""
+
+from __future__ import annotations
+
+import matplotlib
+import matplotlib.image
+import numpy as np
+import pytest
+
+import robots
+from framework import plan_scene, raw_sampling
+from framework.show import plots
+from framework.show.style import figure
+
+CASES = [("C", "rigid"), ("C", "flexible_links"), ("A", "flexible_joints")]
+
+
+@pytest.fixture(params=CASES, ids="-".join, scope="module")
+def plan(request):
+    scene, flexibility = request.param
+    return plan_scene(robots.load("five_bar", flexibility=flexibility), scene)
+
+
+@pytest.fixture(scope="module")
+def crossing_plan():
+    return plan_scene(robots.load("five_bar", flexibility="flexible_links"), "C")
+
+
+def curves(ax) -> list:
+    """The curves, without marks, verticals and the zero line."""
+    return [line for line in ax.lines if len(line.get_xdata()) > 2]
+
+
+def verticals(ax) -> list[float]:
+    """Abscissae of the vertical lines."""
+    pairs = [line.get_xdata() for line in ax.lines if len(line.get_xdata()) == 2]
+    return [float(x[0]) for x in pairs if x[0] == x[1]]
+
+
+def marks(ax) -> list[tuple[float, float]]:
+    """Places of single points."""
+    return [(line.get_xdata()[0], line.get_ydata()[0]) for line in ax.lines if len(line.get_xdata()) == 1]
+
+
+def test_the_law_is_drawn_with_its_derivatives(plan):
+    axes = plots.plot_law(plan)
+    for order, (ax, unit) in enumerate(zip(axes, ("$s$", "[1/s]", "[1/s$^2$]"), strict=True)):
+        (curve,) = curves(ax)
+        t, value = curve.get_data()
+        assert (t[0], t[-1]) == (0.0, plan.duration)
+        np.testing.assert_array_equal(value, plan.law(t, order))
+        assert unit in ax.get_ylabel()
+        assert verticals(ax) == [crossing.time for crossing in plan.crossings]
+        for t, value in marks(ax):  # on the curve
+            assert value == pytest.approx(plan.law(t, order), abs=1e-12)
+        assert len(marks(ax)) == len(plan.crossings)
+    assert "[s]" in axes[-1].get_xlabel()
+    assert str(plan.law.degree) in axes[0].get_title(loc="left")
+
+
+def test_the_torques_are_drawn_motor_by_motor(plan):
+    ax = plots.plot_torques(plan)
+    drawn = curves(ax)
+    assert len(drawn) == plan.robot.n_a
+    for k, curve in enumerate(drawn):
+        t, torque = curve.get_data()
+        assert (t[0], t[-1]) == (0.0, plan.duration)
+        np.testing.assert_array_equal(torque, plan.torque(t)[:, k])
+    named = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert named == [joint.replace("_", " ") for joint in plan.robot.actuator_names]
+    assert len({(curve.get_color(), curve.get_linestyle()) for curve in drawn}) == len(drawn)
+    assert ("[s]" in ax.get_xlabel(), "[N m]" in ax.get_ylabel()) == (True, True)
+    assert verticals(ax) == [crossing.time for crossing in plan.crossings]
+
+
+def test_g_is_drawn_along_the_path_and_vanishes_at_the_marks(plan):
+    ax = plots.plot_singularity(plan)
+    assert marks(ax) == [(crossing.s, 0.0) for crossing in plan.crossings]
+    at_rest, *deflected = curves(ax)
+    assert len(deflected) == (plan.geometry == "deformed")
+    s, g = at_rest.get_data()
+    assert (s[0], s[-1]) == (0.0, 1.0)
+    assert np.sum(np.diff(np.sign(g)) != 0) == len(plan.crossings)
+    for crossing in plan.crossings:
+        s, g = (deflected or [at_rest])[0].get_data()
+        # between samples g is straight to their spacing squared; its slope is of order one
+        assert np.interp(crossing.s, s, g) == pytest.approx(0.0, abs=1e-4 * np.abs(g).max())
+        assert f"{crossing.s:.6f}" in ax.texts[0].get_text()
+    assert "$s$" in ax.get_xlabel()
+    assert "$g$" in ax.get_ylabel()
+
+
+def test_both_robots_are_shown_magnified_where_deflections_move_the_crossing(crossing_plan):
+    (inset,) = plots.plot_singularity(crossing_plan).child_axes
+    # in millionths of s; at rest the robot is singular at s = 0.667006874764298 (issue: what it must show)
+    shift = 1e6 * (crossing_plan.crossings[0].s - 0.667006874764298)
+    zeros = [np.interp(0.0, *_rising(curve.get_ydata(), curve.get_xdata())) for curve in curves(inset)]
+    # the curves are chords between samples 1/600 apart: good to some parts in a hundred
+    np.testing.assert_allclose(zeros, [0.0, shift], atol=0.05 * shift)
+
+
+def _rising(over, values):
+    order = np.argsort(over)
+    return over[order], values[order]
+
+
+def test_the_wrench_is_drawn_over_time_and_vanishes_at_the_crossings(plan):
+    ax = plots.plot_wrench(plan)
+    (curve,) = curves(ax)
+    t, wrench = curve.get_data()
+    assert (t[0], t[-1]) == (0.0, plan.duration)
+    assert ("[s]" in ax.get_xlabel(), "[N]" in ax.get_ylabel()) == (True, True)
+    assert verticals(ax) == [crossing.time for crossing in plan.crossings]
+    assert marks(ax) == [(crossing.time, 0.0) for crossing in plan.crossings]
+    for crossing in plan.crossings:
+        assert np.interp(crossing.time, t, wrench) == pytest.approx(0.0, abs=1e-4 * np.abs(wrench).max())
+
+
+def test_raw_torques_are_drawn_sample_by_sample_with_their_poles(crossing_plan):
+    robot, plan = crossing_plan.robot, crossing_plan
+    raw = raw_sampling(robot, plan.path, plan.law, samples=101)
+    ax = plots.plot_raw_torques(raw, robot, [0.7, 1.0])
+    for curve, torque in zip(curves(ax), raw.torque.T, strict=True):
+        np.testing.assert_array_equal(curve.get_data(), [raw.time, torque])
+    assert verticals(ax) == [0.7, 1.0]
+    assert "[N m]" in ax.get_ylabel()
+    assert "proves nothing" in ax.get_title(loc="left")
+
+
+@pytest.mark.parametrize("draw", [plots.plot_torques, plots.plot_singularity, plots.plot_wrench])
+def test_figures_are_drawn_on_the_axes_that_one_gives(crossing_plan, draw):
+    ax = figure()[1][0]
+    assert draw(crossing_plan, ax) is ax
+    assert curves(ax)
+
+
+def test_the_law_is_drawn_on_the_axes_that_one_gives(crossing_plan):
+    axes = figure(3)[1]
+    assert plots.plot_law(crossing_plan, axes) == axes
+    assert all(curves(ax) for ax in axes)
+
+
+def test_all_figures_are_saved_as_pdf_and_png(crossing_plan, tmp_path):
+    settings = dict(matplotlib.rcParams)
+    paths = plots.save_figures(crossing_plan, tmp_path)
+    assert dict(matplotlib.rcParams) == settings
+    names = ("law", "torques", "singularity", "wrench")
+    assert [path.name for path in paths] == [f"{name}.{end}" for name in names for end in ("pdf", "png")]
+    assert set(paths) == set(tmp_path.iterdir())
+    for path in paths:
+        if path.suffix == ".pdf":
+            content = path.read_bytes()
+            assert content.startswith(b"%PDF-")
+            assert content.rstrip().endswith(b"%%EOF")
+        else:
+            image = matplotlib.image.imread(path)
+            assert image.shape[1] == 700  # [px], a column of 3.5 inches
+            assert image[..., :3].std() > 0.05  # there is something on it
+    again = plots.save(lambda: plots.plot_torques(crossing_plan), tmp_path / "again")
+    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in paths[2:4]]

@@ -1,0 +1,493 @@
+"""The command line: exit codes, one line of complaint, JSON alone on stdout, files as in the contract."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.polynomial import chebyshev
+
+import robots
+from framework import plan_scene
+from framework.cli import main
+from framework.model.description import FLEXIBILITIES
+from tests.robots import five_bar_oracle as oracle
+
+LINE = ["--from", "0.1", "0.345", "--to", "-0.05", "0.195"]  # through the singularity
+CLEAR = ["--from", "0.1", "0.345", "--to", "-0.05", "0.295"]  # past it
+PLAN = ["plan", "five_bar"]
+FREE = [*PLAN, *LINE, "--duration", "1.5"]
+PLAN_KEYS = [
+    *("robot", "flexibility", "geometry", "duration", "law", "crossings", "peak_torque", "certificate"),
+    "seconds",
+]
+CROSSING_KEYS = ["s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual"]
+CERTIFICATE_KEYS = ["nodes", "tail", "passes", "max_closure_error", "monotone"]
+
+
+@pytest.fixture
+def crossing(capfd):
+    """Runs one command: exit code, stdout, stderr, down to what libraries in C++ print."""
+
+    def run(*arguments) -> tuple[int, str, str]:
+        code = main([str(argument) for argument in arguments])
+        return code, *capfd.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def document(crossing):
+    """Runs one command with --json: its one object, and nothing else anywhere."""
+
+    def run(*arguments) -> dict:
+        code, out, err = crossing(*arguments, "--json")
+        assert (code, err) == (0, "")
+        assert out.count("\n") == 1
+        return json.loads(out)
+
+    return run
+
+
+@pytest.fixture
+def refusal(crossing):
+    """Runs one command that is refused with this code: its one line of complaint."""
+
+    def run(expected, *arguments) -> str:
+        code, out, err = crossing(*arguments)
+        if "--json" in arguments:
+            told = json.loads(out)["error"]
+            assert f"crossing: {told['message']}\n" == err
+        else:
+            assert out == ""
+        assert code == expected
+        assert err.startswith("crossing: ")
+        assert err.count("\n") == 1
+        assert err.endswith("\n")
+        assert "Traceback" not in err
+        return err
+
+    return run
+
+
+# ------------------------------------------------------------------ what is done
+
+
+def test_robots_lists_the_catalogue(document, crossing):
+    rows = document("robots")["robots"]
+    assert {row["name"] for row in rows} == set(robots.CATALOGUE)
+    for row in rows:
+        assert row["degrees_of_freedom"] == robots.load(row["name"]).n
+        assert row["scenes"] == list(robots.load(row["name"]).description.scenes)
+        assert Path(row["file"]).is_file()
+    text = crossing("robots")[1]
+    for name in robots.CATALOGUE:
+        assert name in text
+
+
+@pytest.mark.parametrize("flexibility", FLEXIBILITIES)
+def test_check_examines_a_robot(document, flexibility):
+    found = document("check", "five_bar", "--flexibility", flexibility)
+    assert (found["robot"], found["flexibility"], found["mobility"]) == ("five_bar", flexibility, 2)
+    assert found["square"] is True
+    # a planar loop written in 3D: three equations, the one out of the plane for nothing
+    assert (found["loop_equations"], found["rank"], found["redundant_rows"]) == (3, 2, ["tip.z"])
+    assert found["mass"] == pytest.approx(10.0)
+    assert set(found["massless_joints"]) == {"left_motor", "right_motor", "right_elbow"}
+    assert found["closure_error"] < 1e-12
+    assert found["working_mode"] in (-1, 1)
+    assert found["assembly_mode"] in (-1, 1)
+    assert [advice.split()[0] for advice in found["advice"]] == [
+        "tip.z"
+    ]  # redundant, as in all planar robots
+
+
+def test_check_takes_the_path_of_a_robot_file(document, write_robot):
+    assert document("check", write_robot())["robot"] == "my_robot"
+
+
+@pytest.mark.parametrize("path", [["--scene", "C"], LINE])
+def test_locate_finds_the_singular_points(document, path):
+    found = document("locate", "five_bar", *path)
+    assert found["robot"] == "five_bar"
+    (point,) = found["singularities"]
+    assert {"s", "kind", "twist", "platform", "slope"} <= set(point)
+    assert point["s"] == pytest.approx(float(oracle.locus_position("C")), abs=1e-12)
+    assert point["kind"] == "type_2"
+    np.testing.assert_allclose(point["platform"], [0.1 - 0.15 * point["s"], 0.345 - 0.15 * point["s"]])
+    assert np.linalg.norm(point["twist"]) == pytest.approx(1.0)
+    assert point["slope"] != 0.0
+
+
+def test_locate_finds_none_where_there_is_none(document, crossing):
+    assert document("locate", "five_bar", *CLEAR)["singularities"] == []
+    assert "no singularity" in crossing("locate", "five_bar", "--scene", "A")[1]
+
+
+@pytest.mark.parametrize(
+    ("flexibility", "geometry", "degree"),
+    [("rigid", "rigid", 8), ("flexible_joints", "deformed", 12), ("flexible_links", "deformed", 12)],
+)
+def test_plan_gives_the_object_of_the_contract(document, flexibility, geometry, degree):
+    found = document(*PLAN, "--scene", "C", "--flexibility", flexibility)
+    assert list(found) == PLAN_KEYS
+    assert [found[key] for key in PLAN_KEYS[:4]] == ["five_bar", flexibility, geometry, 1.5]
+    assert list(found["law"]) == ["degree", "chebyshev", "domain"]
+    assert (found["law"]["degree"], found["law"]["domain"]) == (degree, [0.0, 1.5])
+    (crossing,) = found["crossings"]
+    assert list(crossing) == CROSSING_KEYS
+    assert [crossing[key] for key in ("time", "speed", "kind")] == [1.0, 1.5, "type_2"]
+    # the law as stored is the law of the crossing: t = 1 s is x = 1/3 of [0, 1.5] s
+    series = np.array(found["law"]["chebyshev"])
+    assert len(series) == degree + 1
+    assert chebyshev.chebval(1 / 3, series) == pytest.approx(crossing["s"], abs=1e-14)
+    assert set(found["peak_torque"]) == {"left_motor", "right_motor"}
+    assert list(found["certificate"]) == CERTIFICATE_KEYS
+    assert found["certificate"]["tail"] < 1e-10
+    assert found["seconds"] > 0
+
+
+def test_plan_says_the_same_to_people(crossing):
+    code, out, err = crossing(*PLAN, "--scene", "C", "--flexibility", "flexible_links")
+    assert (code, err) == (0, "")
+    for words in ("degree 12", "t = 1 s", "left_motor", "N m", "tail", "nodes"):
+        assert words in out
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (["--times", "0.95", "--speeds", "1.4"], (1.5, 0.95, 1.4)),
+        (["--speeds", "1.3"], (1.5, 1.0, 1.3)),
+        (["--duration", "2", "--times", "1.3", "--speeds", "1.1"], (2.0, 1.3, 1.1)),
+    ],
+)
+def test_what_is_typed_overrides_the_scene(document, options, expected):
+    found = document(*PLAN, "--scene", "C", *options)
+    (crossing,) = found["crossings"]
+    assert (found["duration"], crossing["time"], crossing["speed"]) == expected
+
+
+def test_a_line_of_ones_own_is_planned_with_times_and_speeds_of_the_programs_choice(document):
+    found = document(*FREE)
+    (crossing,) = found["crossings"]
+    assert 0 < crossing["time"] < 1.5
+    assert crossing["speed"] > 0
+    assert found["certificate"]["monotone"] is True
+
+
+def test_smoothness_gives_the_rigid_robot_the_law_of_the_elastic_one(document):
+    rigid = document(*PLAN, "--scene", "C", "--smoothness", "4")
+    elastic = document(*PLAN, "--scene", "C", "--flexibility", "flexible_links", "--geometry", "rigid")
+    assert rigid["law"]["degree"] == 12
+    np.testing.assert_allclose(rigid["law"]["chebyshev"], elastic["law"]["chebyshev"], atol=1e-14)
+    assert (elastic["geometry"], elastic["certificate"]["passes"]) == ("rigid", 1)
+
+
+def test_negative_numbers_may_be_written_with_an_exponent(document):
+    plain, exponent = (document("locate", "five_bar", *LINE[:4], to, "0.195") for to in ("-0.05", "-5e-2"))
+    assert plain == exponent
+
+
+@pytest.fixture
+def quick_figures(monkeypatch):
+    """Figures take seconds: tests/show draws them once, here a note stands for them."""
+
+    def note(plan, folder) -> None:
+        (folder / "figures.txt").write_text(f"{plan.robot.name}, {plan.robot.flexibility}")
+
+    monkeypatch.setattr("framework.show.plots.save_figures", note)
+
+
+@pytest.mark.usefixtures("quick_figures")
+def test_out_writes_the_plan_and_its_figures(document, tmp_path):
+    out = tmp_path / "new" / "folder"
+    printed = document(*PLAN, "--scene", "C", "--flexibility", "flexible_links", "--out", out)
+    assert {path.name for path in out.iterdir()} == {"plan.json", "motion.csv", "figures.txt"}
+    assert (out / "figures.txt").read_text() == "five_bar, flexible_links"
+    stored = json.loads((out / "plan.json").read_text())
+    assert list(stored) == list(printed)
+    assert {**stored, "seconds": 0} == {**printed, "seconds": 0}
+
+
+@pytest.mark.usefixtures("quick_figures")
+@pytest.mark.parametrize(
+    ("flexibility", "samples", "springs"),
+    [
+        ("rigid", 101, []),
+        ("flexible_links", 1501, ["left_drive", "right_drive", "left_rod", "right_rod"]),
+    ],
+)
+def test_out_writes_the_motion(document, tmp_path, flexibility, samples, springs):
+    options = [] if samples == 1501 else ["--samples", samples]  # the default
+    stored = document(*PLAN, "--scene", "C", "--flexibility", flexibility, "--out", tmp_path, *options)
+    lines = (tmp_path / "motion.csv").read_text().splitlines()
+    motors = ["left_motor", "right_motor"]
+    assert lines[0].split(",") == [
+        *("time", "s", "ds", "dds", "platform_x", "platform_y"),
+        *(f"motor_angle_{joint}" for joint in motors),
+        *(f"torque_{joint}" for joint in motors),
+        *(f"deflection_{spring}" for spring in springs),
+    ]
+    rows = np.array([[float(value) for value in line.split(",")] for line in lines[1:]])
+    assert rows.shape == (samples, 10 + len(springs))
+    t, s = rows[:, 0], rows[:, 1]
+    np.testing.assert_allclose(t, np.linspace(0, 1.5, samples), atol=1e-15)
+    for order in range(3):
+        series = chebyshev.chebder(stored["law"]["chebyshev"], order, scl=2 / 1.5)
+        np.testing.assert_allclose(rows[:, 1 + order], chebyshev.chebval(2 * t / 1.5 - 1, series), atol=1e-12)
+    x = np.column_stack([0.1 - 0.15 * s, 0.345 - 0.15 * s])
+    np.testing.assert_allclose(rows[:, 4:6], x, atol=1e-15)
+    exact = oracle.solve(scene="C", flexibility=flexibility, geometry="deformed" if springs else "rigid")
+    few = slice(None, None, 100)
+    np.testing.assert_allclose(rows[few, 6:8], oracle.motor_angles(exact, t[few]), atol=1e-12)  # motor side
+    np.testing.assert_allclose(rows[few, 8:10], oracle.torques(exact, t[few]), atol=1e-12)
+    if springs:
+        np.testing.assert_allclose(rows[few, 10:], oracle.deflections(exact, t[few]), atol=1e-14)
+
+
+# ------------------------------------------------------------------ the answer is no
+
+
+POLE = re.compile(r"unbounded torque at t = ([\d.]+) s, .*x, y = \(\S+, \S+\).* t_s \. W_p = (\S+) N ")
+
+
+@pytest.mark.parametrize("flexibility", FLEXIBILITIES)
+@pytest.mark.parametrize("scene", ["B", "C-printed"])
+def test_a_pole_is_no_plan_and_leaves_nothing_behind(refusal, tmp_path, scene, flexibility):
+    out = tmp_path / "out"
+    command = [*PLAN, "--scene", scene, "--flexibility", flexibility, "--json", "--out", out]
+    found = POLE.search(refusal(1, *command))
+    assert 0 < float(found[1]) < 1.5
+    assert abs(float(found[2])) > 1e-3
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_pole_leaves_the_files_of_an_earlier_plan_alone(refusal, tmp_path):
+    (tmp_path / "plan.json").write_text("earlier")
+    refusal(1, *PLAN, "--scene", "B", "--out", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
+    assert (tmp_path / "plan.json").read_text() == "earlier"
+
+
+@pytest.mark.parametrize("flexibility", ["rigid", "flexible_links"])
+def test_raw_shows_the_spike_and_says_that_it_proves_nothing(document, tmp_path, flexibility):
+    samples = 1501 if flexibility == "rigid" else 501  # as the default, or quicker
+    options = [] if samples == 1501 else ["--samples", samples]
+    command = [*PLAN, "--scene", "B", "--flexibility", flexibility, "--raw", "--out", tmp_path]
+    found = document(*command, *options)
+    assert (found["raw"], found["proved"], found["samples"]) == (True, False, samples)
+    (passage,) = found["passages"]
+    assert abs(passage["wrench"]) > 1.0  # [N]
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("raw.csv", "raw.json", "raw_torques.pdf", "raw_torques.png"),
+    }
+    header, *lines = (tmp_path / "raw.csv").read_text().splitlines()
+    names = header.split(",")
+    rows = np.array([[float(value) for value in line.split(",")] for line in lines])
+    assert len(rows) == samples
+    plan = plan_scene(robots.load("five_bar", flexibility=flexibility), "C")
+    for joint, peak in plan.peak_torque.items():
+        torque = np.abs(rows[:, names.index(f"torque_{joint}")])
+        assert found["largest_sample"][joint] == torque.max()
+        assert torque.max() > 20 * peak
+        # the spike stands at the pole; differences smear it over the next samples
+        assert rows[np.argmax(torque), 0] == pytest.approx(passage["time"], abs=3 * 1.5 / samples)
+
+
+def test_raw_spikes_grow_with_the_samples_and_certified_peaks_do_not(document, tmp_path):
+    spikes = [
+        document(*PLAN, "--scene", "C-printed", "--raw", "--samples", samples)["largest_sample"]["left_motor"]
+        for samples in (1501, 6001)  # the nearest one 0.23 and 0.023 ms from the pole
+    ]
+    assert spikes[1] > 3 * spikes[0]
+    assert list(tmp_path.iterdir()) == []
+
+
+# a motion that asks for what is not there, words
+NO_ANSWERS = [
+    ("locate five_bar --from 0.1 0.345 --to 0.1 0.6", ["leg of left_motor", "s = 0.2", "(0.1, 0.4)"]),
+    ("plan five_bar --from 0.1 0.345 --to 0.1 0.6 --duration 1", ["leg of left_motor", "(0.1, 0.4)"]),
+    ("plan five_bar --from 0.1 0.7 --to 0.1 0.345 --duration 1", ["reference", "leg of"]),
+    ("plan five_bar --scene C --times 0.1", ["law", "times or speeds"]),  # leaves the path
+    ("plan five_bar --scene C --times 1.4 --speeds 40", ["law"]),
+]
+
+
+@pytest.mark.parametrize(("command", "words"), NO_ANSWERS, ids=[command for command, _ in NO_ANSWERS])
+def test_where_the_answer_is_no_the_exit_code_is_1(refusal, tmp_path, command, words):
+    out = ["--out", tmp_path / "out"] if command.startswith("plan") else []
+    message = refusal(1, *command.split(), *out)
+    for word in words:
+        assert word in message
+    assert list(tmp_path.iterdir()) == []
+
+
+LEFT_MOTOR = np.array([-0.2, 0.0])
+SPOKE = np.array([0.5, np.sqrt(0.75)])
+
+
+def inside(turn: float) -> list[float]:
+    """On a circle that touches the reach of the left leg, 0.5 m, from inside."""
+    turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ SPOKE
+    return (LEFT_MOTOR + 0.4 * SPOKE + 0.1 * turned).tolist()
+
+
+@pytest.mark.parametrize(
+    ("path", "s", "place"),
+    [
+        ({"arc": [inside(-0.6), inside(0.0), inside(0.9)]}, 0.6 / 1.5, LEFT_MOTOR + 0.5 * SPOKE),
+        # crank and rod folded on each other, the payload over the motor: the crank is free to turn
+        ({"line": [[-0.13, 0.07], [-0.27, -0.07]]}, 0.5, LEFT_MOTOR),
+    ],
+    ids=["stretched", "folded"],
+)
+def test_a_path_through_a_type_1_singularity_is_no_answer(refusal, write_robot, path, s, place):
+    file = write_robot(("scenes.stretch", {**path, "duration": 1.0}))
+    message = refusal(1, "plan", file, "--scene", "stretch")
+    assert "Type 1" in message
+    assert "leg of left_motor" in message
+    found = re.search(r"s = (\S+), x, y = \((\S+), (\S+)\)", message)
+    # where crank and rod fold, the branch has a corner: found to the narrowest panel, 2e-4 in s
+    np.testing.assert_allclose([float(value) for value in found.groups()], [s, *place], atol=2e-4)
+
+
+@pytest.mark.parametrize("command", [["check"], ["locate", "--scene", "C"], ["plan", "--scene", "C"]])
+def test_loops_that_cannot_close_are_no_answer(refusal, write_robot, command):
+    far = write_robot(urdf=(('xyz="0.2 0 0"', 'xyz="1.4 0 0"'),))  # motors 1.6 m apart, 1 m of links
+    name, *options = command
+    message = refusal(1, name, far, *options)
+    assert "my_robot: the loops do not close" in message
+    assert "tip." in message
+
+
+# ------------------------------------------------------------------ what was given cannot be right
+
+
+# command, words of the complaint
+MISUSE = [
+    ("", ["COMMAND"]),
+    ("fly", ["'fly'", "robots", "plan"]),
+    ("robots five_bar", ["unrecognized arguments: five_bar"]),
+    ("check", ["ROBOT"]),
+    ("check five_baar", ["unknown robot 'five_baar'", "did you mean 'five_bar'", "five_bar_heavy", ".yaml"]),
+    ("check missing.yaml", ["missing.yaml", "cannot read"]),
+    ("check five_bar --scene C", ["unrecognized arguments: --scene C"]),
+    ("check five_bar --flexibility soft", ["--flexibility", "'soft'", "flexible_links"]),
+    ("plan five_bar --flexibility", ["--flexibility", "expected one argument"]),
+    ("plan five_bar --scene C --flex rigid", ["unrecognized arguments: --flex"]),
+    ("plan five_bar --scene C --fast", ["unrecognized arguments: --fast"]),
+    ("plan five_bar --scene C --geometry round", ["--geometry", "'round'", "rigid", "deformed"]),
+    ("plan five_bar --scene D", ["unknown scene 'D'", "A, B, C, C-printed"]),
+    ("locate five_bar", ["--scene", "--from", "C-printed"]),
+    ("locate five_bar --from 0.1 0.345", ["--from and --to"]),
+    ("locate five_bar --scene C --from 0.1 0.345", ["--scene", "--from"]),
+    ("locate five_bar --from 0.1 --to 0 0.2", ["--from", "2 finite numbers", "x, y", "got 0.1"]),
+    ("locate five_bar --from 0.1 0.345 --to 0 0.2 0", ["--to", "2 finite numbers", "got 0 0.2 0"]),
+    ("locate five_bar --from 0.1 nan --to 0 0.2", ["--from", "finite", "nan"]),
+    ("locate five_bar --from 0.1 0.345 --to inf 0.2", ["--to", "finite", "inf"]),
+    ("locate five_bar --from 0.1 y --to 0 0.2", ["--from", "'y'"]),
+    ("locate five_bar --from 0.1 0.345 --to 0.1 0.345", ["0.345", "same"]),
+    ("plan five_bar --from 0.1 0.345 --to 0 0.3", ["--duration", "required"]),
+    ("plan five_bar --scene C --duration 0", ["duration", "positive", "0"]),
+    ("plan five_bar --scene C --duration -1", ["duration", "positive", "-1"]),
+    ("plan five_bar --scene C --duration nan", ["duration", "nan"]),
+    ("plan five_bar --scene C --duration inf", ["duration", "inf"]),
+    ("plan five_bar --scene C --duration long", ["--duration", "'long'"]),
+    ("plan five_bar --scene C --times 0", ["times", "t = 0 s", "(0, 1.5)"]),
+    ("plan five_bar --scene C --times 1.5", ["times", "t = 1.5 s", "(0, 1.5)"]),
+    ("plan five_bar --scene C --times -1", ["times", "t = -1 s", "(0, 1.5)"]),
+    ("plan five_bar --scene C --times 1.6", ["times", "t = 1.6 s", "(0, 1.5)"]),
+    ("plan five_bar --scene C --times nan", ["times", "finite", "nan"]),
+    ("plan five_bar --scene C --times inf", ["times", "finite", "inf"]),
+    ("plan five_bar --scene C --times 0.9 1.1", ["times", "got 2 (0.9, 1.1)", "1 singular point", "0.667"]),
+    ("plan five_bar --scene C --times 1.1 0.9", ["times", "ascend"]),
+    ("plan five_bar --scene C --speeds 0", ["speeds", "greater than zero", "0"]),
+    ("plan five_bar --scene C --speeds -1.5", ["speeds", "greater than zero", "-1.5"]),
+    ("plan five_bar --scene C --speeds nan", ["speeds", "finite", "nan"]),
+    ("plan five_bar --scene C --speeds 1.5 1.5", ["speeds", "got 2", "1 singular point"]),
+    ("plan five_bar --scene A --times 1.0", ["times", "got 1 (1)", "0 singular points"]),
+    ("plan five_bar --scene A --speeds 1.0", ["speeds", "got 1 (1)", "0 singular points"]),
+    ("plan five_bar --scene C --smoothness 1", ["smoothness", "got 1", "2 .. "]),
+    ("plan five_bar --scene C --flexibility flexible_joints --smoothness 3", ["smoothness", "got 3", "4 .."]),
+    ("plan five_bar --scene C --smoothness 400", ["smoothness", "got 400"]),
+    ("plan five_bar --scene C --smoothness 2.5", ["--smoothness", "'2.5'"]),
+    ("plan five_bar --scene C --samples 1", ["samples", "at least 2", "1"]),
+    ("plan five_bar --scene C --samples -5", ["samples", "at least 2", "-5"]),
+    ("plan five_bar --scene C --samples many", ["--samples", "'many'"]),
+    ("plan five_bar --scene C --raw --samples 2", ["samples", "at least 5", "2"]),
+    ("plan five_bar --scene C --out", ["--out", "expected one argument"]),
+]
+
+
+@pytest.mark.parametrize(("command", "words"), MISUSE, ids=[command or "nothing" for command, _ in MISUSE])
+def test_misuse_has_exit_code_2_and_is_told_in_one_line(refusal, command, words):
+    message = refusal(2, *command.split())
+    for word in words:
+        assert word in message
+
+
+def test_a_count_of_times_is_checked_before_anything_is_written(refusal, tmp_path):
+    refusal(2, *PLAN, "--scene", "C", "--times", "0.9", "1.1", "--out", tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("place", ["file", "file/below"])
+@pytest.mark.parametrize("raw", [[], ["--raw"]])
+def test_an_out_that_cannot_be_written_is_told(refusal, tmp_path, place, raw):
+    (tmp_path / "file").write_text("mine")
+    message = refusal(2, *PLAN, "--scene", "C", *raw, "--out", tmp_path / place)
+    assert "--out" in message
+    assert str(tmp_path / place) in message
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_malformed_robot_file_or_urdf_is_misuse(refusal, write_robot):
+    assert "springs[0].stiffness" in refusal(2, "check", write_robot(("springs.0.stiffness", 0)))
+    assert "mass" in refusal(2, "check", write_robot(urdf=(('<mass value="10"/>', ""),)))
+
+
+@pytest.mark.parametrize("command", [["--help"], ["plan", "--help"]])
+def test_help_is_no_misuse(capfd, command):
+    with pytest.raises(SystemExit) as caught:
+        main(command)
+    assert caught.value.code == 0
+    assert "plan" in capfd.readouterr().out
+
+
+# ------------------------------------------------------------------ in a process of its own
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["plan", "five_bar", "--scene", "C", "--json"], 0),
+        (["plan", "five_bar", "--scene", "B", "--json"], 1),
+        (["plan", "five_bar", "--scene", "nowhere", "--json"], 2),
+    ],
+)
+def test_python_m_framework_is_the_same_program(tmp_path, arguments, code):
+    done = subprocess.run(
+        [sys.executable, "-m", "framework", *arguments], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == code
+    assert list(tmp_path.iterdir()) == []
+    if code == 0:
+        assert list(json.loads(done.stdout)) == PLAN_KEYS
+        assert done.stderr == ""
+    else:
+        assert done.stdout == ""
+        assert done.stderr.startswith("crossing: ")
+        assert done.stderr.count("\n") == 1
+
+
+def test_a_reader_that_has_seen_enough_gets_no_traceback():
+    command = [sys.executable, "-m", "framework", "check", "five_bar"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        running.stdout.close()  # as `| head -1` does, long before the program writes
+        assert running.stderr.read() == ""
