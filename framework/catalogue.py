@@ -42,7 +42,7 @@ def catalogue() -> Mapping[str, CatalogueEntry]:
 
 
 def robot_file(name_or_path: str) -> Path:
-    """The robot file that a catalogue name or a path stands for.
+    """The file, ours or of a foreign dialect, that a catalogue name or a path stands for.
 
     Raises:
         InvalidInput: neither a known name nor a robot file.
@@ -51,7 +51,7 @@ def robot_file(name_or_path: str) -> Path:
     if name_or_path in known:
         return known[name_or_path].file
     path = Path(name_or_path)
-    if path.suffix in (".yaml", ".yml") or path.exists():
+    if path.suffix in (".yaml", ".yml", ".urdf", ".xml", ".mjcf", ".sdf") or path.exists():
         return path
     raise InvalidInput(
         f"{choose_from('robot', name_or_path, known)}, or give the path of a robot file (.yaml)"

@@ -1,4 +1,4 @@
-"""The command line: `crossing robots | check | locate | plan`.
+"""The command line: `crossing robots | check | convert | locate | plan`.
 
 Exit codes: 0 done, 1 the answer is no, 2 misuse or bad input (one line on stderr). With --json there
 is one JSON object on stdout and nothing else.
@@ -26,7 +26,9 @@ from framework.errors import FrameworkError, InvalidInput, NoAnswer, point
 from framework.kinematics.checkup import check_robot
 from framework.kinematics.locus import locate_singularities
 from framework.model import ParallelRobot
-from framework.model.description import FLEXIBILITIES
+from framework.model.description import FLEXIBILITIES, RobotDescription
+from framework.model.readers.recognise import DIALECTS, dialect_of, read_any
+from framework.model.readers.writer import write_robot_file
 from framework.motion.path import Line
 from framework.motion.path import Path as MotionPath
 from framework.output import written_together
@@ -125,6 +127,23 @@ def _check(options: argparse.Namespace) -> Report:
         *(f"  note              {advice}" for advice in found.advice),
     ]
     return asdict(found), "\n".join(lines)
+
+
+def _convert(options: argparse.Namespace) -> Report:
+    dialect, description = dialect_of(robot_file(options.robot)), _describe(options)
+    written = write_robot_file(description, options.out)
+    document = {
+        "robot": description.name,
+        "dialect": dialect,
+        "file": str(written),
+        "urdf": str(written.with_suffix(".urdf")),
+    }
+    closures = ", ".join(closure.name for closure in description.closures)
+    text = (
+        f"{description.name}, read as {DIALECTS[dialect]}: loops closed by {closures}\n"
+        f"  written to        {written}"
+    )
+    return document, f"{text}\n  next              crossing check {written}"
 
 
 def _locate(options: argparse.Namespace) -> Report:
@@ -293,9 +312,33 @@ def _write_raw(
 
 
 def _load(options: argparse.Namespace) -> ParallelRobot:
-    return ParallelRobot.from_file(
-        robot_file(options.robot), flexibility=getattr(options, "flexibility", "rigid")
+    return ParallelRobot.from_description(_describe(options), getattr(options, "flexibility", "rigid"))
+
+
+def _describe(options: argparse.Namespace) -> RobotDescription:
+    """The description in the robot file, or in a file of a foreign dialect and what the options add to it."""
+    return read_any(
+        robot_file(options.robot),
+        platform=getattr(options, "platform", None),
+        axes=getattr(options, "axes", None),
+        motors=getattr(options, "motors", None),
+        reference=_reference(getattr(options, "reference", None) or []),
     )
+
+
+def _reference(given: Sequence[str]) -> dict[str, float]:
+    """Joint values out of JOINT=VALUE."""
+    reference: dict[str, float] = {}
+    for item in given:
+        name, equals, value = item.rpartition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = float("nan")
+        if not (name and equals and np.isfinite(number)):
+            raise InvalidInput(f"--reference: needs JOINT=VALUE with a finite number, got {item!r}")
+        reference[name] = number
+    return reference
 
 
 def _path(options: argparse.Namespace, robot: ParallelRobot) -> MotionPath:
@@ -366,8 +409,19 @@ def _parser() -> argparse.ArgumentParser:
     command("robots", _robots, "list the catalogue")
 
     check = command("check", _check, "mobility, rank, redundant rows, masses, closure error, mode")
-    _add_robot(check)
+    _add_robot(check, "catalogue name, or path of a robot file or of a file of a foreign dialect")
+    _add_unsaid(check)
     _add_flexibility(check)
+
+    convert = command(
+        "convert",
+        _convert,
+        "write our robot file from another dialect: Gepetto's robot.yaml beside robot.urdf, URDF+ <loop>, "
+        "ROS <constraint>, MJCF <equality>",
+    )
+    _add_robot(convert, "path of a file of a foreign dialect, or catalogue name")
+    convert.add_argument("--out", metavar="DIR", required=True, help="write NAME.yaml and NAME.urdf there")
+    _add_unsaid(convert)
 
     locate = command("locate", _locate, "find the singular points on a path")
     _add_robot(locate)
@@ -405,8 +459,21 @@ def _version() -> str:
     return f"crossing {version('parallel-singularity-crossing')}"
 
 
-def _add_robot(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("robot", metavar="ROBOT", help="catalogue name, or path of a robot file")
+def _add_robot(
+    parser: argparse.ArgumentParser, text: str = "catalogue name, or path of a robot file"
+) -> None:
+    parser.add_argument("robot", metavar="ROBOT", help=text)
+
+
+def _add_unsaid(parser: argparse.ArgumentParser) -> None:
+    """What a file of a foreign dialect may leave unsaid."""
+    group = parser.add_argument_group("what the file does not say, or says otherwise")
+    group.add_argument("--platform", metavar="FRAME", help="frame of the platform")
+    group.add_argument("--axes", nargs="+", metavar="AXIS", help="its axes, of x y z rx ry rz")
+    group.add_argument("--motors", nargs="+", metavar="JOINT", help="joints with a motor")
+    group.add_argument(
+        "--reference", nargs="+", metavar="JOINT=VALUE", help="near an assembled configuration [rad, m]"
+    )
 
 
 def _add_flexibility(parser: argparse.ArgumentParser) -> None:

@@ -38,7 +38,9 @@ def frames_at(robot: ParallelRobot, q: Array) -> FrameStack:
         placements = data.oMf
         for f, frame in enumerate(frames):
             placement[k, f] = placements[frame].homogeneous
-            jacobian[k, f] = pin.getFrameJacobian(model, data, frame, _WORLD_AXES)
+            jacobian[k, f] = pin.getFrameJacobian(model, data, frame, _WORLD_AXES).reshape(
+                6, -1
+            )  # (6,) if nv = 1
     return FrameStack(placement[..., :3, 3], placement[..., :3, :3], jacobian)
 
 

@@ -156,7 +156,15 @@ def _solve_rates(robot: ParallelRobot, system: System, right: Array, elastic: Ar
     rates[:, robot.elastic] = elastic
     if robot.n_e:
         right = right - np.einsum("tfe,te->tf", jacobian[:, :, robot.elastic], elastic)
-    rates[:, columns] = np.linalg.solve(jacobian[:, :, columns], right[..., None])[..., 0]
+    try:
+        rates[:, columns] = np.linalg.solve(jacobian[:, :, columns], right[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        raise NotAssembled(
+            f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg is "
+            f"stretched or folded, or the platform frame does not move along these axes",
+            q=robot.q_near,
+            residual=float(np.abs(system.residual).max()),
+        ) from None
     return rates
 
 

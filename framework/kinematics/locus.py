@@ -86,13 +86,21 @@ def locate_singularities(
     try:
         type_1 = [s for s, _ in _contacts(samples, mobile) if _is_type_1(track, s)]
     except _Unresolved as unresolved:  # the branch has a kink, or another one meets it
-        type_1 = [round(unresolved.s, 3)]  # known to the width of a panel
+        type_1 = [_weakest_place(track, mobile, unresolved.s)]
     if type_1:
         raise _type_1(track, type_1[0])
     contacts = _contacts(samples, passive)
     for s, _ in contacts:
         _refuse_dropped_rows(track, s)
     return tuple(_singular_point(track, s, contact) for s, contact in contacts)
+
+
+def _weakest_place(track: Track, matrix: Callable[[System], Array], s: float) -> float:
+    """Where near s the matrix is nearest to singular: at a knot of the track, or to three digits."""
+    near = track.s[np.abs(track.s - s) < 10 * NARROWEST]
+    places = np.append(near, round(s, 3))
+    system = system_at(track.robot, track.guess(places), track.path(places))
+    return float(places[np.argmin(np.linalg.svd(matrix(system), compute_uv=False)[:, -1])])
 
 
 def _refuse_dropped_rows(track: Track, s: float) -> None:

@@ -1,0 +1,23 @@
+"""The biglide, a planar 2-PRR robot: actuated sliders on two rails, rods that meet at the end effector.
+
+Scenes: across and bow pass the line where the rods are aligned (Type 2), clear stays beside it, unprepared
+has a pole. The workspace ends where a rod is normal to its rail (Type 1).
+"""
+
+from __future__ import annotations
+
+from framework import ParallelRobot
+from framework.catalogue import CatalogueEntry
+from robots.files import robot_file
+
+ENTRY = CatalogueEntry(
+    file=robot_file("biglide"),
+    summary="planar 2-PRR, two sliders on parallel rails",
+    source="biglide of Centrale Nantes, github.com/oKermorgant/gz_attach_links; own motors and springs",
+    singularities=("type_1", "type_2"),
+)
+
+
+def load(flexibility: str = "rigid") -> ParallelRobot:
+    """The robot: rigid, flexible_joints or flexible_links."""
+    return ENTRY.load(flexibility)

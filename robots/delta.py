@@ -1,0 +1,24 @@
+"""Clavel's Delta robot with real parallelograms, in the dimensions of a FlexPicker.
+
+With all elbows outward no Type 2 singularity was found in its workspace; the reference has the arm of leg 1
+folded across the base. Scenes: `pick` clear of the locus, `cross` through the place where the three forearms
+are parallel to one plane, `cross-unprepared` the same path without condition (8).
+"""
+
+from __future__ import annotations
+
+from framework import ParallelRobot
+from framework.catalogue import CatalogueEntry
+from robots.files import robot_file
+
+ENTRY = CatalogueEntry(
+    file=robot_file("delta"),
+    summary="Delta, three translations, six rods in parallelograms",
+    source="Williams, The Delta Parallel Robot, Ohio University 2015: ABB FlexPicker IRB 360-1/1600",
+    singularities=("type_2",),
+)
+
+
+def load(flexibility: str = "rigid") -> ParallelRobot:
+    """The robot: rigid, flexible_joints or flexible_links."""
+    return ENTRY.load(flexibility)

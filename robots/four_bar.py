@@ -1,0 +1,22 @@
+"""A four-bar linkage driven at its rocker: where crank and coupler are aligned the motor has no hold.
+
+Scenes: dead_point and full_turn cross one and two such points, clear none; unprepared has a pole.
+"""
+
+from __future__ import annotations
+
+from framework import ParallelRobot
+from framework.catalogue import CatalogueEntry
+from robots.files import robot_file
+
+ENTRY = CatalogueEntry(
+    file=robot_file("four_bar"),
+    summary="four-bar linkage turned by its rocker, flywheel on the crank",
+    source="lengths of Norton, Design of Machinery, Example 4-1; own masses",
+    singularities=("type_2",),
+)
+
+
+def load(flexibility: str = "rigid") -> ParallelRobot:
+    """The robot: rigid, flexible_joints or flexible_links."""
+    return ENTRY.load(flexibility)

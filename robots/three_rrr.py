@@ -1,0 +1,23 @@
+"""The planar 3-RRR: a platform that slides and turns in the plane, three motors at the base.
+
+Scenes: `crossing` turns the platform through the pose where its three rods meet in a point (Type 2),
+`clear` stays away from it.
+"""
+
+from __future__ import annotations
+
+from framework import ParallelRobot
+from framework.catalogue import CatalogueEntry
+from robots.files import robot_file
+
+ENTRY = CatalogueEntry(
+    file=robot_file("three_rrr"),
+    summary="planar 3-RRR, platform x, y, rz, links of 0.6 m",
+    source="Kotlarski, Heimann and Ortmaier, Frontiers of Mechanical Engineering 7(2), 2012",
+    singularities=("type_2",),
+)
+
+
+def load(flexibility: str = "rigid") -> ParallelRobot:
+    """The robot: rigid, flexible_joints or flexible_links."""
+    return ENTRY.load(flexibility)

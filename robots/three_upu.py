@@ -1,0 +1,24 @@
+"""The translational 3-UPU robot with radial outer axes, as the prototype of Seoul National University.
+
+Where its centres stand above one another (x = y = 0) the platform gains two rotations: a constraint
+singularity.
+Scenes: across and around, beside that axis.
+"""
+
+from __future__ import annotations
+
+from framework import ParallelRobot
+from framework.catalogue import CatalogueEntry
+from robots.files import robot_file
+
+ENTRY = CatalogueEntry(
+    file=robot_file("three_upu"),
+    summary="translational 3-UPU, ball screws",
+    source="Tsai, ARK 1996; Zlatanov, Bonev and Gosselin, ICRA 2002",
+    singularities=("constraint",),
+)
+
+
+def load(flexibility: str = "rigid") -> ParallelRobot:
+    """The robot: rigid, flexible_joints or flexible_links."""
+    return ENTRY.load(flexibility)

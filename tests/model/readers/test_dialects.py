@@ -1,0 +1,519 @@
+"""One robot in every dialect is one robot; what a dialect leaves unsaid is asked for by name."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Line, locate_singularities
+from framework.errors import OutputError, RobotFileError
+from framework.kinematics.checkup import check_robot
+from framework.model import ParallelRobot
+from framework.model.readers import DIALECTS, dialect_of, read_any, write_robot_file
+from framework.model.robot_file import read_robot_file
+
+DATA = Path(__file__).parents[2] / "data" / "dialects"
+POSE = {"left_motor": 1.271863, "left_elbow": -0.83362, "right_motor": 1.083625, "right_elbow": 1.538591}
+AXES = {"axes": ["x", "y"]}
+FIVE_BARS = {
+    "own": (robots.CATALOGUE["five_bar"].file, {}),
+    "gepetto": (DATA / "gepetto" / "robot.yaml", {"platform": "tip_A", **AXES}),
+    "gepetto folder": (DATA / "gepetto", {"platform": "tip_A", **AXES}),
+    "urdf+": (
+        DATA / "five_bar_plus.urdf",
+        {"platform": "tip_predecessor", "motors": ["left_motor", "right_motor"], **AXES},
+    ),
+    "ros": (DATA / "five_bar_ros.urdf", {"platform": "tip_parent", "reference": POSE, **AXES}),
+    "mjcf, sites": (DATA / "five_bar_sites.xml", {"platform": "left_tip", **AXES}),
+    "mjcf, anchor": (DATA / "five_bar_anchor.xml", {"platform": "tip", **AXES}),
+}
+LINE = Line([0.1, 0.345], [-0.05, 0.195])
+
+
+@pytest.mark.parametrize("converted", [False, True], ids=["read", "converted"])
+@pytest.mark.parametrize("name", FIVE_BARS)
+def test_the_five_bar_is_the_same_in_every_dialect(name, converted, tmp_path):
+    file, options = FIVE_BARS[name]
+    description = read_any(file, **options)
+    if converted:
+        description = read_robot_file(write_robot_file(description, tmp_path / "out"))
+    robot = ParallelRobot.from_description(description)
+    own = check_robot(robots.load("five_bar"))
+    found = check_robot(robot)
+    assert (found.mobility, found.rank, found.mass) == (own.mobility, own.rank, own.mass)
+    assert (found.working_mode, found.assembly_mode) == (own.working_mode, own.assembly_mode)
+    (singular,) = locate_singularities(robot, LINE)
+    assert singular.s == pytest.approx(0.667006874764298, abs=1e-12)
+    assert singular.kind == "type_2"
+
+
+@pytest.mark.parametrize("name", FIVE_BARS)
+def test_the_dialect_is_recognised(name):
+    expected = {"own": "robot file", "gepetto folder": "gepetto"}.get(name, name.split(",")[0])
+    assert dialect_of(FIVE_BARS[name][0]) == expected
+    assert expected in DIALECTS
+
+
+def test_mjcf_motors_carry_their_gear_rotor_and_limit():
+    description = read_any(DATA / "five_bar_sites.xml", platform="left_tip", axes=["x", "y"])
+    for actuator in description.actuators:
+        assert actuator.gear_ratio == 50
+        assert actuator.rotor_inertia == pytest.approx(6.4e-6)  # armature / gear^2
+        assert actuator.torque_limit == 4
+
+
+@pytest.mark.parametrize("name", FIVE_BARS)
+def test_what_is_written_says_the_same_as_what_was_read(name, tmp_path):
+    file, options = FIVE_BARS[name]
+    description = read_any(file, **options)
+    written = write_robot_file(description, tmp_path)
+    again = read_robot_file(written)
+    same = {"file": description.file, "urdf_text": description.urdf_text}
+    assert replace(again, **same) == description
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        f"{written.stem}.urdf",
+        f"{written.stem}.yaml",
+    ]
+
+
+@pytest.mark.parametrize("name", sorted(robots.CATALOGUE))
+def test_every_robot_of_the_catalogue_can_be_written(name, tmp_path):
+    description = read_any(robots.CATALOGUE[name].file)
+    again = read_robot_file(write_robot_file(description, tmp_path))
+    assert replace(again, file=description.file, urdf_text=description.urdf_text) == description
+
+
+def test_writing_over_the_file_that_is_read_is_refused(tmp_path):
+    for suffix in ("yaml", "urdf"):
+        (tmp_path / f"robot.{suffix}").write_text((DATA / "gepetto" / f"robot.{suffix}").read_text())
+    before = (tmp_path / "robot.yaml").read_text()
+    with pytest.raises(OutputError, match="overwrite"):
+        write_robot_file(read_any(tmp_path, platform="tip_A", axes=["x"]), tmp_path)
+    assert (tmp_path / "robot.yaml").read_text() == before
+
+
+def test_nothing_is_left_behind_where_writing_fails(tmp_path):
+    description = read_any(*FIVE_BARS["own"][:1])
+    broken = replace(description, platform=replace(description.platform, frame="nowhere"))
+    with pytest.raises(RobotFileError, match=r"cannot become a robot file: platform\.frame"):
+        write_robot_file(broken, tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_meshes_are_still_found_from_the_new_folder(tmp_path):
+    text = (DATA / "five_bar_plus.urdf").read_text()
+    mesh = '<link name="base"><visual><geometry><mesh filename="meshes/a.stl"/></geometry></visual></link>'
+    (tmp_path / "a.urdf").write_text(text.replace('<link name="base"/>', mesh))
+    written = write_robot_file(
+        read_any(tmp_path / "a.urdf", **FIVE_BARS["urdf+"][1]), tmp_path / "deep" / "out"
+    )
+    assert 'filename="../../meshes/a.stl"' in written.with_suffix(".urdf").read_text()
+
+
+# ------------------------------------------------------------------ what is unsaid
+
+
+def test_all_that_is_missing_is_asked_for_at_once_with_candidates():
+    with pytest.raises(RobotFileError) as caught:
+        read_any(DATA / "five_bar_plus.urdf")
+    message = str(caught.value)
+    assert "--platform FRAME (of: base, left_crank" in message
+    assert "--axes (of: x, y, z, rx, ry, rz)" in message
+    assert "--motors (of: left_motor, right_motor)" in message  # those marked independent
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"platform": "tip_C"}, "--platform: unknown frame 'tip_C'; did you mean"),
+        ({"axes": ["x", "w"]}, "--axes: unknown axis 'w'"),
+        ({"axes": ["x", "x"]}, "--axes: needs different axes"),
+        ({"axes": ["x", "rx", "ry"]}, "--axes: .* none, one or all three"),
+        (
+            {"motors": ["left_moter"]},
+            "--motors: unknown movable joint 'left_moter'; did you mean 'left_motor'",
+        ),
+        ({"motors": ["tip_A_frame"]}, "--motors: unknown movable joint"),
+        ({"motors": ["left_motor", "left_motor"]}, "--motors: 'left_motor' is there twice"),
+        ({"motors": []}, "--motors: needs at least one"),
+        ({"reference": {"elbow": 1.0}}, "--reference: unknown movable joint 'elbow'"),
+    ],
+)
+@pytest.mark.parametrize("name", ["gepetto", "own"])
+def test_options_are_checked(name, options, message):
+    file, given = FIVE_BARS[name]
+    if name == "own":
+        message = message.split("; did you mean")[0]
+    with pytest.raises(RobotFileError, match=message):
+        read_any(file, **{**given, **options})
+
+
+def test_options_overrule_the_file():
+    description = read_any(FIVE_BARS["own"][0], platform="right_tip", motors=["right_motor"], axes=["y"])
+    assert description.platform.frame == "right_tip"
+    assert [actuator.gear_ratio for actuator in description.actuators] == [50]
+    assert description.platform.axes == ("y",)
+
+
+# ------------------------------------------------------------------ closures in space
+
+
+def two_links(*closures: str, joint: str = "revolute", axis: str = "0 0 1") -> str:
+    """Two links on one base, joined by what is given."""
+    joints = "".join(
+        f'<link name="{link}"/><joint name="{link}_joint" type="{joint}"><parent link="base"/>'
+        f'<child link="{link}"/><origin xyz="{x} 0 0" rpy="0.1 0.2 {x}"/><axis xyz="{axis}"/>'
+        f'<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for link, x in (("one", 0.0), ("two", 0.5))
+    )
+    return f'<robot name="r"><link name="base"/>{joints}{"".join(closures)}</robot>'
+
+
+SAID = {"platform": "one", "axes": ["x"], "motors": ["one_joint"]}
+
+
+def closure_axes_in_base(robot: ParallelRobot) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations of the two frames of the first closure at zero."""
+    import pinocchio as pin
+
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, pin.neutral(robot.model))
+    first, second = robot.rows.first[0], robot.rows.second[0]
+    return tuple(data.oMf[robot.frames[i]].rotation for i in (first, second))
+
+
+@pytest.mark.parametrize(
+    ("kind", "axes"),
+    [
+        ("revolute", ("x", "y", "z", "rx", "ry")),
+        ("continuous", ("x", "y", "z", "rx", "ry")),
+        ("prismatic", ("x", "y", "rx", "ry", "rz")),
+        ("cylindrical", ("x", "y", "rx", "ry")),
+        ("planar", ("z", "rx", "ry")),
+    ],
+)
+@pytest.mark.parametrize("dialect", ["urdf+", "ros"])
+def test_the_axis_of_a_loop_is_z_of_both_its_frames(dialect, kind, axes, tmp_path):
+    axis = np.array([0.3, -0.4, 1.2])
+    text = " ".join(map(str, axis))
+    if dialect == "urdf+":
+        loop = (
+            f'<loop name="l" type="{kind}"><predecessor link="one"><origin xyz="1 2 3" rpy="1 0.5 0.2"/>'
+            f'</predecessor><successor link="two"/><axis xyz="{text}"/></loop>'
+        )
+    else:
+        loop = (
+            f'<constraint name="l" type="{kind}"><parent link="one"/><parent_origin xyz="1 2 3" '
+            f'rpy="1 0.5 0.2"/><parent_axis xyz="{text}"/><child link="two"/></constraint>'
+        )
+    file = tmp_path / "r.urdf"
+    file.write_text(two_links(loop))
+    description = read_any(file, **SAID)
+    assert description.closures[0].axes == axes
+    robot = ParallelRobot.from_description(description)
+    first, second = closure_axes_in_base(robot)
+    import pinocchio as pin
+
+    one = pin.rpy.rpyToMatrix(0.1, 0.2, 0.0) @ pin.rpy.rpyToMatrix(1.0, 0.5, 0.2)
+    two = pin.rpy.rpyToMatrix(0.1, 0.2, 0.5)
+    unit = axis / np.linalg.norm(axis)
+    np.testing.assert_allclose(first[:, 2], one @ unit, atol=1e-14)
+    np.testing.assert_allclose(second[:, 2], two @ unit, atol=1e-14)
+
+
+def test_a_universal_constraint_keeps_its_two_axes_at_right_angles(tmp_path):
+    file = tmp_path / "r.urdf"
+    file.write_text(
+        two_links(
+            '<constraint name="u" type="universal"><parent link="one"/><parent_axis xyz="1 1 0"/>'
+            '<child link="two"/><child_axis xyz="0 1 3"/></constraint>'
+        )
+    )
+    robot = ParallelRobot.from_description(read_any(file, **SAID))
+    assert robot.rows.names == ("u.x", "u.y", "u.z", "u.rz")
+    first, second = closure_axes_in_base(robot)
+    row = list(robot.rows.rotation).index(True)
+    import pinocchio as pin
+
+    one = pin.rpy.rpyToMatrix(0.1, 0.2, 0.0) @ np.array([1, 1, 0]) / np.sqrt(2)
+    two = pin.rpy.rpyToMatrix(0.1, 0.2, 0.5) @ np.array([0, 1, 3]) / np.sqrt(10)
+    np.testing.assert_allclose(first[:, robot.rows.first_axis[row]], one, atol=1e-14)
+    np.testing.assert_allclose(second[:, robot.rows.second_axis[row]], two, atol=1e-14)
+
+
+# ------------------------------------------------------------------ joints that stand for others
+
+
+def test_gepetto_joint_types_become_joints_of_one_degree(tmp_path):
+    (tmp_path / "robot.urdf").write_text(two_links())
+    (tmp_path / "robot.yaml").write_text(
+        "closed_loop: [[one, two]]\ntype: [6D]\nname_mot: [one_joint_Z]\n"
+        "joint_name: [one_joint, two_joint]\njoint_type: [SPHERICAL, UJOINT_ZY]\n"
+    )
+    description = read_any(tmp_path, platform="one", axes=["x"])
+    robot = ParallelRobot.from_description(description)
+    assert list(robot.model.names)[1:] == [
+        "one_joint_X", "one_joint_Y", "one_joint_Z", "two_joint_Z", "two_joint_Y",
+    ]  # fmt: skip
+    assert description.closures[0].axes == ("x", "y", "z", "rx", "ry", "rz")
+    (tmp_path / "robot.yaml").write_text(
+        "closed_loop: [[one, two]]\ntype: [3D]\nname_mot: [one_joint]\n"
+        "joint_name: [two_joint]\njoint_type: [FIXED]\n"
+    )
+    robot = ParallelRobot.from_description(read_any(tmp_path, platform="one", axes=["x"]))
+    assert list(robot.model.names)[1:] == ["one_joint"]
+
+
+LOOP = '<loop name="l" type="spherical"><predecessor link="one"/><successor link="two"/></loop>'
+
+
+def coupling(first: str, second: str, ratio: str) -> str:
+    return (
+        f'<coupling name="c"><predecessor link="{first}"/><successor link="{second}"/>'
+        f'<ratio value="{ratio}"/></coupling>'
+    )
+
+
+def test_a_coupling_of_equal_turns_becomes_a_loop_equation(tmp_path):
+    file = tmp_path / "r.urdf"
+    parallel = two_links(LOOP, coupling("one", "two", "1")).replace('rpy="0.1 0.2 0.5"', 'rpy="0.1 0.2 0.9"')
+    # turning the second about its own z keeps the axes parallel only without roll and pitch
+    file.write_text(parallel.replace("0.1 0.2 0.9", "0 0 0.9").replace("0.1 0.2 0.0", "0 0 0.3"))
+    description = read_any(file, **SAID)
+    assert description.closures[1].axes == ("rz",)
+    robot = ParallelRobot.from_description(description)
+    from framework.kinematics.closures import loop_equations
+    from framework.kinematics.frames import frames_at
+
+    row = robot.rows.names.index("c.rz")
+    for q, error in (([0.4, 0.4], 0.0), ([0.4, 0.3], np.sin(0.1))):
+        residual = loop_equations(robot.rows, frames_at(robot, np.array([q]))).residual[0, row]
+        assert abs(residual) == pytest.approx(error, abs=1e-15)
+
+
+def test_a_coupling_that_holds_a_joint_fixes_it(tmp_path):
+    file = tmp_path / "r.urdf"
+    for text in (coupling("one", "two", "0"), coupling("base", "two", "3")):
+        file.write_text(two_links(LOOP, text))
+        robot = ParallelRobot.from_description(read_any(file, **SAID))
+        assert list(robot.model.names)[1:] == ["one_joint"]
+
+
+# ------------------------------------------------------------------ MJCF
+
+
+def mjcf(bodies: str, equality: str = "", *, compiler: str = 'angle="radian"', more: str = "") -> str:
+    loop = equality or '<connect body1="one" anchor="0 0 0"/>'
+    return (
+        f"<mujoco><compiler {compiler}/>{more}<worldbody>{bodies}</worldbody>"
+        f"<equality>{loop}</equality></mujoco>"
+    )
+
+
+def read_mjcf_text(text: str, tmp_path: Path, **said: object) -> ParallelRobot:
+    file = tmp_path / "m.xml"
+    file.write_text(text)
+    options = {"platform": "one", "axes": ["x"], "motors": ["j"]}
+    return ParallelRobot.from_description(read_any(file, **{**options, **said}))
+
+
+def placement_of(robot: ParallelRobot, frame: str, q: np.ndarray) -> np.ndarray:
+    import pinocchio as pin
+
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    return np.array(data.oMf[robot.model.getFrameId(frame)].homogeneous)
+
+
+TURN = 2 * math.atan2(1.2, 0.8)  # about z
+
+
+@pytest.mark.parametrize(
+    ("orientation", "compiler"),
+    [
+        ('quat="0.8 0 0 1.2"', 'angle="degree"'),
+        (f'axisangle="0 0 2 {math.degrees(TURN)!r}"', 'angle="degree"'),
+        (f'euler="0 0 {TURN!r}"', 'angle="radian"'),
+        (f'euler="{math.degrees(TURN)!r} 0 0"', 'eulerseq="zyx"'),
+        ('xyaxes="-0.8 1.92 0 -5 0 0"', 'angle="degree"'),
+    ],
+)
+def test_mjcf_orientations_agree(orientation, compiler, tmp_path):
+    robot = read_mjcf_text(
+        mjcf(f'<body name="one" pos="1 2 3" {orientation}><joint name="j"/></body>', compiler=compiler),
+        tmp_path,
+    )
+    c, s = (0.64 - 1.44) / 2.08, 2 * 0.8 * 1.2 / 2.08
+    expected = np.array([[c, -s, 0, 1], [s, c, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
+    np.testing.assert_allclose(placement_of(robot, "one", np.zeros(1)), expected, atol=1e-14)
+
+
+def test_mjcf_zaxis_is_the_least_turn(tmp_path):
+    robot = read_mjcf_text(mjcf('<body name="one" zaxis="1 0 1"><joint name="j"/></body>'), tmp_path)
+    s = np.sqrt(0.5)
+    np.testing.assert_allclose(
+        placement_of(robot, "one", np.zeros(1))[:3, :3], [[s, 0, s], [0, 1, 0], [-s, 0, s]], atol=1e-15
+    )
+
+
+def test_mjcf_euler_lower_case_turns_with_the_frame_and_upper_case_does_not(tmp_path):
+    import pinocchio as pin
+
+    fixed = read_mjcf_text(
+        mjcf(
+            '<body name="one" euler="0.3 -0.4 0.5"><joint name="j"/></body>',
+            compiler='angle="radian" eulerseq="XYZ"',
+        ),
+        tmp_path,
+    )
+    np.testing.assert_allclose(
+        placement_of(fixed, "one", np.zeros(1))[:3, :3], pin.rpy.rpyToMatrix(0.3, -0.4, 0.5), atol=1e-15
+    )
+    moving = read_mjcf_text(
+        mjcf(
+            '<body name="one" euler="0.5 -0.4 0.3"><joint name="j"/></body>',
+            compiler='angle="radian" eulerseq="zyx"',
+        ),
+        tmp_path,
+    )
+    np.testing.assert_allclose(
+        placement_of(moving, "one", np.zeros(1))[:3, :3], pin.rpy.rpyToMatrix(0.3, -0.4, 0.5), atol=1e-15
+    )
+
+
+def test_mjcf_joints_of_one_body_follow_each_other_about_their_points(tmp_path):
+    bodies = (
+        '<body name="one" pos="0 0 1"><joint name="j" pos="0.1 0 0" axis="0 0 2"/>'
+        '<joint name="slide" type="slide" axis="0 1 0" pos="5 5 5"/>'
+        '<joint name="k" pos="0 0.2 0" axis="1 0 0"/></body>'
+    )
+    robot = read_mjcf_text(mjcf(bodies), tmp_path)
+    assert list(robot.model.names)[1:] == ["j", "slide", "k"]
+    a, d, b = 0.7, 0.3, -0.5
+
+    def about(point, turn):
+        at = np.eye(4)
+        at[:3, 3], at[:3, :3] = point - turn @ point, turn
+        return at
+
+    def shift(v):
+        at = np.eye(4)
+        at[:3, 3] = v
+        return at
+
+    z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
+    expected = (
+        shift([0, 0, 1])
+        @ about(np.array([0.1, 0, 0]), z)
+        @ shift([0, d, 0])
+        @ about(np.array([0, 0.2, 0]), x)
+    )
+    np.testing.assert_allclose(placement_of(robot, "one", np.array([a, d, b])), expected, atol=1e-15)
+
+
+def test_mjcf_ball_joint_and_keyframe_pose(tmp_path):
+    import pinocchio as pin
+
+    quaternion = pin.Quaternion(0.7, 0.1, -0.5, 0.4).normalized()
+    text = mjcf('<body name="one"><joint name="b" type="ball"/></body>').replace(
+        "</mujoco>",
+        f'<keyframe><key qpos="{quaternion.w!r} {quaternion.x!r} {quaternion.y!r} {quaternion.z!r}"/>'
+        "</keyframe></mujoco>",
+    )
+    robot = read_mjcf_text(text, tmp_path, motors=["b_X"])
+    np.testing.assert_allclose(
+        placement_of(robot, "one", robot.q_near)[:3, :3], quaternion.toRotationMatrix(), atol=1e-15
+    )
+
+
+def test_mjcf_ref_moves_the_zero_and_springs_rest_from_it(tmp_path):
+    text = mjcf(
+        '<body name="one"><joint name="j" ref="30" stiffness="7" springref="40"/></body>',
+        compiler='angle="degree"',
+    ).replace("</mujoco>", '<keyframe><key qpos="1"/></keyframe></mujoco>')
+    robot = read_mjcf_text(text, tmp_path)
+    assert robot.joint_stiffness == 7
+    assert robot.joint_rest[0] == pytest.approx(np.radians(10))
+    assert robot.q_near[0] == pytest.approx(1 - np.radians(30))
+
+
+@pytest.mark.parametrize(
+    ("geom", "mass", "diagonal"),
+    [
+        ('type="sphere" size="0.1" mass="2"', 2.0, (0.008,) * 3),
+        ('type="box" size="0.1 0.2 0.3" mass="3"', 3.0, (0.13, 0.10, 0.05)),
+        ('type="cylinder" size="0.1 0.3" mass="4"', 4.0, (0.13, 0.13, 0.02)),
+        ('type="ellipsoid" size="0.1 0.2 0.3" mass="5"', 5.0, (0.13, 0.10, 0.05)),
+        ('type="box" size="0.1 0.1 0.1"', 8.0, (8 * 0.02 / 3,) * 3),
+        ('type="cylinder" size="0.1" fromto="-0.3 0 0 0.3 0 0" mass="4"', 4.0, (0.02, 0.13, 0.13)),
+    ],
+)
+def test_mjcf_inertia_of_primitive_geoms(geom, mass, diagonal, tmp_path):
+    robot = read_mjcf_text(mjcf(f'<body name="one"><joint name="j"/><geom {geom}/></body>'), tmp_path)
+    inertia = robot.model.inertias[1]
+    assert inertia.mass == pytest.approx(mass)
+    np.testing.assert_allclose(inertia.inertia, np.diag(diagonal), atol=1e-15)
+
+
+def test_mjcf_capsule_inertia_by_quadrature(tmp_path):
+    robot = read_mjcf_text(
+        mjcf('<body name="one"><joint name="j"/><geom type="capsule" size="0.1 0.3"/></body>'), tmp_path
+    )
+    z, weights = np.polynomial.legendre.leggauss(60)
+    pieces = []
+    for low, high in ((-0.4, -0.3), (-0.3, 0.3), (0.3, 0.4)):
+        at, w = 0.5 * (low + high) + 0.5 * (high - low) * z, 0.5 * (high - low) * weights
+        r2 = 0.01 - np.maximum(np.abs(at) - 0.3, 0.0) ** 2  # of the disc at this height
+        pieces.append(
+            [w @ (np.pi * r2), w @ (np.pi * r2**2 / 4 + np.pi * r2 * at**2), w @ (np.pi * r2**2 / 2)]
+        )
+    volume, across, along = 1000 * np.sum(pieces, axis=0)
+    assert robot.model.inertias[1].mass == pytest.approx(volume, rel=1e-13)
+    np.testing.assert_allclose(np.diag(robot.model.inertias[1].inertia), [across, across, along], rtol=1e-12)
+
+
+def test_mjcf_weld_holds_the_zero_pose_or_the_given_one(tmp_path):
+    bodies = (
+        '<body name="one" pos="1 0 0" euler="0 0 0.4"><joint name="j"/></body>'
+        '<body name="two" pos="0 1 0" euler="0.3 0 0"><joint name="k"/></body>'
+    )
+    robot = read_mjcf_text(mjcf(bodies, '<weld name="w" body1="one" body2="two" anchor="0 0 1"/>'), tmp_path)
+    from framework.kinematics.closures import loop_equations
+    from framework.kinematics.frames import frames_at
+
+    residual = loop_equations(robot.rows, frames_at(robot, np.zeros((1, 2)))).residual
+    np.testing.assert_allclose(residual, np.zeros((1, 6)), atol=1e-15)
+    other = read_mjcf_text(
+        mjcf(bodies, '<weld body1="one" body2="two" relpose="0.5 0 0 1 0 0 0"/>'), tmp_path
+    )
+    one = placement_of(other, "one", np.zeros(2)) @ [0.5, 0, 0, 1]
+    two = placement_of(other, "two", np.zeros(2))[:, 3]
+    residual = loop_equations(other.rows, frames_at(other, np.zeros((1, 2)))).residual[0, :3]
+    turn = placement_of(other, "one", np.zeros(2))[:3, :3]
+    np.testing.assert_allclose(residual, turn.T @ (two - one)[:3], atol=1e-15)
+    glue = '<weld body1="one" body2="two" torquescale="0"/>'
+    assert read_mjcf_text(mjcf(bodies, glue), tmp_path).description.closures[0].axes == ("x", "y", "z")
+
+
+def test_mjcf_joint_equalities_that_are_loops(tmp_path):
+    bodies = (
+        '<body name="one"><joint name="j"/></body><body name="two"><joint name="k"/></body>'
+        '<body name="three"><joint name="l" type="slide"/></body>'
+    )
+    loop = '<connect body1="one" anchor="0 0 0"/><joint joint1="l" polycoef="0.2 0 0 0 0"/>'
+    robot = read_mjcf_text(mjcf(bodies, loop + '<joint name="e" joint1="j" joint2="k"/>'), tmp_path)
+    assert list(robot.model.names)[1:] == ["j", "k"]
+    assert robot.rows.names[-1] == "e.rz"
+    np.testing.assert_allclose(placement_of(robot, "three", np.zeros(2))[:3, 3], [0, 0, 0.2])
+
+
+def test_mjcf_inactive_equalities_are_left_out(tmp_path):
+    loops = '<connect body1="one" anchor="0 0 0"/><connect body1="one" anchor="1 0 0" active="false"/>'
+    robot = read_mjcf_text(mjcf('<body name="one"><joint name="j"/></body>', loops), tmp_path)
+    assert len(robot.description.closures) == 1

@@ -1,0 +1,487 @@
+"""A malformed file of any dialect gives one clear error that names the file and what is wrong in it.
+
+The corpus: changes made to the good files of tests/data/dialects, each with the words its error must have,
+and mutations made by rule - every tag dropped, every attribute dropped or spoilt - that must never crash.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+import robots
+from framework.errors import RobotFileError
+from framework.model import ParallelRobot
+from framework.model.readers import read_any
+
+DATA = Path(__file__).parents[2] / "data" / "dialects"
+LIMIT = 5.0  # seconds that reading any of these files may take
+SAID = {"platform": "left_rod", "axes": ["x", "y"], "motors": ["left_motor", "right_motor"]}
+GOOD = {
+    "yaml": DATA / "gepetto" / "robot.yaml",
+    "pair": DATA / "gepetto" / "robot.urdf",
+    "plus": DATA / "five_bar_plus.urdf",
+    "ros": DATA / "five_bar_ros.urdf",
+    "sites": DATA / "five_bar_sites.xml",
+    "anchor": DATA / "five_bar_anchor.xml",
+    "own": robots.CATALOGUE["five_bar"].file,
+}
+
+# (file, what is there, what stands there instead, what the error says)
+CHANGES = [
+    # our own robot file; more of them in test_robot_file
+    ("own", "version: 1", "version: 2", "version: got 2"),
+    ("own", "version: 1", "version: [1]", "version: needs a whole number"),
+    ("own", "urdf: five_bar", "urdf: six_bar", "urdf: cannot read"),
+    ("own", "platform: {frame: left_tip", "platform: {frame: tip", "platform.frame: unknown frame 'tip'"),
+    ("own", "kind: spherical", "kind: ball", "closures[0].kind: unknown closure kind 'ball'"),
+    ("own", "closures:", "closure:", "closures: missing"),
+    # Gepetto's YAML
+    ("yaml", "closed_loop", "closed_loops", "unknown key 'closed_loops'; did you mean 'closed_loop'"),
+    ("yaml", "[['tip_A', 'tip_B']]", "[]", "closed_loop: needs a list of pairs"),
+    ("yaml", "[['tip_A', 'tip_B']]", "tip", "closed_loop: needs a list of pairs of frames, got 'tip'"),
+    ("yaml", "[['tip_A', 'tip_B']]", "[tip_A]", "closed_loop[0]: needs a list of names, got 'tip_A'"),
+    ("yaml", "'tip_A', ", "", "closed_loop[0]: needs two frames"),
+    ("yaml", "'tip_A', ", "'tip_A', 'base', ", "closed_loop[0]: needs two frames"),
+    ("yaml", "'tip_A', ", "'tip_C', ", "closed_loop[0]: unknown frame 'tip_C'"),
+    ("yaml", "'tip_A', ", "'tip_B', ", "joins 'tip_B' with itself"),
+    ("yaml", "'tip_A', ", "3, ", "closed_loop[0]: needs a list of names"),
+    ("yaml", "type: ['3d']\n", "", "type: missing"),
+    ("yaml", "['3d']", "['3d', '6d']", "type: needs one entry a pair of closed_loop (1), got 2"),
+    ("yaml", "['3d']", "['4d']", "type[0]: unknown type '4d'"),
+    ("yaml", "['3d']", "[3]", "type: needs a list of names"),
+    ("yaml", "'left_motor', ", "'left_moter', ", "name_mot[0]: unknown movable joint 'left_moter'"),
+    ("yaml", "'left_motor', ", "'tip_A_frame', ", "name_mot[0]: unknown movable joint 'tip_A_frame'"),
+    ("yaml", "'left_motor', ", "'right_motor', ", "name_mot: 'right_motor' is there twice"),
+    ("yaml", "name_mot: [", "name_mot: [[", "not valid YAML"),
+    ("yaml", "name_mot:", "type:", "the key is there twice"),
+    ("yaml", "name_mot:", "joint_name: [left_elbow]\nname_mot:", "joint_type: needs one entry a joint"),
+    (
+        "yaml",
+        "name_mot:",
+        "joint_name: [elbow]\njoint_type: [FIXED]\nname_mot:",
+        "joint_name[0]: unknown joint",
+    ),
+    (
+        "yaml",
+        "name_mot:",
+        "joint_name: [left_elbow]\njoint_type: [BALL]\nname_mot:",
+        "joint_type[0]: unknown joint type 'BALL'",
+    ),
+    (
+        "yaml",
+        "name_mot:",
+        "joint_name: [left_elbow, left_elbow]\njoint_type: [FIXED, FIXED]\nname_mot:",
+        "joint_name: 'left_elbow' is there twice",
+    ),
+    (
+        "yaml",
+        "name_mot:",
+        "joint_name: [left_motor]\njoint_type: [SPHERICAL]\nname_mot:",
+        "name_mot[0]: unknown movable joint 'left_motor'",
+    ),
+    # Gepetto's URDF
+    ("pair", "<robot", "<robots", "not well-formed XML"),
+    ("pair", '<link name="tip_B"/>', "", "child: unknown link 'tip_B'"),
+    ("pair", '<link name="tip_B"/>', '<link name="tip_A"/>', "link 'tip_A' is there twice"),
+    (
+        "pair",
+        'name="tip_B_frame" type="fixed"',
+        'name="tip_B_frame" type="floating"',
+        "unknown type 'floating'",
+    ),
+    ("pair", 'name="tip_B_frame"', 'name="tip_A_frame"', "joint 'tip_A_frame' is there twice"),
+    ("pair", '<parent link="right_rod"/>', '<parent link="tip_B"/>', "joins 'tip_B' with itself"),
+    ("pair", 'xyz="0.2 0 0"', 'xyz="0.2 0"', "joint 'right_motor': <origin> xyz: needs 3 numbers"),
+    ("pair", 'xyz="0.2 0 0"', 'xyz="0.2 0 nan"', "<origin> xyz: needs finite numbers"),
+    ("pair", 'xyz="0.2 0 0"', 'xyx="0.2 0 0"', "unknown attribute 'xyx'; did you mean 'xyz'"),
+    ("pair", '<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "joint 'left_motor': <axis>: the axis is zero"),
+    ("pair", '<limit effort="1" velocity="20"/>', "", "joint 'left_motor': <limit> is missing"),
+    ("pair", "<robot name", "<robot nam", "<robot>: attribute 'name' is missing"),
+    ("pair", 'effort="1"', 'effort="-1"', "<limit>: needs lower <= upper, effort"),
+    ("pair", 'effort="1"', 'lower="1" upper="0" effort="1"', "<limit>: needs lower <= upper"),
+    ("pair", 'ixx="0"', 'ixx="-1"', "link 'tip_A': <inertia> ixx: must not be negative"),
+    ("pair", 'effort="1" ', "", "<limit>: attribute 'effort' is missing"),
+    ("pair", '<mass value="10"/>', "", "link 'tip_A': <inertial>: <mass> is missing"),
+    ("pair", '<mass value="10"/>', '<mass value="-1"/>', "<mass>: must not be negative"),
+    ("pair", 'iyy="0" ', "", "<inertia>: attribute 'iyy' is missing"),
+    ("pair", '<axis xyz="0 0 1"/>', '<mimic joint="a"/>', "<mimic> is not supported"),
+    ("pair", '<link name="base"/>', '<link name="base"/><link name="b2"/>', "exactly one root link"),
+    ("pair", '<link name="base"/>', '<lnik name="base"/>', "unknown element 'lnik'; did you mean 'link'"),
+    # URDF+
+    (
+        "plus",
+        'type="revolute">\n    <predecessor',
+        'type="hinge">\n    <predecessor',
+        "loop 'tip': unknown type 'hinge'",
+    ),
+    ("plus", '<loop name="tip"', "<loop", "<loop>: attribute 'name' is missing"),
+    ("plus", "<successor ", "<sucessor ", "not well-formed XML"),
+    ("plus", 'successor link="right_rod"', 'successor link="right"', "<successor>: unknown link 'right'"),
+    ("plus", 'successor link="right_rod"', 'successor lnk="right_rod"', "unknown attribute 'lnk'"),
+    ("plus", '    <axis xyz="0 0 1"/>\n  </loop>', "  </loop>", "loop 'tip': <axis> is missing"),
+    (
+        "plus",
+        '    <axis xyz="0 0 1"/>\n  </loop>',
+        '<axis xyz="0 0 0"/></loop>',
+        "loop 'tip': <axis>: the axis is zero",
+    ),
+    ("plus", "</loop>", "<gap/></loop>", "loop 'tip': unknown element 'gap'"),
+    ("plus", "</loop>", '<axis xyz="1 0 0"/></loop>', "loop 'tip': <axis> is there twice"),
+    ("plus", "</robot>", '<loop name="tip" type="revolute"/></robot>', "loop 'tip': <axis> is missing"),
+    (
+        "plus",
+        "</robot>",
+        '<coupling name="c"><predecessor link="left_crank"/><successor link="right_crank"/><ratio value="3"/>'
+        "</coupling></robot>",
+        "coupling 'c': a gear of ratio 3 between 'left_crank' and 'right_crank' cannot be held",
+    ),
+    (
+        "plus",
+        "</robot>",
+        '<coupling name="c"><predecessor link="base"/><successor link="base"/><ratio value="1"/>'
+        "</coupling></robot>",
+        "couples 'base' with itself",
+    ),
+    (
+        "plus",
+        "</robot>",
+        '<coupling name="c"><predecessor link="base"/><successor link="left_rod"/></coupling></robot>',
+        "coupling 'c': <ratio> is missing",
+    ),
+    (
+        "plus",
+        "</robot>",
+        '<coupling name="c"><predecessor link="base"/><successor link="left_rod"/><ratio value="x"/>'
+        "</coupling></robot>",
+        "<ratio>: needs finite numbers, got 'x'",
+    ),
+    ("plus", "</robot>", '<constraint name="c" type="fixed"/></robot>', "mixes two dialects"),
+    # the proposal for ROS
+    ("ros", 'type="spherical"', 'type="ball"', "constraint 'tip': unknown type 'ball'"),
+    ("ros", 'type="spherical"', "", "constraint 'tip': attribute 'type' is missing"),
+    ("ros", 'type="spherical"', 'type="revolute"', "constraint 'tip': <parent_axis> is missing"),
+    ("ros", 'type="spherical"', 'type="universal"', "constraint 'tip': <parent_axis> is missing"),
+    ("ros", "child_origin", "child_orign", "unknown element 'child_orign'; did you mean 'child_origin'"),
+    ("ros", '<child link="right_rod"/>\n    <child_o', "<child_o", "constraint 'tip': <child> is missing"),
+    (
+        "ros",
+        '<child link="right_rod"/>\n    <child_o',
+        '<child link="left_rod"/><child_o',
+        "no joint moves between",
+    ),
+    ("ros", 'child_origin xyz="0.25 0 0"', 'child_origin xyz="1e999 0 0"', "needs finite numbers"),
+    (
+        "ros",
+        '<joint name="left_motor"> <command',
+        '<joint name="motor"> <command',
+        "unknown movable joint 'motor'",
+    ),
+    (
+        "ros",
+        'type="spherical">',
+        'type="prismatic"><parent_axis xyz="0 0 1"/><child_axis xyz="0 1 0"/>',
+        "<child_axis>: differs from <parent_axis>",
+    ),
+    (
+        "ros",
+        "<robot ",
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:a/></robot><r ',
+        "not well-formed",
+    ),
+    (
+        "ros",
+        '<robot name="five_bar">',
+        '<robot name="five_bar" xmlns:xacro="http://ros.org/xacro"><xacro:include/>',
+        "<include>: expand the xacro macros first",
+    ),
+    # MJCF
+    ("sites", "<connect ", "<conect ", "<equality>: unknown or unsupported element 'conect'"),
+    ("sites", 'site1="left_tip"', 'site1="tip"', "connect 'tip' site1: unknown site 'tip'"),
+    ("sites", ' site2="right_tip"', "", "connect 'tip' site2: unknown site None"),
+    ("sites", 'site2="right_tip"', 'site2="left_tip"', "joins body 'left_rod' with itself"),
+    ("sites", 'site1="left_tip"', 'site1="left_tip" body1="left_rod"', "give either two sites or bodies"),
+    ("sites", "<equality>", '<equality><tendon tendon1="t"/>', "unknown or unsupported element 'tendon'"),
+    ("sites", 'name="left_motor" class="driven"', 'name="left_motor" class="drive"', "unknown class 'drive'"),
+    ("sites", 'name="left_elbow"', 'name="left_motor"', "joint 'left_motor': the name is there twice"),
+    ("sites", '<joint name="left_elbow"/>', "<freejoint/>", "body 'left_rod': a free body is not supported"),
+    ("sites", '<joint name="left_elbow"/>', '<joint type="free"/>', "a free body is not supported"),
+    ("sites", '<joint name="left_elbow"/>', '<joint type="screw"/>', "unknown type 'screw'"),
+    ("sites", '<joint name="left_elbow"/>', '<joint axis="0 0 0"/>', "axis: the axis is zero"),
+    ("sites", '<joint name="left_elbow"/>', '<joint axs="0 0 1"/>', "unknown attribute 'axs'"),
+    ("sites", '<joint name="left_elbow"/>', '<joint springdamper="1 1"/>', "springdamper: not supported"),
+    (
+        "sites",
+        '<joint name="left_elbow"/>',
+        '<joint stiffness="-1"/>',
+        "stiffness: needs one number of at least",
+    ),
+    (
+        "sites",
+        '<joint name="left_elbow"/>',
+        '<joint armature="1"/>',
+        "armature: only supported on joints with",
+    ),
+    ("sites", 'gear="50"', 'gear="0"', "gear: needs one ratio greater than zero"),
+    ("sites", 'gear="50"', 'gear="1 0 0 0 0 2"', "gear: needs one ratio greater than zero"),
+    (
+        "sites",
+        '<motor joint="right_motor"',
+        '<motor joint="left_motor"',
+        "joint 'left_motor' has two actuators",
+    ),
+    ("sites", '<motor joint="right_motor"', '<motor tendon="t"', "joint: unknown hinge or slide None"),
+    ("sites", '<motor joint="right_motor"', '<muscle joint="right_motor"', "unsupported actuator 'muscle'"),
+    ("sites", "1.271863 ", "", "<key> 'home' qpos: needs 4 numbers"),
+    ("sites", 'size="0.008"', 'size="0"', "size: must be greater than zero"),
+    ("sites", 'size="0.008"', 'sise="0.008"', "size: needs 1 number, got None"),
+    ("sites", '<geom type="capsule" mass="0"/>', '<geom type="cube"/>', "type: unknown type 'cube'"),
+    (
+        "sites",
+        '<geom type="capsule" mass="0"/>',
+        '<geom type="mesh" mass="1"/>',
+        "inertia of a mesh is not computed",
+    ),
+    ("sites", 'mass="10"', 'mass="-10"', "mass: must not be negative"),
+    ("sites", ' mass="10"', "", "body 'left_rod': <inertial>: mass is missing"),
+    ("sites", ' diaginertia="0 0 0"', "", "needs diaginertia or fullinertia"),
+    ("sites", 'name="right_crank"', 'name="left_crank"', "body 'left_crank': the name is there twice"),
+    ("sites", 'name="right_crank"', 'name="world"', "body 'world': the name is there twice, or taken"),
+    ("sites", 'name="right_crank"', 'name="right_crank" mocap="true"', "mocap bodies are not supported"),
+    ("sites", "<worldbody>", "<wordbody/><worldbody>", "unknown or unsupported section '<wordbody>'"),
+    ("sites", "<worldbody>", "<tendon><fixed/></tendon><worldbody>", "section '<tendon>'"),
+    ("sites", "<worldbody>", '<include file="a.xml"/><worldbody>', "section '<include>'"),
+    ("sites", "<worldbody>", "<deformable/><worldbody>", "section '<deformable>'"),
+    ("sites", 'angle="radian"', 'angle="turn"', "<compiler> angle: unknown value 'turn'"),
+    ("sites", 'angle="radian"', 'eulerseq="xyw"', "eulerseq: needs three of"),
+    ("sites", 'angle="radian"', 'settotalmass="3"', "settotalmass: not supported"),
+    ("sites", 'gravity="0 0 -9.81"', 'gravity="-9.81"', "gravity: needs 3 numbers"),
+    ("anchor", ' anchor="0.25 0 0"', "", "anchor is missing"),
+    ("anchor", 'body2="right_rod"', 'body2="rod"', "body2: unknown body 'rod'"),
+    ("anchor", 'body2="right_rod"', 'body2="left_rod"', "joins body 'left_rod' with itself"),
+    ("anchor", 'body1="left_rod" ', "", "needs body1, or site1 and site2"),
+    (
+        "anchor",
+        "<equality>",
+        '<equality><joint joint1="left_elbow" joint2="right_elbow" polycoef="0 2 0 0 0"/>',
+        "cannot be held by loops of frames",
+    ),
+    (
+        "anchor",
+        "<equality>",
+        '<equality><joint joint1="left_elbow" joint2="right_elbow"/>',
+        "cannot be held by loops",
+    ),
+    ("anchor", "<equality>", '<equality><joint joint1="elbow"/>', "joint1: unknown hinge or slide 'elbow'"),
+    (
+        "anchor",
+        "<equality>",
+        '<equality><joint joint1="left_elbow" polycoef="0 1 0 0 0 0"/>',
+        "polycoef: needs 5 numbers",
+    ),
+    (
+        "anchor",
+        'euler="0 0 1.27',
+        'quat="0 0 0 0" euler="0 0 1.27',
+        "needs one orientation, got quat and euler",
+    ),
+    ("anchor", 'euler="0 0 1.2718628575352207"', 'quat="0 0 0 0"', "quat: zero has no direction"),
+    ("anchor", 'euler="0 0 1.2718628575352207"', 'xyaxes="1 0 0 2 0 0"', "the two axes are parallel"),
+    (
+        "anchor",
+        '<connect body1="left_rod" body2="right_rod" anchor="0.25 0 0"/>',
+        "",
+        "there is no loop in it",
+    ),
+    ("anchor", "<connect body1", '<connect active="no" body1', "active: unknown value 'no'"),
+]
+
+
+def written(tmp_path: Path, name: str, text: str) -> Path:
+    """A file of the corpus, with its good other half where it is one of a pair."""
+    if name == "own":
+        urdf = GOOD[name].with_suffix(".urdf")
+        (tmp_path / urdf.name).write_text(urdf.read_text(encoding="utf-8"), encoding="utf-8")
+    if name not in ("yaml", "pair"):
+        file = tmp_path / GOOD[name].name
+        file.write_text(text, encoding="utf-8")
+        return file
+    for key, suffix in (("yaml", "yaml"), ("pair", "urdf")):
+        content = text if key == name else GOOD[key].read_text(encoding="utf-8")
+        (tmp_path / f"robot.{suffix}").write_text(content, encoding="utf-8")
+    return tmp_path / "robot.yaml"
+
+
+def options(name: str) -> dict[str, object]:
+    """Options that leave to the files what they say."""
+    if name == "own":
+        return {}
+    return {key: value for key, value in SAID.items() if key != "motors" or name == "plus"}
+
+
+def refused(file: Path, **given: object) -> str:
+    """The one-line error of a file, given within the time limit."""
+    start = time.perf_counter()
+    with pytest.raises(RobotFileError) as caught:
+        ParallelRobot.from_description(read_any(file, **given))
+    assert time.perf_counter() - start < LIMIT
+    message = str(caught.value)
+    assert message.startswith(str(file)), message
+    assert "\n" not in message
+    assert len(message) < 1000
+    return message
+
+
+def test_the_corpus_is_large():
+    assert len(CHANGES) >= 60
+
+
+@pytest.mark.parametrize("number", range(len(CHANGES)))
+def test_a_changed_file_gives_its_error(number, tmp_path):
+    name, old, new, expected = CHANGES[number]
+    text = GOOD[name].read_text(encoding="utf-8")
+    assert old in text, f"{name} has no {old!r}"
+    message = refused(written(tmp_path, name, text.replace(old, new, 1)), **options(name))
+    assert expected in message
+    if name == "pair":
+        assert ": robot.urdf: " in message
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("empty.yaml", "", "needs a mapping of keys, got None"),
+        ("empty.xml", "", "not well-formed XML"),
+        ("list.yaml", "[1, 2]", "needs a mapping of keys"),
+        ("text.yaml", "hello", "needs a mapping of keys, got 'hello'"),
+        ("keys.yaml", "colour: red", "unknown dialect: has neither version"),
+        ("numbers.yaml", "1: 2", "unknown dialect"),
+        ("date.yaml", "closed_loop: 2024-99-99", "not valid YAML"),
+        ("tag.yaml", "closed_loop: !!python/object:os.system x", "not valid YAML"),
+        ("hash.yaml", "? [a]\n: b", "not valid YAML"),
+        ("deep.yaml", "closed_loop: " + "[" * 1500, "nested too deeply"),
+        ("endless.yaml", "closed_loop: &a [*a]", "more than 20000 values when written out, or endless"),
+        ("long.yaml", "closed_loop: [" + "a, " * 200_000 + "]", "characters of YAML; at most"),
+        ("lonely.yaml", "closed_loop: [[a, b]]", "lonely.urdf: cannot read it: No such file"),
+        ("html.xml", "<html><body/></html>", "unknown dialect: unknown root element 'html'"),
+        (
+            "sdf.sdf",
+            "<sdf version='1.9'/>",
+            "<sdf>: SDF is not read; convert it first: to MJCF with sdf2mjcf",
+        ),
+        ("plain.urdf", "<robot name='r'><link name='a'/></robot>", "a URDF without loops"),
+        ("nothing.urdf", "<robot name='r'/>", "needs exactly one root link, got none"),
+        ("nothing.xml", "<mujoco/>", "<worldbody> is missing"),
+        ("bodies.xml", "<mujoco><worldbody/></mujoco>", "there is no loop in it"),
+        ("cut.xml", "<mujoco><worldbody>", "not well-formed XML"),
+        ("entity.xml", '<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "document types and entities are not read"),
+        (
+            "deep.xml",
+            "<mujoco><worldbody>" + "<body>" * 3000 + "</body>" * 3000 + "</worldbody></mujoco>",
+            "more than 200 bodies inside each other",
+        ),
+        (
+            "defaults.xml",
+            "<mujoco>" + "<default class='a'>" * 900 + "</default>" * 900 + "</mujoco>",
+            "<default>: nested too deeply",
+        ),
+        (
+            "circle.urdf",
+            "<robot name='r'><link name='o'/><link name='a'/><link name='b'/>"
+            "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint>"
+            "<joint name='k' type='fixed'><parent link='b'/><child link='a'/></joint></robot>",
+            "link 'a' hangs in a circle of joints",
+        ),
+        (
+            "many.urdf",
+            "<robot name='r'>" + "".join(f"<link name='{i}'/>" for i in range(5001)) + "</robot>",
+            "5001 links or joints; at most 5000",
+        ),
+        ("null.urdf", "<robot name='r'>\0</robot>", "not well-formed XML"),
+    ],
+)
+def test_a_file_written_by_hand_gives_its_error(name, content, expected, tmp_path):
+    (tmp_path / name).write_text(content, encoding="utf-8")
+    assert expected in refused(tmp_path / name, **SAID)
+
+
+def test_aliases_that_grow_without_bound_are_refused(tmp_path):
+    lines = ["a0: &a0 [x, x]"] + [f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]" for i in range(1, 60)]
+    for name, head in (("gepetto.yaml", "closed_loop: *a59"), ("own.yaml", "version: *a59")):
+        (tmp_path / name).write_text("\n".join([*lines, head]))
+        assert "more than 20000 values" in refused(tmp_path / name, **SAID)
+
+
+def test_what_is_no_file_is_refused(tmp_path):
+    assert "No such file" in refused(tmp_path / "nowhere.urdf")
+    assert "a folder without robot.yaml" in refused(tmp_path)
+    (tmp_path / "latin.xml").write_bytes(b"<mujoco>\xe9</mujoco>")
+    assert "not UTF-8" in refused(tmp_path / "latin.xml")
+    (tmp_path / "large.xml").write_bytes(b" " * 10_000_001)
+    assert "10000001 bytes; at most" in refused(tmp_path / "large.xml")
+
+
+# ------------------------------------------------------------------ by rule
+
+
+def mutations(text: str) -> list[str]:
+    """Every element dropped, every attribute dropped, renamed, emptied and spoilt, one at a time."""
+    count = len(list(ElementTree.fromstring(text).iter()))
+    found = []
+    for i in range(count):
+        root = ElementTree.fromstring(text)
+        parents = {child: parent for parent in root.iter() for child in parent}
+        element = list(root.iter())[i]
+        if element in parents:
+            parents[element].remove(element)
+            found.append(ElementTree.tostring(root, encoding="unicode"))
+            parents[element].extend([element, element])
+            found.append(ElementTree.tostring(root, encoding="unicode"))
+            parents[element].remove(element)
+        for key in list(element.attrib):
+            value = element.attrib.pop(key)
+            found.append(ElementTree.tostring(root, encoding="unicode"))
+            for other in (f"{value}?", "", "nan nan nan", "-1", "left_rod"):
+                element.set(key, other)
+                found.append(ElementTree.tostring(root, encoding="unicode"))
+            element.set(key, value)
+    return found
+
+
+def complaint(file: Path, name: str) -> str:
+    """The error of a file, empty where it can be read."""
+    try:
+        read_any(file, **options(name))
+    except RobotFileError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize("name", ["pair", "plus", "ros", "sites", "anchor"])
+def test_no_mutation_crashes_or_hangs(name, tmp_path):
+    every = mutations(GOOD[name].read_text(encoding="utf-8"))
+    assert len(every) > 200
+    outcomes = {"read": 0, "refused": 0}
+    start = time.perf_counter()
+    for text in every:
+        file = written(tmp_path, name, text)
+        message = complaint(file, name)
+        outcomes["refused" if message else "read"] += 1
+        assert not message or message.startswith(str(file))
+        assert "\n" not in message
+    assert outcomes["refused"] > outcomes["read"] / 2
+    assert time.perf_counter() - start < 60
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_no_torn_file_crashes(name, tmp_path):
+    text = GOOD[name].read_text(encoding="utf-8")
+    random_ = random.Random(0)
+    for _ in range(60):
+        at, length = random_.randrange(len(text)), random_.choice((1, 2, 10, 10**6))
+        torn = text[:at] + random_.choice(("", "<", '"', ":", "\x00", "]", "\n  - ")) + text[at + length :]
+        assert "\n" not in complaint(written(tmp_path, name, torn), name)

@@ -1,0 +1,267 @@
+"""The Delta robot against its textbook geometry: three spheres, three forearms, Lagrange's equations.
+
+The closed forms know a Delta as three arms and three forearms that never turn the platform. The robot
+under test has six rods and a platform that only they keep level.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import brentq
+
+import robots
+from framework import (
+    Condition,
+    Law,
+    assemble,
+    inverse_dynamics,
+    locate_singularities,
+    plan_scene,
+    scene_path,
+    velocity_matrices,
+)
+from framework.errors import UnboundedTorque
+from framework.kinematics.frames import frames_at
+from robots.generators import delta as generator
+from tests.forward_simulation import forward_simulate
+
+H = 1e-30
+ARM, ROD, WIDTH = 0.524, 1.244, 0.131  # [m]
+REACH = 0.164 - 0.044  # motor axes, as seen from the centre of the platform [m]
+ARM_MASS, ROD_MASS, PLATFORM_MASS = 1.6, 0.18, 1.5  # [kg]
+ROD_RADIUS = 0.008  # [m]
+# a uniform cylinder about the motor axis at its end: across its centre, then Steiner
+ARM_INERTIA = ARM_MASS * (3 * 0.03**2 + ARM**2) / 12 + ARM_MASS * (ARM / 2) ** 2
+GEAR, ROTOR = 30.0, 1e-4
+YAW = np.deg2rad([0.0, 120.0, 240.0])
+OUT = np.column_stack([np.cos(YAW), np.sin(YAW), 0 * YAW])
+SIDE = np.column_stack([-np.sin(YAW), np.cos(YAW), 0 * YAW])
+UP = np.array([0.0, 0.0, 1.0])
+ELBOW = np.array([-1.0, 1.0, 1.0])  # leg 1 has its elbow inward
+
+
+# ------------------------------------------------------------------ closed forms, analytic
+
+
+def arccos(c):
+    """Also of a complex number near the real axis."""
+    return np.arccos(c.real) - 1j * c.imag / np.sqrt(1 - c.real**2)
+
+
+def motor_angles(x):
+    """Inverse kinematics: |x - knee(q)| = ROD for each leg, the elbow chosen."""
+    out, side, z = OUT @ x - REACH, SIDE @ x, x[2] + 0j
+    c = (out**2 + side**2 + z**2 + ARM**2 - ROD**2) / (2 * ARM * np.sqrt(out**2 + z**2))
+    lowered = np.arctan2(-z.real, out.real) + 1j * (z.real * out.imag - out.real * z.imag) / (
+        out.real**2 + z.real**2
+    )
+    return lowered - ELBOW * arccos(c)
+
+
+def knees(q):
+    """Centres of the three spheres whose common point is the platform's centre (3, 3)."""
+    return (REACH + ARM * np.cos(q))[:, None] * OUT - (ARM * np.sin(q))[:, None] * UP
+
+
+def forearms(x, q):
+    """Unit vectors from knee to platform (3, 3)."""
+    return (x - knees(q)) / ROD
+
+
+def knee_rates(q):
+    return -ARM * (np.sin(q)[:, None] * OUT + np.cos(q)[:, None] * UP)
+
+
+def velocity_ratio(x):
+    """dq/dx (3, 3): n . (v - knee rate) = 0 in each leg."""
+    q = motor_angles(x).real
+    n = forearms(x, q)
+    return n / np.sum(n * knee_rates(q), axis=1)[:, None]
+
+
+def kinetic_energy(x, dx):
+    """Of the platform, the arms, the six rods and the rotors [J]."""
+    q = motor_angles(x)
+    n, slope = forearms(x, q), knee_rates(q)
+    dq = (n @ dx) / np.sum(n * slope, axis=1)
+    knee = dq[:, None] * slope
+    dn = (dx - knee) / ROD
+    middle = knee + 0.5 * ROD * dn
+    across = ROD_MASS * (3 * ROD_RADIUS**2 + ROD**2) / 12
+    # the rod hangs in a universal joint: about SIDE, then sideways; n = -(sin a cos b, -sin b, cos a cos b)
+    lateral = np.sum(SIDE * n, axis=1)
+    flat = np.column_stack([np.sum(OUT * n, axis=1), n[:, 2]])
+    dflat = np.column_stack([np.sum(OUT * dn, axis=1), dn[:, 2]])
+    swing = (flat[:, 1] * dflat[:, 0] - flat[:, 0] * dflat[:, 1]) / (1 - lateral**2)
+    spin = swing * lateral  # the part of the swing that is along the rod
+    along = ROD_MASS * ROD_RADIUS**2 / 2
+    rods = ROD_MASS * np.sum(middle**2) + across * np.sum(dn**2) + along * np.sum(spin**2)  # two a leg
+    arms = 0.5 * (ARM_INERTIA + ROTOR * GEAR**2) * np.sum(dq**2)
+    return 0.5 * PLATFORM_MASS * dx @ dx + arms + rods
+
+
+def potential_energy(x):
+    knee = knees(motor_angles(x))[:, 2]
+    rods = 2 * ROD_MASS * 0.5 * (knee + x[2])
+    return 9.81 * (PLATFORM_MASS * x[2] + np.sum(0.5 * ARM_MASS * knee + rods))
+
+
+def platform_force(x, dx, ddx):
+    """Lagrange: what the motors must do on the platform's coordinates (3,) [N]."""
+
+    def momentum(y, dy):  # exact because T is quadratic in the rates
+        return np.array([(kinetic_energy(y, dy + e) - kinetic_energy(y, dy - e)) / 2 for e in np.eye(3)])
+
+    rate = momentum(x + 1j * H * dx, dx + 1j * H * ddx).imag / H
+    steps = [x + 1j * H * e for e in np.eye(3)]
+    slope = [(potential_energy(y) - kinetic_energy(y, dx)).imag / H for y in steps]
+    return rate + np.array(slope)
+
+
+def forearm_volume(x):
+    """Zero when the three forearms are parallel to one plane: Type 2."""
+    return float(np.linalg.det(forearms(x, motor_angles(x).real)))
+
+
+def normals(x):
+    """Normals of the three parallelograms (3, 3); coplanar in a constraint singularity."""
+    return np.cross(SIDE, forearms(x, motor_angles(x).real))
+
+
+# ------------------------------------------------------------------ the robot
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("delta")
+
+
+@pytest.fixture(scope="module")
+def plan(robot):
+    return plan_scene(robot, "cross")
+
+
+def places(count):
+    spread = np.array([0.15, 0.15, 0.15])
+    return [0, 0, -1.2] + spread * np.random.default_rng(3).uniform(-1, 1, (count, 3))
+
+
+def test_the_kept_urdf_is_what_the_generator_writes():
+    assert generator.FILE.read_text(encoding="utf-8") == generator.urdf()
+
+
+def test_motor_angles_have_their_closed_form_and_the_platform_stays_level(robot):
+    for x in places(12):
+        q = assemble(robot, x).q
+        np.testing.assert_allclose(q[robot.actuated], motor_angles(x).real, rtol=0, atol=1e-12)
+        at = frames_at(robot, q[None])
+        np.testing.assert_allclose(at.position[0, 0], x, atol=1e-13)
+        np.testing.assert_allclose(at.rotation[0, 0], np.eye(3), atol=1e-12)
+
+
+def test_A_and_B_are_those_of_the_three_forearms(robot):
+    for x in places(6):
+        A, B, _ = velocity_matrices(robot, assemble(robot, x).q)
+        np.testing.assert_allclose(np.linalg.solve(B, A), velocity_ratio(x), atol=1e-10)
+
+
+def test_elbows_outward_meet_no_singularity_in_the_workspace():
+    """Why the scene folds one arm: the FlexPicker's own mode has forearms far from one plane."""
+    rng = np.random.default_rng(4)
+    radius, angle = 0.8 * np.sqrt(rng.uniform(0, 1, 3000)), rng.uniform(0, 2 * np.pi, 3000)
+    z = rng.uniform(-1.25, -0.95, 3000)
+    nearest = -np.inf
+    for x in np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z]):
+        out, side = OUT @ x - REACH, SIDE @ x
+        c = (out**2 + side**2 + x[2] ** 2 + ARM**2 - ROD**2) / (2 * ARM * np.hypot(out, x[2]))
+        q = np.arctan2(-x[2], out) - np.arccos(c)
+        nearest = max(nearest, np.linalg.det(forearms(x, q)))
+    assert nearest < -0.2  # one sign everywhere
+
+
+# ------------------------------------------------------------------ the crossing
+
+
+def exact_singular_s(path):
+    return brentq(lambda s: forearm_volume(path(s)), 0.3, 0.7, xtol=1e-15, rtol=1e-15)
+
+
+def test_singular_point_and_twist_are_those_of_the_forearms(robot, plan):
+    (point,) = locate_singularities(robot, plan.path)
+    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
+    assert point.s == pytest.approx(exact_singular_s(plan.path), abs=1e-12)
+    n = forearms(point.platform, motor_angles(point.platform).real)
+    normal = np.linalg.svd(n)[2][-1]  # across the plane of the forearms
+    np.testing.assert_allclose(point.twist, normal * np.sign(normal @ point.twist), atol=1e-10)
+    # the parallelograms hold the platform level all the way, so it is no constraint singularity
+    held = [abs(np.linalg.det(normals(plan.path(s)))) for s in np.linspace(0, 1, 41)]
+    assert min(held) > 0.3
+    assert not list(locate_singularities(robot, scene_path(robot.description.scenes["pick"])))
+
+
+def test_plan_crosses_with_a_proof(plan):
+    (crossing,) = plan.crossings
+    assert plan.certificate.tail < 1e-9
+    assert plan.certificate.monotone
+    assert crossing.residual < 1e-12
+    assert max(plan.peak_torque.values()) < 10
+
+
+def test_torques_satisfy_lagrange_at_all_instants(plan):
+    (crossing,) = plan.crossings
+    for t in np.append(np.linspace(0.0, plan.duration, 17), crossing.time):
+        x = plan.platform(t)
+        force = platform_force(x, plan.platform(t, 1), plan.platform(t, 2))
+        pushed = velocity_ratio(x).T @ (GEAR * plan.torque(t))
+        np.testing.assert_allclose(pushed, force, rtol=0, atol=1e-10 * max(np.abs(force).max(), 10.0))
+
+
+def test_condition_8_is_the_virtual_power_across_the_forearms(plan):
+    (crossing,) = plan.crossings
+    t = crossing.time
+    force = platform_force(*(plan.platform(t, k) for k in range(3)))
+    assert abs(force @ crossing.twist) < 1e-10 * np.linalg.norm(force)
+
+
+def test_planned_torques_bring_the_platform_along_the_path(robot, plan):
+    model = robot.model
+
+    def link(name):
+        return model.getFrameId(name, pin.FrameType.BODY)
+
+    armature = np.zeros(model.nv)
+    armature[robot.actuated] = GEAR**2 * ROTOR
+    times = np.linspace(0.0, plan.duration, 11)
+    q, _ = forward_simulate(
+        model,
+        closure_frames=[
+            (link(f"tip_{rod}"), link(f"platform_{rod}")) for rod in ("1b", "2a", "2b", "3a", "3b")
+        ],
+        closure_rows=[(0, 1, 2)] * 5,
+        actuated=robot.actuated,
+        armature=armature,
+        torque=lambda t: GEAR * plan.torque(t),
+        q0=assemble(robot, plan.path(0.0)).q,
+        v0=np.zeros(model.nv),
+        times=times,
+        rtol=1e-12,
+        atol=1e-14,
+    )
+    at = frames_at(robot, q)
+    assert np.linalg.norm(at.position[:, 0] - plan.platform(times), axis=1).max() < 1e-8
+    assert np.abs(at.rotation[:, 0] - np.eye(3)).max() < 1e-8
+
+
+def test_a_law_without_condition_8_gets_no_torques(robot, plan):
+    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
+        plan_scene(robot, "cross-unprepared")
+    assert caught.value.s == pytest.approx(exact_singular_s(plan.path), abs=1e-12)
+    # through the right point at the right time, but with half of its acceleration
+    (crossing,) = plan.crossings
+    t = crossing.time
+    half = 0.5 * crossing.acceleration
+    wrong = [Condition(t, 0, crossing.s), Condition(t, 1, crossing.speed), Condition(t, 2, half)]
+    with pytest.raises(UnboundedTorque):
+        inverse_dynamics(robot, plan.path, Law.rest_to_rest(plan.duration, 2, wrong))

@@ -1,0 +1,155 @@
+"""The four-bar linkage against its loop equation solved in closed form, and against Lagrange in 60 digits."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import robots
+from framework import assemble, locate_singularities, plan_scene, scene_path, velocity_matrices
+from framework.errors import UnboundedTorque
+from tests.forward_simulation import forward_simulate
+from tests.robots.one_degree_oracle import OneDegree, crossing, instants
+
+GROUND, CRANK, COUPLER, ROCKER = 0.1, 0.04, 0.12, 0.08  # [m], Norton, Design of Machinery, Example 4-1
+SCENE = {"ends": (1.4, -0.4), "duration": 1.0, "time": 0.53, "speed": 1.6}
+
+
+def rocker_angle(crank):
+    """Angle of the rocker of the open circuit: where two circles meet [rad]."""
+    m = mp if isinstance(crank, mp.mpf) else np
+    x, y = GROUND - CRANK * m.cos(crank), -CRANK * m.sin(crank)  # from the crank's pin to D
+    reach = m.sqrt(x * x + y * y)
+    # angle at D between the way back to the pin and the rocker, by the law of cosines
+    apex = m.acos((reach**2 + ROCKER**2 - COUPLER**2) / (2 * reach * ROCKER))
+    back = m.atan2(-y, -x) if m is mp else np.arctan2(-y, -x)
+    return back - apex
+
+
+def coupler_angle(crank):
+    """Angle of the coupler [rad]."""
+    m = mp if isinstance(crank, mp.mpf) else np
+    rocker = rocker_angle(crank)
+    x = GROUND + ROCKER * m.cos(rocker) - CRANK * m.cos(crank)
+    y = ROCKER * m.sin(rocker) - CRANK * m.sin(crank)
+    return m.atan2(y, x) if m is mp else np.arctan2(y, x)
+
+
+def linkage() -> OneDegree:
+    """Masses as in the URDF: bars with their centres of mass on their axes."""
+
+    def heights(x):
+        coupler, rocker = coupler_angle(x), rocker_angle(x)
+        return mp.mpf(0.001) * mp.sin(x), CRANK * mp.sin(x) + 0.06 * mp.sin(coupler), 0.045 * mp.sin(rocker)
+
+    def inertia(x):
+        coupler, rocker = coupler_angle(x), rocker_angle(x)
+        # velocity loop: a x' e(x) + b c' e(c) = r p' e(p), each rate over x'
+        dc = CRANK * mp.sin(rocker - x) / (COUPLER * mp.sin(coupler - rocker))
+        dp = CRANK * mp.sin(coupler - x) / (ROCKER * mp.sin(coupler - rocker))
+        centre = CRANK**2 + (0.06 * dc) ** 2 + 2 * CRANK * 0.06 * dc * mp.cos(coupler - x)
+        crank = mp.mpf(0.0082) + mp.mpf(2.05) * mp.mpf(0.001) ** 2
+        return crank + 0.12 * centre + mp.mpf(1.5e-4) * dc**2 + (mp.mpf(1.2e-4) + 0.2 * 0.045**2) * dp**2
+
+    def potential(x):
+        return mp.mpf(9.81) * sum(m * y for m, y in zip((2.05, 0.12, 0.2), heights(x), strict=True))
+
+    return OneDegree(rocker_angle, inertia, potential, mp.mpf(20), mp.mpf(5e-6))
+
+
+def dead_points() -> tuple[float, float]:
+    """Crank angles with crank and coupler aligned, stretched and folded: triangles with b + a and b - a."""
+    triangles = [COUPLER + CRANK, COUPLER - CRANK]
+    stretched, folded = (np.arccos((GROUND**2 + r**2 - ROCKER**2) / (2 * GROUND * r)) for r in triangles)
+    return stretched, folded - np.pi
+
+
+def test_the_textbook_example():
+    # Norton's printed answers for a crank at 40 degrees, open circuit; his rounding shows in the last digit
+    q = assemble(robots.load("four_bar"), [np.radians(40)]).q
+    assert np.degrees(q[0] + q[1]) == pytest.approx(20.30, abs=0.01)
+    assert np.degrees(q[2]) == pytest.approx(57.33, abs=0.01)
+
+
+@pytest.mark.parametrize("crank", np.random.default_rng(1).uniform(-4.8, 1.4, 5))
+def test_inverse_kinematics_and_A_B_agree_with_closed_forms(crank):
+    robot = robots.load("four_bar")
+    q = assemble(robot, [crank]).q
+    turns = 2 * np.pi * np.round((q[2] - rocker_angle(crank)) / (2 * np.pi))
+    assert q[2] == pytest.approx(rocker_angle(crank) + turns, abs=1e-12)
+    ours = velocity_matrices(robot, q)
+    coupler, rocker = q[0] + q[1], q[2]
+    A, B = CRANK * np.sin(coupler - crank), ROCKER * np.sin(coupler - rocker)  # A x' = B q'
+    assert ours.A[0, 0] * B == pytest.approx(A * ours.B[0, 0], abs=1e-12)
+
+
+def test_dead_points_have_their_closed_form():
+    robot = robots.load("four_bar")
+    path = scene_path(robot.description.scenes["full_turn"])
+    points = locate_singularities(robot, path)
+    expected = [(1.4 - dead) / (2 * np.pi) for dead in dead_points()]
+    np.testing.assert_allclose([point.s for point in points], expected, rtol=0, atol=1e-12)
+    for point in points:
+        assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
+        np.testing.assert_allclose(point.twist, [-1.0])  # all of the platform's one motion
+
+    def aligned(s):
+        crank = 1.4 - 1.8 * s
+        return np.sin(coupler_angle(crank) - crank)
+
+    (point,) = locate_singularities(robot, scene_path(robot.description.scenes["dead_point"]))
+    assert point.s == pytest.approx(brentq(aligned, 0.4, 0.7, xtol=1e-15), abs=1e-12)
+    assert not locate_singularities(robot, scene_path(robot.description.scenes["clear"]))
+
+
+def test_torque_agrees_with_lagrange_at_the_dead_point_too():
+    plan = plan_scene(robots.load("four_bar"), "dead_point")
+    exact = crossing(linkage(), near=0.42, smoothness=2, **SCENE)
+    assert plan.crossings[0].s == pytest.approx(float(exact.s), abs=1e-14)
+    assert plan.crossings[0].residual < 1e-12
+    assert plan.certificate.tail < 1e-9
+    times = instants(1.0, 0.53)
+    expected = [exact.torque(t) for t in times]
+    np.testing.assert_allclose(plan.torque(times)[:, 0], expected, rtol=0, atol=1e-10)  # of 0.01 N m
+
+
+def test_torque_and_deflection_behind_an_elastic_drive_agree_with_lagrange():
+    plan = plan_scene(robots.load("four_bar", flexibility="flexible_joints"), "dead_point")
+    exact = crossing(linkage(), near=0.42, smoothness=4, **SCENE)
+    times = instants(1.0, 0.53, 6)
+    torque, deflection = np.transpose([exact.torque_behind_spring(t, 400) for t in times])
+    np.testing.assert_allclose(plan.torque(times)[:, 0], torque, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(plan.deflection(times)[:, 0], deflection, rtol=0, atol=1e-13)
+
+
+def test_planned_torques_bring_the_linkage_through_its_dead_point():
+    robot = robots.load("four_bar")
+    plan = plan_scene(robot, "dead_point")
+    model, times = robot.model, np.linspace(0.0, 1.0, 41)
+    armature = np.zeros(model.nv)
+    armature[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
+    q, _ = forward_simulate(
+        model,
+        closure_frames=[tuple(model.getFrameId(name) for name in ("coupler_tip", "rocker_tip"))],
+        closure_rows=[(0, 1)],
+        actuated=robot.actuated,
+        armature=armature,
+        torque=lambda t: robot.gear_ratio * plan.torque(t),
+        q0=assemble(robot, [1.4]).q,
+        v0=np.zeros(model.nv),
+        times=times,
+    )
+    crank = 1.4 - 1.8 * plan.law(times)
+    assert CRANK * np.abs(q[:, 0] - crank).max() < 1e-12  # [m] of the crank's pin
+
+
+@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
+def test_a_law_without_condition_8_gets_no_torques(flexibility):
+    robot = robots.load("four_bar", flexibility=flexibility)
+    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
+        plan_scene(robot, "unprepared")
+    if flexibility != "flexible_links":  # an elastic coupler moves the singular point
+        tolerance = 1e-12 if flexibility == "rigid" else 1e-9  # deflections with a pole are not resolved
+        assert caught.value.s == pytest.approx((1.4 - dead_points()[0]) / 1.8, abs=tolerance)

@@ -1,0 +1,356 @@
+"""The Gough-Stewart platform against its textbook geometry: leg lengths, Plücker lines, Lagrange's equations.
+
+The closed forms below know the published dimensions and nothing of the URDF. All of them are analytic,
+so a step of 1e-30 i gives their derivatives to rounding.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import brentq
+
+import robots
+from framework import (
+    Condition,
+    Law,
+    Line,
+    assemble,
+    inverse_dynamics,
+    locate_singularities,
+    plan_scene,
+    scene_path,
+    velocity_matrices,
+)
+from framework.errors import UnboundedTorque
+from framework.kinematics.frames import frames_at
+from framework.kinematics.inverse_kinematics import joint_rates, motion_at
+from framework.kinematics.platform import platform_coordinates, platform_residual, platform_twist
+from framework.kinematics.tracking import track_path
+from framework.motion.chebyshev import TimeGrid
+from framework.motion.path import along
+from robots.generators import gough_stewart as generator
+from tests.forward_simulation import forward_simulate
+
+H = 1e-30
+DENSITY = 76e3 / 9.81  # [kg/m^3]
+GEAR, ROTOR = 314.159265, 2e-3  # [rad/m], [kg m^2]
+
+
+def ring(radius, degrees):
+    angle = np.deg2rad(degrees)
+    return radius * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+
+
+BASE = ring(3.0, [-2.5, 2.5, 117.5, 122.5, 237.5, 242.5])  # (6, 3) [m]
+PLATFORM = ring(1.0, [-50.0, 50.0, 70.0, 170.0, 190.0, 290.0])
+
+
+# ------------------------------------------------------------------ closed forms
+
+
+def cross(a, b):
+    return np.stack([a[..., i - 2] * b[..., i - 1] - a[..., i - 1] * b[..., i - 2] for i in range(3)], -1)
+
+
+def rodrigues(r):
+    """Rotation matrix of a rotation vector, also a complex one."""
+    t = np.sqrt(r @ r + 0j)
+    skew = np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
+    return np.eye(3) + np.sin(t) / t * skew + 2 * (np.sin(t / 2) / t) ** 2 * (skew @ skew)
+
+
+def spin(r, dr):
+    """Angular velocity of a rotation vector and its rate."""
+    t = np.sqrt(r @ r + 0j)
+    return dr + (1 - np.cos(t)) / t**2 * cross(r, dr) + (t - np.sin(t)) / t**3 * cross(r, cross(r, dr))
+
+
+def legs(x):
+    """Leg vectors (6, 3) from base to platform joint."""
+    return x[:3] + PLATFORM @ rodrigues(x[3:]).T - BASE
+
+
+def lengths(x):
+    leg = legs(x)
+    return np.sqrt(np.sum(leg * leg, axis=1))
+
+
+def plucker(x):
+    """Lines of the legs (6, 6), direction and moment about the platform's centre."""
+    leg = legs(x).real
+    line = leg / np.linalg.norm(leg, axis=1)[:, None]
+    return np.hstack([line, np.cross(leg + BASE - x[:3], line)])
+
+
+PART = 0.75 * np.linalg.norm(PLATFORM[0] + [0, 0, 2.0] - BASE[0])  # length of tube and of rod [m]
+HOME = PLATFORM + np.array([0, 0, 2.0]) - BASE
+Z = HOME / np.linalg.norm(HOME, axis=1)[:, None]
+X = np.cross(Z, [0, 0, 1.0]) / np.linalg.norm(np.cross(Z, [0, 0, 1.0]), axis=1)[:, None]
+Y = np.cross(Z, X)
+
+
+def cylinder(length, outer, inner):
+    """Mass, moments of inertia across and along."""
+    mass = DENSITY * np.pi * (outer**2 - inner**2) * length
+    across = mass * (3 * (outer**2 + inner**2) + length**2) / 12
+    return mass, across, mass * (outer**2 + inner**2) / 2
+
+
+TUBE, ROD, PLATE = cylinder(PART, 0.05, 0.03), cylinder(PART, 0.03, 0.0), cylinder(0.05, 1.0, 0.0)
+
+
+def kinetic_energy(x, dx):
+    """Of the platform, the tubes, the rods and the rotors [J]."""
+    R, omega = rodrigues(x[3:]), spin(x[3:], dx[3:])
+    arm = PLATFORM @ R.T
+    leg, dleg = legs(x), dx[:3] + cross(omega, arm)
+    L = np.sqrt(np.sum(leg * leg, axis=1))
+    d = leg / L[:, None]
+    dL = np.sum(d * dleg, axis=1)
+    dd = (dleg - dL[:, None] * d) / L[:, None]
+    # universal joint: swing about X, then tilt about the turned Y; they make the leg's own spin
+    (dx_, dy, dz), (vx, vy, vz) = ([np.sum(u * w, axis=1) for u in (X, Y, Z)] for w in (d, dd))
+    c = np.sqrt(1 - dx_ * dx_)
+    swing, tilt = (dy * vz - dz * vy) / c**2, vx / c
+    turned = (dz / c)[:, None] * Y + (-dy / c)[:, None] * Z
+    leg_spin = swing[:, None] * X + tilt[:, None] * turned
+    square, about = np.sum(leg_spin * leg_spin, axis=1), np.sum(leg_spin * d, axis=1)
+    energy = 0.5 * PLATE[0] * dx[:3] @ dx[:3]
+    local = R.T @ omega
+    energy = energy + 0.5 * (PLATE[1] * (local[0] ** 2 + local[1] ** 2) + PLATE[2] * local[2] ** 2)
+    for (mass, across, axial), velocity in ((TUBE, PART / 2 * dd), (ROD, dleg - PART / 2 * dd)):
+        energy = energy + 0.5 * mass * np.sum(velocity * velocity)
+        energy = energy + 0.5 * np.sum(across * (square - about**2) + axial * about**2)
+    return energy + 0.5 * ROTOR * GEAR**2 * np.sum(dL**2)
+
+
+def potential_energy(x):
+    leg = legs(x)
+    up = leg[:, 2] / np.sqrt(np.sum(leg * leg, axis=1))
+    height = TUBE[0] * PART / 2 * up + ROD[0] * (leg[:, 2] - PART / 2 * up)
+    return 9.81 * (PLATE[0] * x[2] + np.sum(height))
+
+
+def gradient(function, x):
+    return np.array([function(x + 1j * H * unit).imag / H for unit in np.eye(6)])
+
+
+def momentum(x, dx):
+    """dT/d(dx), exact because T is quadratic in the rates."""
+    return np.array([(kinetic_energy(x, dx + e) - kinetic_energy(x, dx - e)) / 2 for e in np.eye(6)])
+
+
+def platform_force(x, dx, ddx):
+    """Lagrange: what the legs must do on the coordinates x, (6,)."""
+    rate = momentum(x + 1j * H * dx, dx + 1j * H * ddx).imag / H
+    return rate - gradient(lambda y: kinetic_energy(y, dx), x) + gradient(potential_energy, x)
+
+
+def length_rates(x):
+    """d(lengths)/dx (6, 6): leg by coordinate."""
+    return np.array([lengths(x + 1j * H * unit).imag / H for unit in np.eye(6)]).T
+
+
+# ------------------------------------------------------------------ the robot
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("gough_stewart")
+
+
+@pytest.fixture(scope="module")
+def plan(robot):
+    return plan_scene(robot, "turn")
+
+
+def poses(count, turn):
+    """Random poses whose rotation vector measures up to `turn` [rad] a component."""
+    spread = np.array([0.4, 0.4, 0.4, *turn])
+    return [0, 0, 2.2, 0, 0, 0] + spread * np.random.default_rng(5).uniform(-1, 1, (count, 6))
+
+
+def test_the_kept_urdf_is_what_the_generator_writes():
+    assert generator.FILE.read_text(encoding="utf-8") == generator.urdf()
+
+
+def test_leg_lengths_have_their_closed_form(robot):
+    for x in poses(12, [0.6, 0.6, 1.4]):
+        q = assemble(robot, x).q
+        np.testing.assert_allclose(q[robot.actuated], lengths(x).real, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(platform_coordinates(robot, frames_at(robot, q[None]))[0], x, atol=1e-12)
+
+
+def test_A_and_B_are_the_lines_of_the_legs(robot):
+    for x in poses(6, [0.5, 0.5, 1.2]):
+        A, B, _ = velocity_matrices(robot, assemble(robot, x).q)
+        np.testing.assert_allclose(np.linalg.solve(B, A), plucker(x), atol=1e-11)
+
+
+# ------------------------------------------------------------------ a platform that turns
+
+
+@pytest.mark.parametrize("turned", [1e-9, 0.5, 1 - 1e-9, 1.0, 1 + 1e-9, 2.0, 3.1, np.pi, 4.0, 6.2])
+def test_twist_is_the_derivative_of_the_rotation_matrix(robot, turned):
+    rng = np.random.default_rng(7)
+    axis, dr, ddr = rng.standard_normal((3, 3))
+    r = turned * axis / np.linalg.norm(axis)
+    x, dx, ddx = (np.concatenate([np.ones(3), part])[None] for part in (r, dr, ddr))
+    twist, dtwist = platform_twist(robot, x, dx, ddx)
+
+    def omega(t):
+        """From R' R^T alone, by a complex step on r(t) = r + t dr + t^2 ddr / 2."""
+        here, rate = r + t * dr + t**2 / 2 * ddr, dr + t * ddr
+        moving = rodrigues(here + 1j * H * rate)
+        W = moving.imag / H @ moving.real.T
+        return np.array([W[2, 1], W[0, 2], W[1, 0]])
+
+    h = 1e-3
+    fourth = [omega(k * h) for k in (-2, -1, 1, 2)]
+    alpha = (fourth[0] - 8 * fourth[1] + 8 * fourth[2] - fourth[3]) / (12 * h)
+    np.testing.assert_allclose(twist[0], [1, 1, 1, *omega(0.0)], atol=1e-13)
+    np.testing.assert_allclose(dtwist[0, 3:], alpha, atol=2e-10)  # h^4 and eps / h
+
+
+def test_residual_is_the_way_between_two_attitudes(robot):
+    """To first order, wherever the attitudes are, beyond half a turn too."""
+    small = 1e-6 * np.array([1.0, -2.0, 3.0, 2.0, -1.0, 1.5])
+    for x in poses(6, [0.3, 0.3, 1.0]):
+        q = assemble(robot, x).q[None]
+        at = frames_at(robot, q)
+        for turn in (0.0, 2 * np.pi):  # the same attitude with another vector
+            r = x[3:] * (1 + turn / np.linalg.norm(x[3:]))
+            target = np.concatenate([x[:3], r])
+            np.testing.assert_allclose(platform_residual(robot, at, target[None])[0], 0, atol=1e-13)
+            moved = platform_residual(robot, at, (target - small)[None])[0]
+            expected, _ = platform_twist(robot, target[None], small[None])
+            np.testing.assert_allclose(moved, expected[0], atol=2e-10)
+
+
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [
+        ([0, 0, 2, -0.3, 0.2, -1.0], [0.3, -0.2, 2.6, 0.5, -0.4, 2.4]),  # 1.1, over 0.2, to 2.5 rad
+        ([0.2, 0, 2.6, 0.2, -0.3, 2.6], [-0.1, 0.2, 2.2, -0.2, 0.3, 3.7]),  # beyond half a turn
+    ],
+)
+def test_rates_along_a_path_with_large_rotations(robot, start, end):
+    track = track_path(robot, Line(start, end))
+    grid = TimeGrid(np.array([0.0, 1.0]), 96)
+    t = grid.times
+    s, ds, dds = 0.1 + 0.5 * t + 0.2 * t**2, 0.5 + 0.4 * t, np.full_like(t, 0.4)
+    closed = track.closed(s)
+    x, dx, ddx = along(track.path, [s, ds, dds])
+    motion = motion_at(robot, closed, dx, ddx)
+    v, a = grid.differentiate(closed.q - closed.q[0])
+    np.testing.assert_allclose(motion.v, v, atol=3e-10 * np.abs(v).max())
+    np.testing.assert_allclose(motion.a, a, atol=1e-6 * np.abs(a).max())
+    # the legs, in closed form
+    exact = np.array([lengths(p + 1j * H * rate) for p, rate in zip(x, dx, strict=True)])
+    np.testing.assert_allclose(closed.q[:, robot.actuated], exact.real, atol=1e-12)
+    np.testing.assert_allclose(motion.v[:, robot.actuated], exact.imag / H, atol=1e-11)
+    twist, _ = platform_twist(robot, x, dx)
+    rates = joint_rates(robot, closed.system, twist, np.zeros((len(t), 0)))
+    np.testing.assert_array_equal(rates, motion.v)
+    # and the attitude
+    for k in (0, 40, 95):
+        R = frames_at(robot, closed.q[k : k + 1]).rotation[0, 0]
+        np.testing.assert_allclose(R, rodrigues(x[k, 3:]).real, atol=1e-12)
+
+
+# ------------------------------------------------------------------ the crossing
+
+
+def exact_singular_s(path):
+    return brentq(lambda s: np.linalg.det(plucker(path(s))), 0.3, 0.6, xtol=1e-15, rtol=1e-15)
+
+
+def test_singular_point_and_twist_are_those_of_the_lines(robot, plan):
+    (point,) = locate_singularities(robot, plan.path)
+    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
+    assert point.s == pytest.approx(exact_singular_s(plan.path), abs=1e-12)
+    values, right = np.linalg.svd(plucker(plan.path(point.s)))[1:]
+    assert values[-1] < 1e-12 < 0.1 < values[-2]
+    twist = right[-1] / np.linalg.norm(right[-1][:3])
+    np.testing.assert_allclose(point.twist, twist * np.sign(twist @ point.twist), atol=1e-11)
+    assert not list(locate_singularities(robot, scene_path(robot.description.scenes["tilt"])))
+
+
+def test_level_platform_is_singular_a_quarter_turn_from_home():
+    """Fichter 1986: whatever the height, and nowhere else in between."""
+    for z in (1.5, 2.0, 2.6):
+        dets = [np.linalg.det(plucker(np.array([0, 0, z, 0, 0, a]))) for a in (1e-9, 1.5, np.pi / 2, 1.65)]
+        assert abs(dets[2]) < 1e-13 < abs(dets[1])
+        assert dets[0] * dets[1] > 0 > dets[1] * dets[3]
+
+
+def test_plan_crosses_with_a_proof(plan):
+    (crossing,) = plan.crossings
+    assert plan.certificate.tail < 1e-9
+    assert plan.certificate.monotone
+    assert crossing.residual < 1e-12
+    assert max(plan.peak_torque.values()) < 500
+
+
+def test_condition_8_is_the_virtual_power_of_the_free_twist(plan):
+    """Lagrange's force on the platform does no work along the motion that locked legs allow."""
+    (crossing,) = plan.crossings
+    t = crossing.time
+    force = platform_force(*(plan.platform(t, k) for k in range(3)))
+    free = np.linalg.svd(length_rates(plan.platform(t)))[2][-1]  # on the coordinates
+    assert abs(force @ free) < 1e-9 * np.linalg.norm(force)
+
+
+def test_torques_satisfy_lagrange_at_all_instants(plan):
+    (crossing,) = plan.crossings
+    for t in np.append(np.linspace(0.0, plan.duration, 9), crossing.time):
+        x, dx, ddx = (plan.platform(t, k) for k in range(3))
+        force = platform_force(x, dx, ddx)
+        J = length_rates(x)
+        pushed = J.T @ (GEAR * plan.torque(t))
+        np.testing.assert_allclose(pushed, force, rtol=0, atol=1e-10 * np.abs(force).max())
+        if abs(t - crossing.time) > 0.1:
+            torque = np.linalg.solve(J.T, force) / GEAR
+            np.testing.assert_allclose(plan.torque(t), torque, rtol=0, atol=1e-10 * np.abs(torque).max())
+
+
+def test_planned_torques_bring_the_platform_along_the_path(robot, plan):
+    model = robot.model
+
+    def link(name):
+        return model.getFrameId(name, pin.FrameType.BODY)
+
+    armature = np.zeros(model.nv)
+    armature[robot.actuated] = GEAR**2 * ROTOR
+    times = np.linspace(0.0, plan.duration, 11)
+    q, _ = forward_simulate(
+        model,
+        closure_frames=[(link(f"leg_{i}_tip"), link(f"platform_{i}")) for i in range(2, 7)],
+        closure_rows=[(0, 1, 2)] * 5,
+        actuated=robot.actuated,
+        armature=armature,
+        torque=lambda t: GEAR * plan.torque(t),
+        q0=assemble(robot, plan.path(0.0)).q,
+        v0=np.zeros(model.nv),
+        times=times,
+        rtol=1e-11,
+        atol=1e-13,
+    )
+    at = frames_at(robot, q)
+    for k, x in enumerate(plan.platform(times)):
+        assert np.linalg.norm(at.position[k, 0] - x[:3]) < 1e-8
+        assert np.abs(at.rotation[k, 0] - rodrigues(x[3:]).real).max() < 1e-8
+
+
+def test_a_law_without_condition_8_gets_no_torques(robot, plan):
+    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
+        plan_scene(robot, "turn-unprepared")
+    assert caught.value.s == pytest.approx(exact_singular_s(plan.path), abs=1e-12)
+    # through the right point at the right time, but without its acceleration
+    (crossing,) = plan.crossings
+    t = crossing.time
+    wrong = [Condition(t, 0, crossing.s), Condition(t, 1, crossing.speed), Condition(t, 2, 0.0)]
+    with pytest.raises(UnboundedTorque):
+        inverse_dynamics(robot, plan.path, Law.rest_to_rest(plan.duration, 2, wrong))

@@ -1,0 +1,165 @@
+"""The slider-crank against its loop equation solved in closed form, and against Lagrange in 60 digits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+import robots
+from framework import (
+    Line,
+    ParallelRobot,
+    assemble,
+    locate_singularities,
+    plan_scene,
+    scene_path,
+    velocity_matrices,
+)
+from framework.errors import OutOfReach, Type1Singularity, UnboundedTorque
+from framework.model.description import Actuator, Platform
+from tests.forward_simulation import forward_simulate
+from tests.robots.one_degree_oracle import OneDegree, crossing, instants
+
+CRANK, ROD, OFFSET = 0.04, 0.12, -0.02  # [m], Norton, Design of Machinery, Example 4-2
+SCENE = {"ends": (1.0, -0.8), "duration": 1.0, "time": 0.57, "speed": 1.5}
+OUTER = np.arcsin(OFFSET / (ROD + CRANK))  # dead centres: crank and rod on one line through the slider [rad]
+INNER = -np.pi - np.arcsin(-OFFSET / (ROD - CRANK))
+REACH = np.sqrt((ROD + CRANK) ** 2 - OFFSET**2)  # [m] of the slider, at the outer one
+
+
+def rod_angle(crank):
+    """Angle of the rod from the crank's pin to the slider [rad]."""
+    m = mp if isinstance(crank, mp.mpf) else np
+    sine = (OFFSET - CRANK * m.sin(crank)) / ROD
+    return m.asin(sine) if m is mp else np.arcsin(sine)
+
+
+def slider_position(crank):
+    """Coordinate of the slider, right of the crank [m]."""
+    m = mp if isinstance(crank, mp.mpf) else np
+    return CRANK * m.cos(crank) + ROD * m.cos(rod_angle(crank))
+
+
+def linkage() -> OneDegree:
+    """Masses as in the URDF: the rod a bar with its centre of mass in the middle."""
+
+    def inertia(x):
+        rod = rod_angle(x)
+        turn = -CRANK * mp.cos(x) / (ROD * mp.cos(rod))  # rod's rate over the crank's
+        slide = -CRANK * mp.sin(x) - ROD * mp.sin(rod) * turn
+        centre = CRANK**2 + (0.06 * turn) ** 2 + 2 * CRANK * 0.06 * turn * mp.cos(rod - x)
+        crank = mp.mpf(0.0082) + mp.mpf(2.05) * mp.mpf(0.001) ** 2
+        return crank + 0.12 * centre + mp.mpf(1.5e-4) * turn**2 + 0.3 * slide**2
+
+    def potential(x):
+        height = CRANK * mp.sin(x) + 0.06 * mp.sin(rod_angle(x))
+        return mp.mpf(9.81) * (2.05 * mp.mpf(0.001) * mp.sin(x) + 0.12 * height)
+
+    return OneDegree(slider_position, inertia, potential, mp.mpf(314.1592653589793), mp.mpf(5e-6))
+
+
+def driven_at_the_crank() -> ParallelRobot:
+    """The same mechanism the other way round: motor on the crank, the slider is the platform."""
+    description = robots.load("slider_crank").description
+    turned = replace(
+        description, platform=Platform("slider", ("x",)), actuators=(Actuator("crank_bearing"),), springs=()
+    )
+    return ParallelRobot.from_description(turned)
+
+
+def test_the_textbook_example():
+    # Norton's printed answers for a crank at 60 degrees: the branch whose slider is on the right at 126.8 mm,
+    # its rod at 152.91 degrees measured from the slider
+    q = assemble(robots.load("slider_crank"), [np.radians(60)]).q
+    assert np.degrees(q[0] + q[1]) + 180 == pytest.approx(152.91, abs=0.01)
+    assert 1e3 * q[2] == pytest.approx(126.8, abs=0.1)
+
+
+@pytest.mark.parametrize("crank", np.random.default_rng(1).uniform(-5.2, 1.0, 8))
+def test_inverse_kinematics_and_A_B_agree_with_closed_forms(crank):
+    robot = robots.load("slider_crank")
+    q = assemble(robot, [crank]).q
+    assert q[2] == pytest.approx(slider_position(crank), abs=1e-12)
+    ours = velocity_matrices(robot, q)
+    A, B = CRANK * np.sin(rod_angle(crank) - crank), np.cos(rod_angle(crank))  # A x' = B q'
+    assert ours.A[0, 0] * B == pytest.approx(A * ours.B[0, 0], abs=1e-12)
+
+
+def test_dead_centres_have_their_closed_form():
+    robot = robots.load("slider_crank")
+    points = locate_singularities(robot, scene_path(robot.description.scenes["full_turn"]))
+    expected = [(1.0 - dead) / (2 * np.pi) for dead in (OUTER, INNER)]
+    np.testing.assert_allclose([point.s for point in points], expected, rtol=0, atol=1e-12)
+    for point in points:
+        assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
+    assert not locate_singularities(robot, scene_path(robot.description.scenes["clear"]))
+
+
+def test_driven_at_the_crank_a_dead_centre_is_type_1_and_the_end_of_the_way():
+    robot = driven_at_the_crank()
+    start = assemble(robot).x[0]
+    assert not locate_singularities(robot, Line([start], [REACH - 1e-3]))
+    with pytest.raises(Type1Singularity) as caught:
+        locate_singularities(robot, Line([start], [REACH]))
+    assert caught.value.s == pytest.approx(1.0, abs=1e-12)
+    with pytest.raises(OutOfReach) as caught:
+        locate_singularities(robot, Line([start], [REACH + 0.01]))
+    assert caught.value.platform[0] == pytest.approx(REACH, abs=1e-6)
+    # A x' = B q' with B = 0 there, and A not
+    near = velocity_matrices(robot, assemble(robot, [REACH - 1e-10]).q)
+    assert abs(near.B[0, 0]) < 1e-4 * abs(near.A[0, 0])
+
+
+def test_torque_agrees_with_lagrange_at_the_dead_centre_too():
+    plan = plan_scene(robots.load("slider_crank"), "dead_centre")
+    exact = crossing(linkage(), near=-0.1, smoothness=2, **SCENE)
+    assert plan.crossings[0].s == pytest.approx(float(exact.s), abs=1e-14)
+    assert plan.crossings[0].s == pytest.approx((1.0 - OUTER) / 1.8, abs=1e-12)
+    assert plan.crossings[0].residual < 1e-12
+    assert plan.certificate.tail < 1e-9
+    times = instants(SCENE["duration"], SCENE["time"])
+    expected = [exact.torque(t) for t in times]
+    np.testing.assert_allclose(plan.torque(times)[:, 0], expected, rtol=0, atol=1e-10)  # of 0.02 N m
+
+
+def test_torque_and_deflection_behind_an_elastic_screw_agree_with_lagrange():
+    plan = plan_scene(robots.load("slider_crank", flexibility="flexible_joints"), "dead_centre")
+    exact = crossing(linkage(), near=-0.1, smoothness=4, **SCENE)
+    times = instants(SCENE["duration"], SCENE["time"], 6)
+    torque, deflection = np.transpose([exact.torque_behind_spring(t, 1e5) for t in times])
+    np.testing.assert_allclose(plan.torque(times)[:, 0], torque, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(plan.deflection(times)[:, 0], deflection, rtol=0, atol=1e-13)
+
+
+def test_planned_torques_bring_the_mechanism_through_its_dead_centre():
+    robot = robots.load("slider_crank")
+    plan = plan_scene(robot, "dead_centre")
+    model, times = robot.model, np.linspace(0.0, 1.0, 41)
+    armature = np.zeros(model.nv)
+    armature[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
+    q, _ = forward_simulate(
+        model,
+        closure_frames=[tuple(model.getFrameId(name) for name in ("rod_tip", "slider"))],
+        closure_rows=[(0, 1)],
+        actuated=robot.actuated,
+        armature=armature,
+        torque=lambda t: robot.gear_ratio * plan.torque(t),
+        q0=assemble(robot, [1.0]).q,
+        v0=np.zeros(model.nv),
+        times=times,
+    )
+    crank = 1.0 - 1.8 * plan.law(times)
+    assert CRANK * np.abs(q[:, 0] - crank).max() < 1e-12  # [m] of the crank's pin
+
+
+@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
+def test_a_law_without_condition_8_gets_no_torques(flexibility):
+    robot = robots.load("slider_crank", flexibility=flexibility)
+    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
+        plan_scene(robot, "unprepared")
+    if flexibility != "flexible_links":  # an elastic rod moves the singular point
+        tolerance = 1e-12 if flexibility == "rigid" else 1e-9  # deflections with a pole are not resolved
+        assert caught.value.s == pytest.approx((1.0 - OUTER) / 1.8, abs=tolerance)

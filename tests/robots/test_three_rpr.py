@@ -1,0 +1,251 @@
+"""The planar 3-RPR against textbook geometry: three lines that meet in a point, or are parallel.
+
+Nothing here is taken from the URDF but its numbers. Derivatives of the closed forms are taken with fifty
+digits, so that they cost no accuracy.
+"""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import robots
+from framework import (
+    Line,
+    assemble,
+    locate_singularities,
+    plan_crossing,
+    plan_scene,
+    scene_path,
+    velocity_matrices,
+)
+from framework.errors import UnboundedTorque
+from robots.files import robot_file
+from robots.generators import three_rpr as generator
+from tests.forward_simulation import forward_simulate
+
+with mp.workdps(50):
+    UNIT = mp.mpf("0.05")
+    PIVOTS = [(0, 0), (mp.mpf("15.91") * UNIT, 0), (0, 10 * UNIT)]  # A_i
+    D12, D23, D31 = (mp.mpf(side) * UNIT for side in ("17.04", "16.54", "20.84"))
+    ANGLE = mp.acos((D12**2 + D31**2 - D23**2) / (2 * D12 * D31))  # at B_1, law of cosines
+    CORNERS = [(0, 0), (D12, 0), (D31 * mp.cos(ANGLE), D31 * mp.sin(ANGLE))]  # B_i in the platform
+    BLOCK, ROD, PLATFORM = mp.mpf("1.5"), mp.mpf(2), mp.mpf(5)  # [kg]
+    ROD_LENGTH = mp.mpf("1.2")
+    BLOCK_ABOUT_PIVOT = BLOCK * mp.mpf("0.08") ** 2 / 6  # a cube of 80 mm
+    ROD_ABOUT_CENTRE = ROD * (3 * mp.mpf("0.012") ** 2 + ROD_LENGTH**2) / 12
+    PLATE_ABOUT_CENTRE = PLATFORM * (D12**2 + D23**2 + D31**2) / 36  # a uniform triangle
+    GEAR, ROTOR = 2 * mp.pi / mp.mpf("0.02"), mp.mpf("2e-5")  # screws of 20 mm lead
+
+
+def placed(x, point):
+    """A point of the platform at pose x."""
+    px, py, turn = x
+    c, s = mp.cos(turn), mp.sin(turn)
+    return px + c * point[0] - s * point[1], py + s * point[0] + c * point[1]
+
+
+def legs(x):
+    """For each leg: corner B, unit vector from A to B, length, direction angle."""
+    x = [mp.mpf(v) for v in x]
+    found = []
+    for (ax, ay), corner in zip(PIVOTS, CORNERS, strict=True):
+        bx, by = placed(x, corner)
+        length = mp.hypot(bx - ax, by - ay)
+        unit = (bx - ax) / length, (by - ay) / length
+        found.append(((bx, by), unit, length, mp.atan2(by - ay, bx - ax)))
+    return found
+
+
+def line_matrix(x):
+    """A of A v = d(lengths)/dt: Pluecker coordinates of the leg lines, about the platform's origin."""
+    A = np.zeros((3, 3))
+    for i, ((bx, by), (ux, uy), *_) in enumerate(legs(x)):
+        A[i] = [ux, uy, (bx - x[0]) * uy - (by - x[1]) * ux]
+    return A
+
+
+def meeting_point(x):
+    """Where the lines of legs 1 and 2 meet."""
+    (_, (ux, uy), *_), (_, (wx, wy), *_), _ = legs(x)
+    (ax, ay), (bx, by), _ = PIVOTS
+    along = ((bx - ax) * wy - (by - ay) * wx) / (ux * wy - uy * wx)
+    return ax + along * ux, ay + along * uy
+
+
+def closed_form_crossing(path):
+    """s where the third line passes through the point in which the first two meet."""
+
+    def gap(s):
+        px, py = meeting_point(path(s))
+        _, (ux, uy), *_ = legs(path(s))[2]
+        ax, ay = PIVOTS[2]
+        return float(ux * (py - ay) - uy * (px - ax))
+
+    return brentq(gap, 0.5, 0.7, xtol=1e-15, rtol=1e-14)
+
+
+def parallel_pose(length):
+    """Pose with three parallel legs, the first of this length [m], and the legs' direction angle."""
+
+    def offsets(turn, direction):
+        across = -mp.sin(direction), mp.cos(direction)
+        gaps = []
+        for (ax, ay), corner in zip(PIVOTS[1:], CORNERS[1:], strict=True):
+            bx, by = placed((0, 0, turn), corner)
+            gaps.append((bx - ax) * across[0] + (by - ay) * across[1])
+        return gaps
+
+    with mp.workdps(30):
+        turn, direction = mp.findroot(offsets, (mp.mpf("0.0339"), mp.mpf("0.4758")))
+        x = [length * mp.cos(direction), length * mp.sin(direction), turn]
+        return np.array([float(v) for v in x]), float(direction)
+
+
+def bodies(x):
+    """Inertia and coordinate of every moving part: kinetic energy is the sum of 0.5 m dy^2."""
+    x = [mp.mpf(v) for v in x]
+    centre = placed(x, [sum(corner[k] for corner in CORNERS) / 3 for k in range(2)])
+    parts = [(PLATFORM, centre[0]), (PLATFORM, centre[1]), (PLATE_ABOUT_CENTRE, x[2])]
+    for (bx, by), (ux, uy), length, direction in legs(x):
+        parts += [(GEAR**2 * ROTOR, length), (BLOCK_ABOUT_PIVOT + ROD_ABOUT_CENTRE, direction)]
+        parts += [(ROD, bx - ux * ROD_LENGTH / 2), (ROD, by - uy * ROD_LENGTH / 2)]
+    return parts
+
+
+def virtual_work(x, dx, ddx):
+    """J' tau on the motor side must equal this (3,): D'Alembert with the coordinates of all parts.
+
+    Returns it with J = d(motor angles)/dx (3, 3).
+    """
+    with mp.workdps(50):
+        x, dx, ddx = ([mp.mpf(float(v)) for v in values] for values in (x, dx, ddx))
+        h = mp.mpf("1e-15")
+
+        def at(t):
+            moved = [a + b * t + c * t**2 / 2 for a, b, c in zip(x, dx, ddx, strict=True)]
+            return [value for _, value in bodies(moved)]
+
+        inertia = [m for m, _ in bodies(x)]
+        ahead, here, back = at(h), at(0), at(-h)
+        acceleration = [(a - 2 * b + c) / h**2 for a, b, c in zip(ahead, here, back, strict=True)]
+        work, J = np.zeros(3), np.zeros((3, 3))
+        for k in range(3):
+            ends = [[v + (sign * h if j == k else 0) for j, v in enumerate(x)] for sign in (1, -1)]
+            up, down = ([value for _, value in bodies(end)] for end in ends)
+            slope = [(a - b) / (2 * h) for a, b in zip(up, down, strict=True)]
+            work[k] = sum(m * a * d for m, a, d in zip(inertia, acceleration, slope, strict=True))
+            J[:, k] = [GEAR * slope[3 + 4 * leg] for leg in range(3)]
+        return work, J
+
+
+def assert_virtual_work(plan):
+    """The torques do the work of all masses, at the crossing as elsewhere."""
+    (crossing,) = plan.crossings
+    for t in [0.0, 0.3, 0.6, crossing.time - 1e-3, crossing.time, crossing.time + 1e-3, 1.2, 1.4]:
+        work, J = virtual_work(*(plan.platform(t, order) for order in range(3)))
+        np.testing.assert_allclose(J.T @ plan.torque(t), work, atol=1e-10)  # of 10 N, N m
+    # and at the crossing this work vanishes along the motion that the motors do not hold
+    work, _ = virtual_work(*(plan.platform(crossing.time, order) for order in range(3)))
+    assert abs(work @ crossing.twist) < 1e-10
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("three_rpr")
+
+
+@pytest.fixture(scope="module")
+def plan(robot):
+    return plan_scene(robot, "crossing")
+
+
+def test_the_kept_urdf_is_what_the_generator_writes():
+    kept = robot_file("three_rpr").with_suffix(".urdf").read_text(encoding="utf-8")
+    assert kept == generator.urdf()
+
+
+def test_inverse_kinematics_of_all_joints(robot):
+    rng = np.random.default_rng(1)
+    for x in np.array([-0.1, 0.35, 0.4]) + rng.uniform(-1, 1, (20, 3)) * [0.2, 0.1, 0.3]:
+        q = dict(zip(list(robot.model.names)[1:], assemble(robot, x).q, strict=True))
+        for i, (_, _, length, direction) in enumerate(legs(x), start=1):
+            assert q[f"motor_{i}"] == pytest.approx(float(length), abs=1e-12)
+            assert abs(mp.sin((q[f"pivot_{i}"] - direction) / 2)) < 1e-12
+        assert q["pivot_1"] + q["wrist_1"] == pytest.approx(x[2], abs=1e-12)
+
+
+def test_A_and_B_are_those_of_the_leg_lines_up_to_the_choice_of_rows(robot):
+    rng = np.random.default_rng(2)
+    for x in np.array([-0.2, 0.3, 0.4]) + rng.uniform(-1, 1, (10, 3)) * [0.1, 0.1, 0.2]:
+        ours = velocity_matrices(robot, assemble(robot, x).q)
+        np.testing.assert_allclose(ours.B, ours.A @ np.linalg.inv(line_matrix(x)), atol=1e-12)
+
+
+def test_the_singular_point_is_where_the_three_lines_meet(robot):
+    path = scene_path(robot.description.scenes["crossing"])
+    (point,) = locate_singularities(robot, path)
+    assert point.s == pytest.approx(closed_form_crossing(path), abs=1e-12)
+    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
+    x = path(point.s)
+    px, py = (float(v) for v in meeting_point(x))
+    twist = np.array([py - x[1], x[0] - px, 1.0])  # a turn about the meeting point
+    twist /= np.hypot(*twist[:2])
+    np.testing.assert_allclose(point.twist, twist * np.sign(twist @ point.twist), atol=1e-12)
+    np.testing.assert_allclose(line_matrix(x) @ point.twist, 0, atol=1e-12)
+
+
+def test_parallel_legs_leave_the_platform_free_to_slide_across_them(robot):
+    x, direction = parallel_pose(0.35)
+    step = np.array([-0.06, 0.05, 0.1])
+    path = Line(x - step, x + step)
+    (point,) = locate_singularities(robot, path)
+    assert point.s == pytest.approx(0.5, abs=1e-12)
+    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
+    across = np.array([-np.sin(direction), np.cos(direction), 0.0])  # the meeting point is at infinity
+    np.testing.assert_allclose(point.twist, across * np.sign(across @ point.twist), atol=1e-12)
+    assert_virtual_work(plan_crossing(robot, path, duration=1.5))
+
+
+def test_the_first_part_of_the_way_meets_no_singularity(robot):
+    assert not plan_scene(robot, "clear").crossings
+
+
+def test_torques_do_the_virtual_work_of_all_masses(plan):
+    assert_virtual_work(plan)
+    assert plan.certificate.tail < 1e-9
+    assert plan.certificate.monotone
+
+
+def test_planned_torques_bring_the_robot_along_the_path(robot, plan):
+    model = robot.model
+    times = np.linspace(0.0, plan.duration, 151)
+    armature = np.zeros(model.nv)
+    armature[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
+    q, _ = forward_simulate(
+        model,
+        closure_frames=[(model.getFrameId(f"corner_{i}"), model.getFrameId(f"tip_{i}")) for i in (2, 3)],
+        closure_rows=[(0, 1), (0, 1)],
+        actuated=robot.actuated,
+        armature=armature,
+        torque=lambda t: robot.gear_ratio * plan.torque(t),
+        q0=assemble(robot, plan.path(0.0)).q,
+        v0=np.zeros(model.nv),
+        times=times,
+    )
+    column = {name: k for k, name in enumerate(list(model.names)[1:])}
+    pivot, length, wrist = (q[:, column[name]] for name in ("pivot_1", "motor_1", "wrist_1"))
+    pose = np.column_stack([length * np.cos(pivot), length * np.sin(pivot), pivot + wrist])
+    assert np.abs(pose - plan.path(plan.law(times))).max() < 1e-8  # [m, rad]
+
+
+@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
+def test_a_law_without_condition_8_gets_no_torques(flexibility):
+    robot = robots.load("three_rpr", flexibility=flexibility)
+    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
+        plan_scene(robot, "crossing", times=[])
+    if flexibility != "flexible_links":  # a deformed plate moves the pole
+        s = closed_form_crossing(scene_path(robot.description.scenes["crossing"]))
+        assert caught.value.s == pytest.approx(s, abs=1e-12)

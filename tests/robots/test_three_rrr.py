@@ -1,0 +1,215 @@
+"""The planar 3-RRR against textbook geometry: two circles a leg, three rods that meet in a point.
+
+Nothing here is taken from the URDF but its numbers. Derivatives of the closed forms are taken with fifty
+digits, so that they cost no accuracy.
+"""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import robots
+from framework import assemble, locate_singularities, plan_scene, scene_path, velocity_matrices
+from framework.errors import UnboundedTorque
+from robots.files import robot_file
+from robots.generators import three_rrr as generator
+from tests.forward_simulation import forward_simulate
+
+MOTORS = [(0, 0), (mp.mpf("1.2"), 0), (mp.mpf("0.6"), mp.mpf("1.0392304845413265"))]  # A_i
+CORNERS = [("-0.0928", "-0.0535"), ("0.0928", "-0.0535"), ("0", "0.107")]  # C_i in the platform
+LENGTH = mp.mpf("0.6")  # A_i B_i and B_i C_i [m]
+CRANK, ROD, PLATFORM = mp.mpf("1.5"), mp.mpf("0.9"), mp.mpf(4)  # [kg]
+# about their axes of turning: cylinders of radius 15 mm and 12 mm, a disc of 120 mm
+CRANK_ABOUT_MOTOR = CRANK * (3 * mp.mpf("0.015") ** 2 + LENGTH**2) / 12 + CRANK * LENGTH**2 / 4
+ROD_ABOUT_CENTRE = ROD * (3 * mp.mpf("0.012") ** 2 + LENGTH**2) / 12
+PLATFORM_ABOUT_CENTRE = PLATFORM * mp.mpf("0.12") ** 2 / 2
+GEAR, ROTOR = 10, mp.mpf("1.2e-4")
+MODE = 1  # the cranks stand to the left of the lines A_i C_i
+
+
+def legs(x):
+    """For each leg: corner C, elbow B, angles of crank and rod, with mpmath numbers."""
+    px, py, turn = (mp.mpf(v) for v in x)
+    c, s = mp.cos(turn), mp.sin(turn)
+    found = []
+    for (ax, ay), corner in zip(MOTORS, CORNERS, strict=True):
+        kx, ky = map(mp.mpf, corner)
+        cx, cy = px + c * kx - s * ky, py + s * kx + c * ky
+        reach = mp.hypot(cx - ax, cy - ay)
+        crank = mp.atan2(cy - ay, cx - ax) + MODE * mp.acos(reach / (2 * LENGTH))
+        bx, by = ax + LENGTH * mp.cos(crank), ay + LENGTH * mp.sin(crank)
+        found.append(((cx, cy), (bx, by), crank, mp.atan2(cy - by, cx - bx)))
+    return found
+
+
+def closed_form_matrices(x):
+    """A and B of A v = B dq: rods of constant length, row by row."""
+    A, B = np.zeros((3, 3)), np.zeros((3, 3))
+    for i, ((cx, cy), _, crank, rod) in enumerate(legs(x)):
+        ux, uy = mp.cos(rod), mp.sin(rod)
+        A[i] = [ux, uy, (cx - x[0]) * uy - (cy - x[1]) * ux]
+        B[i, i] = LENGTH * mp.sin(rod - crank)
+    return A, B
+
+
+def meeting_point(x, first, second):
+    """Where the lines of two rods meet."""
+    (c1, b1, *_), (c2, b2, *_) = (legs(x)[i] for i in (first, second))
+    d1, d2 = (c1[0] - b1[0], c1[1] - b1[1]), (c2[0] - b2[0], c2[1] - b2[1])
+    across = d1[0] * d2[1] - d1[1] * d2[0]
+    along = ((b2[0] - b1[0]) * d2[1] - (b2[1] - b1[1]) * d2[0]) / across
+    return b1[0] + along * d1[0], b1[1] + along * d1[1]
+
+
+def off_the_line(x, leg, point):
+    """Distance of a point from the line of a rod [m], signed."""
+    (cx, cy), (bx, by), *_ = legs(x)[leg]
+    return ((cx - bx) * (point[1] - by) - (cy - by) * (point[0] - bx)) / LENGTH
+
+
+def closed_form_crossing(path):
+    """s where the third rod passes through the point in which the first two meet."""
+
+    def gap(s):
+        return float(off_the_line(path(s), 2, meeting_point(path(s), 0, 1)))
+
+    return brentq(gap, 0.1, 0.99, xtol=1e-15, rtol=1e-14)
+
+
+def bodies(x):
+    """Inertia and coordinate of every moving part: kinetic energy is the sum of 0.5 m dy^2."""
+    x = [mp.mpf(v) for v in x]
+    parts = [(PLATFORM, x[0]), (PLATFORM, x[1]), (PLATFORM_ABOUT_CENTRE, x[2])]
+    for (cx, cy), (bx, by), crank, rod in legs(x):
+        parts += [(CRANK_ABOUT_MOTOR + GEAR**2 * ROTOR, crank), (ROD_ABOUT_CENTRE, rod)]
+        parts += [(ROD, (bx + cx) / 2), (ROD, (by + cy) / 2)]
+    return parts
+
+
+def virtual_work(x, dx, ddx):
+    """J' tau on the motor side must equal this (3,): D'Alembert with the coordinates of all parts.
+
+    Returns it with J = d(motor angles)/dx (3, 3).
+    """
+    with mp.workdps(50):
+        x, dx, ddx = ([mp.mpf(float(v)) for v in values] for values in (x, dx, ddx))
+        h = mp.mpf("1e-15")
+
+        def at(t):
+            moved = [a + b * t + c * t**2 / 2 for a, b, c in zip(x, dx, ddx, strict=True)]
+            return [value for _, value in bodies(moved)]
+
+        inertia = [m for m, _ in bodies(x)]
+        ahead, here, back = at(h), at(0), at(-h)
+        acceleration = [(a - 2 * b + c) / h**2 for a, b, c in zip(ahead, here, back, strict=True)]
+        work, J = np.zeros(3), np.zeros((3, 3))
+        for k in range(3):
+            ends = [[v + (sign * h if j == k else 0) for j, v in enumerate(x)] for sign in (1, -1)]
+            up, down = ([value for _, value in bodies(end)] for end in ends)
+            slope = [(a - b) / (2 * h) for a, b in zip(up, down, strict=True)]
+            work[k] = sum(m * a * d for m, a, d in zip(inertia, acceleration, slope, strict=True))
+            J[:, k] = [GEAR * slope[3 + 4 * leg] for leg in range(3)]
+        return work, J
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("three_rrr")
+
+
+@pytest.fixture(scope="module")
+def plan(robot):
+    return plan_scene(robot, "crossing")
+
+
+def test_the_kept_urdf_is_what_the_generator_writes():
+    kept = robot_file("three_rrr").with_suffix(".urdf").read_text(encoding="utf-8")
+    assert kept == generator.urdf()
+
+
+def test_inverse_kinematics_of_all_joints(robot):
+    rng = np.random.default_rng(1)
+    for x in np.array([0.6, 0.4, -0.5]) + rng.uniform(-1, 1, (20, 3)) * [0.12, 0.12, 0.4]:
+        q = dict(zip(list(robot.model.names)[1:], assemble(robot, x).q, strict=True))
+        for i, (_, _, crank, rod) in enumerate(legs(x), start=1):
+            turned = [q[f"motor_{i}"] - crank, q[f"motor_{i}"] + q[f"elbow_{i}"] - rod]
+            np.testing.assert_allclose([float(mp.sin(t / 2)) for t in turned], 0, atol=1e-12)
+        assert q["motor_1"] + q["elbow_1"] + q["wrist_1"] == pytest.approx(x[2], abs=1e-12)
+
+
+def test_A_and_B_are_those_of_the_rods_up_to_the_choice_of_rows(robot):
+    rng = np.random.default_rng(2)
+    for x in np.array([0.6, 0.4, -0.4]) + rng.uniform(-1, 1, (10, 3)) * [0.1, 0.1, 0.2]:
+        ours = velocity_matrices(robot, assemble(robot, x).q)
+        A, B = closed_form_matrices(x)
+        np.testing.assert_allclose(ours.B, ours.A @ np.linalg.inv(A) @ B, atol=1e-12)
+
+
+def test_the_singular_point_is_where_the_three_rods_meet(robot):
+    path = scene_path(robot.description.scenes["crossing"])
+    (point,) = locate_singularities(robot, path)
+    assert point.s == pytest.approx(closed_form_crossing(path), abs=1e-12)
+    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
+    x = path(point.s)
+    px, py = (float(v) for v in meeting_point(x, 0, 1))
+    twist = np.array([py - x[1], x[0] - px, 1.0])  # a turn about the meeting point
+    twist /= np.hypot(*twist[:2])
+    np.testing.assert_allclose(point.twist, twist * np.sign(twist @ point.twist), atol=1e-10)
+    A, _ = closed_form_matrices(x)
+    np.testing.assert_allclose(A @ point.twist, 0, atol=1e-12)
+
+
+def test_a_path_without_turning_meets_no_singularity(robot):
+    assert not plan_scene(robot, "clear").crossings
+
+
+def test_torques_do_the_virtual_work_of_all_masses(plan):
+    (crossing,) = plan.crossings
+    for t in [0.0, 0.2, 0.5, 0.8, crossing.time - 1e-3, crossing.time, crossing.time + 1e-3, 1.3]:
+        work, J = virtual_work(*(plan.platform(t, order) for order in range(3)))
+        np.testing.assert_allclose(J.T @ plan.torque(t), work, atol=1e-11)  # of 1 to 10 N, N m
+    # and at the crossing this work vanishes along the motion that the motors do not hold
+    work, _ = virtual_work(*(plan.platform(crossing.time, order) for order in range(3)))
+    assert abs(work @ crossing.twist) < 1e-10
+    assert plan.certificate.tail < 1e-9
+    assert plan.certificate.monotone
+
+
+def test_planned_torques_bring_the_robot_along_the_path(robot, plan):
+    model = robot.model
+    times = np.linspace(0.0, plan.duration, 151)
+    armature = np.zeros(model.nv)
+    armature[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
+    q, _ = forward_simulate(
+        model,
+        closure_frames=[(model.getFrameId(f"corner_{i}"), model.getFrameId(f"tip_{i}")) for i in (2, 3)],
+        closure_rows=[(0, 1), (0, 1)],
+        actuated=robot.actuated,
+        armature=armature,
+        torque=lambda t: robot.gear_ratio * plan.torque(t),
+        q0=assemble(robot, plan.path(0.0)).q,
+        v0=np.zeros(model.nv),
+        times=times,
+    )
+    column = {name: k for k, name in enumerate(list(model.names)[1:])}
+    crank = q[:, column["motor_1"]]
+    rod = crank + q[:, column["elbow_1"]]
+    turn = rod + q[:, column["wrist_1"]]
+    kx, ky = (float(v) for v in CORNERS[0])
+    x = 0.6 * (np.cos(crank) + np.cos(rod)) - (np.cos(turn) * kx - np.sin(turn) * ky)
+    y = 0.6 * (np.sin(crank) + np.sin(rod)) - (np.sin(turn) * kx + np.cos(turn) * ky)
+    error = np.column_stack([x, y, turn]) - plan.path(plan.law(times))
+    assert np.abs(error).max() < 1e-8  # [m, rad]
+
+
+@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
+def test_a_law_without_condition_8_gets_no_torques(flexibility):
+    robot = robots.load("three_rrr", flexibility=flexibility)
+    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
+        plan_scene(robot, "crossing", times=[])
+    if flexibility != "flexible_links":  # deformed links move the pole
+        s = closed_form_crossing(scene_path(robot.description.scenes["crossing"]))
+        assert caught.value.s == pytest.approx(s, abs=1e-12)

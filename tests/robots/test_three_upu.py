@@ -1,0 +1,161 @@
+"""The 3-UPU against closed forms.
+
+Legs d_i = p + (r - R) e_i, rates of length u_i . v, constraint couples n_i.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import assemble, check_robot, plan_scene, velocity_matrices
+from framework.kinematics.frames import frames_at
+from framework.kinematics.inverse_kinematics import System, system_at
+from framework.kinematics.singularity import instantaneous_motions, passive_matrix, uncontrolled_motion
+from framework.model.description import FLEXIBILITIES
+from robots.files import URDF
+from robots.generators import three_upu as generator
+
+SHIFT = 0.12 - 0.30  # [m] platform less base radius
+ANGLES = 2 * np.pi / 3 * np.arange(3)
+RADIAL = np.column_stack([np.cos(ANGLES), np.sin(ANGLES), np.zeros(3)])
+TANGENT = np.column_stack([-np.sin(ANGLES), np.cos(ANGLES), np.zeros(3)])
+UP = np.array([0.0, 0.0, 1.0])
+GRAVITY = 9.81
+SCREW, ROTOR = 2 * np.pi / 0.005, 1e-5
+
+
+def leg(p, i):
+    """Vector from the base to the platform joint, its length, and the two angles at the base."""
+    d = p + SHIFT * RADIAL[i]
+    length = np.sqrt(d @ d)
+    return d, length, np.arctan(-(d @ TANGENT[i]) / (d @ UP)), np.arcsin(d @ RADIAL[i] / length)
+
+
+def joints(p):
+    angles = {}
+    for i in range(3):
+        _, length, a, b = leg(p, i)
+        angles |= {f"slide_{i + 1}": length, f"hip_{i + 1}a": a, f"hip_{i + 1}b": b}
+    angles |= {f"wrist_{i}a": -angles[f"hip_{i}b"] for i in (1, 2, 3)}
+    return angles | {"wrist_1b": -angles["hip_1a"]}
+
+
+def mass_matrix(p):
+    """M(p) of T = v' M v / 2; analytic in p, so that complex steps differentiate it to rounding."""
+    M = 5.0 * np.eye(3) + 0j
+    for i in range(3):
+        d, length, _, b = leg(p, i)
+        u = d / length
+        turning = (np.eye(3) - np.outer(u, u)) / length  # du/dp
+        y, z = d @ TANGENT[i], d @ UP
+        da = (y * UP - z * TANGENT[i]) / (y**2 + z**2)
+        spin = np.sin(b) * da  # about the leg itself: the first axis is not normal to it
+        slide = (length - generator.ROD_CENTRE) * turning + np.outer(u, u)
+        across = generator.TUBE * generator.TUBE_CENTRE**2
+        across += float(generator.TUBE_INERTIA[0]) + float(generator.ROD_INERTIA[0])
+        along = float(generator.TUBE_INERTIA[1]) + float(generator.ROD_INERTIA[1])
+        M = M + across * turning.T @ turning + generator.ROD * slide.T @ slide + along * np.outer(spin, spin)
+        M = M + ROTOR * SCREW**2 * np.outer(u, u)
+    return M
+
+
+def potential(p):
+    V = 5.0 * p @ UP
+    for i in range(3):
+        d, length, _, _ = leg(p, i)
+        height = d @ UP / length
+        V = (
+            V
+            + (generator.TUBE * generator.TUBE_CENTRE + generator.ROD * (length - generator.ROD_CENTRE))
+            * height
+        )
+    return GRAVITY * V
+
+
+def motor_torques(p, v, a):
+    """Lagrange for the platform's position, then virtual work on the screws."""
+    steps = 1e-30j * np.eye(3)
+    dM = np.array([mass_matrix(p + step).imag for step in steps]) / 1e-30  # (k, i, j)
+    dV = np.array([potential(p + step).imag for step in steps]) / 1e-30
+    force = mass_matrix(p).real @ a + np.einsum("kij,k,j->i", dM, v, v)
+    force += dV - 0.5 * np.einsum("kij,i,j->k", dM, v, v)
+    rates = np.array([leg(p, i)[0] / leg(p, i)[1] for i in range(3)])
+    return np.linalg.solve(rates.T, force) / SCREW
+
+
+def random_positions(count):
+    rng = np.random.default_rng(1)
+    return np.column_stack([rng.uniform(0.04, 0.14, (count, 2)), rng.uniform(0.5, 0.65, count)])
+
+
+def system_of(robot, p) -> System:
+    """The robot where the closed form puts it, springs at rest."""
+    q = np.zeros(robot.model.nq)
+    for name, value in joints(p).items():
+        q[robot.model.joints[robot.model.getJointId(name)].idx_q] = value
+    return system_at(robot, q[None], np.array([p]))
+
+
+def test_the_kept_file_is_what_the_generator_writes():
+    assert (URDF / "three_upu" / "three_upu.urdf").read_text(encoding="utf-8") == generator.urdf()
+
+
+def test_three_freedoms_and_no_redundant_row():
+    found = check_robot(robots.load("three_upu"))
+    assert (found.mobility, found.loop_equations, found.rank) == (3, 10, 10)
+
+
+def test_joints_have_their_closed_forms_and_the_platform_stays_level():
+    robot = robots.load("three_upu")
+    for p in random_positions(6):
+        q = assemble(robot, p).q
+        found = {robot.joint_of(k): q[k] for k in range(robot.model.nv)}
+        assert found == pytest.approx(joints(p), abs=1e-12)
+        np.testing.assert_allclose(frames_at(robot, q[None]).rotation[0, 0], np.eye(3), atol=1e-12)
+        A, B, _ = velocity_matrices(robot, q)
+        rates = np.array([leg(p, i)[0] / leg(p, i)[1] for i in range(3)])
+        np.testing.assert_allclose(np.linalg.solve(B, A), rates, atol=1e-11)
+
+
+@pytest.mark.parametrize("scene", ["across", "around"])
+def test_torques_are_those_of_lagrange_and_virtual_work(scene):
+    plan = plan_scene(robots.load("three_upu"), scene)
+    assert plan.crossings == ()
+    assert plan.certificate.tail < 1e-12
+    for t in np.linspace(0.0, plan.duration, 13):
+        expected = motor_torques(plan.platform(t), plan.platform(t, 1), plan.platform(t, 2))
+        np.testing.assert_allclose(plan.torque(t), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("flexibility", FLEXIBILITIES)
+@pytest.mark.parametrize("height", [0.45, 0.6])
+def test_the_symmetric_pose_is_a_constraint_singularity(height, flexibility):
+    """Each leg resists a couple along n_i, normal to both axes of its universal joint: all vertical there."""
+    p = np.array([0.0, 0.0, height])
+    couples = np.array([leg(p, i)[0] - (leg(p, i)[0] @ RADIAL[i]) * RADIAL[i] for i in range(3)])
+    assert np.linalg.matrix_rank(couples) == 1
+    robot = robots.load("three_upu", flexibility=flexibility)
+    system = system_of(robot, p)
+    np.testing.assert_allclose(system.residual, 0, atol=1e-15)
+    found = uncontrolled_motion(robot, system)
+    assert (found.kind, found.corank) == ("constraint", 2)
+    np.testing.assert_array_equal(found.twist, np.zeros(3))
+    assert instantaneous_motions(robot, system).shape[1] == 5
+    # with the motors locked the platform turns about level axes only
+    twist = system.frames.jacobian[0, 0] @ found.motion
+    assert np.linalg.norm(twist[3:5]) > 0.1
+    assert twist[5] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_elsewhere_det_P_is_that_of_the_couples():
+    """det [n_1 n_2 n_3] = -(3 sqrt(3) / 8) z (x^2 + y^2): nothing but the axis of symmetry, no Type 2."""
+    robot = robots.load("three_upu")
+    for p in random_positions(6):
+        couples = np.array([leg(p, i)[0] - (leg(p, i)[0] @ RADIAL[i]) * RADIAL[i] for i in range(3)])
+        expected = -3 * np.sqrt(3) / 8 * p[2] * (p[0] ** 2 + p[1] ** 2)
+        assert np.linalg.det(couples) == pytest.approx(expected, rel=1e-12)
+        legs = np.array([leg(p, i)[0] for i in range(3)])
+        assert np.linalg.det(legs) == pytest.approx(3 * np.sqrt(3) / 2 * SHIFT**2 * p[2], rel=1e-12)
+        assert np.linalg.svd(passive_matrix(robot, system_of(robot, p))[0], compute_uv=False)[-1] > 1e-3

@@ -1,0 +1,63 @@
+"""`crossing check` and `crossing convert` on files of foreign dialects."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from framework.cli import main
+
+DATA = Path(__file__).parent / "data" / "dialects"
+PLUS = str(DATA / "five_bar_plus.urdf")
+SAID = ["--platform", "tip_predecessor", "--axes", "x", "y", "--motors", "left_motor", "right_motor"]
+POSE = ["left_motor=1.271863", "left_elbow=-0.83362", "right_motor=1.083625", "right_elbow=1.538591"]
+
+
+def run(capsys, *arguments: str) -> tuple[int, str, str]:
+    code = main(arguments)
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+@pytest.mark.parametrize(
+    ("file", "options"),
+    [
+        ("five_bar_plus.urdf", SAID),
+        ("five_bar_ros.urdf", ["--platform", "tip_parent", "--axes", "x", "y", "--reference", *POSE]),
+        ("gepetto", ["--platform", "tip_A", "--axes", "x", "y"]),
+        ("five_bar_sites.xml", ["--platform", "left_tip", "--axes", "x", "y"]),
+        ("five_bar_anchor.xml", ["--platform", "tip", "--axes", "x", "y"]),
+    ],
+)
+def test_a_foreign_file_is_checked_converted_and_located(file, options, capsys, tmp_path):
+    code, out, _ = run(capsys, "check", str(DATA / file), *options, "--json")
+    assert (code, json.loads(out)["mobility"]) == (0, 2)
+    code, out, _ = run(capsys, "convert", str(DATA / file), *options, "--out", str(tmp_path), "--json")
+    assert code == 0
+    written = json.loads(out)["file"]
+    line = ["--from", "0.1", "0.345", "--to", "-0.05", "0.195"]
+    code, out, _ = run(capsys, "locate", written, *line, "--json")
+    assert code == 0
+    (found,) = json.loads(out)["singularities"]
+    assert found["s"] == pytest.approx(0.667006874764298, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["check", PLUS], "the file does not say: give --platform FRAME (of: base"),
+        (["check", PLUS, *SAID, "--reference", "left_motor"], "--reference: needs JOINT=VALUE"),
+        (["check", PLUS, *SAID, "--reference", "left_motor=inf"], "--reference: needs JOINT=VALUE"),
+        (["check", PLUS, *SAID, "--reference", "elbow=1"], "--reference: unknown movable joint 'elbow'"),
+        (["convert", PLUS, *SAID], "required: --out"),
+        (["check", "nowhere.sdf"], "nowhere.sdf: cannot read it"),
+        (["check", str(DATA)], "a folder without robot.yaml"),
+    ],
+)
+def test_misuse_is_one_line_and_code_2(arguments, message, capsys):
+    code, out, err = run(capsys, *arguments)
+    assert (code, out) == (2, "")
+    assert message in err
+    assert err.count("\n") == 1
