@@ -160,8 +160,8 @@ def _solve_rates(robot: ParallelRobot, system: System, right: Array, elastic: Ar
         rates[:, columns] = np.linalg.solve(jacobian[:, :, columns], right[..., None])[..., 0]
     except np.linalg.LinAlgError:
         raise NotAssembled(
-            f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg is "
-            f"stretched or folded, or the platform frame does not move along these axes",
+            f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
+            f"is stretched or folded, or the platform frame does not move along these axes",
             q=robot.q_near,
             residual=float(np.abs(system.residual).max()),
         ) from None
