@@ -1,9 +1,20 @@
 """Parallel robots through their Type 2 singularities, from a URDF to torques that prove themselves."""
 
-from framework.crossing.plan import CrossingPlan, plan_crossing
+from framework.crossing.plan import CrossingPlan, plan_crossing, unproved_law
 from framework.crossing.scenes import plan_scene, scene_path
 from framework.dynamics.inverse_dynamics import InverseDynamics, inverse_dynamics
 from framework.dynamics.raw import raw_sampling
+from framework.errors import (
+    InvalidInput,
+    NoAnswer,
+    NoLaw,
+    NotAssembled,
+    NotConverged,
+    OutOfReach,
+    SingularPath,
+    Type1Singularity,
+    UnboundedTorque,
+)
 from framework.kinematics.checkup import check_robot
 from framework.kinematics.locus import SingularPoint, locate_singularities
 from framework.kinematics.tracking import assemble, track_path
@@ -16,12 +27,21 @@ __all__ = [
     "Arc",
     "Condition",
     "CrossingPlan",
+    "InvalidInput",
     "InverseDynamics",
     "Law",
     "Line",
+    "NoAnswer",
+    "NoLaw",
+    "NotAssembled",
+    "NotConverged",
+    "OutOfReach",
     "ParallelRobot",
+    "SingularPath",
     "SingularPoint",
     "Spline",
+    "Type1Singularity",
+    "UnboundedTorque",
     "VelocityMatrices",
     "assemble",
     "check_robot",
@@ -32,5 +52,6 @@ __all__ = [
     "raw_sampling",
     "scene_path",
     "track_path",
+    "unproved_law",
     "velocity_matrices",
 ]
