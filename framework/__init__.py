@@ -1,6 +1,7 @@
 """Parallel robots through their Type 2 singularities, from a URDF to torques that prove themselves."""
 
-from framework.crossing.plan import CrossingPlan, plan_crossing, unproved_law
+from framework.crossing.plan import plan_crossing, unproved_law
+from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import plan_scene, scene_path
 from framework.dynamics.inverse_dynamics import InverseDynamics, inverse_dynamics
 from framework.dynamics.raw import raw_sampling

@@ -20,7 +20,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from framework.catalogue import catalogue, robot_file
-from framework.crossing.plan import CrossingPlan, plan_crossing
+from framework.crossing.plan import plan_crossing
+from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene, scene_path
 from framework.errors import FrameworkError, InvalidInput, NoAnswer, point
 from framework.kinematics.checkup import check_robot

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from os import PathLike
-from typing import IO, Any
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
 from framework.crossing.condition import (
     Condition8,
     CrossingPoint,
@@ -21,11 +16,10 @@ from framework.crossing.condition import (
     crossing_point,
     imposed_point,
 )
+from framework.crossing.result import Crossing, CrossingPlan
 from framework.crossing.schedule import Milestone, refuse_wandering, schedule
-from framework.dynamics.certificate import Certificate
 from framework.dynamics.inverse_dynamics import (
     TOLERANCE,
-    InverseDynamics,
     Passage,
     checked_geometry,
     resolve,
@@ -41,166 +35,6 @@ from framework.motion.law import Condition, Law, MotionLaw
 from framework.motion.path import Path
 
 SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends: elastic, rigid
-
-
-@dataclass(frozen=True, eq=False)
-class Crossing:
-    """One passage through a Type 2 singularity, measured on the finished motion.
-
-    The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`. `condition` holds the
-    coefficients of condition (8) that the law was made to meet there, None when nothing was asked and it
-    holds all the same. `residual` is |t_s . W_p| over the largest sum of its terms along the motion.
-    """
-
-    s: float
-    time: float
-    speed: float
-    acceleration: float
-    kind: str
-    twist: Array  # (n,) t_s
-    platform: Array  # (n,)
-    residual: float
-    condition: Condition8 | None
-
-
-@dataclass(frozen=True, repr=False, eq=False)
-class CrossingPlan:
-    """A motion law with its torques and its proof. All times in [s], t (T,) gives (T, n_a)."""
-
-    robot: ParallelRobot
-    path: Path
-    law: Law
-    crossings: tuple[Crossing, ...]
-    dynamics: InverseDynamics
-    certificate: Certificate
-    seconds: float  # time that planning took
-
-    @property
-    def duration(self) -> float:
-        return self.law.duration
-
-    @property
-    def geometry(self) -> str:
-        return self.dynamics.geometry
-
-    def torque(self, t: ArrayLike, order: int = 0) -> Array:
-        """Motor torques [N m], motor side, or their time derivatives."""
-        return self.dynamics.torque(t, order)
-
-    def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
-        """Motor angles [rad], motor side (gear ratio times joint angle), or their derivatives."""
-        return self.dynamics.motor_angle(t, order)
-
-    def deflection(self, t: ArrayLike, order: int = 0) -> Array:
-        """Deflections (T, n_e) of the springs [m, rad], or their derivatives."""
-        return self.dynamics.deflection(t, order)
-
-    def platform(self, t: ArrayLike, order: int = 0) -> Array:
-        """Platform coordinates (T, n) [m, rad], or their derivatives up to order 4."""
-        return self.dynamics.platform(t, order)
-
-    @property
-    def peak_torque(self) -> dict[str, float]:
-        """Largest |torque| [N m] of each motor, by joint."""
-        times = np.linspace(0.0, self.duration, 2001)
-        peaks = np.abs(self.torque(times)).max(axis=0)
-        return dict(zip(self.robot.actuator_names, map(float, peaks), strict=True))
-
-    @property
-    def exceeded(self) -> dict[str, str]:
-        """Limits of the robot file that the plan does not keep: what is asked of each such motor."""
-        times = np.linspace(0.0, self.duration, 2001)
-        torques = np.abs(self.torque(times)).max(axis=0)
-        speeds = np.abs(self.motor_angle(times, 1)).max(axis=0)
-        found = {}
-        for k, motor in enumerate(self.robot.description.actuators):
-            asked = []
-            if motor.torque_limit is not None and torques[k] > motor.torque_limit:
-                unit = self.robot.torque_units[k]
-                asked.append(f"torque {torques[k]:.4g} {unit} of {motor.torque_limit:.4g}")
-            if motor.speed_limit is not None and speeds[k] > motor.speed_limit:
-                asked.append(f"speed {speeds[k]:.4g} rad/s of {motor.speed_limit:.4g}")
-            if asked:
-                found[motor.joint] = ", ".join(asked)
-        return found
-
-    def __repr__(self) -> str:
-        where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
-        return (
-            f"CrossingPlan({self.robot.name}, {self.robot.flexibility}, {self.geometry}: degree "
-            f"{self.law.degree} over {self.duration:g} s, crossings: {where or 'none'}, tail "
-            f"{self.certificate.tail:.1e})"
-        )
-
-    def samples(self, count: int = 1501) -> tuple[list[str], Array]:
-        """Column names and rows (count, columns) of motion.csv, SI units."""
-        if count < 2:
-            raise InvalidInput(f"samples: needs at least 2, got {count!r}")
-        robot, times = self.robot, np.linspace(0.0, self.duration, count)
-        names = ["time", "s", "ds", "dds"]
-        names += [f"platform_{axis}" for axis in robot.axis_names]
-        names += [f"motor_angle_{joint}" for joint in robot.actuator_names]
-        names += [f"torque_{joint}" for joint in robot.actuator_names]
-        names += [f"deflection_{spring}" for spring in robot.elastic_names]
-        law = [self.law(times, order) for order in range(3)]
-        columns = [
-            np.column_stack([times, *law]),
-            self.platform(times),
-            self.motor_angle(times),
-            self.torque(times),
-            self.deflection(times),
-        ]
-        return names, np.concatenate(columns, axis=1)
-
-    def to_csv(self, file: str | PathLike[str] | IO[str], samples: int = 1501) -> None:
-        """Write motion.csv to a path or an open text file."""
-        names, rows = self.samples(samples)
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(names)
-        writer.writerows([[repr(float(value)) for value in row] for row in rows])
-        if isinstance(file, str | PathLike):
-            with open(file, "w", encoding="utf-8") as stream:
-                stream.write(text.getvalue())
-        else:
-            file.write(text.getvalue())
-
-    def to_dict(self) -> dict[str, Any]:
-        """The content of plan.json."""
-        certificate = self.certificate
-        return {
-            "robot": self.robot.name,
-            "flexibility": self.robot.flexibility,
-            "geometry": self.geometry,
-            "duration": self.duration,
-            "law": {
-                "degree": self.law.degree,
-                "chebyshev": self.law.coefficients.tolist(),
-                "domain": [0.0, self.duration],
-            },
-            "crossings": [
-                {
-                    "s": crossing.s,
-                    "time": crossing.time,
-                    "speed": crossing.speed,
-                    "acceleration": crossing.acceleration,
-                    "kind": crossing.kind,
-                    "twist": crossing.twist.tolist(),
-                    "platform": crossing.platform.tolist(),
-                    "residual": crossing.residual,
-                }
-                for crossing in self.crossings
-            ],
-            "peak_torque": self.peak_torque,
-            "certificate": {
-                "nodes": certificate.nodes,
-                "tail": certificate.tail,
-                "passes": certificate.passes,
-                "max_closure_error": certificate.max_closure_error,
-                "monotone": certificate.monotone,
-            },
-            "seconds": self.seconds,
-        }
 
 
 def plan_crossing(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from framework.crossing.plan import CrossingPlan, plan_crossing
+from framework.crossing.plan import plan_crossing
+from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, choose_from
 from framework.model import ParallelRobot
 from framework.model.description import Scene

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from framework.crossing.plan import CrossingPlan
+from framework.crossing.result import CrossingPlan
 from framework.dynamics.raw import RawSampling
 from framework.dynamics.wrench import wrench_along
 from framework.kinematics.locus import locate_singularities
