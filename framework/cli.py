@@ -23,7 +23,7 @@ from framework.catalogue import catalogue, robot_file
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene, scene_path
-from framework.errors import FrameworkError, InvalidInput, NoAnswer, point
+from framework.errors import FrameworkError, InvalidInput, MissingPackage, NoAnswer, point
 from framework.kinematics.checkup import check_robot
 from framework.kinematics.locus import locate_singularities
 from framework.model import ParallelRobot
@@ -77,16 +77,24 @@ def _error_document(error: Exception) -> dict[str, Any]:
 
 def _robots(options: argparse.Namespace) -> Report:
     rows: list[dict[str, Any]] = []
+    figures: dict[str, Any]
     for name, entry in catalogue().items():
-        found = check_robot(entry.load())
-        description = entry.load().description
-        rows.append(
-            {
-                "name": name,
-                "degrees_of_freedom": found.mobility,
+        try:
+            robot = entry.load()
+        except MissingPackage as missing:  # its URDF is somebody else's, and not here
+            figures = {"needs": missing.package}
+        else:
+            description = robot.description
+            figures = {
+                "degrees_of_freedom": check_robot(robot).mobility,
                 "loops": len(description.closures),
                 "springs": len(description.springs),
                 "scenes": list(description.scenes),
+            }
+        rows.append(
+            {
+                "name": name,
+                **figures,
                 "summary": entry.summary,
                 "singularities": list(entry.singularities),
                 "source": entry.source,
@@ -95,11 +103,15 @@ def _robots(options: argparse.Namespace) -> Report:
         )
     lines = [f"{'name':16s}  dof  loops  springs  scenes"]
     for row in rows:
-        lines.append(
-            f"{row['name']:16s}  {row['degrees_of_freedom']:3d}  {row['loops']:5d}  {row['springs']:7d}  "
-            f"{', '.join(row['scenes'])}"
-        )
-        lines.append(f"{'':16s}  {row['summary']}; singularities: {', '.join(row['singularities'])}")
+        if "needs" in row:
+            lines.append(f"{row['name']:16s}  not installed: pip install {row['needs']}")
+        else:
+            lines.append(
+                f"{row['name']:16s}  {row['degrees_of_freedom']:3d}  {row['loops']:5d}  {row['springs']:7d}  "
+                f"{', '.join(row['scenes'])}"
+            )
+        kinds = ", ".join(row["singularities"]) or "none on its scenes"
+        lines.append(f"{'':16s}  {row['summary']}; singularities: {kinds}")
         lines.append(f"{'':16s}  {row['source']}")
     return {"robots": rows}, "\n".join(lines)
 

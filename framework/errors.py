@@ -32,6 +32,14 @@ class RobotFileError(InvalidInput):
     """A robot file or its URDF cannot be used. The message starts with the file and the key."""
 
 
+class MissingPackage(RobotFileError):
+    """A robot file takes its URDF from a package that is not installed: `package`."""
+
+    def __init__(self, message: str, *, package: str) -> None:
+        super().__init__(message)
+        self.package = package
+
+
 class OutputError(InvalidInput):
     """The place where results should go cannot be written."""
 

@@ -40,7 +40,7 @@ class Checkup:
     platform: tuple[float, ...]
     working_mode: int  # sign; changes at Type 1
     assembly_mode: int  # sign; changes at Type 2
-    smallest_singular_value: float | None  # of P, without dimension; None when there is no square A
+    smallest_singular_value: float | None  # of P, without dimension; None without square A or passive joints
     square: bool  # as many platform axes as degrees of freedom, and no fewer actuators
     advice: tuple[str, ...]
 
@@ -60,7 +60,8 @@ def check_robot(robot: ParallelRobot) -> Checkup:
     working, assembly, smallest = 0, 0, None
     if square:
         working, assembly = (int(sign[0]) for sign in mode_signs(robot, system))
-        smallest = float(np.linalg.svd(passive_matrix(robot, system)[0], compute_uv=False)[-1])
+        values = np.linalg.svd(passive_matrix(robot, system)[0], compute_uv=False)
+        smallest = float(values[-1]) if len(values) else None
     masses = _link_masses(robot)
     massless = tuple(name for name, mass in masses.items() if mass == 0.0)
     idle = tuple(robot.joint_of(int(column)) for column in idle_columns(robot))

@@ -16,7 +16,7 @@ from numpy.polynomial import chebyshev
 
 from framework.arrays import Array
 from framework.errors import NotAssembled, NotConverged, SingularPath, Type1Singularity, point
-from framework.kinematics.assembly import loop_rows
+from framework.kinematics.assembly import loop_rows, passive_columns
 from framework.kinematics.closures import loop_equations, scaled
 from framework.kinematics.inverse_kinematics import System, moving_columns, system_at
 from framework.kinematics.platform import path_twist
@@ -89,6 +89,8 @@ def locate_singularities(
         type_1 = [_weakest_place(track, mobile, unresolved.s)]
     if type_1:
         raise _type_1(track, type_1[0])
+    if not len(passive_columns(robot)):  # every joint has a motor: locked, nothing moves
+        return ()
     contacts = _contacts(samples, passive)
     for s, _ in contacts:
         _refuse_dropped_rows(track, s)
@@ -129,7 +131,8 @@ def _is_type_1(track: Track, s: float) -> bool:
     as they do where they move without it."""
     _refuse_dropped_rows(track, s)
     system = track.closed(s).system
-    smallest = np.linalg.svd(measured_matrix(track.robot, system)[0], compute_uv=False)[-1]
+    values = np.linalg.svd(measured_matrix(track.robot, system)[0], compute_uv=False)
+    smallest = values.min(initial=np.inf)
     return bool(smallest > VANISHED) or uncontrolled_motion(track.robot, system).kind == "type_2"
 
 

@@ -1,29 +1,41 @@
-"""What a robot file adds to a URDF of somebody else: frames on its links, and a root that is free to move.
+"""What a robot file changes in a URDF of somebody else: frames and bodies on its links, joints that are
+locked, and a root that is free to move.
 
-Both are written into the URDF text, so that everything downstream sees one tree of one-degree joints.
+All are written into the URDF text, so that everything downstream sees one tree of one-degree joints.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+import pinocchio as pin
+
+from framework.errors import RobotFileError, choose_from
+
 GROUND = "ground"
+MOVABLE = ("revolute", "continuous", "prismatic")
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 
 
 class AddedFrame(NamedTuple):
-    """A frame fixed to the link `parent` at `xyz` [m] and `rpy` [rad]."""
+    """A frame fixed to the link `parent` at `xyz` [m] and `rpy` [rad], and the body that it may carry.
+
+    `mass` [kg] has its centre at the frame's origin and `inertia` [kg m^2] about its axes.
+    """
 
     name: str
     parent: str
     xyz: tuple[float, float, float]
     rpy: tuple[float, float, float]
+    mass: float = 0.0
+    inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def add_frames(urdf_text: str, frames: Sequence[AddedFrame]) -> str:
-    """The URDF with a massless link, fixed to its parent, for each frame."""
+    """The URDF with a link, fixed to its parent, for each frame; without mass unless the frame has one."""
     if not frames:
         return urdf_text
     root = ElementTree.fromstring(urdf_text)
@@ -32,7 +44,53 @@ def add_frames(urdf_text: str, frames: Sequence[AddedFrame]) -> str:
         ElementTree.SubElement(
             joint, "origin", xyz=" ".join(map(repr, frame.xyz)), rpy=" ".join(map(repr, frame.rpy))
         )
+        if frame.mass:
+            inertial = ElementTree.SubElement(root.findall("link")[-1], "inertial")
+            ElementTree.SubElement(inertial, "mass", value=repr(frame.mass))
+            ixx, iyy, izz = map(repr, frame.inertia)
+            ElementTree.SubElement(inertial, "inertia", ixx=ixx, iyy=iyy, izz=izz, ixy="0", ixz="0", iyz="0")
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def lock_joints(urdf_text: str, locked: Mapping[str, float]) -> str:
+    """The URDF with some joints fixed at given values [rad, m]; a locked joint mimics no other.
+
+    Raises:
+        RobotFileError: a name is not that of a revolute, continuous or prismatic joint.
+    """
+    root = ElementTree.fromstring(urdf_text)
+    joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
+    movable = [name for name, joint in joints.items() if joint.get("type") in MOVABLE]
+    for name, value in locked.items():
+        if name not in movable:
+            raise RobotFileError(f"locked.{name}: {choose_from('joint', name, movable)}")
+        _fix(joints[name], value)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _fix(joint: ElementTree.Element, value: float) -> None:
+    """Make a joint fixed, its origin moved along with its coordinate."""
+    if value != 0.0:
+        found, axis = joint.find("origin"), joint.find("axis")
+        origin = found if found is not None else ElementTree.SubElement(joint, "origin")
+        place = pin.SE3(
+            pin.rpy.rpyToMatrix(_numbers(origin.get("rpy", "0 0 0"))), _numbers(origin.get("xyz", "0 0 0"))
+        )
+        direction = _numbers("1 0 0" if axis is None else axis.get("xyz", "1 0 0"))
+        motion = np.zeros(6)
+        part = slice(0, 3) if joint.get("type") == "prismatic" else slice(3, 6)
+        motion[part] = value * direction / np.linalg.norm(direction)
+        place = place * pin.exp6(motion)
+        origin.set("xyz", " ".join(repr(float(part)) for part in place.translation))
+        origin.set("rpy", " ".join(repr(float(part)) for part in pin.rpy.matrixToRpy(place.rotation)))
+    joint.set("type", "fixed")
+    for tag in ("axis", "limit", "mimic"):
+        for element in joint.findall(tag):
+            joint.remove(element)
+
+
+def _numbers(text: str) -> np.ndarray:
+    return np.array([float(part) for part in text.split()])
 
 
 def free_root(urdf_text: str) -> str:

@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 
 import yaml
 
-from framework.errors import RobotFileError, choose_from
-from framework.model.additions import AddedFrame, add_frames, free_root
+from framework.errors import MissingPackage, RobotFileError, choose_from
+from framework.model.additions import AddedFrame, add_frames, free_root, lock_joints
 from framework.model.description import (
     AXES,
     Actuator,
@@ -26,7 +26,7 @@ from framework.model.description import (
     Spring,
     locked_axes,
 )
-from framework.model.urdf import parse_urdf, read_text
+from framework.model.urdf import locate_urdf, parse_urdf, read_text
 from framework.model.virtual_joints import virtual_link
 
 T = TypeVar("T")
@@ -49,6 +49,8 @@ def read_robot_file(file: str | Path) -> RobotDescription:
         raise RobotFileError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
     try:
         return _description(path, _Mapping("", content))
+    except MissingPackage as error:
+        raise MissingPackage(f"{path}: {error}", package=error.package) from None
     except RobotFileError as error:
         raise RobotFileError(f"{path}: {error}") from None
 
@@ -57,8 +59,12 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
     version = top.required("version", _whole)
     if version != VERSION:
         raise RobotFileError(f"version: got {version}, this program reads version {VERSION}")
-    urdf_path = path.parent / top.required("urdf", _text)
+    urdf_path = locate_urdf(path.parent, top.required("urdf", _text))
     text = read_text(urdf_path, f"urdf: cannot read {urdf_path}")
+    if top.has("locked"):
+        locked = top.section("locked", _numbers_by_name)
+        parse_urdf(urdf_path, text, locked)
+        text = lock_joints(text, locked)
     if (
         top.optional("root", lambda at, value: _one_of("root", at, value, ("fixed", "free")), "fixed")
         == "free"
@@ -73,6 +79,8 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
             parent=_one_of("link", f"{entry.where}parent", entry.required("parent", _any), links),
             xyz=entry.optional("xyz", _vector3, (0.0, 0.0, 0.0)),
             rpy=entry.optional("rpy", _vector3, (0.0, 0.0, 0.0)),
+            mass=entry.optional("mass", _positive, 0.0),
+            inertia=entry.optional("inertia", _moments, (0.0, 0.0, 0.0)) if entry.has("mass") else (0.0,) * 3,
         )
 
     urdf_text = add_frames(text, top.sections("frames", added) if top.has("frames") else ())
@@ -189,6 +197,10 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
     top.finish()
     _check_names(description, joints, frames)
     return description
+
+
+def _numbers_by_name(entry: _Mapping) -> Mapping[str, float]:
+    return {str(name): _number(f"{entry.where}{name}", entry.take(name)) for name in entry.content}
 
 
 def _scene(name: str, entry: _Mapping, axes: Sequence[str]) -> Scene:
@@ -396,6 +408,16 @@ def _vector3(where: str, value: Any) -> tuple[float, float, float]:
     if len(vector) != 3:
         raise RobotFileError(f"{where}: needs three numbers, got {value!r}")
     return vector[0], vector[1], vector[2]
+
+
+def _moments(where: str, value: Any) -> tuple[float, float, float]:
+    moments = _vector3(where, value)
+    if min(moments) < 0 or 2 * max(moments) > sum(moments):
+        raise RobotFileError(
+            f"{where}: must be principal moments of a body: not negative, none above the sum of the other "
+            f"two, got {value!r}"
+        )
+    return moments
 
 
 def _axes(where: str, value: Any) -> tuple[str, ...]:

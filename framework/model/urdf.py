@@ -6,12 +6,16 @@ Pinocchio's parser prints to the console and tells little; what can be told bett
 from __future__ import annotations
 
 import math
+import sysconfig
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Collection
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
-from framework.errors import RobotFileError, choose_from
+from framework.errors import MissingPackage, RobotFileError, choose_from
 
+PACKAGE = "package://"
 JOINT_TYPES = ("fixed", "revolute", "continuous", "prismatic")
 
 
@@ -50,8 +54,44 @@ def read_text(path: Path, complaint: str) -> str:
         raise RobotFileError(f"{complaint}: {reason}") from None
 
 
-def parse_urdf(path: Path, text: str) -> Urdf:
+def locate_urdf(folder: Path, reference: str) -> Path:
+    """The file that a robot file in `folder` means by `urdf: reference`.
+
+    A path is taken from the folder. package://NAME/REST is share/NAME/REST as the Python distribution NAME
+    has installed it or, failing that, under the prefix of this interpreter (where conda puts it).
+
+    Raises:
+        MissingPackage: NAME is not installed.
+        RobotFileError: it is installed and has no such file, or the reference names no file.
+    """
+    if not reference.startswith(PACKAGE):
+        return folder / reference
+    package, _, rest = reference.removeprefix(PACKAGE).partition("/")
+    if not package or not rest:
+        raise RobotFileError(f"urdf: needs {PACKAGE}NAME/FILE, got {reference!r}")
+    shared = f"share/{package}/{rest}"
+    beside = Path(sysconfig.get_path("data")) / shared
+    try:
+        installed = files(package) or []
+    except PackageNotFoundError:
+        installed = None
+    for file in installed or ():
+        if file.as_posix() == shared or file.as_posix().endswith(f"/{shared}"):
+            return Path(str(file.locate()))
+    if beside.is_file():
+        return beside
+    if installed is None and not (beside.parents[rest.count("/")]).is_dir():
+        raise MissingPackage(
+            f"urdf: {reference} is in the package {package}, which is not installed: pip install {package}",
+            package=package,
+        )
+    raise RobotFileError(f"urdf: the package {package} has no file {shared}")
+
+
+def parse_urdf(path: Path, text: str, locked: Collection[str] = ()) -> Urdf:
     """Names of a URDF; `path` is for messages.
+
+    Joints named in `locked` may mimic others, for they are about to be fixed.
 
     Raises:
         RobotFileError: not well-formed, not a tree of known joint types, or a number that is none.
@@ -82,7 +122,7 @@ def parse_urdf(path: Path, text: str) -> Urdf:
                 f"declare it under closures"
             )
         parents[child], children[name] = (name, parent), child
-        _check_joint(where, joint)
+        _check_joint(where, joint, locked=name in locked)
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
         raise RobotFileError(f"urdf: {path}: needs exactly one root link, got {roots or 'none'}")
@@ -113,12 +153,14 @@ def _link_of(where: str, joint: ElementTree.Element, end: str, links: list[str])
     return link
 
 
-def _check_joint(where: str, joint: ElementTree.Element) -> None:
+def _check_joint(where: str, joint: ElementTree.Element, locked: bool) -> None:
     kind = joint.get("type")
     if kind not in JOINT_TYPES:
         raise RobotFileError(f"{where}: {choose_from('type', kind, JOINT_TYPES)}")
-    if joint.find("mimic") is not None:
-        raise RobotFileError(f"{where}: mimic joints are not supported; use a closure instead")
+    if joint.find("mimic") is not None and not locked:
+        raise RobotFileError(
+            f"{where}: mimic joints are not supported; use a closure instead, or fix it under locked"
+        )
     _check_origin(where, joint)
     axis = joint.find("axis")
     if axis is not None and kind != "fixed":

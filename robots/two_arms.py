@@ -1,0 +1,23 @@
+"""Two arms that carry one box, the box the platform: a parallel robot declared by a robot file alone.
+
+Both hands are rigid with the box; 12 motors hold 6 degrees of freedom, none is passive, and the torques are
+those of least norm. Scenes: lift and turn the box.
+"""
+
+from __future__ import annotations
+
+from framework import ParallelRobot
+from framework.catalogue import CatalogueEntry
+from robots.files import robot_file
+
+ENTRY = CatalogueEntry(
+    file=robot_file("two_arms"),
+    summary="Baxter's arms with one box in both hands, 12 motors for 6 degrees of freedom; needs "
+    "example-robot-data",
+    source="Baxter of Rethink Robotics; URDF of example-robot-data 6",
+)
+
+
+def load(flexibility: str = "rigid") -> ParallelRobot:
+    """The robot: rigid, flexible_joints or flexible_links."""
+    return ENTRY.load(flexibility)
