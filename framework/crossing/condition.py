@@ -25,6 +25,8 @@ from framework.motion.path import along
 
 # |alpha| against the size of its terms: below, s" has no hold on t_s . W_p beyond rounding
 NO_HOLD = 1e-9
+# A Newton step in s whose square is rounding; the next pass starts where it ends.
+LAST_STEP = 1e-7
 
 
 class Condition8(NamedTuple):
@@ -79,19 +81,18 @@ def crossing_point(
         return CrossingPoint(at.s, at.kind, at.twist, at.motion, at.q)
     robot, s, h = track.robot, near, 1e-5
     guess: Array | None = None
-    last = np.inf
     for _ in range(20):
         span = np.clip([s - h, s, s + h], 0.0, 1.0)
         closed = _deflected(track, span, deflection, guess)
         P = measured_matrix(robot, closed.system)
         g = bordered(P, Border.of(P[1])).g
         step = -g[1] * (span[2] - span[0]) / (g[2] - g[0])
-        # Newton converges quadratically: a small step that does not shrink is rounding
-        if abs(step) < 1e-13 or (abs(step) < 1e-8 and abs(step) > 0.5 * last):
-            return _oriented(track, s, ClosedStack(closed.q[1:2], closed.x[1:2], closed.system.at(1)))
-        last = abs(step)
-        s = float(np.clip(s + step, 0.0, 1.0))
         along_path = offset(robot, closed.q[0], closed.q[2:]) / (span[2] - span[0])
+        s = float(np.clip(s + step, 0.0, 1.0))
+        if abs(step) < LAST_STEP:
+            q = move(robot, closed.q[1:2], step * along_path)
+            x = track.path(np.array([s]))
+            return _oriented(track, s, ClosedStack(q, x, system_at(robot, q, x)))
         guess = move(robot, closed.q, np.repeat(step * along_path, 3, axis=0))
     raise NoLaw(
         f"{robot.name}: the deflected robot has no singular point near s = {at.s:.6g}; the deflections "

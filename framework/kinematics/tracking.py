@@ -30,6 +30,7 @@ from framework.kinematics.platform import platform_twist
 from framework.model import ParallelRobot
 from framework.motion.path import Line, Path
 
+BESIDE = 1e-6  # [lengths] from the reference: what a file's rounded angles leave
 FIRST_STEP = 1 / 8  # in s
 SHORTEST_STEP = 1e-7  # in s: between the last pose that closes and the first that does not
 LARGEST_CORRECTION = 0.03  # [rad, lengths]: the corrector of a step, or a quarter of the predictor
@@ -84,6 +85,9 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     if np.allclose(target, reference.x, rtol=0, atol=1e-14 * robot.length):
         return reference
     require_square(robot)
+    if np.abs(target - reference.x).max() < BESIDE * robot.length:
+        closed = close_loops(robot, target[None], reference.q[None])
+        return Configuration(closed.q[0], target, float(np.abs(closed.system.residual).max()), 1)
     segment = Line(reference.x, target)
     track = _follow(robot, segment, reference.q, "the way from the reference to the point")
     closed = track.closed(1.0)  # on the last knot: one evaluation

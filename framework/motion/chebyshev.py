@@ -54,7 +54,7 @@ def tail(series: Array) -> float:
 
 def extrema(series: Array) -> Array:
     """Points in [-1, 1] where the derivative of one Chebyshev series (size,) vanishes, ascending."""
-    return real_roots(_derivative(len(series)) @ series)
+    return real_roots(derivative_matrix(len(series)) @ series)
 
 
 def real_roots(series: Array, *, margin: float = 1e-9) -> Array:
@@ -99,7 +99,7 @@ class TimeFunction:
             local = (flat[inside] - self.edges[p]) / half - 1.0
             series = self.coefficients[p]
             for _ in range(order):
-                series = _derivative(len(series)) @ series / half
+                series = derivative_matrix(len(series)) @ series / half
             values[inside] = chebyshev.chebval(np.clip(local, -1, 1), series).T
         return values.reshape(*times.shape, self.coefficients.shape[2])
 
@@ -165,7 +165,7 @@ class TimeGrid:
 
 
 @lru_cache(maxsize=64)
-def _derivative(size: int) -> Array:
+def derivative_matrix(size: int) -> Array:
     """Matrix (size, size) from Chebyshev coefficients to those of the derivative."""
     matrix = np.zeros((size, size))
     matrix[: size - 1] = chebyshev.chebder(np.eye(size), axis=0) if size > 1 else 0.0
@@ -176,8 +176,8 @@ def _derivative(size: int) -> Array:
 @lru_cache(maxsize=16)
 def _differentiation(size: int) -> tuple[Array, Array]:
     """Matrices (size, size) that differentiate values at `nodes(size)` once and twice."""
-    once = _derivative(size) @ _transform(size)
-    return _values(size) @ once, _values(size) @ (_derivative(size) @ once)
+    once = derivative_matrix(size) @ _transform(size)
+    return _values(size) @ once, _values(size) @ (derivative_matrix(size) @ once)
 
 
 @lru_cache(maxsize=64)

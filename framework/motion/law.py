@@ -17,7 +17,7 @@ from numpy.polynomial import chebyshev
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
-from framework.motion.chebyshev import extrema, nodes
+from framework.motion.chebyshev import derivative_matrix, extrema, nodes
 
 # A law may overshoot the ends of the path by this much of it; the path goes on there as a curve.
 # The paper's case C needs 1.3e-4 when its conditions are met with degree 8 (rigid robot).
@@ -55,7 +55,9 @@ class Law:
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """s(t) or its derivative [1/s^order], with the shape of t."""
         scale = 2.0 / self.duration
-        series = chebyshev.chebder(self.coefficients, order, scl=scale)
+        series = self.coefficients
+        for _ in range(order):
+            series = scale * (derivative_matrix(len(series)) @ series)
         return np.asarray(chebyshev.chebval(np.asarray(t, dtype=float) * scale - 1.0, series))
 
     @staticmethod
