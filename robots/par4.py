@@ -1,0 +1,24 @@
+"""Par4: four legs in pairs on two half plates, whose bars turn the tool; motions of pick and place.
+
+The parallelogram of each forearm is one rod between universal joints of parallel axes. Scenes: `cross`
+turns the bars, going up, through a pose near a quarter turn where the legs no longer hold their angle (Type
+2), `pick` stays clear of it, `cross-unprepared` is the crossing without condition (8).
+"""
+
+from __future__ import annotations
+
+from framework import ParallelRobot
+from framework.catalogue import CatalogueEntry
+from robots.files import robot_file
+
+ENTRY = CatalogueEntry(
+    file=robot_file("par4"),
+    summary="Par4, three translations and a turn about z, articulated plate",
+    source="mechanism of Nabat, Company, Krut, Rodriguez and Pierrot, IROS 2005",
+    singularities=("type_2",),
+)
+
+
+def load(flexibility: str = "rigid") -> ParallelRobot:
+    """The robot: rigid, flexible_joints or flexible_links."""
+    return ENTRY.load(flexibility)

@@ -1,0 +1,23 @@
+"""A spherical 3-RRR: the Agile Eye with arcs of 60 instead of 90 degrees at the motors.
+
+Scenes: `cross` through the orientation where the planes of the three distal arcs meet in a line (Type 2),
+`clear` away from it, `cross-unprepared` the crossing without condition (8).
+"""
+
+from __future__ import annotations
+
+from framework import ParallelRobot
+from framework.catalogue import CatalogueEntry
+from robots.files import robot_file
+
+ENTRY = CatalogueEntry(
+    file=robot_file("spherical_rrr"),
+    summary="spherical 3-RRR, three rotations, arcs of 60 and 90 degrees",
+    source="after Gosselin and Hamel, ICRA 1994, with shorter arcs",
+    singularities=("type_2",),
+)
+
+
+def load(flexibility: str = "rigid") -> ParallelRobot:
+    """The robot: rigid, flexible_joints or flexible_links."""
+    return ENTRY.load(flexibility)

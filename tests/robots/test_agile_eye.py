@@ -1,0 +1,104 @@
+"""The Agile Eye against its published closed forms: axes, working modes, and why it has no Type 2 surface."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import robots
+from framework import Line, assemble, locate_singularities, plan_scene, scene_path, velocity_matrices
+from framework.errors import Type1Singularity
+from framework.kinematics.assembly import loop_rows
+from robots.generators import agile_eye as generator
+from tests.robots.spherical_oracle import BASE, GEAR, WRISTS, Spherical, rodrigues, spin_matrix
+
+ORACLE = Spherical(np.pi / 2, (1, 1, 1))
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("agile_eye")
+
+
+def places(count):
+    return 0.7 * np.random.default_rng(1).uniform(-1, 1, (count, 3))
+
+
+def test_the_kept_urdf_is_what_the_generator_writes():
+    assert generator.file("agile_eye").read_text(encoding="utf-8") == generator.urdf("agile_eye")
+
+
+def test_at_the_reference_all_neighbouring_axes_are_orthogonal(robot):
+    q = assemble(robot, np.zeros(3)).q
+    np.testing.assert_allclose(q[robot.actuated], np.pi / 2, atol=1e-12)
+    A, B, _ = velocity_matrices(robot, q)
+    # each motor turns the camera about its own axis
+    np.testing.assert_allclose(np.linalg.solve(A, B), np.eye(3), atol=1e-12)
+
+
+def test_motor_angles_have_their_closed_form(robot):
+    for x in places(20):
+        q = assemble(robot, x).q[robot.actuated]
+        np.testing.assert_allclose(q, ORACLE.motor_angles(x), rtol=0, atol=1e-12)
+        v = WRISTS @ rodrigues(x).real.T
+        for i in range(3):  # published: its tangent is a ratio of two entries of the rotation matrix
+            assert np.sin(q[i]) * v[i, i - 2] == pytest.approx(np.cos(q[i]) * v[i, i - 1], abs=1e-12)
+
+
+def test_A_and_B_are_those_of_the_unit_vectors(robot):
+    for x in places(10):
+        A, B, _ = velocity_matrices(robot, assemble(robot, x).q)
+        ours, theirs = np.linalg.solve(B, A), ORACLE.matrices(x)
+        np.testing.assert_allclose(ours, np.linalg.solve(theirs[1], theirs[0]).real, atol=1e-11)
+
+
+def test_two_rows_of_five_are_kept_of_each_wrist(robot):
+    assert loop_rows(robot).names == ("wrist_2.rx", "wrist_2.ry", "wrist_3.rx", "wrist_3.ry")
+
+
+def test_type_2_is_met_on_curves_only_in_all_eight_working_modes():
+    """w x v = +- (D V - 1) / |u x v| with rows v_i of V and D = diag(u_i . v_i).
+
+    D V is a contraction, so det never changes its sign; it vanishes only where some |u_i . v_i| = 1, where
+    leg i is stretched or folded.
+    """
+    rotations = Rotation.random(500, random_state=3).as_rotvec()
+    for mode in product((1, -1), repeat=3):
+        eye = Spherical(np.pi / 2, mode)
+        for r in rotations:
+            v = WRISTS @ rodrigues(r).real.T
+            c = np.sum(v * BASE, axis=1)
+            expected = np.linalg.det(c[:, None] * v - BASE) / np.prod(np.sqrt(1 - c**2)) * np.prod(mode)
+            measure = eye.measure(r)
+            assert measure == pytest.approx(expected, abs=1e-12)
+            assert measure * np.prod(mode) < 0
+    # leg 1 folded: v_1 = u_1
+    folded = Rotation.from_rotvec([0.3, 0, 0]) * Rotation.from_rotvec([0, -np.pi / 2, 0])
+    v = WRISTS @ folded.as_matrix().T
+    c = np.sum(v * BASE, axis=1)
+    assert abs(c[0]) == pytest.approx(1.0, abs=1e-15)
+    assert abs(np.linalg.det(c[:, None] * v - BASE)) < 1e-15
+
+
+def test_a_path_through_a_stretched_leg_is_refused_and_the_others_are_clear(robot):
+    for name in ("orient", "sweep"):
+        assert not locate_singularities(robot, scene_path(robot.description.scenes[name]))
+    with pytest.raises(Type1Singularity, match="motor_1"):
+        locate_singularities(robot, Line([0.0, 0.0, 0.0], [0.0, -np.pi / 1.2, 0.0]))
+
+
+@pytest.mark.parametrize("scene", ["orient", "sweep"])
+def test_torques_satisfy_lagrange_at_all_instants(robot, scene):
+    plan = plan_scene(robot, scene)
+    assert not plan.crossings
+    assert plan.certificate.tail < 1e-9
+    for t in np.linspace(0.0, plan.duration, 13):
+        x, dx, ddx = (plan.platform(t, k) for k in range(3))
+        force = ORACLE.platform_force(x, dx, ddx)
+        A, B = ORACLE.matrices(x)
+        rates = np.linalg.solve(B.real, A.real) @ spin_matrix(x).real
+        torque = np.linalg.solve(rates.T, force) / GEAR
+        np.testing.assert_allclose(plan.torque(t), torque, rtol=0, atol=1e-12)

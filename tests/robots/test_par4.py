@@ -1,0 +1,300 @@
+"""Par4 against its textbook geometry: four spheres, bars between two half plates, Lagrange's equations.
+
+The closed forms take for granted that the half plates do not turn; in the robot under test legs and bars hold
+them.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import robots
+from framework import (
+    Condition,
+    Law,
+    assemble,
+    inverse_dynamics,
+    locate_singularities,
+    plan_scene,
+    scene_path,
+    velocity_matrices,
+)
+from framework.errors import UnboundedTorque
+from framework.kinematics.assembly import loop_rows
+from framework.kinematics.frames import frames_at
+from robots.generators import par4 as generator
+
+AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+H = 1e-30
+ARM, ROD, BAR = 0.35, 0.8, 0.16  # [m]
+REACH = 0.2 - 0.06  # motor axes, as seen from the first pivot of the half plate [m]
+ARM_MASS, ROD_MASS, HALF_MASS, BAR_MASS, TOOL_MASS = 0.8, 0.2, 0.15, 0.1, 1.5  # [kg]
+ARM_INERTIA = ARM_MASS * (3 * 0.025**2 + ARM**2) / 12 + ARM_MASS * (ARM / 2) ** 2  # about the motor
+ROD_ACROSS, ROD_ALONG = ROD_MASS * (3 * 0.008**2 + ROD**2) / 12, ROD_MASS * 0.008**2 / 2
+BAR_INERTIA, TOOL_INERTIA = BAR_MASS * (3 * 0.008**2 + BAR**2) / 12, TOOL_MASS * 0.1**2 / 2
+GEAR, ROTOR = 30.0, 1e-4
+YAW = np.deg2rad([-45.0, 45.0, 135.0, 225.0])
+OUT = np.column_stack([np.cos(YAW), np.sin(YAW), 0 * YAW])
+SIDE = np.column_stack([-np.sin(YAW), np.cos(YAW), 0 * YAW])
+UP = np.array([0.0, 0.0, 1.0])
+HALF = np.array([1.0, 1.0, -1.0, -1.0])  # at which end of the bar a leg pulls
+
+
+# ------------------------------------------------------------------ closed forms, analytic
+
+
+def arccos(c):
+    """Also of a complex number near the real axis."""
+    return np.arccos(c.real) - 1j * c.imag / np.sqrt(1 - c.real**2)
+
+
+def pivots(x):
+    """First pivot of the half plate that each leg holds (4, 3)."""
+    bar = np.array([np.cos(x[3]), np.sin(x[3]), 0])
+    return x[:3] + 0.5 * BAR * HALF[:, None] * bar
+
+
+def pivot_rates(x):
+    """d(pivots)/dx (4, 3, 4)."""
+    turn = 0.5 * BAR * np.array([-np.sin(x[3]), np.cos(x[3]), 0])
+    return np.concatenate([np.tile(np.eye(3), (4, 1, 1)), HALF[:, None, None] * turn[None, :, None]], axis=2)
+
+
+def motor_angles(x):
+    """Inverse kinematics: |pivot - knee(q)| = ROD for each leg, the knee outward."""
+    p = pivots(x)
+    out, side, z = np.sum(OUT * p, axis=1) - REACH + 0j, np.sum(SIDE * p, axis=1), p[:, 2] + 0j
+    c = (out**2 + side**2 + z**2 + ARM**2 - ROD**2) / (2 * ARM * np.sqrt(out**2 + z**2))
+    lowered = np.arctan2(-z.real, out.real) + 1j * (z.real * out.imag - out.real * z.imag) / (
+        out.real**2 + z.real**2
+    )
+    return lowered - arccos(c)
+
+
+def knees(q):
+    """Centres of the four spheres on which the pivots lie (4, 3)."""
+    return (REACH + ARM * np.cos(q))[:, None] * OUT - (ARM * np.sin(q))[:, None] * UP
+
+
+def knee_rates(q):
+    return -ARM * (np.sin(q)[:, None] * OUT + np.cos(q)[:, None] * UP)
+
+
+def forearms(x, q):
+    """Unit vectors from knee to wrist (4, 3)."""
+    return (pivots(x) - knees(q)) / ROD
+
+
+def matrices(x):
+    """A and B (4, 4) of A dx = B dq: the speed along each forearm, at both of its ends."""
+    q = motor_angles(x)
+    n = forearms(x, q)
+    return np.einsum("li,lik->lk", n, pivot_rates(x)), np.diag(np.sum(n * knee_rates(q), axis=1))
+
+
+def velocity_ratio(x):
+    A, B = (part.real for part in matrices(x))
+    return np.linalg.solve(B, A)
+
+
+def kinetic_energy(x, dx):
+    """Of the tool, the bars, the half plates, the forearms, the arms and the rotors [J]."""
+    q = motor_angles(x)
+    n, slope = forearms(x, q), knee_rates(q)
+    pivot = pivot_rates(x) @ dx
+    dq = np.sum(n * pivot, axis=1) / np.sum(n * slope, axis=1)
+    knee = dq[:, None] * slope
+    dn = (pivot - knee) / ROD
+    # the rod hangs in a universal joint: about SIDE, then sideways
+    lateral = np.sum(SIDE * n, axis=1)
+    flat, dflat = (np.column_stack([np.sum(OUT * u, axis=1), u[:, 2]]) for u in (n, dn))
+    swing = (flat[:, 1] * dflat[:, 0] - flat[:, 0] * dflat[:, 1]) / (1 - lateral**2)
+    energy = 0.5 * ROD_MASS * np.sum((knee + 0.5 * ROD * dn) ** 2)
+    energy += 0.5 * ROD_ACROSS * np.sum(dn**2) + 0.5 * ROD_ALONG * np.sum((swing * lateral) ** 2)
+    energy += 0.5 * (ARM_INERTIA + ROTOR * GEAR**2) * np.sum(dq**2)
+    energy += 0.5 * HALF_MASS * (np.sum(pivot[0] ** 2) + np.sum(pivot[2] ** 2))
+    energy += 0.5 * (TOOL_MASS + 2 * BAR_MASS) * np.sum(dx[:3] ** 2)
+    return energy + 0.5 * (TOOL_INERTIA + 2 * BAR_INERTIA) * dx[3] ** 2
+
+
+def potential_energy(x):
+    knee = knees(motor_angles(x))[:, 2]
+    legs = np.sum(0.5 * ARM_MASS * knee + 0.5 * ROD_MASS * (knee + x[2]))
+    return 9.81 * (legs + (TOOL_MASS + 2 * BAR_MASS + 2 * HALF_MASS) * x[2])
+
+
+def platform_force(x, dx, ddx):
+    """Lagrange: what the motors must do on the platform's coordinates (4,) [N, N m]."""
+
+    def momentum(y, dy):  # exact because T is quadratic in the rates
+        return np.array([(kinetic_energy(y, dy + e) - kinetic_energy(y, dy - e)) / 2 for e in np.eye(4)])
+
+    rate = momentum(x + 1j * H * dx, dx + 1j * H * ddx).imag / H
+    steps = [x + 1j * H * e for e in np.eye(4)]
+    slope = [(potential_energy(y) - kinetic_energy(y, dx)).imag / H for y in steps]
+    return rate + np.array(slope)
+
+
+def exact_singular_s(path):
+    return brentq(lambda s: np.linalg.det(matrices(path(s))[0].real), 0.1, 0.9, xtol=1e-15, rtol=1e-15)
+
+
+# ------------------------------------------------------------------ the robot
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("par4")
+
+
+@pytest.fixture(scope="module")
+def plan(robot):
+    return plan_scene(robot, "cross")
+
+
+def places(count):
+    spread = np.array([0.1, 0.1, 0.1, 0.4])
+    return [0, 0, -0.75, 0.7] + spread * np.random.default_rng(3).uniform(-1, 1, (count, 4))
+
+
+def test_the_kept_urdf_is_what_the_generator_writes():
+    assert generator.FILE.read_text(encoding="utf-8") == generator.urdf()
+
+
+def test_motor_angles_have_their_closed_form_and_the_half_plates_do_not_turn(robot):
+    for x in places(12):
+        q = assemble(robot, x).q
+        np.testing.assert_allclose(q[robot.actuated], motor_angles(x).real, rtol=0, atol=1e-12)
+        data = robot.model.createData()
+        pin.framesForwardKinematics(robot.model, data, q)
+        for half in ("a", "b"):
+            place = data.oMf[robot.model.getFrameId(half, pin.FrameType.BODY)]
+            np.testing.assert_allclose(place.rotation, np.eye(3), atol=1e-12)
+
+
+def test_A_and_B_are_those_of_the_four_forearms(robot):
+    for x in places(6):
+        A, B, _ = velocity_matrices(robot, assemble(robot, x).q)
+        np.testing.assert_allclose(np.linalg.solve(B, A), velocity_ratio(x), atol=1e-10)
+
+
+def test_the_second_bar_keeps_two_rows_of_five(robot):
+    kept = set(loop_rows(robot).names)
+    assert set(robot.rows.names) - kept == {"bar_2.z", "bar_2.rx", "bar_2.ry"}
+
+
+def test_singular_point_and_twist_are_those_of_the_forearms(robot, plan):
+    (point,) = locate_singularities(robot, plan.path)
+    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
+    assert point.s == pytest.approx(exact_singular_s(plan.path), abs=1e-12)
+    twist = np.linalg.svd(matrices(point.platform)[0].real)[2][-1]
+    twist /= np.linalg.norm(twist[:3])
+    np.testing.assert_allclose(point.twist, twist * np.sign(twist @ point.twist), rtol=0, atol=1e-9)
+    assert not locate_singularities(robot, scene_path(robot.description.scenes["pick"]))
+
+
+def test_plan_crosses_with_a_proof(plan):
+    (crossing,) = plan.crossings
+    assert plan.certificate.tail < 1e-9
+    assert plan.certificate.monotone
+    assert crossing.residual < 1e-10
+    assert max(plan.peak_torque.values()) < 2  # [N m], on the motor side
+
+
+def test_torques_satisfy_lagrange_at_all_instants(plan):
+    (crossing,) = plan.crossings
+    for t in np.append(np.linspace(0.0, plan.duration, 17), crossing.time):
+        x = plan.platform(t)
+        force = platform_force(x, plan.platform(t, 1), plan.platform(t, 2))
+        pushed = velocity_ratio(x).T @ (GEAR * plan.torque(t))
+        np.testing.assert_allclose(pushed, force, rtol=0, atol=1e-9)
+        if abs(t - crossing.time) > 0.08:
+            torque = np.linalg.solve(velocity_ratio(x).T, force) / GEAR
+            np.testing.assert_allclose(plan.torque(t), torque, rtol=0, atol=1e-10)
+
+
+def test_condition_8_is_the_virtual_power_of_the_free_motion(plan):
+    (crossing,) = plan.crossings
+    force = platform_force(*(plan.platform(crossing.time, k) for k in range(3)))
+    assert abs(force @ crossing.twist) < 1e-9 * np.linalg.norm(force) * np.linalg.norm(crossing.twist)
+
+
+def closures(model, data, q, v):
+    """Jacobian (15, nv) and drift (15,): two wrists, a ball, and the end of bar 2 in its plane."""
+    pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    rows, drift = [], []
+    for first, second in (
+        ("wrist_2", "seat_2"),
+        ("wrist_3", "seat_3"),
+        ("tip_4", "seat_4"),
+        ("bar_2_tip", "b_end"),
+    ):
+        tip, seat = (model.getFrameId(name, pin.FrameType.BODY) for name in (first, second))
+        J1, J2 = (pin.getFrameJacobian(model, data, f, AXES) for f in (tip, seat))
+        a1, a2 = (pin.getFrameClassicalAcceleration(model, data, f, AXES) for f in (tip, seat))
+        w1, w2 = (pin.getFrameVelocity(model, data, f, AXES).angular for f in (tip, seat))
+        count = 2 if first == "bar_2_tip" else 3
+        rows += [*(J2 - J1)[:count]]
+        drift += [*(a2.linear - a1.linear)[:count]]
+        if first.startswith("wrist"):  # the axis y of the cross is that of the seat
+            y = data.oMf[seat].rotation[:, 1]
+            for x in data.oMf[tip].rotation[:, [0, 2]].T:
+                across, swept = np.cross(x, y), np.cross(np.cross(w1, x), y) + np.cross(x, np.cross(w2, y))
+                rows.append(across @ (J1 - J2)[3:])
+                drift.append(across @ (a1.angular - a2.angular) + swept @ (w1 - w2))
+    return np.array(rows), np.array(drift)
+
+
+def test_planned_torques_bring_the_tool_along_the_path(robot, plan):
+    """As tests.forward_simulation, whose closures are points, with universal joints."""
+    model, nv = robot.model, robot.model.nv
+    data = model.createData()
+    armature = np.zeros(nv)
+    armature[robot.actuated] = GEAR**2 * ROTOR
+
+    def slope(t, state):
+        q, v = state[:nv], state[nv:]
+        J, drift = closures(model, data, q, v)
+        mass = pin.crba(model, data, q)
+        force = -pin.nonLinearEffects(model, data, q, v)
+        force[robot.actuated] += GEAR * plan.torque(t)
+        kkt = np.zeros((nv + len(J), nv + len(J)))
+        kkt[:nv, :nv] = np.triu(mass) + np.triu(mass, 1).T + np.diag(armature)
+        kkt[:nv, nv:], kkt[nv:, :nv] = J.T, J
+        return np.concatenate([v, np.linalg.solve(kkt, np.concatenate([force, -drift]))[:nv]])
+
+    state = np.concatenate([assemble(robot, plan.path(0.0)).q, np.zeros(nv)])
+    for start, end in pairwise(np.linspace(0.0, plan.duration, 7)):
+        state = solve_ivp(slope, (start, end), state, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+        at = frames_at(robot, state[None, :nv])
+        bar = at.rotation[0, 0, :, 0]
+        x = plan.platform(end)
+        assert np.linalg.norm(at.position[0, 0] - x[:3]) < 1e-8
+        assert np.linalg.norm(bar - [np.cos(x[3]), np.sin(x[3]), 0]) < 1e-8
+
+
+@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
+def test_a_law_without_condition_8_gets_no_torques(flexibility):
+    robot = robots.load("par4", flexibility=flexibility)
+    path = scene_path(robot.description.scenes["cross"])
+    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
+        plan_scene(robot, "cross-unprepared")
+    if flexibility != "flexible_links":  # deformed links move the pole
+        assert caught.value.s == pytest.approx(exact_singular_s(path), abs=1e-12)
+
+
+def test_half_of_the_acceleration_is_not_enough(robot, plan):
+    (crossing,) = plan.crossings
+    t = crossing.time
+    half = 0.5 * crossing.acceleration
+    wrong = [Condition(t, 0, crossing.s), Condition(t, 1, crossing.speed), Condition(t, 2, half)]
+    with pytest.raises(UnboundedTorque):
+        inverse_dynamics(robot, plan.path, Law.rest_to_rest(plan.duration, 2, wrong))
