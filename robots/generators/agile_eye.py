@@ -105,7 +105,7 @@ def _arc(name: str, material: str, angle: float, radius: float, mass: float) -> 
     """A link of straight bars from z towards -y, with a pin at its end."""
     corners = [_about_x(a) @ [0, 0, radius] for a in np.linspace(0, angle, PARTS + 1)]
     centres = [(a + b) / 2 for a, b in pairwise(corners)]
-    middle = sum(centres) / PARTS
+    middle = np.sum(centres, axis=0) / PARTS
     inertia, shapes = np.zeros((3, 3)), []
     for k, centre in enumerate(centres):
         bar = corners[k + 1] - corners[k]
@@ -177,8 +177,8 @@ def _joint(
 def _origin(xyz: Array, axes: Array) -> str:
     """An <origin> with the axes, as columns, in fixed-axis roll, pitch and yaw."""
     if np.hypot(axes[0, 0], axes[1, 0]) > 1e-9:
-        rpy = (np.arctan2(axes[2, 1], axes[2, 2]), np.arcsin(np.clip(-axes[2, 0], -1, 1)))
-        rpy = (*rpy, np.arctan2(axes[1, 0], axes[0, 0]))
+        pitch = np.arcsin(np.clip(-axes[2, 0], -1, 1))
+        rpy = (np.arctan2(axes[2, 1], axes[2, 2]), pitch, np.arctan2(axes[1, 0], axes[0, 0]))
     else:  # x points up or down: roll and yaw turn about the same line
         up = -np.sign(axes[2, 0])
         rpy = (np.arctan2(up * axes[0, 1], axes[1, 1]), up * np.pi / 2, 0.0)
