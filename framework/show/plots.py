@@ -62,7 +62,7 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
         deflected = wrench_along(plan.dynamics, times)[0]
         deflected *= np.sign(deflected[0] * g[0])
         ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
-        ax.legend(loc="lower right")
+        ax.legend(loc="upper left")
         if plan.crossings:
             _magnify(ax, plan, track)
     ax.axhline(0.0, color="black", linewidth=0.5)
@@ -72,10 +72,8 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
             f"$s$ = {crossing.s:.6f}",
             (crossing.s, 0.0),
             textcoords="offset points",
-            xytext=(16, -13),
-            ha="center",
+            xytext=(5, -10 if np.interp(crossing.s, s, np.gradient(g)) > 0 else 5),  # off the curve
             fontsize=7,
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
         )
     ax.set_xlabel("path coordinate  $s$")
     ax.set_ylabel("singularity measure  $g$")
@@ -90,7 +88,7 @@ def _magnify(ax: Axes, plan: CrossingPlan, track: Track) -> None:
     shift = abs(crossing.s - at_rest)
     if shift < 1e-9:  # nothing to see: the deflections leave the locus where it is
         return
-    inset = ax.inset_axes((0.16, 0.63, 0.3, 0.35), facecolor="white", zorder=4)
+    inset = ax.inset_axes((0.66, 0.19, 0.31, 0.34), facecolor="white", zorder=4)
     near = np.linspace(min(crossing.s, at_rest) - shift, max(crossing.s, at_rest) + shift, 5)
     g = singularity_measure(robot, track.closed(near).system).g
     times = crossing.time + (near - crossing.s) / crossing.speed
