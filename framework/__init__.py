@@ -3,8 +3,9 @@
 from framework.crossing.plan import plan_crossing, unproved_law
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import plan_scene, scene_path
-from framework.dynamics.inverse_dynamics import InverseDynamics, inverse_dynamics
+from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.dynamics.raw import raw_sampling
+from framework.dynamics.result import InverseDynamics
 from framework.errors import (
     InvalidInput,
     NoAnswer,

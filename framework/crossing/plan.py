@@ -18,13 +18,9 @@ from framework.crossing.condition import (
 )
 from framework.crossing.result import Crossing, CrossingPlan
 from framework.crossing.schedule import Milestone, refuse_wandering, schedule
-from framework.dynamics.inverse_dynamics import (
-    TOLERANCE,
-    Passage,
-    checked_geometry,
-    resolve,
-    rigid_passages,
-)
+from framework.dynamics.inverse_dynamics import TOLERANCE, checked_geometry, resolve
+from framework.dynamics.passages import rigid_passages
+from framework.dynamics.result import Passage
 from framework.errors import InvalidInput, NoLaw
 from framework.kinematics.locus import SingularPoint, locate_singularities
 from framework.kinematics.singularity import UNCROSSABLE

@@ -13,7 +13,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike
 from framework.crossing.condition import Condition8
 from framework.dynamics.certificate import Certificate
-from framework.dynamics.inverse_dynamics import InverseDynamics
+from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput
 from framework.model import ParallelRobot
 from framework.motion.law import Law

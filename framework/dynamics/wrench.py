@@ -6,7 +6,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
-from framework.dynamics.inverse_dynamics import InverseDynamics
+from framework.dynamics.result import InverseDynamics
 from framework.kinematics.inverse_kinematics import close_loops, motion_at
 from framework.kinematics.singularity import singularity_measure, unit_twist
 

@@ -1,0 +1,91 @@
+"""What inverse dynamics gives: torques, motor angles and deflections as functions of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike
+from framework.dynamics.certificate import Certificate
+from framework.kinematics.frames import move
+from framework.model import ParallelRobot
+from framework.motion.chebyshev import TimeFunction
+from framework.motion.law import MotionLaw
+from framework.motion.path import Path, along
+
+
+@dataclass(frozen=True, eq=False)
+class Passage:
+    """An instant at which the motion is in a Type 2 singularity.
+
+    `wrench` is t_s . W_p there [N, or N m for a pure turn], the inertia of all bodies included; `scale`
+    is the largest sum of the sizes of its terms along the motion, at least mass length / duration^2.
+    Condition (8) holds when wrench / scale is rounding.
+    """
+
+    time: float
+    s: float
+    platform: Array  # (n,)
+    twist: Array  # (n,)
+    kind: str
+    wrench: float
+    scale: float
+
+    @property
+    def residual(self) -> float:
+        """|t_s . W_p| relative to `scale`."""
+        return abs(self.wrench) / self.scale if self.scale > 0 else 0.0
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class InverseDynamics:
+    """Torques of a motion as functions of time, with the certificate."""
+
+    robot: ParallelRobot
+    path: Path
+    law: MotionLaw
+    geometry: str
+    torques: TimeFunction  # (n_a) [N m], motor side
+    motor_angles: TimeFunction  # (n_a) [rad], motor side
+    deflections: TimeFunction  # (n_e) [m, rad]
+    offsets: TimeFunction  # (nv) all coordinates as tangent offset from `origin`
+    origin: Array  # (nq,)
+    passages: tuple[Passage, ...]
+    certificate: Certificate
+
+    def __repr__(self) -> str:
+        return (
+            f"InverseDynamics({self.robot.name}, {self.robot.flexibility}, {self.geometry}: "
+            f"{self.duration:g} s, passages at {[round(p.time, 6) for p in self.passages]} s, tail "
+            f"{self.certificate.tail:.1e})"
+        )
+
+    @property
+    def duration(self) -> float:
+        return self.law.duration
+
+    def torque(self, t: ArrayLike, order: int = 0) -> Array:
+        """Motor torques [N m] or their time derivatives; t (T,) gives (T, n_a), a scalar (n_a,)."""
+        return self.torques(t, order)
+
+    def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
+        """Motor angles [rad] (gear ratio times joint angle), (T, n_a)."""
+        return self.motor_angles(t, order)
+
+    def deflection(self, t: ArrayLike, order: int = 0) -> Array:
+        """Deflections of the springs [m, rad], (T, n_e)."""
+        return self.deflections(t, order)
+
+    def platform(self, t: ArrayLike, order: int = 0) -> Array:
+        """Platform coordinates [m, rad] or their time derivatives up to order 4, (T, n)."""
+        times = np.asarray(t, dtype=float)
+        return along(self.path, [self.law(times, k) for k in range(order + 1)])[order]
+
+    def configuration(self, t: ArrayLike) -> Array:
+        """All joint coordinates q (T, nq) at t (T,), deflections included."""
+        return move(self.robot, self.origin, self.offsets(np.atleast_1d(t)))
+
+    def velocity(self, t: ArrayLike, order: int = 1) -> Array:
+        """Joint velocities (order 1) or accelerations (order 2), (T, nv)."""
+        return self.offsets(np.atleast_1d(t), order)
