@@ -37,6 +37,19 @@ def robot(request) -> ParallelRobot:
     return robots.load(name, flexibility=flexibility)
 
 
+# How it is written, where it stands, how large it is: the 5R at once, all others in the second stage.
+CHANGES = [
+    pytest.param(case, id="-".join(case), marks=() if "five_bar" in case[0] else pytest.mark.slow)
+    for case in CASES
+]
+
+
+@pytest.fixture(params=CHANGES, scope="module")
+def original(request) -> ParallelRobot:
+    name, flexibility = request.param
+    return robots.load(name, flexibility=flexibility)
+
+
 def first_path(robot: ParallelRobot):
     return scene_path(next(iter(robot.description.scenes.values())))
 
@@ -171,8 +184,8 @@ def test_stiff_springs_tend_to_the_rigid_robot_as_one_over_stiffness(name, flexi
 
 
 @pytest.mark.parametrize("change", ["duplicated", "reversed", "swapped frames"])
-def test_torques_do_not_depend_on_how_the_closures_are_written(robot, change):
-    description = robot.description
+def test_torques_do_not_depend_on_how_the_closures_are_written(original, change):
+    description = original.description
     closures = description.closures
     if change == "duplicated":
         closures += tuple(replace(closure, name=f"{closure.name} again") for closure in closures)
@@ -181,16 +194,18 @@ def test_torques_do_not_depend_on_how_the_closures_are_written(robot, change):
     else:
         # a universal joint has one axis on either body: turned round it is another joint
         closures = tuple(c if is_universal(c) else replace(c, frames=c.frames[::-1]) for c in closures)
-    other = ParallelRobot.from_description(replace(description, closures=closures), robot.flexibility)
-    assert len(loop_rows(other).names) == len(loop_rows(robot).names)
-    one, two = planned(robot), planned(other)
+    other = ParallelRobot.from_description(replace(description, closures=closures), original.flexibility)
+    assert len(loop_rows(other).names) == len(loop_rows(original).names)
+    one, two = planned(original), planned(other)
     t = np.linspace(0.0, one.duration, 201)
     np.testing.assert_allclose(two.torque(t), one.torque(t), atol=1e-12, rtol=1e-10)
 
 
-def test_torques_do_not_depend_on_where_the_robot_stands(robot):
-    shifted = ParallelRobot.from_description(moved(robot.description, (3.0, -2.0, 1.0)), robot.flexibility)
-    one, two = planned(robot), planned(shifted)
+def test_torques_do_not_depend_on_where_the_robot_stands(original):
+    shifted = ParallelRobot.from_description(
+        moved(original.description, (3.0, -2.0, 1.0)), original.flexibility
+    )
+    one, two = planned(original), planned(shifted)
     t = np.linspace(0.0, one.duration, 201)
     peak = np.abs(one.torque(t)).max()
     # coordinates a few metres off carry ten times the rounding
@@ -198,10 +213,10 @@ def test_torques_do_not_depend_on_where_the_robot_stands(robot):
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e3])
-def test_torques_of_a_robot_of_another_size_scale_with_its_square(robot, size):
+def test_torques_of_a_robot_of_another_size_scale_with_its_square(original, size):
     """A robot drawn in millimetres, or as small as one drawn so: no tolerance may know metres."""
-    other = ParallelRobot.from_description(scaled(robot.description, size), robot.flexibility)
-    one, two = planned(robot), planned(other)
+    other = ParallelRobot.from_description(scaled(original.description, size), original.flexibility)
+    one, two = planned(original), planned(other)
     t = np.linspace(0.0, one.duration, 201)
     peak = np.abs(one.torque(t)).max()
     np.testing.assert_allclose(two.torque(t) / size**2, one.torque(t), rtol=0, atol=1e-9 * peak)
