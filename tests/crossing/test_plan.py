@@ -26,6 +26,7 @@ from framework.errors import InvalidInput, NoLaw, UnboundedTorque
 from framework.kinematics.inverse_kinematics import motion_at
 from framework.kinematics.tracking import track_path
 from tests.kinematics.test_locus import locus, locus_tangent
+from tests.robots import five_bar_oracle as oracle
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 CLEAR = Line([0.1, 0.345], [-0.05, 0.295])
@@ -155,10 +156,35 @@ def test_a_plan_of_the_deformed_robot_satisfies_inverse_dynamics_of_its_law():
     again = inverse_dynamics(robot, LINE, plan.law)
     t = np.linspace(0.0, 1.5, 301)
     # the law is given here, not adapted: the deflections see it as exactly as s_c is known, 1e-15
-    np.testing.assert_allclose(again.torque(t), plan.torque(t), rtol=0, atol=1e-9)
+    exact = oracle.torques(oracle.solve("C", "flexible_links", "deformed"), t)
+    np.testing.assert_allclose(again.torque(t), exact, rtol=0, atol=1e-9)
+
+
+def test_a_law_that_runs_backwards_on_the_way_is_refused(robot):
+    with pytest.raises(NoLaw, match="runs backwards at t = "):
+        plan_crossing(robot, LINE, duration=1.5, times=[1.2], speeds=[2.0])
+
+
+@pytest.mark.parametrize("beside", [1e-8, 1e-11])
+def test_a_pole_is_a_pole_however_narrow(robot, beside):
+    (point,) = locate_singularities(robot, LINE)
+    with pytest.raises(UnboundedTorque):
+        plan_crossing(
+            robot, LINE, duration=1.5, times=[1.0], speeds=[1.5], at=[point.s + beside], tolerance=1e-6
+        )
+
+
+def test_points_imposed_where_nothing_is_singular_are_no_crossings(robot):
+    (point,) = locate_singularities(robot, LINE)
+    plan = plan_crossing(robot, LINE, duration=1.5, at=[0.3, point.s])
+    assert [crossing.s for crossing in plan.crossings] == [pytest.approx(point.s, abs=1e-14)]
 
 
 REFUSED = [
+    (dict(duration=1.5, tolerance=np.nan), r"tolerance: must lie in \(0, 1e-06\], got nan"),
+    (dict(duration=1.5, tolerance=2.0), "tolerance: must lie in"),
+    (dict(duration=1.5, times=[], speeds=[1.0]), "speeds: got 1, but times is empty"),
+    (dict(duration=1.5, at=[0.6, 0.3]), "at: must ascend"),
     (dict(duration=0.0), "duration: must be a positive"),
     (dict(duration=-1.0), "duration: must be a positive"),
     (dict(duration=np.nan), "duration: must be a positive"),

@@ -22,7 +22,7 @@ from framework import (
 )
 from framework.dynamics.elasticity import settle
 from framework.dynamics.forces import motor_torque
-from framework.errors import InvalidInput, NoLaw
+from framework.errors import InvalidInput, NoLaw, NotConverged
 from framework.kinematics.tracking import track_path
 from framework.motion.chebyshev import TimeGrid
 from tests.robots import five_bar_oracle as oracle
@@ -174,3 +174,42 @@ def test_laws_that_cannot_be_are_refused(robot, law, message):
 
     with pytest.raises(InvalidInput, match=message):
         inverse_dynamics(robot, CLEAR, Brought())
+
+
+class Bumpy:
+    """A smooth law with a bump of a thousandth of the path, 3 ms wide, that 64 nodes do not see."""
+
+    duration = 1.5
+
+    def __call__(self, t, order=0):
+        t = np.asarray(t, dtype=float)
+        u = (t - 0.75) / 3e-3
+        factor = {0: 1.0, 1: -2 * u / 3e-3, 2: (4 * u**2 - 2) / 9e-6}[order]
+        return Law.rest_to_rest(1.5, 4)(t, order) + 1e-3 * factor * np.exp(-(u**2))
+
+
+def test_what_falls_between_the_nodes_is_noticed(robot):
+    with pytest.raises(NotConverged, match="not resolved"):
+        inverse_dynamics(robot, CLEAR, Bumpy())
+
+
+def test_a_law_that_never_moves_off_the_locus_is_refused(robot):
+    (point,) = locate_singularities(robot, LINE)
+
+    class Resting:
+        duration = 1.0
+
+        def __call__(self, t, order=0):
+            return np.full(np.shape(t), point.s if order == 0 else 0.0)
+
+    with pytest.raises(NoLaw, match="stands still"):
+        inverse_dynamics(robot, LINE, Resting())
+
+
+def test_elastic_bodies_with_inertia_do_not_feed_rounding_back():
+    heavy = robots.load("five_bar_heavy", flexibility="flexible_links")
+    twice = Line([0.1, 0.345], [-0.2, -0.2])
+    plan = plan_crossing(heavy, twice, duration=0.8)
+    assert len(plan.crossings) == 2
+    assert plan.certificate.tail < 1e-10
+    assert max(crossing.residual for crossing in plan.crossings) < 1e-11

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import robots
-from framework import Arc, Line, Spline, assemble, locate_singularities
-from framework.errors import InvalidInput, NotAssembled, OutOfReach, Type1Singularity
+from framework import Arc, Line, ParallelRobot, Spline, assemble, locate_singularities
+from framework.errors import InvalidInput, NotAssembled, OutOfReach, SingularPath, Type1Singularity
 from framework.kinematics.singularity import singularity_measure
 from framework.kinematics.tracking import track_path
 from tests.robots import five_bar_oracle as oracle
@@ -148,10 +150,6 @@ def test_assemble_keeps_the_working_mode(robot):
 
 
 def test_loops_that_cannot_close_report_residual_and_iterate(robot, tmp_path):
-    from dataclasses import replace
-
-    from framework import ParallelRobot
-
     text = robot.description.urdf_text.replace('xyz="0.2 0 0"', 'xyz="1.4 0 0"')
     assert text != robot.description.urdf_text
     far = ParallelRobot.from_description(replace(robot.description, urdf_text=text))
@@ -170,3 +168,40 @@ def test_assemble_refuses_what_is_no_platform_point(robot, x):
 def test_a_path_with_other_coordinates_than_the_platform_is_refused(robot):
     with pytest.raises(InvalidInput, match="3 coordinates, the platform of five_bar has 2"):
         locate_singularities(robot, Line([0.1, 0.3, 0.0], [0.0, 0.3, 0.0]))
+
+
+@pytest.mark.parametrize("depth", [-1e-11, -1e-12])
+def test_a_near_miss_is_no_singular_point(robot, depth):
+    middle, tangent = locus(1.7), locus_tangent(1.7)
+    reach = 0.06 * tangent / np.linalg.norm(tangent)
+    normal = np.array([-reach[1], reach[0]]) / np.linalg.norm(reach)
+    inside = np.sign(normal @ (locus(1.7 + 1e-2) + locus(1.7 - 1e-2) - 2 * middle))
+    shift = depth * inside * normal
+    assert locate_singularities(robot, Line(middle - reach + shift, middle + reach + shift)) == ()
+
+
+class AlongTheLocus:
+    """The singular curve itself as a path."""
+
+    n, knots = 2, np.empty(0)
+
+    def __call__(self, s, order=0):
+        cranks = 1.6 + 0.2 * np.atleast_1d(np.asarray(s, dtype=float))
+        points = [locus(c) if order == 0 else 0.2 * locus_tangent(c) for c in cranks]
+        return np.array(points).reshape(*np.shape(s), 2)
+
+
+def test_a_path_along_the_locus_is_told_as_such(robot):
+    with pytest.raises(SingularPath, match="runs along a singularity"):
+        locate_singularities(robot, AlongTheLocus())
+
+
+def test_an_assembled_configuration_cannot_be_changed_from_outside(robot):
+    with pytest.raises(ValueError, match="read-only"):
+        assemble(robot).q[0] += 0.5
+
+
+def test_a_reference_far_from_any_assembly_is_refused(robot):
+    vague = replace(robot.description, reference={"left_motor": 1.27, "right_motor": -1.9})
+    with pytest.raises(NotAssembled, match="not near an assembled configuration"):
+        assemble(ParallelRobot.from_description(vague))
