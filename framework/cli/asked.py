@@ -1,0 +1,81 @@
+"""What the options of a command line ask for: the robot, the path, the motion."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from framework.catalogue import robot_file
+from framework.crossing.scenes import scene, scene_path
+from framework.errors import InvalidInput
+from framework.model import ParallelRobot
+from framework.model.description import RobotDescription
+from framework.model.readers.recognise import read_any
+from framework.motion.path import Line, Path
+
+
+def load(options: argparse.Namespace) -> ParallelRobot:
+    """The robot, with the springs of --flexibility where the command has that option."""
+    return ParallelRobot.from_description(describe(options), getattr(options, "flexibility", "rigid"))
+
+
+def describe(options: argparse.Namespace) -> RobotDescription:
+    """The description in the robot file, or in a file of a foreign dialect and what the options add to it."""
+    return read_any(
+        robot_file(options.robot),
+        platform=getattr(options, "platform", None),
+        axes=getattr(options, "axes", None),
+        motors=getattr(options, "motors", None),
+        reference=_reference(getattr(options, "reference", None) or []),
+    )
+
+
+def _reference(given: Sequence[str]) -> dict[str, float]:
+    """Joint values out of JOINT=VALUE."""
+    reference: dict[str, float] = {}
+    for item in given:
+        name, equals, value = item.rpartition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = float("nan")
+        if not (name and equals and np.isfinite(number)):
+            raise InvalidInput(f"--reference: needs JOINT=VALUE with a finite number, got {item!r}")
+        reference[name] = number
+    return reference
+
+
+def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
+    """The path of --scene, or the line of --from and --to."""
+    ends = (options.start, options.end)
+    if options.scene is not None:
+        if any(end is not None for end in ends):
+            raise InvalidInput("--scene already has a path; give either --scene or --from and --to")
+        return scene_path(scene(robot, options.scene))
+    if any(end is None for end in ends):
+        scenes = ", ".join(robot.description.scenes) or "none"
+        raise InvalidInput(f"give --scene (of {robot.name}: {scenes}), or both --from and --to")
+    for name, end in zip(("--from", "--to"), ends, strict=True):
+        if len(end) != robot.n or not np.all(np.isfinite(end)):
+            raise InvalidInput(
+                f"{name}: needs {robot.n} finite numbers ({', '.join(robot.axis_names)}), got "
+                f"{' '.join(f'{value:g}' for value in end)}"
+            )
+    return Line(*ends)
+
+
+def motion_options(options: argparse.Namespace, robot: ParallelRobot) -> dict[str, Any]:
+    """Arguments of `plan_crossing`; what is typed overrides what the scene says."""
+    given: dict[str, Any] = {"duration": None, "times": None, "speeds": None, "at": None}
+    if options.scene is not None:
+        chosen = scene(robot, options.scene)
+        given = {key: getattr(chosen, key) for key in given}
+    for key in ("duration", "times", "speeds"):
+        if getattr(options, key) is not None:
+            given[key] = getattr(options, key)
+    if given["duration"] is None:
+        raise InvalidInput("--duration: required with --from and --to")
+    return {**given, "geometry": options.geometry, "smoothness": options.smoothness}

@@ -1,0 +1,48 @@
+"""`crossing check`: what kind of mechanism a file describes, and what is wrong with it."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+from typing import Any
+
+from framework.cli import asked
+from framework.cli.parser import Report, add_flexibility, add_robot, add_unsaid, command
+from framework.errors import point
+from framework.kinematics.checkup import check_robot
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    text = "mobility, rank, redundant rows, masses, closure error, mode"
+    parser = command(commands, "check", run, text)
+    add_robot(parser, "catalogue name, or path of a robot file or of a file of a foreign dialect")
+    add_unsaid(parser)
+    add_flexibility(parser)
+
+
+def run(options: argparse.Namespace) -> Report:
+    """What `check_robot` finds."""
+    found = check_robot(asked.load(options))
+    rank = f"{found.rank} of {found.loop_equations} loop equations independent"
+    if found.redundant_rows:
+        rank += f"; redundant: {', '.join(found.redundant_rows)}"
+    lines = [
+        f"{found.robot}, {found.flexibility}",
+        f"  platform          {', '.join(found.platform_axes)} at {point(found.platform)}",
+        f"  actuated joints   {', '.join(found.actuators)}",
+        f"  passive joints    {', '.join(found.passive_joints)}",
+        f"  idle joints       {', '.join(found.idle_joints) or 'none'}",
+        f"  springs           {', '.join(found.springs) or 'none'}",
+        f"  mobility          {found.mobility}; A is {'square' if found.square else 'NOT square'}",
+        f"  closures          {rank}; closed to {found.closure_error:.1e}",
+        f"  mass              {found.mass:g} kg; without mass of their own: "
+        f"{', '.join(found.massless_joints) or 'none'}",
+        "  reference         "
+        + ", ".join(f"{joint} {value:.6g}" for joint, value in found.reference.items()),
+        f"  mode              working {found.working_mode:+d} (changes at Type 1), assembly "
+        f"{found.assembly_mode:+d} (changes at Type 2); smallest singular value "
+        f"{'unknown' if found.smallest_singular_value is None else f'{found.smallest_singular_value:.3g}'}",
+        *(f"  note              {advice}" for advice in found.advice),
+    ]
+    return asdict(found), "\n".join(lines)

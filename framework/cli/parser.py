@@ -1,0 +1,86 @@
+"""The command line parser, and the options that commands share."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+from framework.model.description import FLEXIBILITIES
+
+Report = tuple[dict[str, Any], str]  # for machines, for people
+
+
+class Misuse(Exception):
+    """argparse found the command line wrong."""
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """argparse with errors in one line, and negative numbers with exponents."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)
+        # argparse takes -1e-3 for an option: its pattern for negative numbers knows no exponents
+        self._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+
+    def error(self, message: str) -> NoReturn:
+        raise Misuse(f"{message} (see `{self.prog} --help`)")
+
+
+def command(commands: Any, name: str, run: Callable[[argparse.Namespace], Report], text: str) -> Any:
+    """A new command with --json; `run` gives its report."""
+    parser = commands.add_parser(name, help=text, description=text)
+    parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_robot(parser: argparse.ArgumentParser, text: str = "catalogue name, or path of a robot file") -> None:
+    """ROBOT."""
+    parser.add_argument("robot", metavar="ROBOT", help=text)
+
+
+def add_unsaid(parser: argparse.ArgumentParser) -> None:
+    """What a file of a foreign dialect may leave unsaid."""
+    group = parser.add_argument_group("what the file does not say, or says otherwise")
+    group.add_argument("--platform", metavar="FRAME", help="frame of the platform")
+    group.add_argument("--axes", nargs="+", metavar="AXIS", help="its axes, of x y z rx ry rz")
+    group.add_argument("--motors", nargs="+", metavar="JOINT", help="joints with a motor")
+    group.add_argument(
+        "--reference", nargs="+", metavar="JOINT=VALUE", help="near an assembled configuration [rad, m]"
+    )
+
+
+def add_flexibility(parser: argparse.ArgumentParser) -> None:
+    """--flexibility."""
+    parser.add_argument(
+        "--flexibility", choices=FLEXIBILITIES, default="rigid", help="which springs exist (default: rigid)"
+    )
+
+
+def add_path(parser: argparse.ArgumentParser) -> None:
+    """--scene, or --from and --to."""
+    parser.add_argument("--scene", metavar="S", help="a scene of the robot file")
+    parser.add_argument(
+        "--from", dest="start", type=float, nargs="+", metavar="X", help="first platform point"
+    )
+    parser.add_argument("--to", dest="end", type=float, nargs="+", metavar="X", help="last platform point")
+
+
+def add_motion(parser: argparse.ArgumentParser) -> None:
+    """What `plan_crossing` may be told."""
+    parser.add_argument("--duration", type=float, metavar="T", help="of the motion [s]")
+    parser.add_argument("--times", type=float, nargs="*", metavar="t", help="instants of the crossings [s]")
+    parser.add_argument("--speeds", type=float, nargs="*", metavar="v", help="s' at the crossings [1/s]")
+    parser.add_argument(
+        "--geometry",
+        choices=("rigid", "deformed"),
+        help="forces of the undeformed or of the deformed robot (default: deformed when elastic)",
+    )
+    parser.add_argument(
+        "--smoothness",
+        type=int,
+        metavar="R",
+        help="derivatives of s that vanish at both ends (default: 2 rigid, 4 elastic)",
+    )

@@ -1,0 +1,120 @@
+"""`crossing plan`: a motion through the singular points, with torques and proof."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+
+from framework.cli import asked
+from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command
+from framework.cli.raw import report_raw
+from framework.crossing.plan import plan_crossing
+from framework.crossing.result import CrossingPlan
+from framework.errors import InvalidInput, point
+from framework.model import ParallelRobot
+from framework.motion.path import Path
+from framework.output import written_together
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    text = "plan a motion through the singular points, with torques and proof"
+    parser = command(commands, "plan", run, text)
+    add_robot(parser)
+    add_path(parser)
+    add_flexibility(parser)
+    add_motion(parser)
+    parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
+    parser.add_argument("--samples", type=int, default=1501, metavar="N", help="rows of motion.csv")
+    parser.add_argument(
+        "--raw",
+        action="store_true",
+        help="no proof: sample the torques as they come, spikes included, to look at",
+    )
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
+    robot = asked.load(options)
+    path, given = asked.path(options, robot), asked.motion_options(options, robot)
+    if options.samples < 2:
+        raise InvalidInput(f"--samples: needs at least 2, got {options.samples}")
+    if options.out == "":
+        raise InvalidInput("--out: needs the name of a folder, got an empty text")
+    out = None if options.out is None else FilePath(options.out)
+    if out is None:
+        return report_raw(options, robot, path, given, None) if options.raw else _planned(robot, path, given)
+    with written_together(out) as folder:
+        if options.raw:
+            return report_raw(options, robot, path, given, folder)
+        document, text = _planned(robot, path, given, lambda plan: _write_plan(plan, folder, options.samples))
+    return document, f"{text}\n  written to        {out}"
+
+
+def _planned(
+    robot: ParallelRobot,
+    path: Path,
+    given: dict[str, Any],
+    write: Callable[[CrossingPlan], None] = lambda plan: None,
+) -> Report:
+    plan = plan_crossing(robot, path, **given)
+    write(plan)
+    return plan.to_dict(), plan_text(plan)
+
+
+def _write_plan(plan: CrossingPlan, folder: FilePath, samples: int) -> None:
+    from framework.show.plots import save_figures
+
+    (folder / "plan.json").write_text(json.dumps(plan.to_dict(), indent=2, allow_nan=False) + "\n")
+    plan.to_csv(folder / "motion.csv", samples)
+    save_figures(plan, folder)
+
+
+def plan_text(plan: CrossingPlan) -> str:
+    """A plan for people."""
+    robot, certificate = plan.robot, plan.certificate
+    lines = [
+        f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: law of degree {plan.law.degree} over "
+        f"{plan.duration:g} s"
+    ]
+    for crossing in plan.crossings:
+        lines.append(
+            f"  crossing          t = {crossing.time:.6g} s at s = {crossing.s:.15f}, "
+            f"{', '.join(robot.axis_names)} = {point(crossing.platform)}"
+        )
+        lines.append(
+            f"                    t_s = {point(crossing.twist)}, s' = {crossing.speed:.6g} 1/s, s\" = "
+            f"{round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of its "
+            f"peak"
+        )
+    if not plan.crossings:
+        lines.append("  crossing          none")
+    peaks = ", ".join(
+        f"{joint} {value:.6g} {unit}"
+        for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
+    )
+    lines += [
+        f"  peak torque       {peaks}",
+        f"  certificate       tail {certificate.tail:.1e} on {certificate.nodes} nodes, "
+        f"{certificate.passes} pass{'es' * (certificate.passes != 1)}, loops closed to "
+        f"{certificate.max_closure_error:.1e}",
+    ]
+    for joint, excess in plan.exceeded.items():
+        lines.append(f"  mind              {joint} exceeds its limits: {excess}")
+    if certificate.end_speed > 1e-6:
+        lines.append(
+            f"  mind              the motors start and stop with {certificate.end_speed:.1e} of their "
+            f"largest speed: the springs carry inertia; a higher --smoothness mends it"
+        )
+    if not certificate.monotone:
+        s = plan.law(np.linspace(0.0, plan.duration, 2001))
+        lines.append(
+            f"  mind              the law overshoots its ends (s from {s.min():.6g} to {s.max():.6g}); other "
+            f"times or speeds, or a higher --smoothness, avoid it"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,58 @@
+"""`crossing robots`: the catalogue, and what each robot is."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from framework.catalogue import catalogue
+from framework.cli.parser import Report, command
+from framework.errors import MissingPackage
+from framework.kinematics.checkup import check_robot
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    command(commands, "robots", run, "list the catalogue")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """One row for each entry of the catalogue."""
+    rows: list[dict[str, Any]] = []
+    figures: dict[str, Any]
+    for name, entry in catalogue().items():
+        try:
+            robot = entry.load()
+        except MissingPackage as missing:  # its URDF is somebody else's, and not here
+            figures = {"needs": missing.package}
+        else:
+            description = robot.description
+            figures = {
+                "degrees_of_freedom": check_robot(robot).mobility,
+                "loops": len(description.closures),
+                "springs": len(description.springs),
+                "scenes": list(description.scenes),
+            }
+        rows.append(
+            {
+                "name": name,
+                **figures,
+                "summary": entry.summary,
+                "singularities": list(entry.singularities),
+                "source": entry.source,
+                "file": str(entry.file),
+            }
+        )
+    lines = [f"{'name':16s}  dof  loops  springs  scenes"]
+    for row in rows:
+        if "needs" in row:
+            lines.append(f"{row['name']:16s}  not installed: pip install {row['needs']}")
+        else:
+            lines.append(
+                f"{row['name']:16s}  {row['degrees_of_freedom']:3d}  {row['loops']:5d}  {row['springs']:7d}  "
+                f"{', '.join(row['scenes'])}"
+            )
+        kinds = ", ".join(row["singularities"]) or "none on its scenes"
+        lines.append(f"{'':16s}  {row['summary']}; singularities: {kinds}")
+        lines.append(f"{'':16s}  {row['source']}")
+    return {"robots": rows}, "\n".join(lines)
