@@ -2,6 +2,7 @@
 
 from framework.crossing.plan import plan_crossing, unproved_law
 from framework.crossing.result import CrossingPlan
+from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene, scene_path
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.dynamics.raw import raw_sampling
@@ -48,6 +49,7 @@ __all__ = [
     "assemble",
     "check_robot",
     "inverse_dynamics",
+    "load_plan",
     "locate_singularities",
     "plan_crossing",
     "plan_scene",

@@ -20,7 +20,7 @@ from framework.crossing.result import Crossing, CrossingPlan
 from framework.crossing.schedule import Milestone, refuse_wandering, schedule
 from framework.dynamics.inverse_dynamics import TOLERANCE, checked_geometry, resolve
 from framework.dynamics.passages import rigid_passages
-from framework.dynamics.result import Passage
+from framework.dynamics.result import InverseDynamics, Passage
 from framework.errors import InvalidInput, NoLaw
 from framework.kinematics.locus import SingularPoint, locate_singularities
 from framework.kinematics.singularity import UNCROSSABLE
@@ -105,6 +105,11 @@ def plan_crossing(
     }
     reported = tuple(_crossing(passage, law, met, duration) for passage in dynamics.passages)
     return CrossingPlan(robot, path, law, reported, dynamics, certificate, time.perf_counter() - started)
+
+
+def reported_crossings(dynamics: InverseDynamics, law: Law) -> tuple[Crossing, ...]:
+    """What a finished motion does at its passages, whoever chose its law."""
+    return tuple(_crossing(passage, law, {}, law.duration) for passage in dynamics.passages)
 
 
 def _crossing(passage: Passage, law: Law, met: dict[Milestone, Condition8], duration: float) -> Crossing:

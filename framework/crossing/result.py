@@ -11,13 +11,14 @@ from typing import IO, Any
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
+from framework.catalogue import catalogue
 from framework.crossing.condition import Condition8
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput
 from framework.model import ParallelRobot
 from framework.motion.law import Law
-from framework.motion.path import Path
+from framework.motion.path import Arc, Line, Path, Spline
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,15 @@ class Crossing:
     platform: Array  # (n,)
     residual: float
     condition: Condition8 | None
+
+
+def path_points(path: Path) -> dict[str, list[list[float]]] | None:
+    """A path as a scene says it, {kind: points}; None for a path of the user's own making."""
+    if isinstance(path, Line):
+        return {"line": [path.start.tolist(), path.end.tolist()]}
+    if isinstance(path, Arc):
+        return {"arc": [path.start.tolist(), path.via.tolist(), path.end.tolist()]}
+    return {"spline": path.points.tolist()} if isinstance(path, Spline) else None
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -142,6 +152,12 @@ class CrossingPlan:
         else:
             file.write(text.getvalue())
 
+    def _robot_file(self) -> str:
+        """The robot's name if it is one of the catalogue, else the path of its file."""
+        name, file = self.robot.name, self.robot.description.file
+        entry = catalogue().get(name)
+        return name if entry is not None and entry.file.samefile(file) else str(file.resolve())
+
     def to_dict(self) -> dict[str, Any]:
         """The content of plan.json."""
         certificate = self.certificate
@@ -177,4 +193,6 @@ class CrossingPlan:
                 "monotone": certificate.monotone,
             },
             "seconds": self.seconds,
+            "robot_file": self._robot_file(),
+            "path": path_points(self.path),
         }

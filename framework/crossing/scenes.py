@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from framework.crossing.plan import plan_crossing
@@ -26,11 +27,23 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
 
 def scene_path(scene: Scene) -> Path:
     """The path of a scene."""
-    if scene.kind == "line":
-        return Line(*scene.points)
-    if scene.kind == "arc":
-        return Arc(*scene.points)
-    return Spline(scene.points)
+    return path_of(scene.kind, scene.points)
+
+
+def path_of(kind: str, points: Sequence[Sequence[float]]) -> Path:
+    """A line (start, end), an arc (start, via, end) or a spline through points (m, n).
+
+    Raises:
+        InvalidInput: another kind, or points that do not make such a path.
+    """
+    count = {"line": 2, "arc": 3, "spline": None}
+    if kind not in count:
+        raise InvalidInput(choose_from("path", kind, count))
+    if count[kind] not in (None, len(points)):
+        raise InvalidInput(f"{kind}: needs {count[kind]} points, got {len(points)}")
+    if kind == "line":
+        return Line(*points)
+    return Arc(*points) if kind == "arc" else Spline(points)
 
 
 def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:

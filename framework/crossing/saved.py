@@ -1,0 +1,101 @@
+"""A plan read back from the folder that `crossing plan --out` wrote.
+
+What was saved is the law; torques and proof are computed anew from it, and must be those of the file.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+
+from framework.catalogue import robot_file
+from framework.crossing.plan import reported_crossings
+from framework.crossing.result import CrossingPlan
+from framework.crossing.scenes import path_of
+from framework.dynamics.inverse_dynamics import inverse_dynamics
+from framework.errors import InvalidInput
+from framework.model import ParallelRobot
+from framework.model.description import FLEXIBILITIES
+from framework.model.readers.recognise import read_any
+from framework.motion.law import Law
+from framework.motion.path import Path
+
+SAME = 1e-6  # peak torques of the file and of the plan computed anew may differ by this share
+
+
+def is_plan_folder(name: str) -> bool:
+    """Whether this is a folder with a plan.json in it."""
+    return (FilePath(name) / "plan.json").is_file()
+
+
+def load_plan(folder: str | FilePath) -> CrossingPlan:
+    """The plan of a folder written by `crossing plan --out`.
+
+    Raises:
+        InvalidInput: there is no plan.json, it is not one of ours, or its robot has changed since.
+        RobotFileError: the robot file is gone or broken.
+    """
+    started = time.perf_counter()
+    file = FilePath(folder) / "plan.json"
+    saved = _read(file)
+    try:
+        robot = _robot(saved)
+        path = _path(file, saved)
+        law = Law(np.array(saved["law"]["chebyshev"], dtype=float), float(saved["duration"]))
+        geometry, peaks = saved["geometry"], {k: float(v) for k, v in saved["peak_torque"].items()}
+    except InvalidInput:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InvalidInput(
+            f"{file}: not a plan that `crossing plan --out` wrote ({type(error).__name__}: {error}); "
+            f"plan again"
+        ) from None
+    if law.coefficients.ndim != 1 or not np.all(np.isfinite(law.coefficients)):
+        raise InvalidInput(f"{file}: law: chebyshev must be a list of finite numbers")
+    dynamics = inverse_dynamics(robot, path, law, geometry=geometry)
+    crossings = reported_crossings(dynamics, law)
+    certificate = replace(dynamics.certificate, monotone=bool(saved["certificate"]["monotone"]))
+    plan = CrossingPlan(robot, path, law, crossings, dynamics, certificate, time.perf_counter() - started)
+    for joint, peak in plan.peak_torque.items():
+        if not abs(peak - peaks.get(joint, np.inf)) <= SAME * max(peaks.values(), default=0.0):
+            raise InvalidInput(
+                f"{file}: peak torque of {joint}: the file says {peaks.get(joint)}, the robot now needs "
+                f"{peak:.9g}: the robot has changed since; plan again"
+            )
+    return plan
+
+
+def _read(file: FilePath) -> dict[str, Any]:
+    try:
+        saved = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInput(
+            f"{file}: cannot be read ({error.strerror}); give a folder of `crossing plan --out`"
+        ) from None
+    except ValueError as error:
+        raise InvalidInput(f"{file}: not JSON ({error})") from None
+    if not isinstance(saved, dict):
+        raise InvalidInput(f"{file}: must be one JSON object, got {type(saved).__name__}")
+    return saved
+
+
+def _robot(saved: dict[str, Any]) -> ParallelRobot:
+    flexibility = saved["flexibility"]
+    if flexibility not in FLEXIBILITIES:
+        raise ValueError(f"flexibility {flexibility!r}")
+    return ParallelRobot.from_description(read_any(robot_file(saved["robot_file"])), flexibility)
+
+
+def _path(file: FilePath, saved: dict[str, Any]) -> Path:
+    given = saved["path"]
+    if given is None:
+        raise InvalidInput(
+            f"{file}: path: was not a line, an arc or a spline; such a plan cannot be read back"
+        )
+    ((kind, points),) = given.items()
+    return path_of(kind, points)
