@@ -81,12 +81,21 @@ def link(name: str, *contents: str) -> str:
 
 
 def joint(
-    name: str, kind: str, parent: str, child: str, xyz: tuple[float, ...], axis: str = "", limit: str = ""
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    xyz: tuple[float, ...],
+    axis: str = "",
+    limit: str = "",
+    *,
+    rpy: tuple[float, ...] = (0, 0, 0),
 ) -> str:
     """A joint; `axis` and `limit` only where it moves."""
-    ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{numbers(*xyz)}" rpy="0 0 0"/>'
+    place = f'<origin xyz="{numbers(*xyz)}" rpy="{numbers(*rpy)}"/>'
     moves = f'<axis xyz="{axis}"/><limit {limit}/>' if axis else ""
-    return f'  <joint name="{name}" type="{kind}">{ends}{moves}</joint>\n'
+    ends = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'  <joint name="{name}" type="{kind}">{ends}{place}{moves}</joint>\n'
 
 
 def turning(name: str, parent: str, child: str, xyz: tuple[float, ...], effort: float = 0) -> str:

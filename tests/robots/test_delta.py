@@ -26,8 +26,8 @@ from framework.errors import UnboundedTorque
 from framework.kinematics.frames import frames_at
 from robots.generators import delta as generator
 from tests.forward_simulation import forward_simulate
+from tests.robots import lagrange_oracle
 
-H = 1e-30
 ARM, ROD, WIDTH = 0.524, 1.244, 0.131  # [m]
 REACH = 0.164 - 0.044  # motor axes, as seen from the centre of the platform [m]
 ARM_MASS, ROD_MASS, PLATFORM_MASS = 1.6, 0.18, 1.5  # [kg]
@@ -110,14 +110,7 @@ def potential_energy(x):
 
 def platform_force(x, dx, ddx):
     """Lagrange: what the motors must do on the platform's coordinates (3,) [N]."""
-
-    def momentum(y, dy):  # exact because T is quadratic in the rates
-        return np.array([(kinetic_energy(y, dy + e) - kinetic_energy(y, dy - e)) / 2 for e in np.eye(3)])
-
-    rate = momentum(x + 1j * H * dx, dx + 1j * H * ddx).imag / H
-    steps = [x + 1j * H * e for e in np.eye(3)]
-    slope = [(potential_energy(y) - kinetic_energy(y, dx)).imag / H for y in steps]
-    return rate + np.array(slope)
+    return lagrange_oracle.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
 
 
 def forearm_volume(x):

@@ -29,9 +29,9 @@ from framework.errors import UnboundedTorque
 from framework.kinematics.assembly import loop_rows
 from framework.kinematics.frames import frames_at
 from robots.generators import par4 as generator
+from tests.robots import lagrange_oracle
 
 AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-H = 1e-30
 ARM, ROD, BAR = 0.35, 0.8, 0.16  # [m]
 REACH = 0.2 - 0.06  # motor axes, as seen from the first pivot of the half plate [m]
 ARM_MASS, ROD_MASS, HALF_MASS, BAR_MASS, TOOL_MASS = 0.8, 0.2, 0.15, 0.1, 1.5  # [kg]
@@ -131,14 +131,7 @@ def potential_energy(x):
 
 def platform_force(x, dx, ddx):
     """Lagrange: what the motors must do on the platform's coordinates (4,) [N, N m]."""
-
-    def momentum(y, dy):  # exact because T is quadratic in the rates
-        return np.array([(kinetic_energy(y, dy + e) - kinetic_energy(y, dy - e)) / 2 for e in np.eye(4)])
-
-    rate = momentum(x + 1j * H * dx, dx + 1j * H * ddx).imag / H
-    steps = [x + 1j * H * e for e in np.eye(4)]
-    slope = [(potential_energy(y) - kinetic_energy(y, dx)).imag / H for y in steps]
-    return rate + np.array(slope)
+    return lagrange_oracle.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
 
 
 def exact_singular_s(path):

@@ -1,0 +1,25 @@
+"""The Orthoglide: a platform that never turns, on three parallelograms and three orthogonal rails.
+
+Where it is isotropic all legs are orthogonal; in its cube of 200 mm no motor is slower than half or faster
+than twice the platform. At x = y = z = 127 mm its three legs are parallel to one plane (Type 2). Scenes:
+`cross` leaves the cube and passes there, `mill` stays inside, `cross-unprepared` is the crossing without
+condition (8).
+"""
+
+from __future__ import annotations
+
+from framework import ParallelRobot
+from framework.catalogue import CatalogueEntry
+from robots.files import robot_file
+
+ENTRY = CatalogueEntry(
+    file=robot_file("orthoglide"),
+    summary="Orthoglide, three translations, parallelograms on orthogonal rails",
+    source="after Chablat and Wenger, IEEE Trans. Robotics and Automation 19(3), 2003",
+    singularities=("type_1", "type_2"),
+)
+
+
+def load(flexibility: str = "rigid") -> ParallelRobot:
+    """The robot: rigid, flexible_joints or flexible_links."""
+    return ENTRY.load(flexibility)

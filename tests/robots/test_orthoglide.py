@@ -1,0 +1,261 @@
+"""The Orthoglide against its textbook geometry: three legs of one length, a rule of design, Lagrange.
+
+The closed forms know a platform that does not turn and three legs. In the robot under test parallelograms and
+hinges keep the platform from turning.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import brentq
+
+import robots
+from framework import (
+    Condition,
+    Law,
+    Line,
+    ParallelRobot,
+    assemble,
+    inverse_dynamics,
+    locate_singularities,
+    plan_scene,
+    scene_path,
+    velocity_matrices,
+)
+from framework.errors import NotConverged, OutOfReach, UnboundedTorque
+from framework.kinematics.assembly import loop_rows
+from framework.kinematics.frames import frames_at
+from robots.generators import orthoglide as generator
+from tests.forward_simulation import forward_simulate
+from tests.robots.lagrange_oracle import platform_force
+
+LENGTH, HALF = 0.31058, 0.04  # [m]
+CARRIED, ROD, BAR, PLATFORM = 1.5 + 0.5 + 0.2, 0.12, 0.1, 2.5  # [kg]; carriage, column and cross as one
+ROD_ACROSS, ROD_ALONG = ROD * (3 * 0.007**2 + LENGTH**2) / 12, ROD * 0.007**2 / 2
+TILTING = (0.2 + BAR) * 0.012**2 / 2  # cross and bar about themselves [kg m^2]
+GEAR, ROTOR = 314.1592653589793, 5e-5
+LEGS = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])  # x, y, z of a leg's frame among those of the base
+
+
+# ------------------------------------------------------------------ closed forms, analytic
+
+
+def along(x):
+    """How far the leg reaches along its rail (3,): sqrt(L^2 - y^2 - z^2)."""
+    _, y, z = x[LEGS].T
+    return np.sqrt(LENGTH**2 - y**2 - z**2)
+
+
+def slides(x):
+    """Inverse kinematics: the coordinate of each carriage (3,) [m]."""
+    return x + along(x)
+
+
+def velocity_ratio(x):
+    """d(slides)/dx (3, 3)."""
+    _, y, z = x[LEGS].T / along(x)
+    return np.array([np.roll((1.0, -y[i], -z[i]), i) for i in range(3)])
+
+
+def legs(x):
+    """Unit vectors from carriage to platform (3, 3)."""
+    return (x - np.diag(slides(x))) / LENGTH
+
+
+def kinetic_energy(x, dx):
+    """Of the platform, the bars, the rods, the crosses, the carriages and the rotors [J]."""
+    (_, y, z), (v, dy, dz) = x[LEGS].T, dx[LEGS].T
+    r = along(x)
+    dr = -(y * dy + z * dz) / r
+    slide, tilt = v + dr, (dz * r - z * dr) / (r**2 + z**2)
+    dn = np.array([-dr, dy, dz]) / LENGTH
+    middle = np.array([slide, 0 * slide, 0 * slide]) + 0.5 * LENGTH * dn
+    spin = -tilt * y / LENGTH  # the part of the tilt that is along the rod
+    energy = 0.5 * (CARRIED + ROTOR * GEAR**2) * np.sum(slide**2) + 0.5 * TILTING * np.sum(tilt**2)
+    energy += ROD * np.sum(middle**2) + ROD_ACROSS * np.sum(dn**2) + ROD_ALONG * np.sum(spin**2)  # two a leg
+    return energy + 0.5 * (PLATFORM + 3 * BAR) * np.sum(dx**2)
+
+
+def potential_energy(x):
+    lifted = slides(x)[2]
+    return 9.81 * ((CARRIED + ROD) * lifted + (PLATFORM + 3 * BAR + 3 * ROD) * x[2])
+
+
+def force(x, dx, ddx):
+    return platform_force(kinetic_energy, potential_energy, x, dx, ddx)
+
+
+def leg_volume(x):
+    """Zero when the three legs are parallel to one plane: Type 2."""
+    return float(np.linalg.det(legs(x)))
+
+
+def hinge_volume(x):
+    """Zero when three legs of hinges alone would let the platform turn: their planes y, z share a line."""
+    return float(np.prod(along(x)) - np.prod(x))
+
+
+def exact_s(path, measure):
+    return brentq(lambda s: measure(path(s)), 0.0, 1.0, xtol=1e-15, rtol=1e-15)
+
+
+# ------------------------------------------------------------------ the robot
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("orthoglide")
+
+
+@pytest.fixture(scope="module")
+def plan(robot):
+    return plan_scene(robot, "cross")
+
+
+def places(count):
+    return np.random.default_rng(5).uniform(-0.12679, 0.07321, (count, 3))
+
+
+def test_the_kept_urdf_is_what_the_generator_writes():
+    assert generator.urdf() == robots.CATALOGUE["orthoglide"].file.with_suffix(".urdf").read_text(
+        encoding="utf-8"
+    )
+
+
+def test_slides_have_their_closed_form_and_the_platform_does_not_turn(robot):
+    for x in places(12):
+        q = assemble(robot, x).q
+        np.testing.assert_allclose(q[robot.actuated], slides(x), rtol=0, atol=1e-13)
+        at = frames_at(robot, q[None])
+        np.testing.assert_allclose(at.position[0, 0], x, atol=1e-13)
+        np.testing.assert_allclose(at.rotation[0, 0], np.eye(3), atol=1e-12)
+
+
+def test_A_and_B_are_those_of_the_three_legs(robot):
+    for x in places(6):
+        A, B, _ = velocity_matrices(robot, assemble(robot, x).q)
+        np.testing.assert_allclose(np.linalg.solve(B, A), velocity_ratio(x), atol=1e-11)
+
+
+def test_the_length_of_the_legs_obeys_the_rule_of_design(robot):
+    """Between 1/2 and 2 in the whole cube; the bounds at its corners on the diagonal."""
+    low, high = -LENGTH / np.sqrt(6), LENGTH / np.sqrt(18)
+    assert high - low == pytest.approx(0.2, abs=1e-5)  # the length is rounded to 0.01 mm
+    for corner, factors in ((low, (2, 0.5, 0.5)), (high, (1.25, 1.25, 0.5))):
+        A, B, _ = velocity_matrices(robot, assemble(robot, [corner] * 3).q)
+        np.testing.assert_allclose(np.linalg.svd(np.linalg.solve(B, A))[1], factors, rtol=0, atol=1e-12)
+    inside = np.stack(np.meshgrid(*[np.linspace(low, high, 9)] * 3), axis=-1).reshape(-1, 3)
+    factors = np.array([np.linalg.svd(velocity_ratio(x), compute_uv=False) for x in inside])
+    assert factors.max() < 2 + 1e-12
+    assert factors.min() > 0.5 - 1e-12
+
+
+# ------------------------------------------------------------------ singularities
+
+
+def test_singular_point_and_twist_are_those_of_the_legs(robot, plan):
+    (point,) = locate_singularities(robot, plan.path)
+    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
+    assert point.s == pytest.approx(exact_s(plan.path, leg_volume), abs=1e-12)
+    normal = np.linalg.svd(legs(point.platform))[2][-1]  # across the plane of the legs
+    np.testing.assert_allclose(point.twist, normal * np.sign(normal @ point.twist), atol=1e-10)
+    assert not locate_singularities(robot, scene_path(robot.description.scenes["mill"]))
+
+
+def test_on_the_diagonal_the_legs_are_parallel_to_one_plane_at_L_over_sqrt_6(robot):
+    (point,) = locate_singularities(robot, Line([0, 0, 0], [0.15, 0.15, 0.15]))
+    np.testing.assert_allclose(point.platform, LENGTH / np.sqrt(6), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(point.twist, 1 / np.sqrt(3), rtol=0, atol=1e-12)
+
+
+def test_the_workspace_ends_where_a_leg_is_normal_to_its_rail(robot):
+    path = Line([0, 0, 0], [0.0, 0.3, 0.2])  # Type 1 of leg 1: y^2 + z^2 = L^2
+    with pytest.raises(OutOfReach) as caught:
+        locate_singularities(robot, path)
+    assert caught.value.s == pytest.approx(LENGTH / np.hypot(0.3, 0.2), abs=1e-6)
+
+
+def test_hinges_throughout_repeat_twelve_rows_but_not_the_same_twelve_everywhere(robot):
+    """As built: 25 rows of rank 13. Those kept at the isotropic pose fail where r_1 r_2 r_3 = x y z."""
+    axes = dict.fromkeys(("rod_1b", "rod_2b", "rod_3b"), ("x", "y", "z", "rx", "ry"))
+    axes |= dict.fromkeys(("mount_2", "mount_3"), ("x", "y", "z", "rx", "rz"))
+    closures = tuple(replace(one, axes=axes[one.name]) for one in robot.description.closures)
+    hinged = ParallelRobot.from_description(replace(robot.description, closures=closures))
+    assert (len(hinged.rows.names), len(loop_rows(hinged).names)) == (25, 13)
+    path = scene_path(robot.description.scenes["cross"])
+    with pytest.raises(NotConverged, match=f"s = {exact_s(path, hinge_volume):.6g}, .* dropped as redundant"):
+        locate_singularities(hinged, path)
+
+
+# ------------------------------------------------------------------ the crossing
+
+
+def test_plan_crosses_with_a_proof(plan):
+    (crossing,) = plan.crossings
+    assert plan.certificate.tail < 1e-9
+    assert plan.certificate.monotone
+    assert crossing.residual < 1e-12
+    assert max(plan.peak_torque.values()) < 0.5  # [N m], on the motor side
+
+
+def test_torques_satisfy_lagrange_at_all_instants(plan):
+    (crossing,) = plan.crossings
+    for t in np.append(np.linspace(0.0, plan.duration, 17), crossing.time):
+        x = plan.platform(t)
+        pushed = velocity_ratio(x).T @ (GEAR * plan.torque(t))
+        expected = force(x, plan.platform(t, 1), plan.platform(t, 2))
+        np.testing.assert_allclose(pushed, expected, rtol=0, atol=1e-9)
+
+
+def test_condition_8_is_the_virtual_power_across_the_legs(plan):
+    (crossing,) = plan.crossings
+    needed = force(*(plan.platform(crossing.time, k) for k in range(3)))
+    assert abs(needed @ crossing.twist) < 1e-10 * np.linalg.norm(needed)
+
+
+def test_planned_torques_bring_the_platform_along_the_path(robot, plan):
+    model = robot.model.copy()
+
+    def body(name):
+        return model.getFrameId(name, pin.FrameType.BODY)
+
+    mount = model.frames[body("mount_2")]  # a second point of its hinge holds one rotation
+    beside = mount.placement * pin.SE3(np.eye(3), np.array([0, -HALF, 0]))
+    second = model.addFrame(pin.Frame("mount_2b", mount.parentJoint, beside, pin.FrameType.OP_FRAME))
+    pairs = [(body(f"tip_{i}b"), body(f"seat_{i}b")) for i in (1, 2, 3)]
+    pairs += [(body(f"middle_{i}"), body(f"mount_{i}")) for i in (2, 3)]
+    armature = np.zeros(model.nv)
+    armature[robot.actuated] = GEAR**2 * ROTOR
+    times = np.linspace(0.0, plan.duration, 9)
+    q, _ = forward_simulate(
+        model,
+        closure_frames=[*pairs, (body("seat_2b"), second)],
+        closure_rows=[(0, 1), (1, 2), (0, 2), (0, 1, 2), (0, 1, 2), (0,)],  # of the base's x, y, z
+        actuated=robot.actuated,
+        armature=armature,
+        torque=lambda t: GEAR * plan.torque(t),
+        q0=assemble(robot, plan.path(0.0)).q,
+        v0=np.zeros(model.nv),
+        times=times,
+        rtol=1e-12,
+        atol=1e-14,
+    )
+    at = frames_at(robot, q)
+    assert np.linalg.norm(at.position[:, 0] - plan.platform(times), axis=1).max() < 1e-8
+    assert np.abs(at.rotation[:, 0] - np.eye(3)).max() < 1e-8
+
+
+def test_a_law_without_condition_8_gets_no_torques(robot, plan):
+    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
+        plan_scene(robot, "cross-unprepared")
+    assert caught.value.s == pytest.approx(exact_s(plan.path, leg_volume), abs=1e-12)
+    # through the right point at the right time, but with less of its acceleration
+    (crossing,) = plan.crossings
+    t, less = crossing.time, 0.95 * crossing.acceleration
+    wrong = [Condition(t, 0, crossing.s), Condition(t, 1, crossing.speed), Condition(t, 2, less)]
+    with pytest.raises(UnboundedTorque):
+        inverse_dynamics(robot, plan.path, Law.rest_to_rest(plan.duration, 2, wrong))
