@@ -14,7 +14,7 @@ from robots.files import robot_file
 ENTRY = CatalogueEntry(
     file=robot_file("par4"),
     summary="Par4, three translations and a turn about z, articulated plate",
-    source="mechanism of Nabat, Company, Krut, Rodriguez and Pierrot, IROS 2005",
+    source="mechanism of Nabat, Rodriguez, Company, Krut and Pierrot, IROS 2005",
     singularities=("type_2",),
 )
 

@@ -13,7 +13,7 @@ from robots.files import robot_file
 ENTRY = CatalogueEntry(
     file=robot_file("three_rpr"),
     summary="planar 3-RPR, platform x, y, rz, legs of driven length",
-    source="Innocenti and Parenti-Castelli 1998; Zein, Wenger and Chablat, Robotica 25, 2007",
+    source="after Innocenti and Parenti-Castelli 1998; Zein, Wenger and Chablat, Robotica 25, 2007",
     singularities=("type_2",),
 )
 

@@ -14,7 +14,7 @@ from robots.files import robot_file
 ENTRY = CatalogueEntry(
     file=robot_file("three_upu"),
     summary="translational 3-UPU, ball screws",
-    source="Tsai, ARK 1996; Zlatanov, Bonev and Gosselin, ICRA 2002",
+    source="Tsai, ARK 1996; Bonev and Zlatanov, parallemic.org, Review 4",
     singularities=("constraint",),
 )
 

@@ -3,8 +3,10 @@
     python -m robots.generators.delta
 
 Source of the dimensions: R. L. Williams II, "The Delta Parallel Robot: Kinematics Solutions", Ohio
-University, 2015, table of the ABB FlexPicker IRB 360-1/1600: arms of 0.524 m, forearms of 1.244 m and
-0.131 m wide, motor axes 0.164 m from the centre, forearms 0.044 m from that of the platform. Masses are ours.
+University, 2015, table of the ABB FlexPicker IRB 360-1/1600, as other programs quote it: arms of 0.524 m,
+forearms of 1.244 m and 0.131 m wide; a base triangle with sides of 0.567 m, which puts the motor axes 0.164 m
+from the centre, and a platform triangle with sides of 0.076 m, its corners, where the forearms end, 0.044 m
+from the centre. Masses are ours.
 """
 
 from __future__ import annotations
@@ -34,8 +36,9 @@ HEADER = """<?xml version="1.0"?>
 Clavel's Delta robot with real parallelograms. Written by robots/generators/delta.py: change that, not this.
 
 Source of the dimensions: R. L. Williams II, "The Delta Parallel Robot: Kinematics Solutions", Ohio
-University, 2015, table of the ABB FlexPicker IRB 360-1/1600. Masses are ours: uniform arms of 1.6 kg and rods
-of 0.18 kg, a platform of 0.5 kg with 1 kg of payload as one disc. The universal and ball joints have none.
+University, 2015, table of the ABB FlexPicker IRB 360-1/1600, as other programs quote it. Masses are ours:
+uniform arms of 1.6 kg and rods of 0.18 kg, a platform of 0.5 kg with 1 kg of payload as one disc. The
+universal and ball joints have none.
 
 Units: m, kg, rad. z points up, the motor axes lie in the plane z = 0. Leg i stands at 0, 120 and 240 degrees;
 at 0 its arm points outward, and a positive angle lowers it. Each forearm is two rods, a and b, on universal

@@ -3,10 +3,12 @@
     python -m robots.generators.gough_stewart
 
 Source of all dimensions: The MathWorks, Stewart platform example of SimMechanics, 1998-2003 (the variant of
-its control design case study): base radius 3 m, joints in pairs 2.5 degrees beside 0, 120 and 240 degrees;
-platform radius 1 m, joints 10 degrees beside 60, 180 and 300 degrees, 2 m above the base at home; both
-parts of a leg three quarters of its length at home, a tube of 50 and 30 mm radius and a rod of 30 mm;
-platform 50 mm thick; steel of 76e3 N/m^3.
+its control design case study, mech_stewart_control_setup.m): base radius 3 m, joints in pairs 2.5 degrees
+beside 0, 120 and 240 degrees; platform radius 1 m, joints 10 degrees beside 60, 180 and 300 degrees, 2 m
+above the base at home; both parts of a leg three quarters of its length at home, a tube of 50 and 30 mm
+radius and a rod of 30 mm; platform 50 mm thick; steel of 76e3 N/m^3. There a leg has a universal joint at
+both ends and a cylindrical one between; here a ball at its tip takes the place of the second and of the
+turn of the rod in the tube.
 """
 
 from __future__ import annotations
@@ -58,7 +60,8 @@ HEADER = """<?xml version="1.0"?>
 Gough-Stewart platform, 6-UPS. Written by robots/generators/gough_stewart.py: change that, not this.
 
 Source of all dimensions and masses: The MathWorks, Stewart platform example of SimMechanics, 1998-2003.
-The masses are those of solid steel; universal and ball joints have none.
+The masses are those of solid steel; universal and ball joints have none. The balls at the tips are ours, for
+a universal joint and a rod that turns in its tube.
 
 Units: m, kg, rad. Each leg is a universal joint on the base (two revolutes), a prismatic joint whose
 coordinate is the length of the leg, and a ball at its tip. A URDF is a tree: leg 1 carries the platform on a

@@ -2,7 +2,7 @@
 
     python -m robots.generators.par4
 
-Source of the mechanism: V. Nabat, O. Company, S. Krut, M. Rodriguez and F. Pierrot, "Par4: very high speed
+Source of the mechanism: V. Nabat, M. Rodriguez, O. Company, S. Krut and F. Pierrot, "Par4: very high speed
 parallel robot for pick-and-place", IROS 2005. Dimensions and masses are ours.
 """
 
@@ -29,7 +29,7 @@ HEADER = """<?xml version="1.0"?>
 Par4, a robot of four legs with three translations and a turn. Written by robots/generators/par4.py: change
 that.
 
-Source of the mechanism: V. Nabat, O. Company, S. Krut, M. Rodriguez and F. Pierrot, "Par4: very high speed
+Source of the mechanism: V. Nabat, M. Rodriguez, O. Company, S. Krut and F. Pierrot, "Par4: very high speed
 parallel robot for pick-and-place", IROS 2005. Dimensions and masses are ours: uniform arms of 0.8 kg and
 forearms of 0.2 kg, half plates of 0.15 kg as rods, bars of 0.1 kg, a tool of 1.5 kg as a disc, clamped to
 bar 1 without the robot's gear.

@@ -26,12 +26,13 @@ HEAD = """<?xml version="1.0"?>
 A planar 3-RPR robot: three rods that slide through turning blocks, driven there, and a triangular platform.
 Written by robots/generators/three_rpr.py; change that file, not this one.
 
-Source of the dimensions: C. Innocenti and V. Parenti-Castelli, "Singularity-free evolution from one
-configuration to another in serial and fully-parallel manipulators", ASME J. Mechanical Design 120, 1998, the
-example also of M. Zein, P. Wenger and D. Chablat, "Singular curves in the joint space and cusp points of
-3-RPR parallel manipulators", Robotica 25, 2007, arXiv 0711.0574: A_1 (0, 0), A_2 (15.91, 0), A_3 (0, 10),
-B_1 B_2 = 17.04, B_2 B_3 = 16.54, B_3 B_1 = 20.84, in units that we take for 0.05 m. Masses are ours: blocks
-of 1.5 kg, uniform rods of 2 kg and 1.2 m, a platform of 5 kg as a uniform triangular plate.
+Dimensions after C. Innocenti and V. Parenti-Castelli, "Singularity-free evolution from one configuration to
+another in serial and fully-parallel manipulators", ASME J. Mechanical Design 120, 1998, the example also of
+M. Zein, P. Wenger and D. Chablat, "Singular curves in the joint space and cusp points of 3-RPR parallel
+manipulators", Robotica 25, 2007, arXiv 0711.0574; not checked against the originals: A_1 (0, 0), A_2
+(15.91, 0), A_3 (0, 10), B_1 B_2 = 17.04, B_2 B_3 = 16.54, B_3 B_1 = 20.84, in units that we take for 0.05 m.
+Masses are ours: blocks of 1.5 kg, uniform rods of 2 kg and 1.2 m, a platform of 5 kg as a uniform triangular
+plate.
 
 Units: m, kg, rad, N. The xy plane is horizontal, blocks and platform turn about z. Origin: A_1.
 A URDF is a tree: the platform hangs on leg 1; legs 2 and 3 are closed at its corners in three_rpr.yaml.

@@ -20,9 +20,11 @@ _HEAD = """<?xml version="1.0"?>
 A translational 3-UPU robot with the joint layout of the prototype of Seoul National University: in each leg
 the first and the last axis are radial, pointing to the centre of base and platform, and the two inner axes
 are parallel. When the centres stand above one another the constraints of the three legs coincide and the
-platform gains two rotations: D. Zlatanov, I. Bonev and C. Gosselin, Constraint singularities of parallel
-mechanisms, IEEE ICRA 2002. The family: L.-W. Tsai, Kinematics of a three-dof platform with three extensible
-limbs, Recent Advances in Robot Kinematics, 1996. The dimensions are our own.
+platform gains two rotations, a constraint singularity: I. Bonev and D. Zlatanov, The mystery of the singular
+SNU translational parallel robot, parallemic.org, Review 4; D. Zlatanov, I. Bonev and C. Gosselin, Constraint
+singularities of parallel mechanisms, IEEE ICRA 2002, not read here. The family: L.-W. Tsai, Kinematics of a
+three-dof platform with three extensible limbs, Recent Advances in Robot Kinematics, 1996. The dimensions are
+our own.
 Written by robots/generators/three_upu.py: change that, not this.
 
 Units: m, kg, rad, N. z is up. Base joints lie on a circle of 0.30 m, platform joints on one of 0.12 m, at
