@@ -219,7 +219,8 @@ def _scene(name: str, entry: _Mapping, axes: Sequence[str]) -> Scene:
     for i, point in enumerate(points):
         if len(point) != len(axes):
             raise RobotFileError(
-                f"{entry.where}{kind}[{i}]: needs {len(axes)} numbers ({', '.join(axes)}), got {list(point)}"
+                f"{entry.where}{kind}[{i}]: needs {len(axes)} numbers, one for each axis of the platform "
+                f"({', '.join(axes)}), got {list(point)}"
             )
     scene = Scene(
         name=name,

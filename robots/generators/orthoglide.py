@@ -121,6 +121,8 @@ def platform() -> str:
     text += passive("level_1", "middle_1", "mount_1", (0, 0, 0), "0 1 0") + link("mount_1")
     text += joint("platform_point", "fixed", "mount_1", "platform", (-OFFSET, 0, 0))
     spindle = shape(cylinder(SPINDLE, SPINDLE_LENGTH), (0, 0, 0), "spindle")
+    for middle, rpy in (((0.5, 0, 0), ALONG_X), ((0, 0.5, 0), ALONG_Y), ((0, 0, 0.5), (0, 0, 0))):
+        spindle += shape(cylinder(BEAM, OFFSET), tuple(OFFSET * m for m in middle), "steel", rpy)
     text += link("platform", tube(PLATFORM, SPINDLE, SPINDLE_LENGTH, "z", (0, 0, 0)), spindle)
     for n in (2, 3):
         place = (0.0, OFFSET, 0.0) if n == 2 else (0.0, 0.0, OFFSET)
@@ -130,7 +132,7 @@ def platform() -> str:
 
 def urdf() -> str:
     """The whole file."""
-    text = HEAD + link("base", shape(box(0.05, 0.05, 0.05), (-0.25, -0.25, -0.25), "frame"))
+    text = HEAD + link("base")
     return text + "".join(leg(n) for n in (1, 2, 3)) + platform() + "</robot>\n"
 
 
