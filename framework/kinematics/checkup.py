@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from framework.kinematics.assembly import (
     independent_rows,
     passive_columns,
     reference_configuration,
+    rows_of_springs_alone,
 )
 from framework.kinematics.inverse_kinematics import mode_signs, moving_columns, reference_system
 from framework.kinematics.singularity import passive_matrix
@@ -111,7 +112,7 @@ def _advice(
     if robot.n != mobility:
         found.append(
             f"{robot.n} platform axes for {mobility} degrees of freedom: planning needs as many; change the "
-            f"platform's axes or the closures"
+            f"platform's axes or the closures{_suspects(robot, mobility)}"
         )
     if robot.n_a < mobility:
         found.append(
@@ -129,8 +130,15 @@ def _advice(
         )
     if redundant:
         found.append(
-            f"{', '.join(redundant)} repeat other loop equations, and always will: as it should be in a "
-            f"planar or overconstrained mechanism; else choose a closure kind that locks less"
+            f"{', '.join(redundant)} repeat other loop equations at the reference: as it should be in a "
+            f"planar or overconstrained mechanism; where they are needed elsewhere, lock only what it takes "
+            f"(axes: [...])"
+        )
+    alone = rows_of_springs_alone(robot)
+    if alone:
+        found.append(
+            f"{', '.join(alone)} can only be closed by springs, which planning refuses: lock fewer axes "
+            f"there (axes: [...]) or leave those axes out of the springs' motion"
         )
     if "<dynamics" in robot.description.urdf_text:
         found.append("damping and friction of the URDF (<dynamics>) are not part of the torques")
@@ -146,6 +154,20 @@ def _advice(
     if heaviest > 1e5:
         found.append(f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
     return found
+
+
+def _suspects(robot: ParallelRobot, mobility: int) -> str:
+    """The closures without any one of which the platform would have as many axes as freedoms."""
+    if mobility >= robot.n:
+        return ""
+    found = []
+    for closure in robot.description.closures:
+        others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
+        without = replace(robot, rows=robot.rows.take(np.array(others, dtype=np.intp)))
+        rank = len(independent_rows(without)) if others else 0
+        if mobility + len(independent_rows(robot)) - rank >= robot.n:
+            found.append(closure.name)
+    return f" (look at {', '.join(found)} first: without one of them the freedom is there)" if found else ""
 
 
 def _link_masses(robot: ParallelRobot) -> dict[str, float]:

@@ -1,0 +1,62 @@
+"""What `check` advises: the closure that locks too much by its name, and springs that planning refuses."""
+
+from __future__ import annotations
+
+from framework import ParallelRobot, check_robot
+
+SQUARE = """
+<robot name="square">
+  <link name="base"/>
+  {links}
+</robot>
+"""
+HINGE = """
+  <joint name="{joint}" type="revolute">
+    <parent link="{parent}"/><child link="{link}"/><origin xyz="{place}"/><axis xyz="0 0 1"/>
+    <limit lower="-6" upper="6" effort="1" velocity="1"/>
+  </joint>
+  <link name="{link}"/>
+"""
+TIP = """
+  <joint name="{link}_end" type="fixed">
+    <parent link="{link}"/><child link="{link}_tip"/><origin xyz="{place}"/>
+  </joint>
+  <link name="{link}_tip"/>
+"""
+
+
+def square(tmp_path, kind):
+    """A parallelogram of two cranks and a coupler, one metre each: one degree of freedom."""
+    links = [
+        HINGE.format(joint="left", parent="base", link="left_crank", place="0 0 0"),
+        HINGE.format(joint="top", parent="left_crank", link="coupler", place="0 1 0"),
+        HINGE.format(joint="right", parent="base", link="right_crank", place="1 0 0"),
+        TIP.format(link="coupler", place="1 0 0"),
+        TIP.format(link="right_crank", place="0 1 0"),
+    ]
+    (tmp_path / "square.urdf").write_text(SQUARE.format(links="".join(links)))
+    file = tmp_path / "square.yaml"
+    file.write_text(
+        f"""
+version: 1
+urdf: square.urdf
+platform: {{frame: coupler_tip, axes: [x]}}
+actuators: [{{joint: left}}]
+closures: [{{name: corner, frames: [coupler_tip, right_crank_tip], kind: {kind}}}]
+reference: {{left: 0, top: 0, right: 0}}
+"""
+    )
+    return ParallelRobot.from_file(file)
+
+
+def test_a_closure_that_locks_the_robot_is_named(tmp_path):
+    found = check_robot(square(tmp_path, "fixed"))
+    assert found.mobility == 0
+    assert any("look at corner first" in advice for advice in found.advice)
+
+
+def test_the_right_closure_is_no_suspect(tmp_path):
+    found = check_robot(square(tmp_path, "revolute"))
+    assert found.mobility == 1
+    assert not any("look at" in advice for advice in found.advice)
+    assert any("corner.z" in advice and "repeat other loop equations" in advice for advice in found.advice)
