@@ -57,12 +57,18 @@ ANGLE = 2  # number of the angle among the coordinates x, y, angle of a planar b
 
 
 def simulate(
-    robot: FiveBar, torque: Callable[[np.ndarray], np.ndarray], start, *, step: float, duration: float
+    robot: FiveBar,
+    torque: Callable[[np.ndarray], np.ndarray],
+    start,
+    *,
+    step: float,
+    duration: float,
+    solver: str = "GeneralizedAlpha",
 ) -> Run:
     """Drive the robot by motor torques from rest at `start` (2,) [m].
 
     `torque` maps times (T,) [s] to torques (T, 2) [N m] on the motor side; `step` [s] is made to divide
-    the duration.
+    the duration. `solver` is one of Exudyn's DynamicSolverType. Raises ArithmeticError when Exudyn gives up.
     """
     steps = round(duration / step)
     step = duration / steps
@@ -87,7 +93,10 @@ def simulate(
     system.Assemble()
     settings = _settings(steps, duration)
     begun = time.perf_counter()
-    system.SolveDynamic(settings, solverType=exu.DynamicSolverType.GeneralizedAlpha)
+    try:
+        system.SolveDynamic(settings, solverType=getattr(exu.DynamicSolverType, solver))
+    except exu.SolverError as failure:
+        raise ArithmeticError(f"Exudyn, step {step} s: {failure}") from None
     seconds = time.perf_counter() - begun
     rows = system.GetSensorStoredData(place)  # (steps + 1, 4): time, x, y, z
     return Run(rows[:, 0], rows[:, 1:3], seconds)

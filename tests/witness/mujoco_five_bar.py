@@ -49,8 +49,7 @@ def model_of(
     return mujoco.MjModel.from_xml_string(
         f"""<mujoco>
           <compiler angle="radian"/>
-          <option timestep="{step!r}" gravity="0 0 -9.81" integrator="{integrator}" solver="Newton"
-            iterations="200" tolerance="0"/>
+          <option timestep="{step!r}" gravity="0 0 -9.81" integrator="{integrator}"/>
           <worldbody>{legs}</worldbody>
           <equality><connect site1="left_tip" site2="right_tip" {loop}/></equality>
           <actuator>{motors}</actuator>
