@@ -1,0 +1,165 @@
+"""Planar mechanisms in Exudyn: bodies in redundant coordinates, joints by Lagrange multipliers.
+
+J. Gerstmayr, "Exudyn - a C++-based Python package for flexible multibody systems", Multibody System
+Dynamics 60, 2024, DOI 10.1007/s11044-023-09937-1. Bodies without mass keep a mass of exactly zero: what their
+joints leave free is an algebraic unknown, found by the balance of forces in every step of the implicit
+method. Nothing is regularised.
+
+Forces are read at the end of each step, where the generalised-alpha method (in Newmark's form, index 3)
+balances them. Its error falls with the square of the step.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import exudyn as exu
+import numpy as np
+from exudyn.itemInterface import (
+    LoadCoordinate,
+    LoadMassProportional,
+    MarkerBodyMass,
+    MarkerBodyPosition,
+    MarkerBodyRigid,
+    MarkerNodeCoordinate,
+    Node1D,
+    NodePoint2D,
+    NodeRigidBody2D,
+    ObjectConnectorCoordinateSpringDamper,
+    ObjectConnectorDistance,
+    ObjectConnectorSpringDamper,
+    ObjectGround,
+    ObjectJointPrismatic2D,
+    ObjectJointRevolute2D,
+    ObjectMass1D,
+    ObjectMassPoint2D,
+    ObjectRigidBody2D,
+    SensorNode,
+)
+
+SPECTRAL_RADIUS = 0.9  # a little numerical damping, for the algebraic unknowns
+NEWTON = 1e-10  # tolerance, relative and absolute; with 1e-12 Newton's method stalls on rounding
+X, Y, ANGLE = range(3)  # the coordinates of a planar body
+
+
+class Mechanism:
+    """An Exudyn system under construction. Bodies are (object, node); points and coordinates are markers."""
+
+    def __init__(self, gravity: Sequence[float] = (0.0, 0.0)) -> None:
+        self.system = exu.SystemContainer().AddSystem()
+        self.gravity = [*gravity, 0.0]  # [m/s^2] in the plane
+
+    def ground(self, place: Sequence[float]):
+        """A body that stays where it is; its x axis is that of the world."""
+        return self.system.AddObject(ObjectGround(referencePosition=[*map(float, place), 0.0])), None
+
+    def mass_point(self, mass: float, place: Sequence[float]):
+        """A body with two coordinates, x and y [m]."""
+        node = self.system.AddNode(NodePoint2D(referenceCoordinates=list(map(float, place))))
+        return self._heavy(self.system.AddObject(ObjectMassPoint2D(mass=mass, nodeNumber=node))), node
+
+    def link(self, mass: float, inertia: float, middle, angle: float, rates: Sequence[float] = (0, 0, 0)):
+        """A body with three coordinates; `middle` (2,) [m] is its centre of mass, `inertia` about it."""
+        place = [*map(float, middle), float(angle)]
+        node = self.system.AddNode(
+            NodeRigidBody2D(referenceCoordinates=place, initialVelocities=list(map(float, rates)))
+        )
+        body = self.system.AddObject(ObjectRigidBody2D(nodeNumber=node, mass=mass, inertia=inertia))
+        return self._heavy(body), node
+
+    def _heavy(self, body):
+        if any(self.gravity):
+            mass = self.system.AddMarker(MarkerBodyMass(bodyNumber=body))
+            self.system.AddLoad(LoadMassProportional(markerNumber=mass, loadVector=self.gravity))
+        return body
+
+    def point(self, body, along: float = 0.0):
+        """The point of a body `along` [m] its x axis from the centre of mass."""
+        return self.system.AddMarker(MarkerBodyPosition(bodyNumber=body[0], localPosition=[along, 0, 0]))
+
+    def pin(self, *points) -> None:
+        """One point, free to turn."""
+        self.system.AddObject(ObjectJointRevolute2D(markerNumbers=list(points)))
+
+    def slide(self, body, along: float, other) -> None:
+        """`other` keeps its angle to `body` and moves along its x axis through the point `along` [m]."""
+        markers = [
+            self.system.AddMarker(MarkerBodyRigid(bodyNumber=part[0], localPosition=[place, 0, 0]))
+            for part, place in ((body, along), (other, 0.0))
+        ]
+        self.system.AddObject(ObjectJointPrismatic2D(markerNumbers=markers))
+
+    def distance(self, points, length: float) -> None:
+        """A rigid rod without mass."""
+        self.system.AddObject(ObjectConnectorDistance(markerNumbers=list(points), distance=length))
+
+    def spring(self, points, length: float, stiffness: float) -> None:
+        """An elastic rod without mass, `length` [m] unloaded, `stiffness` [N/m]."""
+        self.system.AddObject(
+            ObjectConnectorSpringDamper(
+                markerNumbers=list(points), referenceLength=length, stiffness=stiffness
+            )
+        )
+
+    def coordinate(self, body, number: int):
+        """One of the coordinates of a body."""
+        return self.system.AddMarker(MarkerNodeCoordinate(nodeNumber=body[1], coordinate=number))
+
+    def rotor(self, inertia: float, driven, stiffness: float, offset: float = 0.0):
+        """A coordinate with inertia behind a spring to the coordinate `driven`, ahead of it by `offset`."""
+        node = self.system.AddNode(Node1D(referenceCoordinates=[0.0], initialCoordinates=[-offset]))
+        self.system.AddObject(ObjectMass1D(mass=inertia, nodeNumber=node))
+        turn = self.system.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
+        self.system.AddObject(
+            ObjectConnectorCoordinateSpringDamper(markerNumbers=[turn, driven], stiffness=stiffness)
+        )
+        return turn
+
+    def drive(self, coordinate, forces: np.ndarray, step: float) -> None:
+        """A motor: forces (steps + 1,) on a coordinate, one for the end of every step."""
+        if not np.all(np.isfinite(forces)):
+            raise ValueError("forces: must be finite at every step")
+        table = forces.tolist()
+
+        def force_at(_system, t: float, _load: float) -> float:
+            return table[round(t / step)]
+
+        self.system.AddLoad(LoadCoordinate(markerNumber=coordinate, loadUserFunction=force_at))
+
+    def run(
+        self, watched, *, steps: int, duration: float, solver: str = "GeneralizedAlpha", at_rest: bool = True
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Times (T,), displacements of the watched body's coordinates (T, ...), wall time [s].
+
+        `solver` is one of Exudyn's DynamicSolverType. Without `at_rest`, initial accelerations are computed
+        (which bodies without mass do not allow). Raises ArithmeticError when Exudyn gives up.
+        """
+        sensor = self.system.AddSensor(
+            SensorNode(
+                nodeNumber=watched[1],
+                outputVariableType=exu.OutputVariableType.Coordinates,
+                storeInternal=True,
+                writeToFile=False,
+            )
+        )
+        self.system.Assemble()
+        settings = exu.SimulationSettings()
+        integration = settings.timeIntegration
+        integration.numberOfSteps = steps
+        integration.endTime = duration
+        integration.generalizedAlpha.spectralRadius = SPECTRAL_RADIUS
+        integration.generalizedAlpha.computeInitialAccelerations = not at_rest
+        integration.newton.relativeTolerance = NEWTON
+        integration.newton.absoluteTolerance = NEWTON
+        integration.verboseMode = 0
+        settings.solution.file.write = False
+        settings.solution.sensors.writePeriod = duration / steps
+        begun = time.perf_counter()
+        try:
+            self.system.SolveDynamic(settings, solverType=getattr(exu.DynamicSolverType, solver))
+        except exu.SolverError as failure:
+            raise ArithmeticError(f"Exudyn, step {duration / steps} s: {failure}") from None
+        seconds = time.perf_counter() - begun
+        rows = self.system.GetSensorStoredData(sensor)
+        return rows[:, 0], rows[:, 1:], seconds
