@@ -34,11 +34,13 @@ def simulate(
     step: float,
     duration: float,
     solver: str = "GeneralizedAlpha",
+    rotor_speeds=(0.0, 0.0),
 ) -> Run:
     """Drive the robot by motor torques from rest at `start` (2,) [m].
 
     `torque` maps times (T,) [s] to torques (T, 2) [N m] on the motor side; `step` [s] is made to divide
     the duration. `solver`, and the ArithmeticError that is raised: as `Mechanism.run`.
+    `rotor_speeds` [rad/s], on the joint side, are those of the rotors of elastic drives at the start.
     """
     steps = round(duration / step)
     step = duration / steps
@@ -47,7 +49,7 @@ def simulate(
     payload = mechanism.mass_point(PAYLOAD, start)
     angles = start_angles(start)
     for leg in range(2):
-        crank, motor = _crank(mechanism, robot, leg, angles[leg, 0])
+        crank, motor = _crank(mechanism, robot, leg, angles[leg, 0], rotor_speeds[leg])
         _rod(mechanism, robot, crank, payload, leg, angles[leg])
         mechanism.drive(motor, joint_torque[:, leg], step)
     times, moved, seconds = mechanism.run(payload, steps=steps, duration=duration, solver=solver)
@@ -58,7 +60,7 @@ def _half(angle: float) -> np.ndarray:
     return 0.5 * LENGTH * np.array([np.cos(angle), np.sin(angle)])
 
 
-def _crank(mechanism: Mechanism, robot: FiveBar, leg: int, angle: float):
+def _crank(mechanism: Mechanism, robot: FiveBar, leg: int, angle: float, rotor_speed: float):
     """The body of a crank, and the coordinate on which its motor acts."""
     foot = np.array([BASES[leg], 0.0])
     rigid_drive = robot.drive_stiffness is None
@@ -66,7 +68,9 @@ def _crank(mechanism: Mechanism, robot: FiveBar, leg: int, angle: float):
     crank = mechanism.link(robot.link_mass, inertia, foot + _half(angle), angle)
     mechanism.pin(mechanism.point(mechanism.ground(foot)), mechanism.point(crank, -LENGTH / 2))
     turn = mechanism.coordinate(crank, ANGLE)
-    return crank, turn if rigid_drive else mechanism.rotor(ROTOR_INERTIA, turn, robot.drive_stiffness)
+    if rigid_drive:
+        return crank, turn
+    return crank, mechanism.rotor(ROTOR_INERTIA, turn, robot.drive_stiffness, speed=rotor_speed)
 
 
 def _rod(mechanism: Mechanism, robot: FiveBar, crank, payload, leg: int, angles) -> None:

@@ -106,9 +106,14 @@ class Mechanism:
         """One of the coordinates of a body."""
         return self.system.AddMarker(MarkerNodeCoordinate(nodeNumber=body[1], coordinate=number))
 
-    def rotor(self, inertia: float, driven, stiffness: float, offset: float = 0.0):
-        """A coordinate with inertia behind a spring to the coordinate `driven`, ahead of it by `offset`."""
-        node = self.system.AddNode(Node1D(referenceCoordinates=[0.0], initialCoordinates=[-offset]))
+    def rotor(self, inertia: float, driven, stiffness: float, *, offset: float = 0.0, speed: float = 0.0):
+        """A coordinate with inertia behind a spring to the coordinate `driven`.
+
+        At the start `driven` is ahead by `offset`, and the rotor has a speed.
+        """
+        node = self.system.AddNode(
+            Node1D(referenceCoordinates=[0.0], initialCoordinates=[-offset], initialVelocities=[speed])
+        )
         self.system.AddObject(ObjectMass1D(mass=inertia, nodeNumber=node))
         turn = self.system.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
         self.system.AddObject(

@@ -23,7 +23,7 @@ def plan_of(name: str, flexibility: str) -> CrossingPlan:
 
 
 class Wrong(NamedTuple):
-    """Torques without proof, for a law that misses condition (8); as a plan where the tests need one."""
+    """Torques without proof, for a law that misses condition (8)."""
 
     law: Callable
     path: Callable
