@@ -45,15 +45,33 @@ def simulate(
     steps = round(duration / step)
     step = duration / steps
     joint_torque = GEAR_RATIO * torque(step * np.arange(steps + 1))  # (steps + 1, 2)
-    mechanism = Mechanism()
-    payload = mechanism.mass_point(PAYLOAD, start)
-    angles = start_angles(start)
-    for leg in range(2):
-        crank, motor = _crank(mechanism, robot, leg, angles[leg, 0], rotor_speeds[leg])
-        _rod(mechanism, robot, crank, payload, leg, angles[leg])
+    mechanism, payload, motors = _assemble(robot, start, rotor_speeds)
+    for leg, motor in enumerate(motors):
         mechanism.drive(motor, joint_torque[:, leg], step)
     times, moved, seconds = mechanism.run(payload, steps=steps, duration=duration, solver=solver)
     return Run(times, start + moved, seconds)
+
+
+def guide(robot: FiveBar, angles: np.ndarray, start, *, duration: float) -> Run:
+    """The same with the motors' angles (steps + 1, 2) [rad] imposed, joint side, whatever that takes."""
+    steps = len(angles) - 1
+    mechanism, payload, motors = _assemble(robot, start, (0.0, 0.0))
+    for leg, motor in enumerate(motors):
+        mechanism.guide(motor, angles[:, leg] - angles[0, leg], duration / steps)
+    times, moved, seconds = mechanism.run(payload, steps=steps, duration=duration)
+    return Run(times, start + moved, seconds)
+
+
+def _assemble(robot: FiveBar, start, rotor_speeds):
+    """The mechanism, its payload, and the coordinates of its motors."""
+    mechanism = Mechanism()
+    payload = mechanism.mass_point(PAYLOAD, start)
+    motors = []
+    for leg, angles in enumerate(start_angles(start)):
+        crank, motor = _crank(mechanism, robot, leg, angles[0], rotor_speeds[leg])
+        _rod(mechanism, robot, crank, payload, leg, angles)
+        motors.append(motor)
+    return mechanism, payload, motors
 
 
 def _half(angle: float) -> np.ndarray:

@@ -1,10 +1,9 @@
 """The N-four-bar mechanism in Exudyn, falling freely: problem A02 of the IFToMM library of benchmarks.
 
 M. Gonzalez, D. Dopico, U. Lugris and J. Cuadrado, "A benchmarking system for MBS simulation software:
-problem standardization and performance measurement", Multibody System Dynamics 16, 2006, DOI
-10.1007/s11044-006-9020-9. N + 1 rods on the ground and N bars between their tips, 1 m and 1 kg each, upright
-at the start, the tips at 1 m/s to the right. Whenever all links lie on one line, each loop loses a rank and
-could fold.
+problem standardization and performance measurement", Multibody System Dynamics 16, 2006. N + 1 rods on the
+ground and N bars between their tips, 1 m and 1 kg each, upright at the start, the tips at 1 m/s to the right.
+Whenever all links lie on one line, each loop loses a rank and could fold.
 """
 
 from __future__ import annotations

@@ -25,7 +25,9 @@ from exudyn.itemInterface import (
     MarkerNodeCoordinate,
     Node1D,
     NodePoint2D,
+    NodePointGround,
     NodeRigidBody2D,
+    ObjectConnectorCoordinate,
     ObjectConnectorCoordinateSpringDamper,
     ObjectConnectorDistance,
     ObjectConnectorSpringDamper,
@@ -132,6 +134,19 @@ class Mechanism:
 
         self.system.AddLoad(LoadCoordinate(markerNumber=coordinate, loadUserFunction=force_at))
 
+    def guide(self, coordinate, displacements: np.ndarray, step: float) -> None:
+        """A motor without limits: displacements (steps + 1,) of a coordinate, each at the end of a step."""
+        table = displacements.tolist()
+
+        def place_at(_system, t: float, _item: int, _offset: float) -> float:
+            return table[round(t / step)]
+
+        node = self.system.AddNode(NodePointGround())
+        fixed = self.system.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
+        self.system.AddObject(
+            ObjectConnectorCoordinate(markerNumbers=[fixed, coordinate], offsetUserFunction=place_at)
+        )
+
     def run(
         self, watched, *, steps: int, duration: float, solver: str = "GeneralizedAlpha", at_rest: bool = True
     ) -> tuple[np.ndarray, np.ndarray, float]:
@@ -163,7 +178,7 @@ class Mechanism:
         begun = time.perf_counter()
         try:
             self.system.SolveDynamic(settings, solverType=getattr(exu.DynamicSolverType, solver))
-        except exu.SolverError as failure:
+        except (exu.SolverError, exu.InternalError) as failure:
             raise ArithmeticError(f"Exudyn, step {duration / steps} s: {failure}") from None
         seconds = time.perf_counter() - begun
         rows = self.system.GetSensorStoredData(sensor)
