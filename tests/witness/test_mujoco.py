@@ -83,13 +83,9 @@ def test_a_soft_loop_has_no_force_in_inverse_dynamics():
     plan = plan_of("five_bar_heavy", "rigid")
     closed = tree_of("five_bar_heavy", "rigid")
     closed.model.opt.disableflags = 0
-    worst = 0.0
-    for instant, torque in zip(zip(*motion(plan), strict=True), plan.torque(TIMES), strict=True):
-        r, _, _ = closed.equation(*instant)
-        worst = max(
-            worst, np.abs(r[closed.motors] / GEAR_RATIO - torque).max(), np.abs(r[closed.others]).max()
-        )
-    assert worst > 1e-2
+    r = np.array([closed.equation(*instant)[0] for instant in zip(*motion(plan), strict=True)])  # (T, nv)
+    assert np.abs(r[:, closed.others]).max() > 1.0  # [N m] where there is no motor
+    assert np.abs(r[:, closed.motors] / GEAR_RATIO - plan.torque(TIMES)).max() > 0.1  # [N m], of 0.18
 
 
 @pytest.mark.parametrize("name", ROBOTS)
