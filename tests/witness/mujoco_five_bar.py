@@ -28,7 +28,7 @@ from tests.witness.five_bar import (
 NEGLIGIBLE = 1e-12  # [kg]
 SHAPELESS = 1e-14  # moment of inertia of what has none [kg m^2]: MuJoCo refuses less than 1e-15
 HARD = "0.9999 0.9999 0.001 0.5 2"  # solimp: the hardest loop that MuJoCo allows
-SHORT = 2.0  # solref: time constant of the loop, in steps; the shortest that MuJoCo allows
+SHORT = 2.0  # solref: time constant of the loop, in steps; MuJoCo raises shorter ones to it
 
 
 def model_of(

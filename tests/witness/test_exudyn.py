@@ -71,7 +71,7 @@ def test_motors_that_suffice_for_the_right_law_fail_under_a_wrong_one(name, flex
 
 
 def test_the_pole_is_odd_and_forgives_a_rigid_robot_with_boundless_motors():
-    """Why a motor limit is part of the test above: 64 N m for a few microseconds do carry it through."""
+    """Why a motor limit is part of the test above: 64 N m for half a millisecond do carry it through."""
     wrong = wrong_law("five_bar", "rigid", "B")
     assert np.abs(wrong.torque(np.linspace(0, DURATION, 3001))).max() > 50
     assert run("five_bar", "rigid", wrong, 1e-4).error(wrong).max() < 1e-6
@@ -88,12 +88,9 @@ def crank_angles(places: np.ndarray) -> np.ndarray:
 
 def test_a_run_driven_by_angles_does_not_tell_a_wrong_law_from_a_right_one():
     """Why torques drive the runs above: imposed angles pass under the law with the pole as well."""
-    times = np.linspace(
-        0.0, DURATION, 1500
-    )  # no step ends on the singularity, where its matrix has no inverse
+    robot = FiveBar.of("five_bar", "rigid")
+    times = np.linspace(0.0, DURATION, 1500)  # none on the singularity, where Newton's matrix has no inverse
     for plan in (plan_of("five_bar", "rigid"), wrong_law("five_bar", "rigid", "B")):
         places = plan.platform(times)
-        done = exudyn.guide(
-            FiveBar.of("five_bar", "rigid"), crank_angles(places), places[0], duration=DURATION
-        )
+        done = exudyn.guide(robot, crank_angles(places), places[0], duration=DURATION)
         assert done.error(plan).max() < 1e-10
