@@ -15,7 +15,7 @@ METADATA := pyproject.toml constraints.txt
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 DEMO := crossing_C
 
-.PHONY: help demo test slow bench lint format notebooks clean
+.PHONY: help demo test slow witness bench lint format notebooks clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -31,6 +31,9 @@ test: $(VENV)/.test  ## run the tests
 
 slow: $(VENV)/.test  ## run the tests marked slow
 	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS) || [ $$? -eq 5 ]  # 5: there are none
+
+witness: $(VENV)/.witness  ## hold our torques against MuJoCo and Exudyn
+	CROSSING_WITNESS=required $(BIN)/python -m pytest tests/witness $(PYTEST_ARGS)
 
 bench: $(VENV)/.test  ## print the benchmarks
 	$(BIN)/python -m pytest -m benchmark -s $(PYTEST_ARGS) || [ $$? -eq 5 ]
@@ -63,7 +66,7 @@ $(VENV)/.created:
 	@touch $@
 
 $(VENV)/.wheel: $(VENV)/.created $(METADATA) $(SOURCES)
-	@rm -f $(VENV)/.test $(VENV)/.dev
+	@rm -f $(VENV)/.test $(VENV)/.dev $(VENV)/.witness
 	$(INSTALL) .
 	@touch $@
 
@@ -75,4 +78,9 @@ $(VENV)/.test: $(VENV)/.created $(METADATA)
 $(VENV)/.dev: $(VENV)/.created $(METADATA)
 	@rm -f $(VENV)/.wheel
 	$(INSTALL) --editable '.[dev]'
+	@touch $(VENV)/.test $@
+
+$(VENV)/.witness: $(VENV)/.created $(METADATA)
+	@rm -f $(VENV)/.wheel
+	$(INSTALL) --editable '.[test,witness]'
 	@touch $(VENV)/.test $@
