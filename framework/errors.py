@@ -99,6 +99,20 @@ class NoLaw(NoAnswer):
     """No motion law can pass, or none that advances all the time was found."""
 
 
+class UncontrolledMotions(NoLaw):
+    """The path meets a pose, at `s` and `platform`, in which `count` motions escape the motors at once.
+
+    Each of them asks for a condition of its own; one law s(t) can meet one, and none where the loop
+    equations themselves let the motions go.
+    """
+
+    def __init__(self, message: str, *, s: float, platform: Array, count: int) -> None:
+        super().__init__(message)
+        self.s = s
+        self.platform = platform
+        self.count = count
+
+
 class UnboundedTorque(NoAnswer):
     """The law meets a Type 2 singularity with t_s . W_p != 0: the torque has a pole at `time`.
 

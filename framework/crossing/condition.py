@@ -15,11 +15,12 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.errors import NoLaw, point
+from framework.kinematics.bordering import Border, bordered
 from framework.kinematics.frames import move, offset
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, motion_at, system_at
 from framework.kinematics.locus import SingularPoint
 from framework.kinematics.platform import path_twist
-from framework.kinematics.singularity import Border, bordered, measured_matrix, uncontrolled_motion
+from framework.kinematics.singularity import measured_matrix, uncontrolled_motion
 from framework.kinematics.tracking import Track
 from framework.motion.path import along
 

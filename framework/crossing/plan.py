@@ -19,11 +19,10 @@ from framework.crossing.condition import (
 from framework.crossing.result import Crossing, CrossingPlan
 from framework.crossing.schedule import Milestone, refuse_wandering, schedule
 from framework.dynamics.inverse_dynamics import TOLERANCE, checked_geometry, resolve
-from framework.dynamics.passages import rigid_passages
+from framework.dynamics.passages import refuse_other_kinds, rigid_passages
 from framework.dynamics.result import InverseDynamics, Passage
 from framework.errors import InvalidInput, NoLaw
 from framework.kinematics.locus import SingularPoint, locate_singularities
-from framework.kinematics.singularity import UNCROSSABLE
 from framework.kinematics.tracking import Track, track_path
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
@@ -62,7 +61,8 @@ def plan_crossing(
     Raises:
         InvalidInput: an argument that cannot be right; says what is valid.
         NoLaw: no law can cross (a stop on the locus, a tangential touch, a path orthogonal to t_s,
-            two uncontrolled motions at once), or none that always advances was found.
+            a singularity that is not of Type 2), or none that always advances was found.
+        UncontrolledMotions: two motions or more are uncontrolled at once.
         UnboundedTorque: the law meets a singularity without condition (8); no torque is returned.
         NotConverged, OutOfReach, Type1Singularity, SingularPath: see `inverse_dynamics`.
 
@@ -245,18 +245,12 @@ def _targets(
 
 def _refuse_uncrossable(robot: ParallelRobot, at: SingularPoint) -> None:
     where = f"{robot.name}: at s = {at.s:.6g} the path"
-    if at.kind != "type_2":
-        raise NoLaw(f"{where} meets {UNCROSSABLE[at.kind]}")
+    refuse_other_kinds(robot, at)
     if at.s < 1e-9 or at.s > 1 - 1e-9:
         end = "starts" if at.s < 0.5 else "ends"
         raise NoLaw(
             f"{where} {end} on a Type 2 singularity; a stop on the locus can never be crossed: "
             f"move the path's end"
-        )
-    if at.corank > 1:
-        raise NoLaw(
-            f"{where} meets a singularity with {at.corank} uncontrolled motions at once; they need as "
-            f"many conditions, which one law s(t) cannot meet"
         )
     if at.contact == "tangential":
         raise NoLaw(

@@ -9,15 +9,10 @@ from framework.dynamics.elasticity import Deflected
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, Passage
 from framework.errors import NoLaw, UnboundedTorque, point
+from framework.kinematics.bordering import Border, bordered
 from framework.kinematics.inverse_kinematics import close_loops, mode_signs, motion_at, system_at
 from framework.kinematics.locus import SingularPoint
-from framework.kinematics.singularity import (
-    UNCROSSABLE,
-    Border,
-    bordered,
-    measured_matrix,
-    uncontrolled_motion,
-)
+from framework.kinematics.singularity import UNCROSSABLE, escaping, measured_matrix, uncontrolled_motion
 from framework.kinematics.tracking import Track
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
@@ -58,13 +53,28 @@ def rigid_passages(track: Track, points: tuple[SingularPoint, ...], law: MotionL
     """All instants at which the law takes the undeformed robot through a singular point.
 
     Raises:
-        NoLaw: the motion stands still on one of them, or one is not of Type 2.
+        NoLaw: the motion stands still on one of them, or one cannot be crossed by any law.
     """
     for at in points:
-        if at.kind != "type_2":
-            raise NoLaw(f"{track.robot.name}: at s = {at.s:.6g} the path meets {UNCROSSABLE[at.kind]}")
+        refuse_other_kinds(track.robot, at)
     edges = panel_edges(track.path, law)
     return tuple(_rigid_passage(track, law, t, at) for at in points for t in _instants(law, edges, at.s))
+
+
+def refuse_other_kinds(robot: ParallelRobot, at: SingularPoint) -> None:
+    """Refuse singular points to which condition (8) does not apply.
+
+    Raises:
+        UncontrolledMotions: several motions are uncontrolled at once.
+        NoLaw: the singularity is not of Type 2.
+    """
+    if at.corank > 1:
+        what = UNCROSSABLE.get(
+            at.kind, "a Type 2 singularity; each motion asks for a condition (8), one law s(t) can meet one"
+        )
+        raise escaping(robot, at.s, at.platform, at.corank, f"the path meets {what}")
+    if at.kind != "type_2":
+        raise NoLaw(f"{robot.name}: at s = {at.s:.6g} the path meets {UNCROSSABLE[at.kind]}")
 
 
 def _rigid_passage(track: Track, law: MotionLaw, t: float, at: SingularPoint) -> Passage:

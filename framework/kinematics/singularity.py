@@ -1,15 +1,8 @@
 """How near a robot is to a Type 2 singularity, and which twist t_s its motors cannot hold.
 
 Type 2: the passive columns P of the independent loop equations lose rank, P eta = 0; with the motors
-locked the passive joints may move along eta, and the platform along t_s. The measure is the bordered
-scalar g of
-
-    [P  b] [eta]   [0]
-    [c' 0] [ g ] = [1]
-
-which vanishes exactly when P is singular, is as smooth as P, has a sign and a scale: roots are found
-on it, not on the smallest singular value (no sign, a kink) and not on det P (no scale).
-Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000, chapter 3.
+locked the passive joints may move along eta, and the platform along t_s. Its measure is that of
+`bordering`.
 """
 
 from __future__ import annotations
@@ -19,7 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
+from framework.errors import UncontrolledMotions, point
 from framework.kinematics.assembly import loop_rows, passive_columns
+from framework.kinematics.bordering import Border, bordered
 from framework.kinematics.closures import column_scale, scaled
 from framework.kinematics.inverse_kinematics import System, moving_columns
 from framework.model import ParallelRobot
@@ -31,48 +26,6 @@ UNCROSSABLE = {
     "closure": "a singularity of the loop equations themselves, whatever the motors do",
 }
 VANISHED = 1e-7  # of a unit motion (radians, robot lengths): less does not count as moving
-
-
-class Border(NamedTuple):
-    """The border (b, c) of the matrices near one of them: its last singular vectors."""
-
-    b: Array  # (k,) left
-    c: Array  # (k,) right
-
-    @staticmethod
-    def of(matrix: Array) -> Border:
-        """The border for matrices near this one (k, k); g then has the sign of the determinant."""
-        left, _, right = np.linalg.svd(matrix)
-        b, c = left[:, -1], right[-1]
-        # for the matrix itself g = -sigma with this border; det decides which sign it should have
-        return Border(-b if np.linalg.det(left) * np.linalg.det(right) > 0 else b, c)
-
-
-class Bordered(NamedTuple):
-    """Solution of the bordered system for T matrices."""
-
-    eta: Array  # (T, k), c . eta = 1; the null vector where g = 0
-    g: Array  # (T,)
-
-
-def bordered(matrices: Array, border: Border) -> Bordered:
-    """Solve the bordered system for matrices (T, k, k)."""
-    count, k = matrices.shape[:2]
-    whole = np.zeros((count, k + 1, k + 1))
-    whole[:, :k, :k] = matrices
-    whole[:, :k, k] = border.b
-    whole[:, k, :k] = border.c
-    unit = np.zeros((count, k + 1, 1))
-    unit[:, k] = 1.0
-    try:
-        solution = np.linalg.solve(whole, unit)[..., 0]
-    except np.linalg.LinAlgError:  # two null vectors at once, to the last bit: g is zero there
-        solution = np.array([_least_solution(one, right) for one, right in zip(whole, unit, strict=True)])
-    return Bordered(solution[:, :k], solution[:, k])
-
-
-def _least_solution(matrix: Array, right: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(matrix, right[:, 0], rcond=None)[0])
 
 
 def passive_matrix(robot: ParallelRobot, system: System) -> Array:
@@ -88,6 +41,15 @@ def measured_matrix(robot: ParallelRobot, system: System) -> Array:
     """
     P = passive_matrix(robot, system)
     return P if P.shape[1] == P.shape[2] else P.transpose(0, 2, 1) @ P
+
+
+def mobile_matrix(robot: ParallelRobot, system: System) -> Array:
+    """The matrix (T, n + m, n + m) of the inverse kinematics, without dimension.
+
+    Columns: actuated, then passive. Singular in Type 1 singularities, and where the loop equations lose rank.
+    """
+    both = [scaled(robot, system.platform, None), scaled(robot, system.closures, loop_rows(robot))]
+    return np.concatenate(both, axis=1)[:, :, moving_columns(robot)]
 
 
 def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
@@ -135,6 +97,28 @@ def uncontrolled_motion(robot: ParallelRobot, system: System) -> Uncontrolled:
     return Uncontrolled("type_2", twist / scale, motion / scale, corank)
 
 
+def lost_equations(robot: ParallelRobot, system: System, level: float = VANISHED) -> int:
+    """How many of the independent loop equations of one configuration (T = 1) hold nothing there.
+
+    Counted by singular values below `level`, in radians and robot lengths.
+    """
+    loops = scaled(robot, system.closures, loop_rows(robot))[0][:, moving_columns(robot)]
+    values = np.linalg.svd(loops, compute_uv=False)
+    return int(np.sum(values < level * max(float(values.max(initial=0.0)), 1.0)))
+
+
+def escaping(robot: ParallelRobot, s: float, x: Array, count: int, what: str) -> UncontrolledMotions:
+    """The error to raise where `count` motions escape the motors at path coordinate s, platform x (n,)."""
+    words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
+    return UncontrolledMotions(
+        f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "
+        f"{', '.join(robot.axis_names)} = {point(x)}: {what}",
+        s=s,
+        platform=x,
+        count=count,
+    )
+
+
 def instantaneous_motions(robot: ParallelRobot, system: System) -> Array:
     """Joint rates (k, f) of the `moving_columns` that the loops of one configuration allow, springs at rest.
 
@@ -178,5 +162,5 @@ def singularity_measure(robot: ParallelRobot, system: System) -> SingularityMeas
         left = bordered(P[k : k + 1].transpose(0, 2, 1), Border(border.c, border.b)).eta[0]
         border = Border(left / np.linalg.norm(left), eta / np.linalg.norm(eta))
         g[k] = bordered(P[k : k + 1], border).g[0]
-        directions[k] = border.c
+        directions[k] = border.c[:, 0]
     return SingularityMeasure(g, passive_motion(robot, directions))

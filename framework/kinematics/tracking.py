@@ -7,17 +7,21 @@ stays small against the predictor and the working mode keeps its sign; otherwise
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
-from framework.errors import InvalidInput, NotAssembled, OutOfReach, Type1Singularity, point
-from framework.kinematics.assembly import Configuration, loop_rows, reference_configuration
-from framework.kinematics.closures import column_scale, scaled
+from framework.errors import (
+    InvalidInput,
+    NotAssembled,
+    OutOfReach,
+    Type1Singularity,
+    UncontrolledMotions,
+    point,
+)
+from framework.kinematics.assembly import Configuration, reference_configuration
+from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import move, offset
 from framework.kinematics.inverse_kinematics import (
-    ClosedStack,
     System,
     close_loops,
     joint_rates,
@@ -27,47 +31,20 @@ from framework.kinematics.inverse_kinematics import (
     system_at,
 )
 from framework.kinematics.platform import platform_twist
+from framework.kinematics.singularity import escaping, lost_equations, mobile_matrix
+from framework.kinematics.track import Track as Track
 from framework.model import ParallelRobot
 from framework.motion.path import Line, Path
 
 BESIDE = 1e-6  # [lengths] from the reference: what a file's rounded angles leave
 FIRST_STEP = 1 / 8  # in s
 SHORTEST_STEP = 1e-7  # in s: between the last pose that closes and the first that does not
+LOST_AHEAD = 1e-4  # singular values of the loop equations this small where no step is left: lost just ahead
+LOOPS = "a singularity of the loop equations, where no configuration can be told from its neighbours"
 LARGEST_CORRECTION = 0.03  # [rad, lengths]: the corrector of a step, or a quarter of the predictor
-
-
-@dataclass(frozen=True)
-class Track:
-    """A path with the branch of the inverse kinematics that leads along it, springs at rest.
-
-    Between the knots `s` (K,) the branch is known well enough (cubic Hermite in the tangent `offset`
-    from `origin`) for Newton's method to land on it: `closed` gives it to rounding anywhere.
-    """
-
-    robot: ParallelRobot
-    path: Path
-    origin: Array  # (nq,)
-    s: Array  # (K,)
-    u: Array  # (K, nv) offset from origin
-    du: Array  # (K, nv) derivative with respect to s
-
-    def guess(self, s: Array) -> Array:
-        """Configurations (T, nq) near the branch at s (T,)."""
-        k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
-        step = (self.s[k + 1] - self.s[k])[:, None]
-        t = ((s - self.s[k])[:, None]) / step
-        u = (
-            (1 + 2 * t) * (1 - t) ** 2 * self.u[k]
-            + t * (1 - t) ** 2 * step * self.du[k]
-            + t**2 * (3 - 2 * t) * self.u[k + 1]
-            + t**2 * (t - 1) * step * self.du[k + 1]
-        )
-        return move(self.robot, self.origin, u)
-
-    def closed(self, s: ArrayLike) -> ClosedStack:
-        """Assembled configurations on the branch at s (T,)."""
-        s = np.atleast_1d(np.asarray(s, dtype=float))
-        return close_loops(self.robot, self.path(s), self.guess(s))
+# Where branches cross, the corrector may land on another one, close by but heading elsewhere. On one branch
+# the rates change over a step by k times its correction if the offset goes as s^k.
+LARGEST_TURN = 5.0
 
 
 def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
@@ -126,19 +103,13 @@ def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
 def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Track:
     """Predictor and corrector along the path from a configuration on its first point."""
     lengths = column_scale(robot)
-    elastic = np.zeros((1, robot.n_e))
     q, s, step = q0[None], 0.0, FIRST_STEP
     system = system_at(robot, q, path(np.zeros(1)))
     if np.abs(path(1.0) - path(0.0)).max() < 1e-4 * robot.length:
         step = 1.0
-    at, configurations, rates = [0.0], [q], []
-    while True:
-        here = np.array([s])
-        twist, _ = platform_twist(robot, path(here), path(here, 1))
-        rate = joint_rates(robot, system, twist, elastic)
-        rates.append(rate)
-        if s >= 1.0:
-            break
+    rate = _rates(robot, path, s, system)
+    at, configurations, rates = [0.0], [q], [rate]
+    while s < 1.0:
         while True:
             step = min(step, 1.0 - s)
             if step < SHORTEST_STEP:
@@ -147,28 +118,42 @@ def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Track:
             predicted = move(robot, q, rate * (following - s))
             try:
                 closed = close_loops(robot, path(np.array([following])), predicted)
+                arriving = _rates(robot, path, following, closed.system)
             except NotAssembled:
                 step *= 0.5
                 continue
             correction = np.abs(offset(robot, predicted[0], closed.q) / lengths).max()
             advance = np.abs(rate * (following - s) / lengths).max()
+            turned = np.abs((arriving - rate) * (following - s) / lengths).max()
+            same_branch = turned <= LARGEST_TURN * correction + 0.25 * advance
             same_mode = keeps_working_mode(robot, system, closed.system)
-            if same_mode and correction <= max(LARGEST_CORRECTION, 0.25 * advance):
+            if same_mode and same_branch and correction <= max(LARGEST_CORRECTION, 0.25 * advance):
                 break
             step *= 0.5
-        s, q, system = following, closed.q, closed.system
+        s, q, system, rate = following, closed.q, closed.system, arriving
         at.append(s)
         configurations.append(q)
+        rates.append(rate)
         step *= 2.0 if correction < 0.2 * LARGEST_CORRECTION else 1.0
         step = min(step, 2 * FIRST_STEP)
     stacked = np.concatenate(configurations)
     return Track(robot, path, q0, np.array(at), offset(robot, q0, stacked), np.concatenate(rates))
 
 
+def _rates(robot: ParallelRobot, path: Path, s: float, system: System) -> Array:
+    """Joint rates (1, nv) with respect to s."""
+    here = np.array([s])
+    twist, _ = platform_twist(robot, path(here), path(here, 1))
+    return joint_rates(robot, system, twist, np.zeros((1, robot.n_e)))
+
+
 def _end_of_reach(
     robot: ParallelRobot, path: Path, s: float, q: Array, system: System, what: str
-) -> OutOfReach | Type1Singularity:
-    """Name the leg that is stretched or folded where the path cannot be followed any further."""
+) -> OutOfReach | Type1Singularity | UncontrolledMotions:
+    """What ends the way: a leg that is stretched or folded, or motions that the loops no longer hold."""
+    count = lost_equations(robot, system, LOST_AHEAD)
+    if count:
+        return escaping(robot, s, path(s), count, f"{what} runs into {LOOPS}")
     joint = weakest_leg(robot, system)
     x = path(s)
     ahead = f"{what} leaves the workspace" if not _reachable_beyond(robot, path, s, q) else None
@@ -193,12 +178,7 @@ def _end_of_reach(
 
 def weakest_leg(robot: ParallelRobot, system: System) -> str:
     """Name of the actuated joint that moves most while the platform rests, in the weakest motion."""
-    columns = moving_columns(robot)
-    rows = loop_rows(robot)
-    whole = np.concatenate(
-        [scaled(robot, system.platform, None), scaled(robot, system.closures, rows)], axis=1
-    )[0][:, columns]
-    weakest = np.linalg.svd(whole)[2][-1][: robot.n_a]
+    weakest = np.linalg.svd(mobile_matrix(robot, system)[0])[2][-1][: robot.n_a]
     return robot.actuator_names[int(np.argmax(np.abs(weakest)))]
 
 

@@ -9,10 +9,22 @@ import numpy as np
 import pytest
 
 import robots
-from framework import assemble, check_robot, plan_scene, velocity_matrices
+from framework import (
+    Arc,
+    Line,
+    Spline,
+    assemble,
+    check_robot,
+    locate_singularities,
+    plan_crossing,
+    plan_scene,
+    velocity_matrices,
+)
+from framework.errors import UncontrolledMotions
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import System, system_at
 from framework.kinematics.singularity import instantaneous_motions, passive_matrix, uncontrolled_motion
+from framework.kinematics.tracking import track_path
 from framework.model.description import FLEXIBILITIES
 from robots.files import URDF
 from robots.generators import three_upu as generator
@@ -159,3 +171,126 @@ def test_elsewhere_det_P_is_that_of_the_couples():
         legs = np.array([leg(p, i)[0] for i in range(3)])
         assert np.linalg.det(legs) == pytest.approx(3 * np.sqrt(3) / 2 * SHIFT**2 * p[2], rel=1e-12)
         assert np.linalg.svd(passive_matrix(robot, system_of(robot, p))[0], compute_uv=False)[-1] > 1e-3
+
+
+# ------------------------------------------------------------------ paths that meet the axis of symmetry
+
+START, END = np.array([0.12, 0.06, 0.55]), np.array([-0.08, -0.04, 0.62])  # through the axis at s = 0.6
+SIDEWAYS = np.array([1.0, -2.0, 0.0]) / np.sqrt(5.0)  # normal to it
+
+
+def around_the_axis(centre, radius, first, last):
+    """An arc in the plane y = 0 about (centre, 0, 0.57), from angle to angle; s goes with the angle."""
+    return Arc(
+        *[
+            [centre - radius * np.cos(turn), 0.0, 0.57 + radius * np.sin(turn)]
+            for turn in (first, 0.5 * (first + last), last)
+        ]
+    )
+
+
+@pytest.mark.parametrize("flexibility", FLEXIBILITIES)
+def test_a_line_through_the_axis_meets_it_where_its_plan_view_does(flexibility):
+    robot = robots.load("three_upu", flexibility=flexibility)
+    (point,) = locate_singularities(robot, Line(START, END))
+    assert point.s == pytest.approx(0.6, abs=1e-11)
+    assert (point.kind, point.corank, point.contact) == ("constraint", 2, "transversal")
+    np.testing.assert_array_equal(point.twist, np.zeros(3))
+    q = {robot.joint_of(k): point.q[k] for k in range(robot.model.nv)}
+    springs = {robot.joint_of(k): 0.0 for k in robot.elastic}
+    assert q == pytest.approx(joints(np.array([0, 0, 0.592])) | springs, abs=1e-10)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5, 2.0, np.pi])
+def test_lines_through_the_axis_in_any_direction_and_both_ways(angle):
+    robot = robots.load("three_upu")
+    way = np.array([np.cos(angle), np.sin(angle), 0.0])
+    start, end = 0.1 * way + 0.55 * UP, -0.06 * way + 0.6 * UP
+    (there,) = locate_singularities(robot, Line(start, end))
+    (back,) = locate_singularities(robot, Line(end, start))
+    assert there.s == pytest.approx(0.625, abs=1e-11)
+    assert back.s == pytest.approx(0.375, abs=1e-11)
+    for point in (there, back):
+        assert (point.kind, point.corank, point.contact) == ("constraint", 2, "transversal")
+    assert there.slope == pytest.approx(back.slope, rel=1e-6)
+
+
+def test_the_slope_is_that_of_the_smallest_singular_value():
+    robot = robots.load("three_upu")
+    path, h = Line(START, END), 1e-5
+    (point,) = locate_singularities(robot, path)
+    for side in (-h, h):
+        P = passive_matrix(robot, system_of(robot, path(point.s + side)))[0]
+        assert np.linalg.svd(P, compute_uv=False)[-1] / h == pytest.approx(point.slope, rel=1e-3)
+
+
+def test_an_arc_meets_the_axis_twice_or_touches_it():
+    robot = robots.load("three_upu")
+    meets = np.arccos(0.06 / 0.08)
+    points = locate_singularities(robot, around_the_axis(0.06, 0.08, -1.2, 1.0))
+    assert [point.contact for point in points] == ["transversal"] * 2
+    expected = [(1.2 + turn) / 2.2 for turn in (-meets, meets)]
+    np.testing.assert_allclose([point.s for point in points], expected, rtol=0, atol=1e-11)
+    (point,) = locate_singularities(robot, around_the_axis(0.08, 0.08, -1.2, 1.0))
+    assert point.s == pytest.approx(1.2 / 2.2, abs=1e-8)
+    assert (point.kind, point.corank, point.contact) == ("constraint", 2, "tangential")
+
+
+def test_a_spline_through_the_axis_meets_it_in_its_knot():
+    robot = robots.load("three_upu")
+    path = Spline([START, [0.05, 0.04, 0.56], [0, 0, 0.58], [-0.05, 0.01, 0.6], END])
+    (point,) = locate_singularities(robot, path)
+    np.testing.assert_allclose(path(point.s)[:2], 0.0, atol=1e-9)
+    assert (point.kind, point.corank, point.contact) == ("constraint", 2, "transversal")
+
+
+@pytest.mark.parametrize("distance", [5e-5, -5e-5, 1e-6])
+def test_a_path_beside_the_axis_meets_nothing_and_has_lagrange_s_torques(distance):
+    robot = robots.load("three_upu")
+    path = Line(START + distance * SIDEWAYS, END + distance * SIDEWAYS)
+    assert locate_singularities(robot, path) == ()
+    assert locate_singularities(robot, Line(path(1.0), path(0.0))) == ()
+    plan = plan_crossing(robot, path, duration=1.0)
+    assert plan.crossings == ()
+    for t in np.linspace(0.0, 1.0, 11):
+        expected = motor_torques(plan.platform(t), plan.platform(t, 1), plan.platform(t, 2))
+        np.testing.assert_allclose(plan.torque(t), expected, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_path_1e_8_m_beside_the_axis_meets_it(way):
+    """Nearer than what counts as moving: 1e-7 of a unit motion."""
+    robot = robots.load("three_upu")
+    ends = (START + 1e-8 * SIDEWAYS, END + 1e-8 * SIDEWAYS)[::way]
+    (point,) = locate_singularities(robot, Line(*ends))
+    assert point.s == pytest.approx(0.6 if way > 0 else 0.4, abs=1e-7)  # the path is 0.2 m long
+    assert (point.kind, point.corank) == ("constraint", 2)
+
+
+def test_the_track_keeps_the_platform_level_beside_the_axis():
+    """Branches with the platform turned cross there; the track takes none of them."""
+    robot = robots.load("three_upu")
+    s = np.linspace(0.0, 1.0, 41)
+    for distance in (0.0, 1e-7, 1e-5, 1e-3):
+        track = track_path(robot, Line(START + distance * SIDEWAYS, END + distance * SIDEWAYS))
+        for knot, u in zip(track.s, track.u, strict=True):
+            q = {robot.joint_of(k): track.origin[k] + u[k] for k in range(robot.model.nv)}
+            assert q == pytest.approx(joints(track.path(knot)), abs=1e-10)
+        assert np.abs(track.guess(s)).max() < 1.0
+
+
+@pytest.mark.parametrize("times", [None, [], [0.6]])
+def test_no_law_leads_through_the_axis(times):
+    robot = robots.load("three_upu")
+    with pytest.raises(
+        UncontrolledMotions, match=r"two uncontrolled motions at once at s = 0\.6, .* constraint"
+    ) as e:
+        plan_crossing(robot, Line(START, END), duration=1.0, times=times)
+    assert (e.value.count, e.value.s) == (2, pytest.approx(0.6, abs=1e-11))
+
+
+def test_a_path_that_starts_on_the_axis_is_refused_and_not_as_type_1():
+    robot = robots.load("three_upu")
+    with pytest.raises(UncontrolledMotions, match="two uncontrolled motions at once") as caught:
+        locate_singularities(robot, Line([0, 0, 0.6], START))
+    np.testing.assert_allclose(caught.value.platform, [0, 0, 0.6], atol=1e-6)

@@ -1,0 +1,71 @@
+"""Bordered matrices: how near square matrices are to losing rank, smoothly and with a sign.
+
+With n x k borders b, c the k x k block G of
+
+    [M  b] [eta]   [0]
+    [c' 0] [ G ] = [1]
+
+has the rank deficiency of M, however many singular values of M vanish at once, as long as k is no
+less. det G has the sign of det M and, unlike det M, a scale; unlike the smallest singular value it has
+no kink. For k = 1 it is the bordered scalar g.
+Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000, chapter 3.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+
+
+class Border(NamedTuple):
+    """The border (b, c) of the matrices near one of them: its last `size` singular vectors."""
+
+    b: Array  # (n, size) left
+    c: Array  # (n, size) right
+
+    @staticmethod
+    def of(matrix: Array, size: int = 1) -> Border:
+        """The border for matrices near this one (n, n); det G then has the sign of the determinant."""
+        left, _, right = np.linalg.svd(matrix)
+        b, c = left[:, -size:].copy(), right[-size:].T
+        # for the matrix itself G = -diag(sigma) with this border; det decides which sign it should have
+        if (-1) ** size * np.linalg.det(left) * np.linalg.det(right) < 0:
+            b[:, -1] *= -1
+        return Border(b, c)
+
+
+class Bordered(NamedTuple):
+    """Solution of the bordered system for T matrices."""
+
+    eta: Array  # (T, n, size), c' eta = 1; spans the null space where G = 0
+    G: Array  # (T, size, size)
+
+    @property
+    def g(self) -> Array:
+        """det G (T,): the measure of singularity, zero where and only where the matrix is singular."""
+        return determinant(self.G)
+
+
+def bordered(matrices: Array, border: Border) -> Bordered:
+    """Solve the bordered system for matrices (T, n, n)."""
+    count, n = matrices.shape[:2]
+    size = border.b.shape[1]
+    whole = np.zeros((count, n + size, n + size))
+    whole[:, :n, :n] = matrices
+    whole[:, :n, n:] = border.b
+    whole[:, n:, :n] = border.c.T
+    unit = np.zeros((count, n + size, size))
+    unit[:, n:] = np.eye(size)
+    try:
+        solution = np.linalg.solve(whole, unit)
+    except np.linalg.LinAlgError:  # more null vectors than borders, to the last bit: G is singular there
+        solution = np.array([np.linalg.lstsq(one, unit[0], rcond=None)[0] for one in whole])
+    return Bordered(solution[:, :n], solution[:, n:])
+
+
+def determinant(G: Array) -> Array:
+    """det G (T,) of blocks (T, size, size)."""
+    return G[:, 0, 0] if G.shape[1] == 1 else np.asarray(np.linalg.det(G))
