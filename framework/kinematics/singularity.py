@@ -14,7 +14,6 @@ import numpy as np
 from framework.arrays import Array
 from framework.errors import UncontrolledMotions, point
 from framework.kinematics.assembly import loop_rows, passive_columns
-from framework.kinematics.bordering import Border, bordered
 from framework.kinematics.closures import column_scale, scaled
 from framework.kinematics.inverse_kinematics import System, moving_columns
 from framework.model import ParallelRobot
@@ -145,22 +144,23 @@ def unit_twist(robot: ParallelRobot, twist: Array) -> float:
 class SingularityMeasure(NamedTuple):
     """How a motion approaches and leaves a singularity, at T instants."""
 
-    g: Array  # (T,) signed, about the smallest singular value of P
+    g: Array  # (T,) the smallest singular value of P with the sign of det P
     motion: Array  # (T, nv) the joint rates nearest to an uncontrolled motion, of unit size
 
 
 def singularity_measure(robot: ParallelRobot, system: System) -> SingularityMeasure:
-    """g and the least controlled motion along a motion, with borders that follow it.
+    """g and the least controlled motion along a motion, to look at.
 
-    T should be fine enough that P changes little from one instant to the next.
+    This g is continuous, with a bend where two singular values change places; the motion is continued
+    but for such places. Roots are found on the smooth measures of `bordering`.
     """
     P = measured_matrix(robot, system)
-    g, directions = np.empty(len(P)), np.empty(P.shape[:2])
-    border = Border.of(P[0])
-    for k in range(len(P)):
-        eta = bordered(P[k : k + 1], border).eta[0]
-        left = bordered(P[k : k + 1].transpose(0, 2, 1), Border(border.c, border.b)).eta[0]
-        border = Border(left / np.linalg.norm(left), eta / np.linalg.norm(eta))
-        g[k] = bordered(P[k : k + 1], border).g[0]
-        directions[k] = border.c[:, 0]
-    return SingularityMeasure(g, passive_motion(robot, directions))
+    if not P.shape[2]:  # every joint has a motor: det P = 1, nothing escapes
+        return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.model.nv)))
+    _, values, right = np.linalg.svd(P)
+    weakest = right[:, -1]
+    turned = np.where(np.sum(weakest[1:] * weakest[:-1], axis=1) < 0, -1.0, 1.0)
+    signs = np.cumprod(np.concatenate([[1.0], turned]))
+    return SingularityMeasure(
+        values[:, -1] * np.linalg.slogdet(P)[0], passive_motion(robot, weakest * signs[:, None])
+    )
