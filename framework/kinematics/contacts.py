@@ -77,10 +77,17 @@ class Panel:
     start: float
     end: float
     series: Array  # (size,) Chebyshev coefficients of g
+    matrices: Array  # (size, n, n) at the nodes
 
     def at(self, local: Array) -> Array:
         """Path coordinates of local ones in [-1, 1]."""
         return self.start + 0.5 * (self.end - self.start) * (np.asarray(local) + 1.0)
+
+    def matrix(self, s: float) -> Array:
+        """The matrix (n, n) at s, interpolated."""
+        local = (2 * s - self.start - self.end) / (self.end - self.start)
+        weights = chebyshev.chebvander(np.array([local]), PANEL_NODES - 1) @ coefficients(np.eye(PANEL_NODES))
+        return np.einsum("k,kij->ij", weights[0], self.matrices)
 
 
 class Samples(NamedTuple):
@@ -139,7 +146,7 @@ def contacts(measured: Measured, found: list[Panel]) -> list[Contact]:
     touches: list[Contact] = []
     roots: list[Contact] = []
     for panel, start, is_minimum in candidates(found):
-        size = max(1, _below(measured.at(np.array([start]))[0], CLOSE**measured.power))
+        size = max(1, _below(panel.matrix(start), CLOSE**measured.power))
         together = _together(measured, start, size) if size > 1 else None
         if together is not None:
             if all(abs(together.s - other.s) > 1e-6 for other in touches):
@@ -172,19 +179,20 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
     except NotAssembled:
         return None
     middle = matrices[PANEL_NODES // 2]
-    for size in range(1, max(2, _below(middle, WEAK) + 1)):
+    size, most = 1, 1
+    while size <= most:
         eta, G = solution = bordered(matrices, Border.of(middle, size))
-        g = solution.g
-        largest = float(np.abs(g).max())
-        if np.abs(np.linalg.svd(G, compute_uv=False)[:, -1]).max() < ON_THE_LOCUS:
+        largest = float(np.abs(solution.g).max())
+        if largest < ON_THE_LOCUS and np.linalg.norm(G, ord=-2, axis=(1, 2)).max() < ON_THE_LOCUS:
             raise SingularPath(
                 f"{samples.track.robot.name}: the path runs along a singularity from s = {start:.6g} to "
                 f"{end:.6g}"
             )
-        series = coefficients(g[:, None])
+        series = coefficients(solution.g[:, None])
         turned = np.linalg.norm(eta, axis=1).max() > LARGEST_ETA
         if not turned and tail(series) <= max(RESOLVED, 1e-13 / largest):
-            return Panel(start, end, series[:, 0])
+            return Panel(start, end, series[:, 0], matrices)
+        size, most = size + 1, _below(middle, WEAK)
     return None
 
 

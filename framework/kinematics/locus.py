@@ -178,11 +178,21 @@ def _is_type_1(mobile: Measured, s: float) -> bool:
 
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     track, s = passive.track, contact.s
-    robot = track.robot
-    closed = track.closed(s)
-    uncontrolled = uncontrolled_motion(robot, closed.system)
+    robot, h = track.robot, 1e-4
+    at = np.clip([s - h, s, s + h], 0.0, 1.0)
+    closed = track.closed(at)
+    uncontrolled = uncontrolled_motion(robot, closed.system.at(1))
     forward = np.dot(uncontrolled.twist, path_twist(robot, track.path, s))
     along = -1.0 if forward < 0 else 1.0
+    P = passive.matrix(closed.system)
+    if uncontrolled.corank > 1:
+        slopes = block_slopes(passive.at, s, uncontrolled.corank, h)[1]
+        slope = np.linalg.svd(slopes, compute_uv=False)[-1]
+    else:
+        g = bordered(P, Border.of(P[1])).g
+        # a border taken at the root knows no sign of det: give g the sign of det P beyond it
+        sign = np.sign(g[2]) * np.linalg.slogdet(P[2])[0] if at[2] > s else 1.0
+        slope = sign * (g[2] - g[0]) / (at[2] - at[0])
     return SingularPoint(
         s=s,
         kind=uncontrolled.kind,
@@ -190,23 +200,10 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
         corank=uncontrolled.corank,
         twist=along * uncontrolled.twist,
         platform=track.path(s),
-        slope=_slope(passive, s, uncontrolled.corank),
-        q=closed.q[0],
+        slope=float(slope),
+        q=closed.q[1],
         motion=along * uncontrolled.motion,
     )
-
-
-def _slope(passive: Measured, s: float, corank: int) -> float:
-    h = 1e-4
-    if corank > 1:
-        slopes = block_slopes(passive.at, s, corank, h)[1]
-        return float(np.linalg.svd(slopes, compute_uv=False)[-1])
-    at = np.clip([s - h, s, s + h], 0.0, 1.0)
-    P = passive.at(at)
-    g = bordered(P, Border.of(P[1])).g
-    # a border taken at the root knows no sign of det: give g the sign of det P beyond it
-    sign = np.sign(g[2]) * np.linalg.slogdet(P[2])[0] if at[2] > s else 1.0
-    return float(sign * (g[2] - g[0]) / (at[2] - at[0]))
 
 
 def _type_1(track: Track, s: float) -> Type1Singularity:

@@ -45,6 +45,7 @@ LARGEST_CORRECTION = 0.03  # [rad, lengths]: the corrector of a step, or a quart
 # Where branches cross, the corrector may land on another one, close by but heading elsewhere. On one branch
 # the rates change over a step by k times its correction if the offset goes as s^k.
 LARGEST_TURN = 5.0
+CROSSING = 0.1  # least singular value of the loop equations above which no branches cross near by
 
 
 def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
@@ -126,6 +127,7 @@ def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Track:
             advance = np.abs(rate * (following - s) / lengths).max()
             turned = np.abs((arriving - rate) * (following - s) / lengths).max()
             same_branch = turned <= LARGEST_TURN * correction + 0.25 * advance
+            same_branch = same_branch or not lost_equations(robot, closed.system, CROSSING)
             same_mode = keeps_working_mode(robot, system, closed.system)
             if same_mode and same_branch and correction <= max(LARGEST_CORRECTION, 0.25 * advance):
                 break

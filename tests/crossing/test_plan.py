@@ -22,7 +22,7 @@ from framework import (
 )
 from framework.crossing import condition as condition_module
 from framework.dynamics.forces import tree_forces
-from framework.errors import InvalidInput, NoLaw, UnboundedTorque
+from framework.errors import InvalidInput, NoLaw, NotConverged, UnboundedTorque
 from framework.kinematics.inverse_kinematics import motion_at
 from framework.kinematics.tracking import track_path
 from tests.kinematics.test_locus import locus, locus_tangent
@@ -223,8 +223,14 @@ def test_a_stop_on_the_locus_is_refused(robot):
 def test_a_tangential_touch_is_refused(robot):
     middle, tangent = locus(1.7), locus_tangent(1.7)
     reach = 0.06 * tangent / np.linalg.norm(tangent)
-    with pytest.raises(NoLaw, match="touches the locus without crossing"):
-        plan_crossing(robot, Line(middle - reach, middle + reach), duration=1.5)
+    path = Line(middle - reach, middle + reach)
+    for options in ({}, {"times": [0.7]}, {"times": [0.7], "speeds": [1.0]}):
+        with pytest.raises(NoLaw, match="touches the locus without crossing"):
+            plan_crossing(robot, path, duration=1.5, **options)
+    with pytest.raises(
+        NotConverged, match="torques are not resolved"
+    ):  # nor does a law without conditions pass
+        plan_crossing(robot, path, duration=1.5, times=[])
 
 
 def test_a_path_orthogonal_to_the_twist_is_refused(robot):
