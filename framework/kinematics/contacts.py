@@ -2,8 +2,8 @@
 
 On panels of the path det G of `bordering` is a polynomial up to rounding (Chebyshev interpolation with
 a checked tail), so its roots and its minima are all found as eigenvalues; each is then polished on the
-robot itself. Where several singular values vanish at once, all of G vanishes: the place is where
-G is least (Gauss and Newton's method), and the other roots near it are told apart on a narrow panel.
+robot itself. Where several singular values vanish at once so do all entries of G: that place is where
+the sum of their squares is least (Gauss and Newton's method).
 """
 
 from __future__ import annotations
