@@ -120,10 +120,14 @@ def _bridged(track: Track) -> tuple[Samples, Measured, list[Panel] | Unresolved]
 
 
 def _weakest_place(mobile: Measured, s: float) -> float:
-    """Where near s the matrix is nearest to singular: at a knot of the track, or to three digits."""
+    """Where near s the matrix is nearest to singular: at a knot of the track, or to three digits.
+
+    A knot on the very singularity, with whatever branch it fell on, spoils the guesses up to the next ones.
+    """
     track = mobile.track
+    k = int(np.searchsorted(track.s, s))
     near = track.s[np.abs(track.s - s) < 10 * NARROWEST]
-    places = np.append(near, round(s, 3))
+    places = np.concatenate([near, track.s[max(k - 1, 0) : k + 1], [round(s, 3)]])
     system = system_at(track.robot, track.guess(places), track.path(places))
     return float(places[np.argmin(np.linalg.svd(mobile.matrix(system), compute_uv=False)[:, -1])])
 
