@@ -14,7 +14,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
-from framework.errors import NoLaw, point
+from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.bordering import Border, bordered
 from framework.kinematics.frames import move, offset
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, motion_at, system_at
@@ -24,7 +24,7 @@ from framework.kinematics.singularity import measured_matrix, uncontrolled_motio
 from framework.kinematics.tracking import Track
 from framework.motion.path import along
 
-# |alpha| against the size of its terms: below, s" has no hold on t_s . W_p beyond rounding
+# |alpha| against the size of its own terms: below, s" has no hold on t_s . W_p beyond rounding
 NO_HOLD = 1e-9
 # A Newton step in s whose square is rounding; the next pass starts where it ends.
 LAST_STEP = 1e-7
@@ -126,6 +126,7 @@ def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | Non
 
     Raises:
         NoLaw: the path's tangent leaves t_s . W_p untouched by s", so no law can meet the condition.
+        NotConverged: the same, but only with these deflections.
     """
     robot = track.robot
     speed, acceleration = np.array([0.0, 0.0, 1.0, -1.0]), np.array([0.0, 1.0, 0.0, 0.0])
@@ -139,7 +140,13 @@ def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | Non
     forces = tree_forces(robot, motion_at(robot, closed, dx, ddx, *rates))
     rest, pushed, forth, back = forces @ here.motion
     alpha = pushed - rest
-    scale = float(np.abs(forces * here.motion).sum(axis=1).max())
+    # on massless legs the forces of a payload cancel before they are summed here: what s" = 1 asks for at most
+    moved = np.abs(path_twist(robot, track.path, here.s)) * np.where(
+        robot.platform_axes < 3, 1.0, robot.length
+    )
+    mass = sum(inertia.mass for inertia in robot.model.inertias)
+    own = max(float(np.abs((forces[1] - forces[0]) * here.motion).sum()), mass * float(moved.max()))
+    scale = max(float(np.abs(forces * here.motion).sum(axis=1).max()), own)
     condition = Condition8(
         alpha=float(alpha),
         beta=float(0.5 * (forth + back) - rest),
@@ -147,10 +154,16 @@ def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | Non
         delta=float(0.5 * (forth - back)),
         scale=scale,
     )
-    if abs(condition.alpha) <= NO_HOLD * scale and not condition.holds_anyway:
-        raise NoLaw(
-            f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = "
-            f"{point(track.path(here.s))} the path runs orthogonal to t_s (alpha = "
-            f'{condition.alpha:.2g}): s" has no effect on t_s . W_p there; cross in another direction'
+    if condition.holds_anyway or abs(condition.alpha) > NO_HOLD * own:
+        return condition
+    where = f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = {point(track.path(here.s))}"
+    if rates:
+        raise NotConverged(
+            f'{where} s" has no effect on t_s . W_p once the robot deflects (alpha = {condition.alpha:.2g}): the '
+            f"springs are too soft for this motion; stiffen them, take more time, or use geometry rigid",
+            residual=abs(condition.alpha) / own,
         )
-    return condition
+    raise NoLaw(
+        f"{where} the path runs orthogonal to t_s (alpha = "
+        f'{condition.alpha:.2g}): s" has no effect on t_s . W_p there; cross in another direction'
+    )
