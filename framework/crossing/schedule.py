@@ -13,6 +13,8 @@ from framework.motion.law import OVERSHOOT, Law
 
 # Least slope of s (the ends' zeros divided out) over its mean that a law of our own choice should keep.
 COMFORTABLE = 0.2
+MOST_CROSSINGS = 16  # through more, one polynomial has so many turns that none that advances is found
+TRIALS = 1600  # laws that are tried at most while times or speeds are moved
 
 
 class Milestone(NamedTuple):
@@ -42,6 +44,11 @@ def schedule(
     if times is not None and speeds is not None:
         # what such a law does is for `refuse_wandering` to judge
         return _milestones(np.array(times), np.array(speeds))
+    if len(s) > MOST_CROSSINGS:
+        raise NoLaw(
+            f"{name}: the path meets {len(s)} singular points, the first at s = {s[0]:.6g}; a law through more "
+            f"than {MOST_CROSSINGS} is not searched for: cut the path, or give all times and speeds"
+        )
     best: tuple[Milestone, ...] = ()
     score = -np.inf
     for start in _starts(s, duration, times, speeds, smoothness):
@@ -175,7 +182,12 @@ def _improve(
         cost,
         np.zeros(unknowns),
         method="Nelder-Mead",
-        options={"initial_simplex": simplex, "maxfev": 400 * unknowns, "xatol": 1e-4, "fatol": 1e-6},
+        options={
+            "initial_simplex": simplex,
+            "maxfev": min(400 * unknowns, TRIALS),
+            "xatol": 1e-4,
+            "fatol": 1e-6,
+        },
     )
     best = milestones(found.x)
     return best, _advance(build, best, smoothness, duration)
