@@ -26,9 +26,10 @@ from framework.kinematics.locus import SingularPoint, locate_singularities
 from framework.kinematics.tracking import Track, track_path
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
-from framework.motion.law import Condition, Law, MotionLaw
+from framework.motion.law import Condition, Law, MotionLaw, check_duration, is_number
 from framework.motion.path import Path
 
+LARGEST_SPEED = 1e6  # whole paths in the duration; what a law can keep is a few
 SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends: elastic, rigid
 
 
@@ -308,15 +309,19 @@ def _check_numbers(
     speeds: Sequence[float] | None,
     at: Sequence[float] | None,
 ) -> None:
-    if not (np.isfinite(duration) and duration > 0):
-        raise InvalidInput(f"duration: must be a positive number of seconds, got {duration!r}")
+    check_duration(duration)
     for name, values in (("times", times), ("speeds", speeds), ("at", at)):
         for value in values if values is not None else ():
-            if not np.isfinite(value):
+            if not is_number(value):
                 raise InvalidInput(f"{name}: must be finite numbers, got {value!r}")
     for speed in speeds if speeds is not None else ():
         if speed <= 0:
             raise InvalidInput(f"speeds: s' at a crossing must be greater than zero, got {speed:g}")
+        if speed > LARGEST_SPEED / duration:
+            raise InvalidInput(
+                f"speeds: s' at a crossing must be at most {LARGEST_SPEED / duration:g} 1/s, {LARGEST_SPEED:g} "
+                f"whole paths in the duration, got {speed:g}"
+            )
     if times is not None and np.any(np.diff(times) <= 0):
         raise InvalidInput(f"times: must ascend, got {list(times)}")
     if at is not None and np.any(np.diff(at) <= 0):

@@ -121,8 +121,8 @@ class CrossingPlan:
 
     def samples(self, count: int = 1501) -> tuple[list[str], Array]:
         """Column names and rows (count, columns) of motion.csv, SI units."""
-        if count < 2:
-            raise InvalidInput(f"samples: needs at least 2, got {count!r}")
+        if not isinstance(count, int | np.integer) or count < 2:
+            raise InvalidInput(f"samples: needs a whole number of at least 2, got {count!r}")
         robot, times = self.robot, np.linspace(0.0, self.duration, count)
         names = ["time", "s", "ds", "dds"]
         names += [f"platform_{axis}" for axis in robot.axis_names]

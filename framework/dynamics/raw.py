@@ -52,8 +52,8 @@ def raw_sampling(
         InvalidInput: fewer than 5 samples, geometry unknown, path does not fit the robot.
         NotAssembled: the loops do not close at some sample.
     """
-    if samples < 5:
-        raise InvalidInput(f"samples: raw sampling needs at least 5, got {samples!r}")
+    if not isinstance(samples, int | np.integer) or samples < 5:
+        raise InvalidInput(f"samples: raw sampling needs a whole number of at least 5, got {samples!r}")
     geometry = checked_geometry(robot, geometry)
     track = track_path(robot, path)
     times = np.linspace(0.0, law.duration, samples)

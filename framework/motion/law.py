@@ -22,6 +22,22 @@ from framework.motion.chebyshev import derivative_matrix, extrema, nodes
 # A law may overshoot the ends of the path by this much of it; the path goes on there as a curve.
 # The paper's case C needs 1.3e-4 when its conditions are met with degree 8 (rigid robot).
 OVERSHOOT = 1e-3
+# Durations [s] whose fourth power and its inverse are far from overflow, with room for all other factors.
+SHORTEST, LONGEST = 1e-30, 1e30
+SLACK = 1e-9  # of the duration by which an instant may miss it, as rounding of a sampling does
+
+
+def check_duration(duration: float) -> None:
+    """Raise InvalidInput unless the duration is a positive number of seconds that a law can be made for."""
+    if not (is_number(duration) and duration > 0):
+        raise InvalidInput(f"duration: must be a positive number of seconds, got {duration!r}")
+    if not SHORTEST <= duration <= LONGEST:
+        raise InvalidInput(f"duration: must lie in [{SHORTEST:g}, {LONGEST:g}] s, got {duration!r}")
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is one finite real number, of Python or numpy."""
+    return isinstance(value, int | float | np.integer | np.floating) and bool(np.isfinite(value))
 
 
 class MotionLaw(Protocol):
@@ -53,12 +69,19 @@ class Law:
         return len(self.coefficients) - 1
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
-        """s(t) or its derivative [1/s^order], with the shape of t."""
+        """s(t) or its derivative [1/s^order], with the shape of t.
+
+        Raises:
+            InvalidInput: t lies outside [0, duration], where the polynomial means nothing, or is not finite.
+        """
         scale = 2.0 / self.duration
+        local = np.asarray(t, dtype=float) * scale - 1.0
+        if not np.all(np.abs(local) <= 1.0 + SLACK):
+            raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
         series = self.coefficients
         for _ in range(order):
             series = scale * (derivative_matrix(len(series)) @ series)
-        return np.asarray(chebyshev.chebval(np.asarray(t, dtype=float) * scale - 1.0, series))
+        return np.asarray(chebyshev.chebval(local, series))
 
     @staticmethod
     def from_conditions(conditions: Sequence[Condition], duration: float) -> Law:
@@ -68,10 +91,9 @@ class Law:
             InvalidInput: the duration is not positive, a condition is not finite or lies outside
                 [0, duration], or two of them contradict or repeat each other.
         """
-        if not (np.isfinite(duration) and duration > 0):
-            raise InvalidInput(f"duration must be a positive number of seconds, got {duration!r}")
+        check_duration(duration)
         for time, order, value in conditions:
-            if not (np.isfinite(value) and 0 <= time <= duration):
+            if not (is_number(value) and is_number(time) and 0 <= time <= duration):
                 raise InvalidInput(
                     f"condition s^({order})({time!r}) = {value!r} must be finite and inside "
                     f"[0, {duration:g}] s"

@@ -17,6 +17,7 @@ from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
 
 HIGHEST_ORDER = 4  # derivatives that an elastic robot's torque needs
+LARGEST = 1e30  # [m, rad] coordinate whose powers do not overflow
 
 
 class Path(Protocol):
@@ -41,6 +42,8 @@ def _points(points: Any, least: int, kind: str) -> Array:
         raise InvalidInput(f"{kind}: needs at least {least} points (m, n), got {points!r}")
     if not np.all(np.isfinite(array)):
         raise InvalidInput(f"{kind}: points must be finite numbers, got {points!r}")
+    if np.any(np.abs(array) > LARGEST):
+        raise InvalidInput(f"{kind}: points must be at most {LARGEST:g} in size, got {points!r}")
     if np.any(np.linalg.norm(np.diff(array, axis=0), axis=1) == 0):
         raise InvalidInput(f"{kind}: two points in a row are the same: {points!r}")
     array.flags.writeable = False
@@ -124,6 +127,12 @@ class Spline:
         points = _points(self.points, 2, "spline")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "n", points.shape[1])
+        chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        if chords.min() < 1e-9 * chords.max():
+            raise InvalidInput(
+                f"spline: points {int(np.argmin(chords))} and {int(np.argmin(chords)) + 1} are {chords.min():.3g} "
+                f"apart, others {chords.max():.3g}: too uneven to tell their places on the curve"
+            )
         degree = min(5, len(points) - 1)
         inner = np.unique(self._spline.t[degree + 1 : -degree - 1])
         object.__setattr__(self, "knots", inner)
