@@ -140,7 +140,7 @@ def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | Non
     forces = tree_forces(robot, motion_at(robot, closed, dx, ddx, *rates))
     rest, pushed, forth, back = forces @ here.motion
     alpha = pushed - rest
-    # on massless legs the forces of a payload cancel before they are summed here: what s" = 1 asks for at most
+    # what s" = 1 asks for at most; on massless legs the forces of a payload cancel before they get here
     moved = np.abs(path_twist(robot, track.path, here.s)) * np.where(
         robot.platform_axes < 3, 1.0, robot.length
     )
@@ -159,8 +159,8 @@ def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | Non
     where = f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = {point(track.path(here.s))}"
     if rates:
         raise NotConverged(
-            f'{where} s" has no effect on t_s . W_p once the robot deflects (alpha = {condition.alpha:.2g}): the '
-            f"springs are too soft for this motion; stiffen them, take more time, or use geometry rigid",
+            f'{where} s" has no effect on t_s . W_p once the robot deflects (alpha = '
+            f"{condition.alpha:.2g}): the springs are too soft for this motion; stiffen them, take more time, or use geometry rigid",
             residual=abs(condition.alpha) / own,
         )
     raise NoLaw(

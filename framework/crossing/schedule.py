@@ -46,8 +46,8 @@ def schedule(
         return _milestones(np.array(times), np.array(speeds))
     if len(s) > MOST_CROSSINGS:
         raise NoLaw(
-            f"{name}: the path meets {len(s)} singular points, the first at s = {s[0]:.6g}; a law through more "
-            f"than {MOST_CROSSINGS} is not searched for: cut the path, or give all times and speeds"
+            f"{name}: the path meets {len(s)} singular points, the first at s = {s[0]:.6g}; a law through "
+            f"more than {MOST_CROSSINGS} is not searched for: cut the path, or give all times and speeds"
         )
     best: tuple[Milestone, ...] = ()
     score = -np.inf

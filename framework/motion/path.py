@@ -129,9 +129,10 @@ class Spline:
         object.__setattr__(self, "n", points.shape[1])
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if chords.min() < 1e-9 * chords.max():
+            k = int(np.argmin(chords))
             raise InvalidInput(
-                f"spline: points {int(np.argmin(chords))} and {int(np.argmin(chords)) + 1} are {chords.min():.3g} "
-                f"apart, others {chords.max():.3g}: too uneven to tell their places on the curve"
+                f"spline: points {k} and {k + 1} are {chords[k]:.3g} apart, others {chords.max():.3g}: too "
+                f"uneven to tell their places on the curve"
             )
         degree = min(5, len(points) - 1)
         inner = np.unique(self._spline.t[degree + 1 : -degree - 1])
