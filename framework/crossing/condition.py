@@ -160,7 +160,8 @@ def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | Non
     if rates:
         raise NotConverged(
             f'{where} s" has no effect on t_s . W_p once the robot deflects (alpha = '
-            f"{condition.alpha:.2g}): the springs are too soft for this motion; stiffen them, take more time, or use geometry rigid",
+            f"{condition.alpha:.2g}): the springs are too soft for this motion; stiffen them, take more "
+            f"time, or use geometry rigid",
             residual=abs(condition.alpha) / own,
         )
     raise NoLaw(

@@ -319,8 +319,8 @@ def _check_numbers(
             raise InvalidInput(f"speeds: s' at a crossing must be greater than zero, got {speed:g}")
         if speed > LARGEST_SPEED / duration:
             raise InvalidInput(
-                f"speeds: s' at a crossing must be at most {LARGEST_SPEED / duration:g} 1/s, a million paths in "
-                f"the duration, got {speed:g}"
+                f"speeds: s' at a crossing must be at most {LARGEST_SPEED / duration:g} 1/s, a million paths "
+                f"in the duration, got {speed:g}"
             )
     if times is not None and np.any(np.diff(times) <= 0):
         raise InvalidInput(f"times: must ascend, got {list(times)}")
