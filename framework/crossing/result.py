@@ -17,7 +17,7 @@ from framework.dynamics.certificate import Certificate
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput
 from framework.model import ParallelRobot
-from framework.motion.law import Law
+from framework.motion.law import Law, is_number
 from framework.motion.path import Arc, Line, Path, Spline
 
 
@@ -121,7 +121,7 @@ class CrossingPlan:
 
     def samples(self, count: int = 1501) -> tuple[list[str], Array]:
         """Column names and rows (count, columns) of motion.csv, SI units."""
-        if not isinstance(count, int | np.integer) or count < 2:
+        if not (is_number(count) and int(count) == count >= 2):
             raise InvalidInput(f"samples: needs a whole number of at least 2, got {count!r}")
         robot, times = self.robot, np.linspace(0.0, self.duration, count)
         names = ["time", "s", "ds", "dds"]

@@ -21,7 +21,7 @@ from framework.kinematics.frames import move, offset
 from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
 from framework.kinematics.tracking import Track, track_path
 from framework.model import ParallelRobot
-from framework.motion.law import MotionLaw
+from framework.motion.law import MotionLaw, is_number
 from framework.motion.path import Path, along
 
 
@@ -52,7 +52,7 @@ def raw_sampling(
         InvalidInput: fewer than 5 samples, geometry unknown, path does not fit the robot.
         NotAssembled: the loops do not close at some sample.
     """
-    if not isinstance(samples, int | np.integer) or samples < 5:
+    if not (is_number(samples) and int(samples) == samples >= 5):
         raise InvalidInput(f"samples: raw sampling needs a whole number of at least 5, got {samples!r}")
     geometry = checked_geometry(robot, geometry)
     track = track_path(robot, path)
