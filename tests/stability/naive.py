@@ -1,0 +1,111 @@
+"""What one would program first. Each of these is right in the middle of the workspace and fails in its way.
+
+Nothing here is used outside the tests and the notebook on failures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from tests.stability.planar import BASES, END, LENGTH, PAYLOAD, START, legs, load_torque, on_line
+
+
+def torque_at(law, t: float) -> tuple[float, float]:
+    """Load torques [N m] of the 5R on scene C, by the formula A^-T W_p at one instant."""
+    push = PAYLOAD * float(law(t, 2))
+    with np.errstate(all="ignore"):
+        x, y = (np.float64(c) for c in on_line(float(law(t))))
+        return load_torque(x, y, tuple(np.float64(push * (END[k] - START[k])) for k in range(2)))
+
+
+def peak_torque(law, samples: int) -> float:
+    """Largest load torque [N m] over equidistant samples of a motion: what a table or a figure shows."""
+    values = [torque_at(law, t) for t in np.linspace(0.0, law.duration, samples)]
+    return float(np.nanmax(np.abs(values)))
+
+
+def sign_changes(measure: Callable[[float], float], samples: int) -> list[float]:
+    """Places in [0, 1] where a sampled measure changes its sign: a search for singularities on a grid."""
+    s = np.linspace(0.0, 1.0, samples)
+    values = np.array([measure(float(value)) for value in s])
+    return [float(0.5 * (s[k] + s[k + 1])) for k in np.flatnonzero(values[:-1] * values[1:] < 0)]
+
+
+def smallest_singular_value(x: float, y: float) -> float:
+    """Of A = 2 [rod; rod] of the 5R [m]: never negative, so it never changes its sign."""
+    (_, left), (_, right) = legs(x, y)
+    return float(np.linalg.svd(2 * np.array([left, right]), compute_uv=False)[-1])
+
+
+def newton_cranks(x: Sequence[float], guess: Sequence[float]) -> np.ndarray:
+    """Crank angles (2,) [rad] of the 5R at x, by Newton's method from a guess, on whichever branch."""
+    angles = np.array(guess, dtype=float)
+    for _ in range(50):
+        arms = np.array(x) - np.array([[b, 0.0] for b in BASES])
+        cranks = LENGTH * np.column_stack([np.cos(angles), np.sin(angles)])
+        rods = arms - cranks
+        error = np.sum(rods**2, axis=1) - LENGTH**2
+        slope = 2 * (rods[:, 0] * cranks[:, 1] - rods[:, 1] * cranks[:, 0])
+        step = -error / slope
+        angles += step
+        if np.abs(step).max() < 1e-14:
+            break
+    return np.angle(np.exp(1j * angles))
+
+
+def clipped_cranks(x: Sequence[float]) -> np.ndarray:
+    """Crank angles (2,) [rad] by the law of cosines, its argument clipped so that it never complains."""
+    found = []
+    for base, side in zip(BASES, (1, -1), strict=True):
+        arm = np.array(x) - [base, 0.0]
+        cosine = np.clip(np.hypot(*arm) / (2 * LENGTH), -1.0, 1.0)
+        found.append(np.arctan2(arm[1], arm[0]) + side * np.arccos(cosine))
+    return np.array(found)
+
+
+def newton_platform(cranks: Sequence[float], guess: Sequence[float]) -> np.ndarray:
+    """Payload (2,) [m] of the 5R for given cranks, by Newton's method: forward kinematics."""
+    elbows = np.array([[b, 0.0] for b in BASES])
+    elbows = elbows + LENGTH * np.column_stack([np.cos(cranks), np.sin(cranks)])
+    x = np.array(guess, dtype=float)
+    for _ in range(50):
+        rods = x - elbows
+        error = np.sum(rods**2, axis=1) - LENGTH**2
+        step = np.linalg.lstsq(2 * rods, -error, rcond=1e-12)[0]
+        x = x + step
+        if np.abs(step).max() < 1e-15:
+            break
+    return x
+
+
+def power_coefficients(conditions: Sequence[tuple[float, int, float]]) -> np.ndarray:
+    """Law in raw powers of t [s], ascending: least squares for its conditions (time, order, value)."""
+    count = len(conditions)
+    rows = np.zeros((count, count))
+    for row, (t, order, _) in zip(rows, conditions, strict=True):
+        for k in range(order, count):
+            row[k] = np.prod(np.arange(k - order + 1, k + 1, dtype=float)) * t ** (k - order)
+    return np.linalg.lstsq(rows, np.array([value for *_, value in conditions]))[0]
+
+
+def second_difference(function: Callable[[float], np.ndarray], t: float, h: float) -> np.ndarray:
+    """Forward differences, as a controller or a script without derivatives takes them."""
+    return (function(t + 2 * h) - 2 * function(t + h) + function(t)) / h**2
+
+
+def newton(
+    residual: Callable[[np.ndarray], np.ndarray],
+    slope: Callable[[np.ndarray], np.ndarray],
+    guess: Sequence[float],
+    steps: int = 200,
+) -> np.ndarray:
+    """Newton's method, ended when it no longer moves or after so many steps."""
+    x = np.array(guess, dtype=float)
+    for _ in range(steps):
+        step = np.linalg.lstsq(slope(x), -residual(x))[0]
+        x = x + step
+        if np.abs(step).max() < 1e-15:
+            break
+    return x

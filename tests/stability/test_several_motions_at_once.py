@@ -1,0 +1,76 @@
+"""Several uncontrolled motions at once: the flat pose of the Gough-Stewart platform.
+
+What goes wrong: with the platform in the plane of the base all six legs lie in one plane and resist no
+vertical force and no tilting moment: three null vectors at once. The determinant changes its sign there like
+at any crossing, and the last singular vector of A is one of three at random. A condition (8) for that one
+leaves forces and moments along the others, and the torques a pole.
+Why: one law s(t) has one acceleration to give, and there are three wrenches to balance.
+What we do: count the vanishing singular values, and refuse. Beside the flat pose there are three crossings,
+each of its own, and each is found.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Line, NoLaw, NotConverged, UnboundedTorque, locate_singularities, plan_crossing
+from tests.robots.test_gough_stewart import PLATE, plucker
+from tests.stability import naive
+
+START = np.array([0.1, 0.05, 1.0, 0.2, 0.1, 0.0])  # and to the opposite pose, through the flat one
+
+
+def left_over() -> tuple[float, np.ndarray]:
+    """s" [1/s^2] that a single condition (8) asks for, and what is left along three null vectors [N, N m]."""
+    nearly_flat = 1e-14 * START  # the legs' lines are not told from flat by rounding, as on a computed pose
+    null = np.linalg.svd(plucker(nearly_flat))[2][3:]  # (3, 6)
+    mass, across, axial = PLATE
+    inertia = np.array([mass, mass, mass, across, across, axial])
+    push, weight = -2 * START * inertia, np.array([0.0, 0.0, mass * 9.81, 0.0, 0.0, 0.0])
+    acceleration = -(null[-1] @ weight) / (null[-1] @ push)
+    return float(acceleration), np.abs(null @ (push * acceleration + weight))
+
+
+def test_a_single_condition_leaves_the_other_wrenches():
+    acceleration, left = left_over()
+    assert np.isfinite(acceleration)
+    assert left[-1] < 1e-9 * left.max()  # the one that was asked for
+    assert left.max() > 100.0  # [N or N m]: residues of poles
+
+
+def test_the_determinant_shows_one_crossing_where_rank_falls_by_three():
+    values = np.linalg.svd(plucker(1e-14 * START), compute_uv=False)
+    assert np.sum(values < 1e-12) == 3
+    path = Line(START, -START)
+    assert len(naive.sign_changes(lambda s: float(np.linalg.det(plucker(path(s)))), 200)) == 1
+
+
+ASKED = [
+    (dict(), NoLaw, "3 uncontrolled motions at once"),
+    (dict(times=[]), UnboundedTorque, "s = 0.5"),
+    (dict(at=[0.5]), NotConverged, "not resolved"),  # one condition met, two poles left
+]
+
+
+@pytest.mark.parametrize(("options", "error", "message"), ASKED)
+def test_we_count_them_and_refuse(options, error, message):
+    robot, path = robots.load("gough_stewart"), Line(START, -START)
+    (point,) = locate_singularities(robot, path)
+    assert point.corank == 3
+    assert point.s == pytest.approx(0.5, abs=1e-10)
+    with pytest.raises(error, match=message):
+        plan_crossing(robot, path, duration=1.0, **options)
+
+
+@pytest.mark.parametrize("aside", [0.1, 0.01])
+def test_beside_the_flat_pose_there_are_three_crossings(aside):
+    end = -START + aside * np.array([0.0, 0.0, 0.0, 1.0, 2.0, 3.0])
+    points = locate_singularities(robots.load("gough_stewart"), Line(START, end))
+    for point in points:
+        values = np.linalg.svd(plucker(point.platform), compute_uv=False)
+        assert values[-1] < 1e-12
+        assert point.corank == 1
+    changes = naive.sign_changes(lambda s: float(np.linalg.det(plucker(Line(START, end)(s)))), 2000)
+    assert len(points) == len(changes)

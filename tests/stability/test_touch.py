@@ -1,0 +1,85 @@
+"""Paths that touch the locus, cross it twice in a short stretch, or just miss it.
+
+What goes wrong: a search for sign changes on a grid does not see two crossings between two samples, nor a
+touch, which changes no sign at all; on sigma_min there is never a change of sign.
+Why: singularity is looked for on samples, with a measure that has no sign or loses it.
+What we do: the bordered scalar g is a polynomial, up to rounding, on panels of the path. All its roots and
+all its extrema are eigenvalues of a small matrix; none is stepped over. A touch is refused: finite torques
+would ask for condition (8) and its derivative at once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from framework import Line, NoAnswer, NoLaw, locate_singularities, plan_crossing
+from tests.kinematics.test_locus import locus, locus_tangent
+from tests.stability import naive
+from tests.stability.planar import exact, mp, rods_cross, without_rotors
+
+DEPTHS = 10.0 ** -np.arange(3, 13)  # [m] by which the path reaches over the locus
+
+
+def chord(depth: float) -> Line:
+    """A straight path, 0.12 m long, whose middle reaches over the locus by a depth [m]; negative: misses."""
+    middle, tangent = locus(1.7), locus_tangent(1.7)
+    reach = 0.06 * tangent / np.linalg.norm(tangent)
+    normal = np.array([-reach[1], reach[0]]) / np.linalg.norm(reach)
+    inside = np.sign(normal @ (locus(1.7 + 1e-2) + locus(1.7 - 1e-2) - 2 * middle))
+    shift = depth * inside * normal
+    return Line(middle - reach + shift, middle + reach + shift)
+
+
+def exact_crossings(path: Line, near: list[float]) -> list:
+    """Roots of the closed form in fifty digits, from starting values."""
+
+    def measure(s):
+        ends = zip(path.start, path.end, strict=True)
+        x, y = (exact(float(a)) + s * (exact(float(b)) - exact(float(a))) for a, b in ends)
+        return rods_cross(x, y)
+
+    return [mp.findroot(measure, mp.mpf(s)) for s in near]
+
+
+def found(depth: float, samples: int = 200) -> tuple[int, int, int, float]:
+    """Crossings found on det A, on sigma_min, by us; and our largest error in s."""
+    path = chord(depth)
+    by_det = naive.sign_changes(lambda s: float(rods_cross(*map(float, path(s)))), samples)
+    by_sigma = naive.sign_changes(lambda s: naive.smallest_singular_value(*path(s)), samples)
+    ours = [point.s for point in locate_singularities(without_rotors(), path)]
+    exact_ones = exact_crossings(path, ours)
+    error = max((abs(float(s - e)) for s, e in zip(ours, exact_ones, strict=True)), default=0.0)
+    return len(by_det), len(by_sigma), len(ours), error
+
+
+@pytest.mark.parametrize("depth", DEPTHS)
+def test_two_crossings_are_found_however_near_to_each_other(depth):
+    by_det, by_sigma, ours, error = found(depth)
+    gap = 3.6 * np.sqrt(depth / 1e-1)  # of the two in s, a parabola through the first depth
+    assert ours == 2
+    assert by_sigma == 0
+    assert by_det == (2 if gap > 2 / 200 else 0)
+    # g is known to a few 1e-16 and its slope falls with the gap
+    assert error < max(1e-13, 1e-14 / gap)
+
+
+def test_a_near_miss_has_no_crossing_and_a_touch_is_one_of_its_own():
+    for depth in DEPTHS:
+        assert found(-depth)[2] == 0
+    (touch,) = locate_singularities(without_rotors(), chord(0.0))
+    assert touch.contact == "tangential"
+    with pytest.raises(NoLaw, match="touches the locus without crossing"):
+        plan_crossing(without_rotors(), chord(0.0), duration=1.5)
+
+
+@pytest.mark.slow
+def test_every_chord_is_planned_and_proved_or_refused():
+    for depth in [*DEPTHS, *-DEPTHS]:
+        try:
+            plan = plan_crossing(without_rotors(), chord(depth), duration=1.5)
+        except NoAnswer:
+            assert abs(depth) < 1e-4  # too near for a law of low degree, or for 512 nodes
+            continue
+        assert plan.certificate.tail < 1e-10
+        assert len(plan.crossings) == (2 if depth > 0 else 0)

@@ -1,0 +1,64 @@
+"""Targets that the robot cannot reach.
+
+What goes wrong: the law of cosines with its argument clipped to [-1, 1] always has an answer; the leg ends
+where it ends, and the gap to the target goes unnoticed. Newton's method without bounds wanders or divides by
+zero.
+Why: a solver that cannot say no says something else.
+What we do: the path is followed to the last pose that closes, and the error says where that is, which leg
+ends there, and how far it got.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Line, OutOfReach, assemble, plan_crossing
+from tests.stability import naive
+from tests.stability.planar import BASES, LENGTH
+
+START = np.array([0.1, 0.345])
+TARGETS = [(0.1, 0.41), (0.1, 0.6), (0.0, 5.0), (1e3, 0.0), (-0.6, 0.1), (1e6, 1e6)]
+REACH = 2 * LENGTH
+
+
+def naive_gap(target) -> float:
+    """Distance [m] between the target and where the clipped answer puts the tip of the worse leg."""
+    gaps = []
+    for base, angle in zip(BASES, naive.clipped_cranks(target), strict=True):
+        elbow = np.array([base + LENGTH * np.cos(angle), LENGTH * np.sin(angle)])
+        gaps.append(np.linalg.norm(np.array(target) - elbow) - LENGTH)
+    return float(max(gaps))
+
+
+def last_reachable(target) -> float:
+    """s at which the straight way from START leaves the reach of a leg, in closed form."""
+    way, found = np.array(target) - START, []
+    for base in BASES:
+        arm = START - [base, 0.0]
+        a, b, c = way @ way, arm @ way, arm @ arm - REACH**2
+        found.append(-c / (b + np.sqrt(b * b - a * c)))  # c < 0: the positive root, without cancelling
+    return float(min(found))
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_we_say_where_the_reach_ends(target):
+    assert naive_gap(target) > 0.005  # [m]; and no complaint
+    with pytest.raises(OutOfReach) as caught:
+        plan_crossing(robots.load("five_bar"), Line(START, target), duration=1.0)
+    way = np.linalg.norm(np.array(target) - START)
+    step = 2e-7 * max(way, 1.0)  # [m]: the shortest step of the follower is 1e-7 of the path
+    assert abs(caught.value.s - last_reachable(target)) * way < step + 1e-9
+    with pytest.raises(OutOfReach):
+        assemble(robots.load("five_bar"), target)
+
+
+@pytest.mark.parametrize("name", ["delta", "par4", "three_rrr", "biglide"])
+def test_other_robots_say_so_too(name):
+    robot = robots.load(name)
+    x = assemble(robot).x
+    far = x.copy()
+    far[0] += 100 * robot.length
+    with pytest.raises(OutOfReach, match="the leg of"):
+        plan_crossing(robot, Line(x, far), duration=1.0)
