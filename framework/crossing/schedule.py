@@ -13,7 +13,7 @@ from framework.motion.law import OVERSHOOT, Law
 
 # Least slope of s (the ends' zeros divided out) over its mean that a law of our own choice should keep.
 COMFORTABLE = 0.2
-MOST_CROSSINGS = 16  # through more, one polynomial has so many turns that none that advances is found
+MOST_CROSSINGS = 8  # through more, one polynomial has so many turns that none that advances is found
 TRIALS = 1600  # laws that are tried at most while times or speeds are moved
 
 

@@ -1,0 +1,76 @@
+"""A path through dozens of singular points.
+
+What goes wrong: a platform that keeps turning meets the locus several times a turn. One law through n of them
+has degree 5 + 3 n; times and speeds that make it advance are searched for in 2 n dimensions, each trial
+costs n^3, and a search that is bounded by the number of unknowns takes minutes to find nothing.
+Why: one polynomial with three conditions at each of many points swings between them.
+What we do: the number of trials is bounded, whatever the number of unknowns, and through more than eight
+points no law is searched for at all. Cut the path instead.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Condition, Law, Line, NoLaw, assemble, locate_singularities, plan_crossing
+from framework.crossing import schedule as schedule_module
+from framework.crossing.schedule import MOST_CROSSINGS, TRIALS, schedule
+
+COUNTS = (1, 2, 4, 8, 16, 32)
+
+
+def swings(count: int, offset: float = 0.2) -> float:
+    """Farthest that s leaves [0, 1] when so many points are crossed at speed 1, a little off their time.
+
+    The points lie evenly; the law asks for s' = 1 and s" = 0 at each, and every other one comes late by a
+    share `offset` of the way to the next: what singular points do that nobody placed.
+    """
+    s = np.arange(1, count + 1) / (count + 1)
+    late = offset / (count + 1) * (np.arange(count) % 2)
+    inner = [
+        Condition(float(t), order, value)
+        for t, place in zip(s + late, s, strict=True)
+        for order, value in enumerate((float(place), 1.0, 0.0))
+    ]
+    law = Law.rest_to_rest(1.0, 2, inner)
+    values = law(np.linspace(0.0, 1.0, 4001))
+    return float(max(values.max() - 1.0, -values.min(), 0.0))
+
+
+def trials(count: int) -> int:
+    """How many laws our search tries before it gives up on points that no law can pass in good order."""
+    tried = 0
+
+    def build(milestones):
+        nonlocal tried
+        tried += 1
+        return Law(np.array([0.5, -0.5]), 1.0)  # runs backwards, whatever is asked
+
+    s = np.arange(1, count + 1) / (count + 1)
+    with pytest.raises(NoLaw):
+        schedule(list(s), 1.0, None, None, 2, build, "robot")
+    return tried
+
+
+def test_one_polynomial_swings_between_many_points():
+    found = np.array([swings(count) for count in COUNTS[:4]])
+    assert found[0] == 0.0
+    assert found[3] > 10.0  # the path is 1 long
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_the_search_is_bounded(count):
+    starts = len(list(schedule_module._starts([0.5], 1.0, None, None, 2)))
+    assert trials(count) <= (0 if count > MOST_CROSSINGS else TRIALS + starts + 2 * count + 2)
+
+
+def test_a_platform_that_keeps_turning_is_told_to_cut_its_path():
+    robot = robots.load("three_rpr")
+    start = assemble(robot).x
+    path = Line(start, start + np.array([0.0, 0.0, 6 * np.pi]))
+    found = locate_singularities(robot, path)
+    assert len(found) > MOST_CROSSINGS
+    with pytest.raises(NoLaw, match=f"meets {len(found)} singular points.*cut the path"):
+        plan_crossing(robot, path, duration=10.0)
