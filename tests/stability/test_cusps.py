@@ -108,6 +108,15 @@ def shift(error: float) -> float:
     raise ArithmeticError("no pose near the cusp")
 
 
+def lengths_off(error: float) -> float:
+    """How far a length is [m] from that at the cusp when the platform is elsewhere by `error` [m], at most."""
+    with mpmath.workdps(50):
+        at = [mpmath.mpf(float(v)) for v in cusp()]
+        exact, e = lengths(at), mpmath.mpf(error)
+        moved = [lengths([at[0] + e * mpmath.cos(a), at[1] + e * mpmath.sin(a), at[2]]) for a in range(7)]
+        return float(max(abs(p - q) for row in moved for p, q in zip(row, exact, strict=True)))
+
+
 def through_the_cusp() -> Line:
     """A path across the locus that moves along t_s as well."""
     at, h = cusp(), 1e-6
@@ -137,6 +146,9 @@ def test_our_path_leads_around_the_cusp_with_finite_torques():
 
 def test_on_the_cusp_lengths_say_little_and_the_path_says_all():
     assert shift(1e-9) / shift(1e-12) == pytest.approx(10.0, rel=0.02)  # a cube root
+    assert (
+        max(lengths_off(d) / d for d in (1e-9, 1e-12)) < 1.0 + 1e-6
+    )  # no leg grows by more than its end moves
     rounded = np.array(lengths(cusp()), dtype=float)
     by_lengths = pose_of(rounded, cusp() + 1e-3)
     assert np.abs(np.array(lengths(by_lengths), dtype=float) - rounded).max() < 1e-11  # [m], and yet
