@@ -151,5 +151,7 @@ def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array
     sizes = np.abs(rows).max(axis=1)
     rows /= np.where(sizes > 0, sizes, 1.0)[:, None]
     if np.linalg.matrix_rank(rows, tol=1e-13) < count:
-        raise InvalidInput("the conditions on the law repeat or contradict each other")
+        raise InvalidInput(
+            "the conditions on the law repeat or contradict each other, or are too near to each other in time"
+        )
     return rows, sizes

@@ -109,7 +109,7 @@ def shift(error: float) -> float:
 
 
 def lengths_off(error: float) -> float:
-    """How far a length is [m] from that at the cusp when the platform is elsewhere by `error` [m], at most."""
+    """Largest change [m] of a length when the platform is off the cusp by `error` [m]."""
     with mpmath.workdps(50):
         at = [mpmath.mpf(float(v)) for v in cusp()]
         exact, e = lengths(at), mpmath.mpf(error)

@@ -6,7 +6,8 @@ against the largest, keep a few columns of thirteen and lose s by a fifth of the
 in seconds see nothing or never end.
 Why: time has a unit, and the powers of a number far from one do not fit together.
 What we do: time is normalised and the basis is Chebyshev's; torques scale as 1 / T^2 to rounding. Elastic
-robots that would tear in a microsecond are refused.
+robots that would tear in a microsecond are refused. So is a slow crossing under gravity: "slowly enough,
+inertia vanishes" leaves the whole weight along t_s, however slowly; only a fall with it passes.
 """
 
 from __future__ import annotations
@@ -15,10 +16,20 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Condition, InvalidInput, Law, NotConverged, plan_crossing
+from framework import (
+    Condition,
+    InvalidInput,
+    Law,
+    Line,
+    NoLaw,
+    NotConverged,
+    UnboundedTorque,
+    plan_crossing,
+)
 from tests.stability import naive
 from tests.stability.planar import LINE
 
+DEAD_CENTRE = Line([1.0], [-0.8])  # [rad] of the crank, over its outer dead centre
 DURATIONS = 10.0 ** np.arange(-6, 7, 2)  # [s]
 
 
@@ -72,6 +83,26 @@ def test_elastic_robots_are_as_rigid_in_a_fortnight_and_torn_in_a_microsecond(fl
     for duration in (1e-6, 1e-4, 1e-2):
         with pytest.raises(NotConverged, match="springs are too soft"):
             scaled_torque(duration, flexibility)
+
+
+def left_of_the_weight(duration: float) -> float:
+    """|t_s . W_p| [N m] when a slider-crank is taken over its dead centre without a condition (8)."""
+    robot = robots.load("slider_crank")
+    with pytest.raises(UnboundedTorque) as caught:
+        plan_crossing(robot, DEAD_CENTRE, duration=duration, times=[])
+    return abs(caught.value.wrench)
+
+
+def test_under_gravity_slowness_does_not_help():
+    left = np.array([left_of_the_weight(duration) for duration in (1e1, 1e2, 1e4, 1e6)])
+    assert left[-1] > 0.01
+    assert left[-1] == pytest.approx(
+        left[-2], rel=1e-6
+    )  # the moment of the weight about the crank, 1 / T^2 apart
+    plan = plan_crossing(robots.load("slider_crank"), DEAD_CENTRE, duration=1.0)
+    assert plan.crossings[0].residual < 1e-11
+    with pytest.raises(NoLaw, match="no law that always advances"):
+        plan_crossing(robots.load("slider_crank"), DEAD_CENTRE, duration=1e6)
 
 
 @pytest.mark.parametrize("duration", [1e-300, 1e-31, 1e31, 1e300])
