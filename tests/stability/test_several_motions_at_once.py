@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, NoLaw, NotConverged, UnboundedTorque, locate_singularities, plan_crossing
+from framework import Line, locate_singularities, plan_crossing
+from framework.errors import UncontrolledMotions
 from tests.robots.test_gough_stewart import PLATE, plucker
 from tests.stability import naive
 
@@ -47,21 +48,15 @@ def test_the_determinant_shows_one_crossing_where_rank_falls_by_three():
     assert len(naive.sign_changes(lambda s: float(np.linalg.det(plucker(path(s)))), 200)) == 1
 
 
-ASKED = [
-    (dict(), NoLaw, "3 uncontrolled motions at once"),
-    (dict(times=[]), UnboundedTorque, "s = 0.5"),
-    (dict(at=[0.5]), NotConverged, "not resolved"),  # one condition met, two poles left
-]
-
-
-@pytest.mark.parametrize(("options", "error", "message"), ASKED)
-def test_we_count_them_and_refuse(options, error, message):
+@pytest.mark.parametrize("options", [dict(), dict(times=[]), dict(at=[0.5])])
+def test_we_count_them_and_refuse(options):
     robot, path = robots.load("gough_stewart"), Line(START, -START)
     (point,) = locate_singularities(robot, path)
     assert point.corank == 3
     assert point.s == pytest.approx(0.5, abs=1e-10)
-    with pytest.raises(error, match=message):
+    with pytest.raises(UncontrolledMotions, match="3 uncontrolled motions at once at s = 0.5") as refusal:
         plan_crossing(robot, path, duration=1.0, **options)
+    assert refusal.value.count == 3
 
 
 @pytest.mark.parametrize("aside", [0.1, 0.01])
