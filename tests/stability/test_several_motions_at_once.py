@@ -54,7 +54,7 @@ def test_we_count_them_and_refuse(options):
     (point,) = locate_singularities(robot, path)
     assert point.corank == 3
     assert point.s == pytest.approx(0.5, abs=1e-10)
-    with pytest.raises(UncontrolledMotions, match="3 uncontrolled motions at once at s = 0.5") as refusal:
+    with pytest.raises(UncontrolledMotions, match=r"3 uncontrolled motions at once at s = 0\.5") as refusal:
         plan_crossing(robot, path, duration=1.0, **options)
     assert refusal.value.count == 3
 
