@@ -30,6 +30,7 @@ NARROWEST = 2e-4  # panel of s that still does not resolve: a border or the bran
 LARGEST_ETA = 20.0  # a border that has turned away from the null vectors
 ON_THE_LOCUS = 1e-7  # |g| all along a panel: the path does not cross the locus, it follows it
 TOUCH = 1e-12  # |g| over its largest value along the path: a minimum this deep touches the locus
+ROUNDING = 1e-15  # |g| that is zero however small its largest value, as that of small loops in a long robot
 WEAK = 0.05  # singular values below are candidates for a wider border
 CLOSE = 1e-3  # singular values that are this small together may vanish together
 LONGEST_SEARCH = 5e-3  # in s: from a candidate to the place where several vanish
@@ -142,7 +143,7 @@ def candidates(found: list[Panel]) -> list[tuple[Panel, float, bool]]:
 
 def contacts(measured: Measured, found: list[Panel]) -> list[Contact]:
     """All places where the matrix loses rank, ascending; `found` are its `panels`."""
-    largest = _largest(found)
+    zero = max(TOUCH * _largest(found), ROUNDING)
     touches: list[Contact] = []
     roots: list[Contact] = []
     for panel, start, is_minimum in candidates(found):
@@ -154,12 +155,12 @@ def contacts(measured: Measured, found: list[Panel]) -> list[Contact]:
             continue
         if is_minimum:
             s, depth = _polish_touch(measured, start, size, determinant)
-            is_touch = abs(depth) < TOUCH * largest and _vanishes(measured, s, size)
+            is_touch = abs(depth) < zero and _vanishes(measured, s, size)
             if is_touch and all(abs(s - other.s) > 1e-6 for other in touches):
                 touches.append(Contact(s, _contact(measured, s, size)))
             continue
         s, depth = _polish_root(measured, start, size)
-        is_root = abs(depth) < TOUCH * largest and abs(s - start) < 1e-3 * (panel.end - panel.start)
+        is_root = abs(depth) < zero and abs(s - start) < 1e-3 * (panel.end - panel.start)
         # a touch is also a close pair of roots, and a root on the edge of two panels is found twice
         new = all(abs(s - other.s) > 1e-10 for other in roots)
         if is_root and new and _vanishes(measured, s, size) and _contact(measured, s, size) == "transversal":
@@ -258,7 +259,7 @@ def _polish_root(measured: Measured, s: float, size: int) -> tuple[float, float]
         matrices = measured.at(at)
         g = bordered(matrices, Border.of(matrices[1], size)).g
         depth = float(g[1])
-        if g[2] == g[0] or abs(depth) < 1e-15:
+        if g[2] == g[0]:
             break
         step = -depth * (at[2] - at[0]) / (g[2] - g[0])
         if not abs(step) < h:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Arc, Line, ParallelRobot, Spline, assemble, locate_singularities
+from framework import Arc, Line, ParallelRobot, Spline, assemble, locate_singularities, scene_path
 from framework.errors import InvalidInput, NotAssembled, OutOfReach, SingularPath, Type1Singularity
 from framework.kinematics.singularity import singularity_measure
 from framework.kinematics.tracking import track_path
@@ -205,3 +205,15 @@ def test_a_reference_far_from_any_assembly_is_refused(robot):
     vague = replace(robot.description, reference={"left_motor": 1.27, "right_motor": -1.9})
     with pytest.raises(NotAssembled, match="not near an assembled configuration"):
         assemble(ParallelRobot.from_description(vague))
+
+
+@pytest.mark.parametrize(("name", "scene"), [("biglide", "across"), ("delta", "cross"), ("five_bar", "C")])
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_singular_points_do_not_hang_on_what_counts_as_the_length_of_the_robot(name, scene, factor):
+    """A small mechanism on a long robot has a small g all along; its roots are roots all the same."""
+    robot = robots.load(name)
+    path = scene_path(robot.description.scenes[scene])
+    (point,) = locate_singularities(robot, path)
+    (other,) = locate_singularities(replace(robot, length=factor * robot.length), path)
+    assert other.s == pytest.approx(point.s, abs=1e-13)
+    np.testing.assert_allclose(other.twist, point.twist, atol=1e-9)
