@@ -1,4 +1,4 @@
-"""Laws that hold for every robot of the catalogue, with every flexibility.
+"""Laws of motion and of energy, for every robot of the catalogue with every flexibility.
 
 Generated: a robot added to the catalogue is tested here without a line written.
 """
@@ -12,23 +12,14 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import ParallelRobot, locate_singularities, plan_scene, scene_path, velocity_matrices
-from framework.errors import NoAnswer
-from framework.kinematics.assembly import loop_rows
+from framework import ParallelRobot, locate_singularities, scene_path, velocity_matrices
 from framework.kinematics.closures import closure_drift, column_scale, loop_equations
 from framework.kinematics.frames import drift_accelerations, frames_at, move
 from framework.kinematics.inverse_kinematics import close_loops, motion_at
 from framework.kinematics.platform import platform_twist
 from framework.kinematics.tracking import track_path
-from framework.model.description import FLEXIBILITIES
 from framework.motion.chebyshev import TimeGrid
-from tests.robots.transformed import moved, scaled
-
-CASES = [(name, flexibility) for name in robots.CATALOGUE for flexibility in FLEXIBILITIES]
-ELASTIC = [(name, flexibility) for name, flexibility in CASES if flexibility != "rigid"]
-SCENES = [
-    (name, scene) for name, entry in robots.CATALOGUE.items() for scene in entry.load().description.scenes
-]
+from tests.robots.every_robot import CASES, ELASTIC, SCENES, first_path, planned
 
 
 @pytest.fixture(params=CASES, ids="-".join, scope="module")
@@ -37,42 +28,11 @@ def robot(request) -> ParallelRobot:
     return robots.load(name, flexibility=flexibility)
 
 
-# How it is written, where it stands, how large it is: the 5R at once, all others in the second stage.
-CHANGES = [
-    pytest.param(case, id="-".join(case), marks=() if "five_bar" in case[0] else pytest.mark.slow)
-    for case in CASES
-]
-
-
-@pytest.fixture(params=CHANGES, scope="module")
-def original(request) -> ParallelRobot:
-    name, flexibility = request.param
-    return robots.load(name, flexibility=flexibility)
-
-
-def first_path(robot: ParallelRobot):
-    return scene_path(next(iter(robot.description.scenes.values())))
-
-
 def closed_with_deflections(robot: ParallelRobot, x, q_e, near):
     """Assembled configurations at x (T, n) and deflections q_e (T, n_e), near one configuration."""
     step = np.zeros((len(x), robot.model.nv))
     step[:, robot.elastic] = q_e
     return close_loops(robot, x, move(robot, np.repeat(near[None], len(x), axis=0), step))
-
-
-def is_universal(closure) -> bool:
-    return sum(axis.startswith("r") for axis in closure.axes) == 1
-
-
-def planned(robot: ParallelRobot, **options):
-    """The first scene of the robot that has a plan."""
-    for name in robot.description.scenes:
-        try:
-            return plan_scene(robot, name, **options)
-        except NoAnswer:
-            continue
-    raise AssertionError(f"{robot.name} has no scene that can be planned")
 
 
 def test_loop_jacobian_and_drift_are_derivatives_of_the_loop_equations(robot):
@@ -181,43 +141,3 @@ def test_stiff_springs_tend_to_the_rigid_robot_as_one_over_stiffness(name, flexi
     assert stiffer < stiff < soft
     assert soft / stiff == pytest.approx(1e3, rel=0.05)  # second order in 1/k is of this size
     assert stiff / stiffer == pytest.approx(1e3, rel=1e-3)
-
-
-@pytest.mark.parametrize("change", ["duplicated", "reversed", "swapped frames"])
-def test_torques_do_not_depend_on_how_the_closures_are_written(original, change):
-    description = original.description
-    closures = description.closures
-    if change == "duplicated":
-        closures += tuple(replace(closure, name=f"{closure.name} again") for closure in closures)
-    elif change == "reversed":
-        closures = tuple(replace(c, axes=c.axes[::-1]) for c in closures[::-1])
-    else:
-        # a universal joint has one axis on either body: turned round it is another joint
-        closures = tuple(c if is_universal(c) else replace(c, frames=c.frames[::-1]) for c in closures)
-    other = ParallelRobot.from_description(replace(description, closures=closures), original.flexibility)
-    assert len(loop_rows(other).names) == len(loop_rows(original).names)
-    one, two = planned(original), planned(other)
-    t = np.linspace(0.0, one.duration, 201)
-    np.testing.assert_allclose(two.torque(t), one.torque(t), atol=1e-12, rtol=1e-10)
-
-
-def test_torques_do_not_depend_on_where_the_robot_stands(original):
-    shifted = ParallelRobot.from_description(
-        moved(original.description, (3.0, -2.0, 1.0)), original.flexibility
-    )
-    one, two = planned(original), planned(shifted)
-    t = np.linspace(0.0, one.duration, 201)
-    peak = np.abs(one.torque(t)).max()
-    # coordinates a few metres off carry ten times the rounding
-    np.testing.assert_allclose(two.torque(t), one.torque(t), rtol=0, atol=1e-9 * peak)
-
-
-@pytest.mark.parametrize("size", [1e-3, 1e3])
-def test_torques_of_a_robot_of_another_size_scale_with_its_square(original, size):
-    """A robot drawn in millimetres, or as small as one drawn so: no tolerance may know metres."""
-    other = ParallelRobot.from_description(scaled(original.description, size), original.flexibility)
-    one, two = planned(original), planned(other)
-    t = np.linspace(0.0, one.duration, 201)
-    peak = np.abs(one.torque(t)).max()
-    np.testing.assert_allclose(two.torque(t) / size**2, one.torque(t), rtol=0, atol=1e-9 * peak)
-    assert two.certificate.nodes == one.certificate.nodes

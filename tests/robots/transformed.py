@@ -1,11 +1,17 @@
-"""The same robot elsewhere, or of another size: descriptions for tests of invariance."""
+"""The same robot elsewhere, of another size, or written on other frames: for tests of invariance."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
-from framework.model.description import RobotDescription, Scene
+import numpy as np
+import pinocchio as pin
+
+from framework.model.description import AXES, Closure, RobotDescription, Scene
+
+SHIFT = 0.3  # [m]
+TURN = np.array([0.5, -0.7, 0.9])  # [rad]
 
 
 def moved(description: RobotDescription, shift: tuple[float, float, float]) -> RobotDescription:
@@ -89,6 +95,50 @@ def scaled(description: RobotDescription, size: float) -> RobotDescription:
             for name, scene in description.scenes.items()
         },
     )
+
+
+def with_other_frames(description: RobotDescription) -> RobotDescription:
+    """The robot with every closure written on frames turned, and shifted where its kind allows.
+
+    A ball takes any axes, a weld any frame; a hinge may be turned about and shifted along its axis. The
+    rows come out mixed: combinations of the old ones, those of a weld and a hinge with a length between
+    metres and radians. Bodies and joints stay.
+    """
+    root = ElementTree.fromstring(description.urdf_text)
+    closures = []
+    for closure in description.closures:
+        place = _other_place(closure)
+        names = tuple(f"{closure.name}_{k}" for k in "ab")
+        for frame, name in zip(closure.frames, names, strict=True):
+            ElementTree.SubElement(root, "link", name=name)
+            joint = ElementTree.SubElement(root, "joint", name=f"{name}_mount", type="fixed")
+            ElementTree.SubElement(joint, "parent", link=frame)
+            ElementTree.SubElement(joint, "child", link=name)
+            xyz, rpy = place.translation, pin.rpy.matrixToRpy(place.rotation)
+            written = {"xyz": xyz, "rpy": rpy}
+            ElementTree.SubElement(
+                joint,
+                "origin",
+                {key: " ".join(repr(float(v)) for v in part) for key, part in written.items()},
+            )
+        closures.append(replace(closure, frames=names))
+    text = ElementTree.tostring(root, encoding="unicode")
+    return replace(description, urdf_text=text, closures=tuple(closures))
+
+
+def _other_place(closure: Closure) -> pin.SE3:
+    """The new frame in the old one, the same on both bodies: where the loop is closed they coincide."""
+    locked = set(closure.axes)
+    anyhow = pin.exp3(TURN)
+    if locked == set(AXES):
+        return pin.SE3(anyhow, SHIFT * np.ones(3))
+    if locked == {"x", "y", "z"} or closure.length is not None:
+        return pin.SE3(anyhow, np.zeros(3))
+    free = set(AXES) - locked
+    if len(free) == 1 and min(free).startswith("r"):
+        axis = np.eye(3)["xyz".index(min(free)[1])]
+        return pin.SE3(pin.exp3(0.7 * axis), SHIFT * axis)
+    return pin.SE3.Identity()  # a kind whose axes are part of its meaning
 
 
 def with_points(scene: Scene, change) -> Scene:

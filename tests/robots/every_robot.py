@@ -1,0 +1,70 @@
+"""What the generated tests run over: the catalogue, its flexibilities and its scenes.
+
+Nothing here names a robot but the 5R, whose laws are held at once; a file more in `robots/` is a robot
+more in every test of `test_every_robot_*.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import pytest
+
+import robots
+from framework import CrossingPlan, ParallelRobot, plan_scene, scene_path
+from framework.errors import NoAnswer, NoLaw
+from framework.model.description import FLEXIBILITIES, Scene
+
+CASES = [(name, flexibility) for name in robots.CATALOGUE for flexibility in FLEXIBILITIES]
+ELASTIC = [(name, flexibility) for name, flexibility in CASES if flexibility != "rigid"]
+RIGID = {name: entry.load() for name, entry in robots.CATALOGUE.items()}
+SCENES = [(name, scene) for name, robot in RIGID.items() for scene in robot.description.scenes]
+
+
+def the_5r(case: tuple[str, ...]) -> bool:
+    """Whether a case, which begins with the robot's name, is about the paper's robot."""
+    return case[0] == "five_bar"
+
+
+def in_stages(cases: Iterable[tuple[str, ...]], *, at_once: Callable = the_5r) -> list:
+    """The cases as parameters: those `at_once` in the first stage of the tests, all others in the second."""
+    return [
+        pytest.param(case, id="-".join(case), marks=() if at_once(case) else pytest.mark.slow)
+        for case in cases
+    ]
+
+
+def asks_nothing(scene: Scene) -> bool:
+    """Whether the scene asks for no crossing condition, or for one at an imposed place."""
+    return scene.times == () or scene.at is not None
+
+
+def first_path(robot: ParallelRobot):
+    """The path of the robot's first scene."""
+    return scene_path(next(iter(robot.description.scenes.values())))
+
+
+def planned(robot: ParallelRobot, **options) -> CrossingPlan:
+    """The first scene of the robot that has a plan."""
+    for name in robot.description.scenes:
+        try:
+            return plan_scene(robot, name, **options)
+        except NoAnswer:
+            continue
+    raise AssertionError(f"{robot.name} has no scene that can be planned")
+
+
+def crossing(robot: ParallelRobot, **options) -> CrossingPlan:
+    """The first plan of the robot that crosses a singularity, or else its first plan."""
+    plans = []
+    for name, scene in robot.description.scenes.items():
+        if asks_nothing(scene):
+            continue
+        try:
+            plans.append(plan_scene(robot, name, **options))
+        except NoLaw:  # with the smoothness that is asked for
+            continue
+        if plans[-1].crossings:
+            return plans[-1]
+    assert plans, f"{robot.name} has no scene that can be planned"
+    return plans[0]

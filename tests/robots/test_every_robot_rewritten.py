@@ -1,0 +1,130 @@
+"""Torques are those of the mechanism, not of how it is written: for every robot and flexibility.
+
+Generated: a robot added to the catalogue is tested here without a line written.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework import ParallelRobot
+from framework.kinematics.assembly import loop_rows
+from tests.robots.cut_elsewhere import cut_elsewhere, openings
+from tests.robots.every_robot import CASES, RIGID, crossing, in_stages, planned
+from tests.robots.transformed import moved, scaled, with_other_frames
+
+# Closures, by robot, in whose loop nothing else can be opened, and why. None today.
+ONLY_OPENING: dict[tuple[str, str], str] = {}
+LOOPS = [
+    (name, flexibility, closure.name)
+    for name, flexibility in CASES
+    for closure in RIGID[name].description.closures
+]
+CHANGES = ("on other frames", "rotations x 1000", "rotations / 1000", "lengths x 1000", "lengths / 1000")
+SCALED = [
+    (name, flexibility, change)
+    for name, flexibility in CASES
+    for change in CHANGES
+    if RIGID[name].rows.rotation.any() or not change.startswith("rotations")
+]
+
+
+@pytest.fixture(params=in_stages(CASES, at_once=lambda case: "five_bar" in case[0]), scope="module")
+def original(request) -> ParallelRobot:
+    name, flexibility = request.param
+    return robots.load(name, flexibility=flexibility)
+
+
+def is_universal(closure) -> bool:
+    return sum(axis.startswith("r") for axis in closure.axes) == 1
+
+
+@pytest.mark.parametrize("change", ["duplicated", "reversed", "swapped frames"])
+def test_torques_do_not_depend_on_how_the_closures_are_written(original, change):
+    description = original.description
+    closures = description.closures
+    if change == "duplicated":
+        closures += tuple(replace(closure, name=f"{closure.name} again") for closure in closures)
+    elif change == "reversed":
+        closures = tuple(replace(c, axes=c.axes[::-1]) for c in closures[::-1])
+    else:
+        # a universal joint has one axis on either body: turned round it is another joint
+        closures = tuple(c if is_universal(c) else replace(c, frames=c.frames[::-1]) for c in closures)
+    other = ParallelRobot.from_description(replace(description, closures=closures), original.flexibility)
+    assert len(loop_rows(other).names) == len(loop_rows(original).names)
+    one, two = planned(original), planned(other)
+    t = np.linspace(0.0, one.duration, 201)
+    np.testing.assert_allclose(two.torque(t), one.torque(t), atol=1e-12, rtol=1e-10)
+
+
+@pytest.mark.parametrize("case", in_stages(SCALED))
+def test_torques_do_not_depend_on_the_scale_of_the_closure_rows(case):
+    """Rows mixed with others, and rows of another size.
+
+    A robot file gives a row no factor. On other frames each row becomes a combination of old ones, with a
+    length between metres and radians. In the table of rows the factor of a rotation row is its `sign`; the
+    robot's `length`, by which metres are weighed against radians wherever ranks and distances from
+    singularity are judged, is the factor of all other rows.
+    """
+    name, flexibility, change = case
+    original = robots.load(name, flexibility=flexibility)
+    if change == "on other frames":
+        description = with_other_frames(original.description)
+        other = ParallelRobot.from_description(description, flexibility)
+    elif change.startswith("rotations"):
+        factor = 1e3 if change.endswith("x 1000") else 1e-3
+        other = replace(original, rows=original.rows._replace(sign=factor * original.rows.sign))
+    else:
+        other = replace(original, length=(1e3 if change.endswith("x 1000") else 1e-3) * original.length)
+    assert len(loop_rows(other).names) == len(loop_rows(original).names)
+    assert_same_torques(crossing(original), crossing(other))
+
+
+@pytest.mark.parametrize("case", in_stages(LOOPS))
+def test_torques_do_not_depend_on_where_a_loop_is_cut(case):
+    """Each closure becomes joints, and another joint of its loop the closure; see `cut_elsewhere`.
+
+    Springs stay what they are, walked back with their joints. The rigid robot is cut at every joint.
+    """
+    name, flexibility, loop = case
+    robot = robots.load(name, flexibility=flexibility)
+    (closure,) = (closure for closure in robot.description.closures if closure.name == loop)
+    found = openings(robot.description, closure)
+    assert bool(found) != ((name, loop) in ONLY_OPENING)
+    plan = crossing(robot)
+    for opening in found if flexibility == "rigid" else found[:1]:
+        description = cut_elsewhere(robot.description, closure, opening)
+        assert_same_torques(plan, crossing(ParallelRobot.from_description(description, flexibility)))
+
+
+def assert_same_torques(one, two):
+    t = np.linspace(0.0, one.duration, 201)
+    peak = np.abs(one.torque(t)).max()
+    # measured: 1e-14 as a rule, 2e-11 for the springs of standing_quadruped and four_bar
+    np.testing.assert_allclose(two.torque(t), one.torque(t), rtol=0, atol=1e-9 * peak)
+
+
+def test_torques_do_not_depend_on_where_the_robot_stands(original):
+    shifted = ParallelRobot.from_description(
+        moved(original.description, (3.0, -2.0, 1.0)), original.flexibility
+    )
+    one, two = planned(original), planned(shifted)
+    t = np.linspace(0.0, one.duration, 201)
+    peak = np.abs(one.torque(t)).max()
+    # coordinates a few metres off carry ten times the rounding
+    np.testing.assert_allclose(two.torque(t), one.torque(t), rtol=0, atol=1e-9 * peak)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_torques_of_a_robot_of_another_size_scale_with_its_square(original, size):
+    """A robot drawn in millimetres, or as small as one drawn so: no tolerance may know metres."""
+    other = ParallelRobot.from_description(scaled(original.description, size), original.flexibility)
+    one, two = planned(original), planned(other)
+    t = np.linspace(0.0, one.duration, 201)
+    peak = np.abs(one.torque(t)).max()
+    np.testing.assert_allclose(two.torque(t) / size**2, one.torque(t), rtol=0, atol=1e-9 * peak)
+    assert two.certificate.nodes == one.certificate.nodes
