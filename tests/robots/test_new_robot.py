@@ -1,0 +1,58 @@
+"""A robot more in the catalogue is a robot more in every generated test, with no edit of another file."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+from framework.model.description import FLEXIBILITIES
+
+PROJECT = Path(__file__).resolve().parents[2]
+SUITE = sorted((PROJECT / "tests" / "robots").glob("test_every_robot*.py"))
+NEW = "my_robot"
+ENTRY = f'''
+from framework.catalogue import CatalogueEntry
+from robots.files import robot_file
+
+ENTRY = CatalogueEntry(file=robot_file("{NEW}"), summary="a test", source="none")
+'''
+
+
+@pytest.mark.slow
+def test_a_file_in_robots_is_all_that_the_generated_tests_need(tmp_path):
+    for part in ("framework", "robots", "tests", "urdf"):
+        shutil.copytree(PROJECT / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(PROJECT / "pyproject.toml", tmp_path)
+    folder = tmp_path / "urdf" / NEW
+    folder.mkdir()
+    for file in (tmp_path / "urdf" / "slider_crank").iterdir():
+        text = file.read_text(encoding="utf-8").replace("slider_crank", NEW)
+        (folder / file.name.replace("slider_crank", NEW)).write_text(text, encoding="utf-8")
+    (tmp_path / "robots" / f"{NEW}.py").write_text(ENTRY, encoding="utf-8")
+
+    options = ["-q", "-m", "slow or not slow", "-k", NEW, "-p", "no:cacheprovider", "--junitxml=found.xml"]
+    files = [str(file.relative_to(PROJECT)) for file in SUITE]
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, *files],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert run.returncode == 0, run.stdout[-3000:] + run.stderr[-1000:]
+
+    cases = ElementTree.parse(tmp_path / "found.xml").getroot().findall(".//testcase")
+    assert all(len(case.findall("skipped")) == 0 for case in cases)
+    names = [case.get("name", "") for case in cases]
+    assert all(NEW in name for name in names)
+    laws = [law for file in SUITE for law in re.findall(r"^def (test_\w+)", file.read_text(), re.MULTILINE)]
+    assert {name.split("[")[0] for name in names} == set(laws)
+    for flexibility in FLEXIBILITIES:
+        assert any(flexibility in name for name in names)
