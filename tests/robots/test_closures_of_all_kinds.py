@@ -19,10 +19,10 @@ from framework.errors import NoLaw
 from framework.model.description import CLOSURE_KINDS, Closure, locked_axes
 from tests.closure_rows import closure_errors, closure_rows
 from tests.forward_simulation import kinematics
+from tests.robots.back_on_path import BACK, misses
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
+from tests.robots.every_robot import assert_same_torques
 from tests.robots.joint_chain import chain, urdf
-from tests.robots.test_every_robot_rewritten import assert_same_torques
-from tests.robots.test_every_robot_simulated import BACK, misses
 
 PAIR = '<robot name="pair"><link name="ground"/><link name="one"/><link name="two"/></robot>'
 KINDS = {f"{kind} {axis}": locked_axes(kind, axis) for kind in CLOSURE_KINDS for axis in "xyz"}

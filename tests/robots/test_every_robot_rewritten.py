@@ -14,7 +14,7 @@ import robots
 from framework import ParallelRobot
 from framework.kinematics.assembly import loop_rows
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
-from tests.robots.every_robot import CASES, RIGID, crossing, in_stages, planned
+from tests.robots.every_robot import CASES, RIGID, assert_same_torques, crossing, in_stages, planned
 from tests.robots.transformed import moved, scaled, with_other_frames
 
 # Closures, by robot, in whose loop nothing else can be opened, and why. None today.
@@ -99,13 +99,6 @@ def test_torques_do_not_depend_on_where_a_loop_is_cut(case):
     for opening in found if flexibility == "rigid" else found[:1]:
         description = cut_elsewhere(robot.description, closure, opening)
         assert_same_torques(plan, crossing(ParallelRobot.from_description(description, flexibility)))
-
-
-def assert_same_torques(one, two):
-    t = np.linspace(0.0, one.duration, 201)
-    peak = np.abs(one.torque(t)).max()
-    # measured: 1e-14 as a rule, 2e-11 for the springs of standing_quadruped and four_bar
-    np.testing.assert_allclose(two.torque(t), one.torque(t), rtol=0, atol=1e-9 * peak)
 
 
 def test_torques_do_not_depend_on_where_the_robot_stands(original):

@@ -13,34 +13,14 @@ import pytest
 import robots
 from framework import locate_singularities, plan_scene, scene_path
 from framework.errors import UnboundedTorque
-from framework.kinematics.frames import frames_at
-from framework.kinematics.platform import platform_coordinates
-from tests.forward_simulation import simulate_robot
-from tests.massless_simulation import massless_directions, simulate_massless
+from tests.robots.back_on_path import BACK, misses
 from tests.robots.every_robot import ELASTIC, RIGID, SCENES, asks_nothing, crossing, in_stages
 
 LAWFUL = [(name, scene) for name, scene in SCENES if not asks_nothing(RIGID[name].description.scenes[scene])]
 UNPREPARED = [case for case in SCENES if case not in LAWFUL]
-BACK = 1e-8  # [m, rad]
 # Rods with mass hang between a drive's spring and their own: each spring on the way to the motor needs two
 # more derivatives of s to start from rest. With 4 the springs would be set ringing, by 1e-6 m at most.
 SMOOTHNESS = {"flexible_joints": 4, "flexible_links": 8}
-
-
-def misses(robot, plan, *, rtol) -> np.ndarray:
-    """Distance from the path (T, n) [m, rad] of the robot under the planned torques, and times (T,)."""
-    torque, edges = plan.torque, plan.dynamics.torques.edges
-    times = np.union1d(np.linspace(0.0, plan.duration, 6), edges)  # forces have kinks where panels meet
-    q0 = plan.dynamics.configuration(np.zeros(1))[0]
-    options = {"q0": q0, "times": times, "rtol": rtol, "atol": 0.01 * rtol}
-    if massless_directions(robot, q0).shape[1]:
-        q = simulate_massless(robot, torque, **options)
-    else:
-        q, _ = simulate_robot(robot, torque, **options)
-    off = platform_coordinates(robot, frames_at(robot, q)) - plan.platform(times)
-    turning = robot.platform_axes >= 3
-    off[:, turning] = (off[:, turning] + np.pi) % (2 * np.pi) - np.pi
-    return off
 
 
 @pytest.mark.parametrize("case", in_stages(LAWFUL))
