@@ -198,8 +198,9 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
 
 
 def _below(matrix: Array, level: float) -> int:
-    """Number of singular values of one matrix below a level."""
-    return int(np.sum(np.linalg.svd(matrix, compute_uv=False) < level))
+    """Number of singular values of one matrix below a level; below a share of the largest if that is small."""
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return int(np.sum(values < level * min(float(values[0]), 1.0)))
 
 
 def _vanishes(measured: Measured, s: float, size: int) -> bool:
