@@ -18,9 +18,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.kinematics.assembly import passive_columns
-from framework.kinematics.frames import offset
-from framework.kinematics.inverse_kinematics import Motion
+from framework.kinematics.frames import offset, scratch_of
+from framework.kinematics.inverse_kinematics import Motion, moving_columns
 from framework.model import ParallelRobot
 
 
@@ -29,13 +28,11 @@ class Forces(NamedTuple):
 
     joint_torque: Array  # (T, n_a) [N m] or [N]
     spring_force: Array  # (T, n_e) force of the springs on the elastic coordinates, -K q_e
-    passive: Array  # (T, n_p) r_p: what the passive joints ask of the loops
 
 
 def tree_forces(robot: ParallelRobot, motion: Motion) -> Array:
     """RNEA of the open tree and the springs on its own joints, (T, nv)."""
-    model = robot.model
-    data = model.createData()
+    model, data = robot.model, scratch_of(robot).data
     forces: Array = np.empty((len(motion.q), model.nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         forces[k] = pin.rnea(model, data, q, v, a)
@@ -48,42 +45,48 @@ def tree_forces(robot: ParallelRobot, motion: Motion) -> Array:
 def loop_forces(robot: ParallelRobot, motion: Motion) -> Forces:
     """Joint torques and spring forces along a motion, instant by instant.
 
-    An instant exactly on a Type 2 singularity divides 0 by 0 and comes out as infinite.
+    The loops close with the platform held by a wrench w and free motors, or by the motors alone:
+
+        F' [w; lambda_0] = r        F' [M; ...] = unit torques of the motors        M tau = w
+
+    with F = d[platform ; closures]/dq along the joints that follow, regular at Type 2 and factored when
+    they moved, and M (n, n_a) = (dq_a/dx)', which is singular there. With redundant motors the sum of
+    squares of tau_joint / gear ratio is least. An instant exactly on a Type 2 singularity divides 0 by 0
+    and comes out as infinite.
     """
-    r = tree_forces(robot, motion)
-    J = motion.system.closures
-    columns = passive_columns(robot)
-    P, passive = J[:, :, columns], r[:, columns]
-    if P.shape[1] > P.shape[2]:
-        held = r - np.einsum("tmv,tm->tv", J, _least_torque(robot, r, J, P))
-        return Forces(held[:, robot.actuated], held[:, robot.elastic], passive)
+    r, system = tree_forces(robot, motion), motion.system
+    columns = moving_columns(robot)  # the actuated ones first
+    loads = np.zeros((1 + robot.n_a, len(r), len(columns)))
+    loads[0] = r[:, columns]
+    loads[np.arange(1, 1 + robot.n_a), :, np.arange(robot.n_a)] = 1.0
+    carried = system.factors.solve_transposed(loads)
+    wrench, matrix = carried[0, :, : robot.n], carried[1:, :, : robot.n].transpose(1, 2, 0)
+    torque = _motor_share(robot, matrix, wrench)
+    if not robot.n_e:
+        return Forces(torque, np.zeros((len(r), 0)))
+    with np.errstate(invalid="ignore"):  # an infinite torque leaves no number
+        multipliers = carried[0] - np.einsum("atk,ta->tk", carried[1:], torque)
+    multipliers[:, : robot.n] = 0.0  # nobody holds the platform
+    held = system.equations.elastic.transposed_times(system.entries, multipliers)
+    return Forces(torque, r[:, robot.elastic] - held)
+
+
+def _motor_share(robot: ParallelRobot, matrix: Array, wrench: Array) -> Array:
+    """Joint torques (T, n_a) with matrix (T, n, n_a) @ torque = wrench (T, n)."""
+    if robot.n_a > robot.n:
+        geared = matrix * robot.gear_ratio
+        return robot.gear_ratio * np.einsum("tan,tn->ta", np.linalg.pinv(geared), wrench)
     try:
-        multipliers = np.linalg.solve(P.transpose(0, 2, 1), passive[..., None])  # (T, m, 1)
+        return np.asarray(np.linalg.solve(matrix, wrench[..., None])[..., 0])
     except np.linalg.LinAlgError:
-        multipliers = np.array([_solve_or_infinite(p.T, f) for p, f in zip(P, passive, strict=True)])
-    held = r - np.einsum("tmv,tm->tv", J, multipliers[..., 0])
-    return Forces(held[:, robot.actuated], held[:, robot.elastic], passive)
-
-
-def _least_torque(robot: ParallelRobot, r: Array, J: Array, P: Array) -> Array:
-    """Multipliers (T, m) of a robot with redundant motors: those of the least motor torques.
-
-    P' lambda = r_p leaves m - n_p of them open; they are chosen so that the sum of squares of
-    tau_joint / n, the motor torques without the rotors, is least.
-    """
-    transposed = P.transpose(0, 2, 1)
-    some = np.linalg.pinv(transposed) @ r[:, passive_columns(robot), None]
-    free = np.linalg.svd(transposed)[2][:, P.shape[2] :].transpose(0, 2, 1)  # (T, m, m - n_p)
-    through_gear = J[:, :, robot.actuated].transpose(0, 2, 1) / robot.gear_ratio[:, None]
-    wanted = r[:, robot.actuated, None] / robot.gear_ratio[:, None] - through_gear @ some
-    return (some + free @ (np.linalg.pinv(through_gear @ free) @ wanted))[..., 0]
+        return np.array([_solve_or_infinite(m, w) for m, w in zip(matrix, wrench, strict=True)])
 
 
 def _solve_or_infinite(matrix: Array, right: Array) -> Array:
     try:
-        return np.asarray(np.linalg.solve(matrix, right[:, None]))
+        return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:
-        return np.full((len(right), 1), np.inf)
+        return np.full(len(right), np.inf)
 
 
 def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> Array:

@@ -1,7 +1,9 @@
 """The loop equations closures(q) = 0 with Jacobian and drift, stacked.
 
-Built from frame Jacobians alone. One table of rows (`ParallelRobot.rows`) serves every kind of joint:
-a kind is data, not code.
+Each equation is written as a wrench between its two bodies: what the wrench yields on the screw of a
+joint that carries one of them is the derivative along that joint (Ball's reciprocal product). So one
+table of rows (`ParallelRobot.rows`) serves every kind of joint, and a joint that carries both bodies or
+neither leaves no entry at all: a kind is data, not code.
 """
 
 from __future__ import annotations
@@ -12,16 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.kinematics.frames import FrameStack
+from framework.kinematics.frames import FrameMotions, FrameStack, cross
 from framework.model import ParallelRobot
 from framework.model.parallel_robot import LoopRows
-
-_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
-
-
-def cross(a: Array, b: Array) -> Array:
-    """Cross product over the last axis; several times faster than np.cross on stacks."""
-    return a[..., _NEXT] * b[..., _AFTER] - a[..., _AFTER] * b[..., _NEXT]
 
 
 class LoopEquations(NamedTuple):
@@ -31,62 +26,81 @@ class LoopEquations(NamedTuple):
     jacobian: Array  # (T, m, nv) along pinocchio's velocity vector
 
 
-def loop_equations(rows: LoopRows, at: FrameStack) -> LoopEquations:
-    """closures(q) and its derivative.
+class LoopWrenches(NamedTuple):
+    """Values of m loop equations at T configurations, and each as a wrench on its second body.
 
-    Translation: d/dt e.d = e.(v2 - v1) + (e x d).w1 with e carried by the first frame.
-    Rotation: d/dt u.w = (u x w).(w1 - w2). Distance L: d/dt (d.d - L^2) / 2L = (d / L).(v2 - v1).
+    The derivative of the equation is what the wrench yields on the twist of the second body relative to
+    the first.
     """
-    e, w, d = _row_vectors(rows, at)
-    first, second = at.jacobian[:, rows.first], at.jacobian[:, rows.second]  # (T, m, 6, nv)
+
+    residual: Array  # (T, m)
+    wrench: Array  # (T, m, 6) force and couple at the origin of the second frame
+
+
+def loop_equations(rows: LoopRows, at: FrameStack) -> LoopEquations:
+    """closures(q) and its derivative, any rows of a robot."""
+    residual, wrench = loop_wrenches(rows, at)
+    wrench[..., 3:] += cross(at.position[:, rows.second], wrench[..., :3])  # about the base's origin
+    signs = at.carried[rows.second] - at.carried[rows.first]
+    return LoopEquations(residual, wrench @ at.screws.swapaxes(1, 2) * signs)
+
+
+def loop_wrenches(rows: LoopRows, at: FrameStack) -> LoopWrenches:
+    """The loop equations as wrenches.
+
+    Translation: d/dt e.d = e.(v2 - v1 - w1 x d) with e carried by the first frame: the force e. Distance
+    L: d/dt (d.d - L^2) / 2L = (d / L).(v2 - v1): the force d / L. Rotation: d/dt u.w =
+    (w x u).(w2 - w1): the couple w x u.
+    """
+    e, d = _first_axes(rows, at), _displacements(rows, at)
+    wrench = np.zeros((*d.shape[:2], 6))
     if rows.only_translations:
-        residual = np.einsum("tmi,tmi->tm", e, d)
-        jacobian = np.einsum("tmi,tmiv->tmv", e, second[:, :, :3] - first[:, :, :3])
-        jacobian += np.einsum("tmi,tmiv->tmv", cross(e, d), first[:, :, 3:])
-        return LoopEquations(residual, jacobian)
+        wrench[..., :3] = e
+        return LoopWrenches(np.vecdot(e, d), wrench)
+    w = _second_axes(rows, at) * rows.sign[:, None]
     turning, distance = rows.rotation[:, None], rows.distance[:, None]
     length = np.where(rows.distance, rows.length, 1.0)
-    other = np.where(turning, rows.sign[:, None] * w, d)
-    linear = np.where(turning, 0.0, np.where(distance, d / length[:, None], e))
-    arm = np.where(distance, 0.0, cross(e, other))
-    jacobian = np.einsum("tmi,tmiv->tmv", linear, second[:, :, :3] - first[:, :, :3])
-    jacobian += np.einsum("tmi,tmiv->tmv", arm, first[:, :, 3:])
-    jacobian -= np.einsum("tmi,tmiv->tmv", np.where(turning, arm, 0.0), second[:, :, 3:])
-    gap = (np.einsum("tmi,tmi->tm", d, d) - length**2) / (2 * length)
-    return LoopEquations(np.where(rows.distance, gap, np.einsum("tmi,tmi->tm", e, other)), jacobian)
+    wrench[..., :3] = np.where(turning, 0.0, np.where(distance, d / length[:, None], e))
+    wrench[..., 3:] = np.where(turning, cross(w, e), 0.0)
+    gap = (np.vecdot(d, d) - length**2) / (2 * length)
+    along = np.vecdot(e, np.where(turning, w, d))
+    return LoopWrenches(np.where(rows.distance, gap, along), wrench)
 
 
-def closure_drift(rows: LoopRows, at: FrameStack, v: Array, acceleration: Array) -> Array:
-    """Second time derivative (T, m) of the loop equations when joint accelerations are zero.
-
-    `v` is (T, nv); `acceleration` (T, F, 6) comes from `drift_accelerations`.
-    """
-    e, w, d = _row_vectors(rows, at)
-    twist = np.einsum("tfiv,tv->tfi", at.jacobian, v)
-    twist1, twist2 = twist[:, rows.first], twist[:, rows.second]
-    acc1, acc2 = acceleration[:, rows.first], acceleration[:, rows.second]
-
-    def swept(axis: Array, omega: Array, alpha: Array) -> tuple[Array, Array]:
-        """First and second derivative of an axis fixed in a body."""
-        rate = cross(omega, axis)
-        return rate, cross(alpha, axis) + cross(omega, rate)
-
-    de, dde = swept(e, twist1[..., 3:], acc1[..., 3:])
-    dd, ddd = twist2[..., :3] - twist1[..., :3], acc2[..., :3] - acc1[..., :3]
-    translation = np.sum(dde * d + 2 * de * dd + e * ddd, axis=-1)
+def closure_drift(rows: LoopRows, at: FrameStack, motions: FrameMotions) -> Array:
+    """Second time derivative (T, m) of the loop equations when joint accelerations are zero."""
+    e, d = _first_axes(rows, at), _displacements(rows, at)
+    twist1, twist2 = motions.twist[:, rows.first], motions.twist[:, rows.second]
+    drift1, drift2 = motions.drift[:, rows.first], motions.drift[:, rows.second]
+    omega, alpha = twist1[..., 3:], drift1[..., 3:]
+    dd, ddd = twist2[..., :3] - twist1[..., :3], drift2[..., :3] - drift1[..., :3]
+    # the acceleration of p2 as seen from the first frame, where e rests
+    seen = ddd - cross(alpha, d) - cross(omega, 2 * dd - cross(omega, d))
+    translation = np.vecdot(e, seen)
     if rows.only_translations:
-        return translation
-    dw, ddw = swept(w, twist2[..., 3:], acc2[..., 3:])
-    rotation = rows.sign * np.sum(dde * w + 2 * de * dw + e * ddw, axis=-1)
-    distance = np.sum(dd * dd + d * ddd, axis=-1) / np.where(rows.distance, rows.length, 1.0)
+        return np.asarray(translation)
+    w = _second_axes(rows, at)
+    de, dw = cross(omega, e), cross(twist2[..., 3:], w)
+    dde = cross(alpha, e) + cross(omega, de)
+    ddw = cross(drift2[..., 3:], w) + cross(twist2[..., 3:], dw)
+    rotation = rows.sign * (np.vecdot(dde, w) + 2 * np.vecdot(de, dw) + np.vecdot(e, ddw))
+    distance = (np.vecdot(dd, dd) + np.vecdot(d, ddd)) / np.where(rows.distance, rows.length, 1.0)
     return np.where(rows.rotation, rotation, np.where(rows.distance, distance, translation))
 
 
-def _row_vectors(rows: LoopRows, at: FrameStack) -> tuple[Array, Array, Array]:
-    """For every row: the axis on the first frame, the one on the second, p2 - p1; each (T, m, 3)."""
-    e = at.rotation[:, rows.first, :, rows.first_axis].transpose(1, 0, 2)
-    w = at.rotation[:, rows.second, :, rows.second_axis].transpose(1, 0, 2)
-    return e, w, at.position[:, rows.second] - at.position[:, rows.first]
+def _first_axes(rows: LoopRows, at: FrameStack) -> Array:
+    """For every row the axis on its first frame, (T, m, 3)."""
+    return at.rotation.swapaxes(2, 3)[:, rows.first, rows.first_axis]
+
+
+def _displacements(rows: LoopRows, at: FrameStack) -> Array:
+    """For every row p2 - p1, (T, m, 3)."""
+    return at.position[:, rows.second] - at.position[:, rows.first]
+
+
+def _second_axes(rows: LoopRows, at: FrameStack) -> Array:
+    """For every row the axis on its second frame, (T, m, 3)."""
+    return at.rotation.swapaxes(2, 3)[:, rows.second, rows.second_axis]
 
 
 # ------------------------------------------------------------------ without dimension

@@ -1,21 +1,34 @@
-"""Positions, Jacobians and accelerations of a robot's frames for a stack of configurations.
+"""Poses, joint screws and motions of a robot's frames for a stack of configurations.
 
 The only place, with `dynamics.forces`, that loops over configurations in Python: pinocchio is called
-there and nothing else; all that follows is stacked numpy. Twists are (linear, angular), at the frame's
-origin, on the axes of the base frame (pinocchio's LOCAL_WORLD_ALIGNED).
+there and nothing else; all that follows is stacked numpy. Twists are (linear, angular) on the axes of the
+base frame: those of frames at the frame's origin (pinocchio's LOCAL_WORLD_ALIGNED), the screws of the
+joints at the origin of the base (pinocchio's WORLD).
 """
 
 from __future__ import annotations
 
+import threading
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
 
-from framework.arrays import Array
+from framework.arrays import Array, IntArray
 from framework.model import ParallelRobot
 
-_WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product over the last axis; several times faster than np.cross on stacks."""
+    a1, a2, a3 = a[..., 0], a[..., 1], a[..., 2]
+    b1, b2, b3 = b[..., 0], b[..., 1], b[..., 2]
+    product = np.empty(np.broadcast(a, b).shape)
+    np.subtract(a2 * b3, a3 * b2, out=product[..., 0])
+    np.subtract(a3 * b1, a1 * b3, out=product[..., 1])
+    np.subtract(a1 * b2, a2 * b1, out=product[..., 2])
+    return product
 
 
 class FrameStack(NamedTuple):
@@ -23,38 +36,128 @@ class FrameStack(NamedTuple):
 
     position: Array  # (T, F, 3) [m]
     rotation: Array  # (T, F, 3, 3), columns are the frame's axes
-    jacobian: Array  # (T, F, 6, nv)
+    screws: (
+        Array  # (T, nv, 6) twist, at the base's origin, of what a joint carries when it moves at unit rate
+    )
+    carried: Array  # (F, nv) 1 where the joint carries the frame, else 0
+
+    def at(self, k: int) -> FrameStack:
+        """The frames of one configuration, T = 1."""
+        here = slice(k, k + 1)
+        return FrameStack(self.position[here], self.rotation[here], self.screws[here], self.carried)
+
+    @property
+    def jacobian(self) -> Array:
+        """Jacobians of all frames at their origins, (T, F, 6, nv)."""
+        linear, angular = self.screws[:, None, :, :3], self.screws[:, None, :, 3:]
+        at_origin = linear + cross(angular, self.position[:, :, None])
+        both = np.concatenate([at_origin, np.broadcast_to(angular, at_origin.shape)], axis=3)
+        return np.asarray((both * self.carried[:, :, None]).swapaxes(2, 3))
+
+
+class FrameMotions(NamedTuple):
+    """How the frames move at T instants."""
+
+    twist: Array  # (T, F, 6)
+    drift: Array  # (T, F, 6) classical acceleration when all joint accelerations are zero
 
 
 def frames_at(robot: ParallelRobot, q: Array) -> FrameStack:
-    """Pose and Jacobian of every frame at q (T, nq)."""
-    model, frames = robot.model, robot.frames
-    data = model.createData()
-    placement = np.empty((len(q), len(frames), 4, 4))
-    jacobian = np.empty((len(q), len(frames), 6, model.nv))
-    for k in range(len(q)):
-        pin.computeJointJacobians(model, data, q[k])
+    """Poses of all frames and screws of all joints at q (T, nq)."""
+    model, scratch = robot.model, scratch_of(robot)
+    data, placements, columns = scratch.data, scratch.placements, scratch.columns
+    poses = np.empty((len(q), *placements.shape))
+    screws = np.empty((len(q), *columns.shape))
+    for configuration, pose, screw in zip(q, poses, screws, strict=True):
+        pin.computeJointJacobians(model, data, configuration)
         pin.updateFramePlacements(model, data)
-        placements = data.oMf
-        for f, frame in enumerate(frames):
-            placement[k, f] = placements[frame].homogeneous
-            jacobian[k, f] = pin.getFrameJacobian(model, data, frame, _WORLD_AXES).reshape(
-                6, -1
-            )  # (6,) if nv = 1
-    return FrameStack(placement[..., :3, 3], placement[..., :3, :3], jacobian)
+        pose[:] = placements
+        screw[:] = columns
+    poses = poses[:, scratch.frames]
+    rotation = poses[:, :, :9].reshape(*poses.shape[:2], 3, 3).swapaxes(2, 3)
+    return FrameStack(poses[:, :, 9:], rotation, screws, scratch.carried)
 
 
-def drift_accelerations(robot: ParallelRobot, q: Array, v: Array) -> Array:
-    """Classical accelerations of the frames when all joint accelerations are zero, (T, F, 6)."""
-    model, frames = robot.model, robot.frames
-    data = model.createData()
+def frame_motions(robot: ParallelRobot, at: FrameStack, q: Array, v: Array) -> FrameMotions:
+    """Twists and drift accelerations of the frames `at` q (T, nq) with joint rates v (T, nv)."""
+    model, scratch = robot.model, scratch_of(robot)
+    data, velocities, accelerations = scratch.data, scratch.velocities, scratch.accelerations
     rest = np.zeros(model.nv)
-    drift = np.empty((len(q), len(frames), 6))
-    for k in range(len(q)):
-        pin.forwardKinematics(model, data, q[k], v[k], rest)
-        for f, frame in enumerate(frames):
-            drift[k, f] = pin.getFrameClassicalAcceleration(model, data, frame, _WORLD_AXES).vector
-    return drift
+    moving = np.empty((len(q), 2, *velocities.shape))
+    for configuration, rates, (velocity, acceleration) in zip(q, v, moving, strict=True):
+        pin.computeForwardKinematicsDerivatives(model, data, configuration, rates, rest)
+        velocity[:] = velocities
+        acceleration[:] = accelerations
+    moving = moving[:, :, scratch.bodies]  # spatial: at the base's origin, (T, 2, F, 6)
+    moving[..., :3] += cross(moving[..., 3:], at.position[:, None])
+    twist, drift = moving[:, 0], moving[:, 1]
+    drift[..., :3] += cross(twist[..., 3:], twist[..., :3])
+    return FrameMotions(twist, drift)
+
+
+class Scratch(NamedTuple):
+    """Pinocchio's working memory for a robot, and what is read from it, seen as arrays.
+
+    The arrays show the memory of `data` itself: they change with every call of pinocchio on it.
+    """
+
+    data: pin.Data
+    placements: Array  # (frames of the model, 12): the three axes of a frame, then its origin
+    columns: Array  # (nv, 6) the joints' screws
+    velocities: Array  # (bodies of the model, 6) twists at the base's origin
+    accelerations: Array  # (bodies of the model, 6) their time derivatives
+    frames: IntArray  # (F,) rows of `placements`
+    bodies: IntArray  # (F,) rows of `velocities` that carry the frames
+    carried: Array  # (F, nv)
+
+
+def scratch_of(robot: ParallelRobot) -> Scratch:
+    """The robot's working memory of this thread: what a call leaves there, the next one writes over.
+
+    Making a `pin.Data` costs more than a hundred of the calls that use it (7.7 ms for 81 joints).
+    """
+    return _scratch(robot, threading.get_ident())
+
+
+@lru_cache(maxsize=16)  # megabytes each
+def _scratch(robot: ParallelRobot, thread: int) -> Scratch:
+    model = robot.model
+    data = model.createData()
+    bodies = np.array([model.frames[frame].parentJoint for frame in robot.frames], dtype=np.intp)
+    return Scratch(
+        data=data,
+        placements=_block([pose.rotation for pose in data.oMf], 12),
+        columns=data.J.reshape(6, -1).T,
+        velocities=_block([motion.linear for motion in data.ov], 6),
+        accelerations=_block([motion.linear for motion in data.oa], 6),
+        frames=np.array(robot.frames, dtype=np.intp),
+        bodies=bodies,
+        carried=_carried(model, bodies),
+    )
+
+
+def _block(first_numbers: list[Array], width: int) -> Array:
+    """All elements of one of pinocchio's vectors as an array (elements, width) of what they hold.
+
+    A C++ vector keeps its elements in one block, a fixed number of bytes apart; `first_numbers` are
+    views of the first numbers of each. Reading them one by one costs more than computing them.
+    """
+    addresses = np.array([view.__array_interface__["data"][0] for view in first_numbers])
+    apart = int(addresses[1] - addresses[0])
+    assert np.all(np.diff(addresses) == apart)  # what a C++ vector is
+    assert apart >= 8 * width
+    return as_strided(first_numbers[0], (len(addresses), width), (apart, 8))
+
+
+def _carried(model: pin.Model, bodies: IntArray) -> Array:
+    """1 where a joint (a column) carries a body, else 0; (F, nv)."""
+    carried = np.zeros((len(bodies), model.nv))
+    for f, body in enumerate(bodies):
+        for joint in model.supports[int(body)]:
+            if joint:
+                first = model.joints[joint].idx_v
+                carried[f, first : first + model.joints[joint].nv] = 1.0
+    return carried
 
 
 def move(robot: ParallelRobot, q: Array, step: Array) -> Array:

@@ -8,7 +8,7 @@ particular Type 2 singularities do not trouble it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 
@@ -17,38 +17,62 @@ from framework.errors import InvalidInput, NotAssembled, point
 from framework.kinematics.assembly import (
     LONGEST_STEP,
     loop_rows,
-    passive_columns,
     reference_configuration,
     rows_of_springs_alone,
 )
-from framework.kinematics.closures import closure_drift, column_scale, loop_equations, scaled
-from framework.kinematics.frames import FrameStack, drift_accelerations, frames_at, move
-from framework.kinematics.platform import platform_jacobian, platform_residual, platform_twist
+from framework.kinematics.band import Factors
+from framework.kinematics.closures import closure_drift, column_scale, loop_wrenches, scaled
+from framework.kinematics.equations import Equations, equations_of
+from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at, move
+from framework.kinematics.platform import platform_residual, platform_twist
 from framework.model import ParallelRobot
 
 # A Newton step this small leaves an error of its square: rounding. In radians and robot lengths.
 LAST_STEP = 1e-8
 ITERATIONS = 25
+VANISHED = 1e-6  # what a step leaves of a determinant if it ends on its zero: half the digits are lost there
 
 
-class System(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class System:
     """F and its derivatives at T configurations; m independent loop equations."""
 
+    equations: Equations
     frames: FrameStack
     residual: Array  # (T, n + m)
-    platform: Array  # (T, n, nv)
-    closures: Array  # (T, m, nv)
+    entries: Array  # (T, E) of dF/dq, as `equations.pattern` has them
 
     def at(self, k: int) -> System:
         """The system of one instant, T = 1."""
         here = slice(k, k + 1)
-        frames = FrameStack(*(part[here] for part in self.frames))
-        return System(frames, self.residual[here], self.platform[here], self.closures[here])
+        return System(self.equations, self.frames.at(k), self.residual[here], self.entries[here])
 
-    @property
+    @cached_property
     def jacobian(self) -> Array:
         """dF/dq (T, n + m, nv)."""
-        return np.concatenate([self.platform, self.closures], axis=1)
+        return self.equations.pattern.dense(self.entries)
+
+    @property
+    def platform(self) -> Array:
+        """The platform's rows of dF/dq, (T, n, nv)."""
+        return self.jacobian[:, : len(self.equations.platform)]
+
+    @property
+    def closures(self) -> Array:
+        """The loop equations' rows of dF/dq, (T, m, nv)."""
+        return self.jacobian[:, len(self.equations.platform) :]
+
+    @cached_property
+    def factors(self) -> Factors:
+        """dF/dq along the columns that follow, factored.
+
+        Raises:
+            numpy.linalg.LinAlgError: there are not as many equations as columns.
+        """
+        band = self.equations.moving_band
+        if band is None:
+            raise np.linalg.LinAlgError("the platform and the loops do not make a square system")
+        return band.factor(self.entries[:, self.equations.moving.entry])
 
 
 @dataclass(frozen=True)
@@ -72,7 +96,7 @@ class Motion:
 
 def moving_columns(robot: ParallelRobot) -> IntArray:
     """The columns that follow when x and q_e are given: actuated, then passive."""
-    return np.concatenate([robot.actuated, passive_columns(robot)])
+    return equations_of(robot).columns
 
 
 def require_square(robot: ParallelRobot) -> None:
@@ -97,10 +121,14 @@ def require_square(robot: ParallelRobot) -> None:
 
 def system_at(robot: ParallelRobot, q: Array, x: Array) -> System:
     """F, its rows and their derivatives at q (T, nq) for the platform at x (T, n)."""
-    at = frames_at(robot, q)
-    loops = loop_equations(loop_rows(robot), at)
+    equations, at = equations_of(robot), frames_at(robot, q)
+    loops = loop_wrenches(equations.loops, at)
+    wrench = np.empty((len(q), len(equations.bodies), 6))
+    wrench[:, : robot.n] = equations.platform
+    wrench[:, robot.n :] = loops.wrench
+    wrench[..., 3:] += cross(at.position[:, equations.bodies], wrench[..., :3])  # about the base's origin
     residual = np.concatenate([platform_residual(robot, at, x), loops.residual], axis=1)
-    return System(at, residual, platform_jacobian(robot, at), loops.jacobian)
+    return System(equations, at, residual, equations.pattern.entries(wrench, at.screws))
 
 
 def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
@@ -121,10 +149,9 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
         if largest < LAST_STEP:
             return ClosedStack(q, x, system)
         try:
-            newton = -np.linalg.solve(system.jacobian[:, :, columns], system.residual[..., None])
+            newton = -system.factors.solve(system.residual) / lengths
         except np.linalg.LinAlgError:
             break
-        newton = newton[..., 0] / lengths
         size = np.abs(newton).max(axis=1, initial=0.0)
         largest = float(size.max(initial=0.0))
         if not np.isfinite(largest):
@@ -151,13 +178,12 @@ def joint_rates(robot: ParallelRobot, system: System, platform: Array, elastic: 
 
 
 def _solve_rates(robot: ParallelRobot, system: System, right: Array, elastic: Array) -> Array:
-    columns, jacobian = moving_columns(robot), system.jacobian
     rates = np.zeros((len(right), robot.model.nv))
     rates[:, robot.elastic] = elastic
     if robot.n_e:
-        right = right - np.einsum("tfe,te->tf", jacobian[:, :, robot.elastic], elastic)
+        right = right - system.equations.elastic.times(system.entries, elastic)
     try:
-        rates[:, columns] = np.linalg.solve(jacobian[:, :, columns], right[..., None])[..., 0]
+        rates[:, moving_columns(robot)] = system.factors.solve(right)
     except np.linalg.LinAlgError:
         raise NotAssembled(
             f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
@@ -183,9 +209,9 @@ def motion_at(
     system = closed.system
     twist, dtwist = platform_twist(robot, closed.x, dx, ddx)
     v = joint_rates(robot, system, twist, dq_e)
-    acceleration = drift_accelerations(robot, closed.q, v)
-    drift = closure_drift(loop_rows(robot), system.frames, v, acceleration)
-    platform_drift = acceleration[:, 0, robot.platform_axes]
+    motions = frame_motions(robot, system.frames, closed.q, v)
+    drift = closure_drift(system.equations.loops, system.frames, motions)
+    platform_drift = motions.drift[:, 0, robot.platform_axes]
     right = np.concatenate([dtwist - platform_drift, -drift], axis=1)
     return Motion(closed.q, v, _solve_rates(robot, system, right, ddq_e), system)
 
@@ -196,29 +222,33 @@ def mode_signs(robot: ParallelRobot, system: System) -> tuple[Array, Array]:
     The sign of det [dF/dq] changes at Type 1 singularities, the sign of the determinant of the
     passive columns of the loops at Type 2 (of a robot without redundant motors; else it is 1).
     """
-    working = np.linalg.slogdet(system.jacobian[:, :, moving_columns(robot)])[0]
-    passive = system.closures[:, :, passive_columns(robot)]
-    square = passive.shape[1] == passive.shape[2]
-    return working, np.linalg.slogdet(passive)[0] if square else np.ones(len(passive))
+    working = system.factors.slogdet[0]
+    part, band = system.equations.passive, system.equations.passive_band
+    if band is None:
+        return working, np.ones(len(working))
+    return working, band.factor(system.entries[:, part.entry]).slogdet[0]
 
 
 def keeps_working_mode(robot: ParallelRobot, one: System, two: System) -> bool:
-    """Whether no Type 1 singularity lies between two near configurations (systems of T = 1).
+    """Whether no Type 1 singularity lies between two near configurations (systems of T = 1) or at the second.
 
     det [dF/dq] also changes sign where the loop equations lose rank, and there a smooth branch goes on.
     The map from the motions that the loops allow to the platform does not: with N a basis of those
-    motions, carried on from one configuration to the other, det (platform N) keeps its sign.
+    motions, carried on from one configuration to the other, det (platform N) keeps its sign. A determinant
+    of which no more than rounding is left has no sign.
     """
-    if mode_signs(robot, one)[0] == mode_signs(robot, two)[0]:
+    (sign_one, size_one), (sign_two, size_two) = one.factors.slogdet, two.factors.slogdet
+    if sign_one == sign_two and size_two - size_one > np.log(VANISHED):
         return True
-    bases, signs = [], []
+    bases, maps = [], []
     columns = moving_columns(robot)
     for system in (one, two):
         loops = scaled(robot, system.closures, loop_rows(robot))[0][:, columns]
         basis = np.linalg.svd(loops)[2][len(loops) :].T
         bases.append(basis)
-        signs.append(np.linalg.slogdet(scaled(robot, system.platform, None)[0][:, columns] @ basis)[0])
-    return bool(signs[0] * signs[1] * np.linalg.slogdet(bases[0].T @ bases[1])[0] > 0)
+        maps.append(float(np.linalg.det(scaled(robot, system.platform, None)[0][:, columns] @ basis)))
+    carried_on = maps[1] * np.sign(maps[0] * np.linalg.det(bases[0].T @ bases[1]))
+    return bool(carried_on > VANISHED * abs(maps[0]))
 
 
 def reference_system(robot: ParallelRobot) -> System:

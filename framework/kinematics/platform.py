@@ -9,48 +9,65 @@ so v = T(x) dx with T the left Jacobian of SO(3) in the last case and the identi
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 
-from framework.arrays import Array
-from framework.kinematics.closures import cross
-from framework.kinematics.frames import FrameStack
+from framework.arrays import Array, IntArray
+from framework.kinematics.frames import FrameStack, cross
 from framework.model import ParallelRobot
 from framework.motion.path import Path
 
 
+class _Axes(NamedTuple):
+    """The coordinates of a platform by kind: their places in x, and their axes 0..2."""
+
+    sliding: IntArray
+    along: IntArray
+    turning: IntArray
+    about: IntArray
+
+
+@lru_cache(maxsize=128)
+def _axes(robot: ParallelRobot) -> _Axes:
+    axes = robot.platform_axes
+    sliding, turning = np.flatnonzero(axes < 3), np.flatnonzero(axes >= 3)
+    return _Axes(sliding, axes[sliding], turning, axes[turning] - 3)
+
+
 def platform_coordinates(robot: ParallelRobot, at: FrameStack) -> Array:
     """Coordinates x (T, n) of the platform on its axes, in the base frame [m, rad]."""
-    axes = robot.platform_axes
-    turning = axes >= 3
+    sliding, along, turning, about = _axes(robot)
     x = np.empty((len(at.position), robot.n))
-    x[:, ~turning] = at.position[:, 0, axes[~turning]]
-    if turning.sum() == 1:
-        x[:, turning] = _twist_angle(at.rotation[:, 0], int(axes[turning][0]) - 3)[:, None]
-    elif turning.any():
-        x[:, turning] = _logarithm(at.rotation[:, 0])[:, axes[turning] - 3]
+    x[:, sliding] = at.position[:, 0, along]
+    if len(turning) == 1:
+        x[:, turning] = _twist_angle(at.rotation[:, 0], int(about[0]))[:, None]
+    elif len(turning):
+        x[:, turning] = _logarithm(at.rotation[:, 0])[:, about]
     return x
 
 
 def platform_residual(robot: ParallelRobot, at: FrameStack, x: Array) -> Array:
     """How far the platform is from x, (T, n); turns are taken the short way round."""
-    axes = robot.platform_axes
-    turning = axes >= 3
-    if turning.sum() < 2:
+    sliding, along, turning, about = _axes(robot)
+    if not len(turning):
+        return at.position[:, 0, along] - x
+    if len(turning) == 1:
         difference = platform_coordinates(robot, at) - x
-        if turning.any():
-            difference[:, turning] = np.mod(difference[:, turning] + np.pi, 2 * np.pi) - np.pi
+        difference[:, turning] = np.mod(difference[:, turning] + np.pi, 2 * np.pi) - np.pi
         return difference
     difference = np.empty((len(x), robot.n))
-    difference[:, ~turning] = at.position[:, 0, axes[~turning]] - x[:, ~turning]
+    difference[:, sliding] = at.position[:, 0, along] - x[:, sliding]
     target = rotation_matrix(_whole_vector(robot, x))
-    turn = _logarithm(at.rotation[:, 0] @ target.transpose(0, 2, 1))
-    difference[:, turning] = turn[:, axes[turning] - 3]
+    difference[:, turning] = _logarithm(at.rotation[:, 0] @ target.transpose(0, 2, 1))[:, about]
     return difference
 
 
 def platform_jacobian(robot: ParallelRobot, at: FrameStack) -> Array:
     """Derivative (T, n, nv) of the platform's twist on its axes along pinocchio's velocity vector."""
-    return at.jacobian[:, 0, robot.platform_axes]
+    only = at._replace(position=at.position[:, :1], carried=at.carried[:1])
+    return only.jacobian[:, 0, robot.platform_axes]
 
 
 def platform_twist(
@@ -58,10 +75,9 @@ def platform_twist(
 ) -> tuple[Array, Array]:
     """Twist v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
     ddx = np.zeros_like(dx) if ddx is None else ddx
-    turning = robot.platform_axes >= 3
-    if turning.sum() < 2:
+    _, _, turning, order = _axes(robot)
+    if len(turning) < 2:
         return dx, ddx
-    order = robot.platform_axes[turning] - 3
     r, dr, ddr = (_whole_vector(robot, part) for part in (x, dx, ddx))
     a, da, b, db = _left_jacobian_series(np.sum(r * r, axis=1), np.sum(r * dr, axis=1))
     swept, swept_twice = cross(r, dr), cross(r, cross(r, dr))
@@ -99,9 +115,9 @@ def _logarithm(rotation: Array) -> Array:
 
 def _whole_vector(robot: ParallelRobot, x: Array) -> Array:
     """The rotation vector (T, 3) among coordinates (T, n)."""
-    turning = robot.platform_axes >= 3
+    _, _, turning, about = _axes(robot)
     vector = np.zeros((len(x), 3))
-    vector[:, robot.platform_axes[turning] - 3] = x[:, turning]
+    vector[:, about] = x[:, turning]
     return vector
 
 

@@ -40,7 +40,7 @@ class LoopRows(NamedTuple):
 
     @property
     def only_translations(self) -> bool:
-        return not (self.rotation.any() or self.distance.any())
+        return not (np.count_nonzero(self.rotation) or np.count_nonzero(self.distance))
 
     def take(self, rows: IntArray) -> LoopRows:
         """The table of some of the rows."""

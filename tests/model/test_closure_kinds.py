@@ -47,9 +47,14 @@ def pair(relative: Rotation, apart, *, first: Rotation | None = None) -> FrameSt
     at = np.array([0.3, -0.2, 0.7])
     position = np.array([at + first.apply(apart), at])
     rotation = np.array([(first * relative).as_matrix(), first.as_matrix()])
-    jacobian = np.zeros((2, 6, 12))  # twist of frame f = columns 6 f .. 6 f + 5
-    jacobian[0, :, :6] = jacobian[1, :, 6:] = np.eye(6)
-    return FrameStack(position[None], rotation[None], jacobian[None])
+    # columns 6 f .. 6 f + 5 move frame f alone: along the base's axes, and about them through its origin
+    screws = np.concatenate(
+        [
+            [(*axis, 0, 0, 0) for axis in UNIT] + [(*np.cross(p, axis), *axis) for axis in UNIT]
+            for p in position
+        ]
+    )
+    return FrameStack(position[None], rotation[None], screws[None], np.repeat(np.eye(2), 6, axis=1))
 
 
 def turn(axis: str, angle: float) -> Rotation:
@@ -138,7 +143,7 @@ def _nudged(at: FrameStack, column: int, step: float) -> FrameStack:
         position[0, frame, k] += step
     else:
         rotation[0, frame] = Rotation.from_rotvec(step * UNIT[k - 3]).as_matrix() @ rotation[0, frame]
-    return FrameStack(position, rotation, at.jacobian)
+    return at._replace(position=position, rotation=rotation)
 
 
 def test_the_number_of_locked_axes_is_that_of_mechanics():

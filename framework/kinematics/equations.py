@@ -1,0 +1,60 @@
+"""The table of a robot's equations and the sparsity of their Jacobian: all that does not depend on q."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, IntArray
+from framework.kinematics.assembly import loop_rows, passive_columns
+from framework.kinematics.band import Band
+from framework.kinematics.frames import scratch_of
+from framework.kinematics.pattern import Part, Pattern
+from framework.model import ParallelRobot
+from framework.model.parallel_robot import LoopRows
+
+
+class Equations(NamedTuple):
+    """F = [platform - x ; closures]: n + m equations, and where their Jacobian has entries."""
+
+    loops: LoopRows  # the m independent ones
+    bodies: IntArray  # (n + m,) the frame that the wrench of each equation acts on
+    platform: Array  # (n, 6) unit forces and couples along the platform's axes
+    pattern: Pattern  # (n + m, nv)
+    columns: IntArray  # those that follow when x and q_e are given: actuated, then passive
+    moving: Part  # all rows, these columns: square if planning is possible
+    elastic: Part  # all rows, the columns of the springs
+    passive: Part  # loops only, the passive columns: square without redundant motors
+    moving_band: Band | None  # None if not square
+    passive_band: Band | None
+
+
+@lru_cache(maxsize=128)
+def equations_of(robot: ParallelRobot) -> Equations:
+    """The table of a robot's equations. Memoised: a pure function of a frozen robot."""
+    loops, carried = loop_rows(robot), scratch_of(robot).carried
+    platform = np.repeat(carried[:1], robot.n, axis=0)
+    pattern = Pattern.of(np.concatenate([platform, carried[loops.second] - carried[loops.first]]))
+    rows = np.arange(pattern.shape[0])
+    columns = np.concatenate([robot.actuated, passive_columns(robot)])
+    columns.flags.writeable = False
+    moving = pattern.part(rows, columns)
+    passive = pattern.part(rows[robot.n :], passive_columns(robot))
+    bands = [
+        Band.of(part.row, part.column, part.shape[0]) if part.shape[0] == part.shape[1] > 0 else None
+        for part in (moving, passive)
+    ]
+    return Equations(
+        loops=loops,
+        bodies=np.concatenate([np.zeros(robot.n, dtype=np.intp), loops.second]),
+        platform=np.eye(6)[robot.platform_axes],
+        pattern=pattern,
+        columns=columns,
+        moving=moving,
+        elastic=pattern.part(rows, robot.elastic),
+        passive=passive,
+        moving_band=bands[0],
+        passive_band=bands[1],
+    )
