@@ -52,6 +52,17 @@ def tail(series: Array) -> float:
     return float(np.max(np.abs(series[..., -last:, :]))) / largest if largest > 0 else 0.0
 
 
+def evaluate(x: Array, series: Array) -> Array:
+    """Values (T, k) at x (T,) in [-1, 1] of Chebyshev series (size, k).
+
+    At a few points the polynomials are quicker all at once, as T_k(x) = cos(k arccos x), than by
+    Clenshaw's recurrence, which takes `size` steps in Python.
+    """
+    if x.size > series.shape[0]:
+        return np.asarray(chebyshev.chebval(x, series).T)
+    return np.asarray(np.cos(np.arccos(x)[:, None] * np.arange(series.shape[0])) @ series)
+
+
 def extrema(series: Array) -> Array:
     """Points in [-1, 1] where the derivative of one Chebyshev series (size,) vanishes, ascending."""
     return real_roots(derivative_matrix(len(series)) @ series)
@@ -100,7 +111,7 @@ class TimeFunction:
             series = self.coefficients[p]
             for _ in range(order):
                 series = derivative_matrix(len(series)) @ series / half
-            values[inside] = chebyshev.chebval(np.clip(local, -1, 1), series).T
+            values[inside] = evaluate(np.clip(local, -1, 1), series)
         return values.reshape(*times.shape, self.coefficients.shape[2])
 
     @property
