@@ -17,7 +17,8 @@ from framework.arrays import Array
 from framework.dynamics.forces import Forces, loop_forces
 from framework.errors import NotConverged
 from framework.kinematics.frames import move
-from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
+from framework.kinematics.inverse_kinematics import Motion, close_loops, joint_rates, motion_at
+from framework.kinematics.platform import platform_residual
 from framework.kinematics.tracking import Track
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw
@@ -116,10 +117,14 @@ def _motion(
     robot, times = track.robot, grid.times
     s = [law(times, order) for order in range(3)]
     x, dx, ddx = along(track.path, s)
-    step = np.zeros((len(times), robot.model.nv))
-    step[:, robot.elastic] = q_e - q_e_before
-    near = track.guess(s[0]) if before is None else before.q
-    closed = close_loops(robot, x, move(robot, near, step))
+    if before is None:
+        step = np.zeros((len(times), robot.model.nv))
+        step[:, robot.elastic] = q_e - q_e_before
+        near = move(robot, track.guess(s[0]), step)
+    else:  # along the tangent, by the factors that are there already
+        ahead = -platform_residual(robot, before.system.frames, x)
+        near = move(robot, before.q, joint_rates(robot, before.system, ahead, q_e - q_e_before))
+    closed = close_loops(robot, x, near)
     if not robot.n_e:
         return motion_at(robot, closed, dx, ddx)
     return motion_at(robot, closed, dx, ddx, *grid.differentiate(q_e))

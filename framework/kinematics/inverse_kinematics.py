@@ -29,6 +29,7 @@ from framework.model import ParallelRobot
 
 # A Newton step this small leaves an error of its square: rounding. In radians and robot lengths.
 LAST_STEP = 1e-8
+EXACT = 2e-15  # a step of rounding (angles near 2 pi are 1e-15 apart): the loops are closed before it
 ITERATIONS = 25
 VANISHED = 1e-6  # what a step leaves of a determinant if it ends on its zero: half the digits are lost there
 
@@ -152,13 +153,15 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
             newton = -system.factors.solve(system.residual) / lengths
         except np.linalg.LinAlgError:
             break
-        size = np.abs(newton).max(axis=1, initial=0.0)
-        largest = float(size.max(initial=0.0))
+        largest = float(np.abs(newton).max(initial=0.0))
         if not np.isfinite(largest):
             break
+        if largest < EXACT:
+            return ClosedStack(q, x, system)
+        if largest > LONGEST_STEP:
+            newton /= np.maximum(np.abs(newton).max(axis=1, keepdims=True) / LONGEST_STEP, 1.0)
         step = np.zeros((len(q), robot.model.nv))
-        bound = np.minimum(1.0, LONGEST_STEP / np.maximum(size, 1e-300))
-        step[:, columns] = newton * bound[:, None] * lengths
+        step[:, columns] = newton * lengths
         q = move(robot, q, step)
     worst = int(np.argmax(np.nan_to_num(np.abs(system.residual), nan=np.inf).max(axis=1)))
     residual = float(np.abs(system.residual[worst]).max())
@@ -180,7 +183,7 @@ def joint_rates(robot: ParallelRobot, system: System, platform: Array, elastic: 
 def _solve_rates(robot: ParallelRobot, system: System, right: Array, elastic: Array) -> Array:
     rates = np.zeros((len(right), robot.model.nv))
     rates[:, robot.elastic] = elastic
-    if robot.n_e:
+    if np.count_nonzero(elastic):
         right = right - system.equations.elastic.times(system.entries, elastic)
     try:
         rates[:, moving_columns(robot)] = system.factors.solve(right)
