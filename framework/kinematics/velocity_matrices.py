@@ -16,9 +16,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.assembly import loop_rows, passive_columns
 from framework.kinematics.closures import scaled
 from framework.kinematics.frames import frames_at
-from framework.kinematics.inverse_kinematics import (
-    system_at,
-)
+from framework.kinematics.inverse_kinematics import system_at
 from framework.kinematics.platform import platform_coordinates
 from framework.model import ParallelRobot
 
