@@ -32,6 +32,7 @@ LAST_STEP = 1e-8
 EXACT = 2e-15  # a step of rounding (angles near 2 pi are 1e-15 apart): the loops are closed before it
 ITERATIONS = 25
 VANISHED = 1e-6  # what a step leaves of a determinant if it ends on its zero: half the digits are lost there
+LOST = 1e-7  # least singular value, without dimension, of loop equations that have lost rank
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,16 +239,22 @@ def keeps_working_mode(robot: ParallelRobot, one: System, two: System) -> bool:
     det [dF/dq] also changes sign where the loop equations lose rank, and there a smooth branch goes on.
     The map from the motions that the loops allow to the platform does not: with N a basis of those
     motions, carried on from one configuration to the other, det (platform N) keeps its sign. A determinant
-    of which no more than rounding is left has no sign.
+    of which no more than rounding is left has no sign, and loops that have lost rank allow more than one
+    motion: no such configuration belongs to a mode.
     """
+    columns = moving_columns(robot)
+
+    def loops(system: System) -> Array:
+        return scaled(robot, system.closures, loop_rows(robot))[0][:, columns]
+
+    if np.linalg.svd(loops(two), compute_uv=False).min(initial=np.inf) < LOST:
+        return False
     (sign_one, size_one), (sign_two, size_two) = one.factors.slogdet, two.factors.slogdet
     if sign_one == sign_two and size_two - size_one > np.log(VANISHED):
         return True
     bases, maps = [], []
-    columns = moving_columns(robot)
     for system in (one, two):
-        loops = scaled(robot, system.closures, loop_rows(robot))[0][:, columns]
-        basis = np.linalg.svd(loops)[2][len(loops) :].T
+        basis = np.linalg.svd(loops(system))[2][system.closures.shape[1] :].T
         bases.append(basis)
         maps.append(float(np.linalg.det(scaled(robot, system.platform, None)[0][:, columns] @ basis)))
     carried_on = maps[1] * np.sign(maps[0] * np.linalg.det(bases[0].T @ bases[1]))
