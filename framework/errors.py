@@ -14,7 +14,7 @@ from difflib import get_close_matches
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import Array, ArrayLike
 
 
 class FrameworkError(Exception):
@@ -51,6 +51,22 @@ def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     hint = f"; did you mean {near[0]!r}?" if near else ""
     listed = ", ".join(names) if names else "none"
     return f"unknown {what} {given!r}{hint} (valid: {listed})"
+
+
+def finite_numbers(what: str, given: ArrayLike, count: int) -> Array:
+    """The given numbers as an array (count,).
+
+    Raises:
+        InvalidInput: they are not numbers, not finite, or not as many.
+    """
+    try:
+        values = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.shape != (count,) or not np.all(np.isfinite(values)):
+        shown = given.tolist() if isinstance(given, np.ndarray) else given
+        raise InvalidInput(f"{what} must be {count} finite numbers, got {shown!r}")
+    return values
 
 
 # ------------------------------------------------------------------ the answer is no

@@ -16,6 +16,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.forces import Forces, loop_forces
 from framework.errors import NotConverged
+from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import move
 from framework.kinematics.inverse_kinematics import Motion, close_loops, joint_rates, motion_at
 from framework.kinematics.platform import platform_residual
@@ -27,6 +28,7 @@ from framework.motion.path import along
 SETTLED = 1e-11  # remaining change of the deflections over the largest one
 ROUNDING = 1e-7  # changes that no longer shrink below this share of the deflections are rounding
 PASSES = 60
+LARGEST = 1.0  # [rad, robot lengths] deflection beyond which a linear spring means nothing
 # The law to use when the robot deflects like this, after this law; None before the first pass.
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
 
@@ -80,11 +82,15 @@ def settle(
             new = grid.smooth(new)
         changes.append(float(np.abs(new - q_e).max()))
         largest = float(np.abs(new).max())
-        if not np.isfinite(changes[-1]) or len(changes) > PASSES:
+        beyond = np.abs(new / column_scale(robot)[robot.elastic]).max(initial=0.0) > LARGEST
+        if not np.isfinite(changes[-1]) or len(changes) > PASSES or beyond:
+            how = (
+                f"would grow to {largest:.3g}" if beyond else f"change by {changes[-1]:.3g} of {largest:.3g}"
+            )
             raise NotConverged(
-                f"{robot.name}: the deflections do not settle in {len(changes)} passes (last change "
-                f"{changes[-1]:.3g} of {largest:.3g} m or rad): the springs are too soft for so quick a "
-                f"motion; stiffen them, take more time, or use geometry rigid",
+                f"{robot.name}: the deflections do not settle (after {len(changes)} passes they {how} m or "
+                f"rad): the springs are too soft for so quick a motion; stiffen them, take more time, or use "
+                f"geometry rigid",
                 residual=changes[-1],
             )
         ratio = changes[-1] / changes[-2] if len(changes) > 1 and changes[-2] > 0 else 0.5

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from framework.arrays import Array
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.elasticity import Deflected, LawChoice, settle
 from framework.dynamics.forces import motor_torque
@@ -30,13 +31,14 @@ from framework.errors import (
     NotConverged,
     choose_from,
 )
+from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import offset
 from framework.kinematics.inverse_kinematics import system_at
 from framework.kinematics.locus import SingularPoint, locate_singularities
 from framework.kinematics.tracking import Track, track_path
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import OVERSHOOT, Law, MotionLaw
+from framework.motion.law import OVERSHOOT, Law, MotionLaw, is_number
 from framework.motion.path import Path
 
 GEOMETRIES = ("rigid", "deformed")
@@ -46,6 +48,7 @@ SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
 # |t_s . W_p| at a passage over the largest sum of its terms:
 PROVED = 1e-11  # no more than this is rounding, and condition (8) holds
 POLE = 1e-6  # more than this is a pole for sure, resolved or not
+SAME_DERIVATIVE = 1e-4  # of its largest value; differentiating values twice loses up to ten digits
 CLOSED_BETWEEN = 1e-9  # loop equations between the nodes, in lengths of the robot and radians
 
 
@@ -97,7 +100,7 @@ def resolve(
     tolerance: float,
 ) -> InverseDynamics:
     """Double the nodes until the torques are resolved, or tell why they never are."""
-    if not 0 < tolerance <= LOOSEST:
+    if not (is_number(tolerance) and 0 < tolerance <= LOOSEST):
         raise InvalidInput(f"tolerance: must lie in (0, {LOOSEST:g}], got {tolerance!r}")
     law = choose_law(None, None)
     passages = rigid_passages(track, points, law)
@@ -133,10 +136,12 @@ def resolve(
             check_passages(track.robot, state, geometry, passages)
             return replace(result, passages=passages)
     refuse_pole(track.robot, passages, POLE)
+    gap = result.certificate.max_closure_error
+    open_between = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
+    pole = f"the torques are not resolved (tail {tail:.2g}, tolerance {tolerance:.2g})"
     raise NotConverged(
-        f"{track.robot.name}: the torques are not resolved by {grid.size} nodes a panel (tail "
-        f"{tail:.2g}, tolerance {tolerance:.2g}): is the law smooth, is the path far from other "
-        f"singularities?",
+        f"{track.robot.name}: {pole if tail > tolerance else open_between} by {grid.size} nodes a panel: is "
+        f"the law smooth, is the path far from other singularities?",
         residual=tail,
     )
 
@@ -157,8 +162,15 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
     if isinstance(law, Law):
         return True  # a polynomial of lower degree than there are nodes
     times = np.linspace(0.0, law.duration, 16 * len(grid.times))
-    through_nodes = grid.fit(np.asarray(law(grid.times))[:, None])(times)[:, 0]
-    return bool(np.abs(law(times) - through_nodes).max() <= CLOSED_BETWEEN)
+    values = np.asarray(law(grid.times))[:, None]
+    through_nodes = grid.fit(values)(times)[:, 0]
+    if np.abs(law(times) - through_nodes).max() > CLOSED_BETWEEN:
+        return False
+    for order, derived in enumerate(grid.differentiate(values), start=1):
+        difference = np.abs(np.asarray(law(grid.times, order)) - derived[:, 0]).max()
+        if not difference <= SAME_DERIVATIVE * max(float(np.abs(derived).max()), law.duration**-order):
+            raise InvalidInput(f"law: law(t, {order}) is not the derivative of law(t) of that order")
+    return True
 
 
 def _result(track: Track, state: Deflected, geometry: str, passages: tuple[Passage, ...]) -> InverseDynamics:
@@ -183,7 +195,10 @@ def _result(track: Track, state: Deflected, geometry: str, passages: tuple[Passa
         passages=passages,
         certificate=Certificate(
             nodes=len(grid.times),
-            tail=max(torques.tail, deflections.tail),
+            tail=max(
+                _tail(torques, _torque_rounding(robot, state.law.duration)),
+                _tail(deflections, 1e-14 * column_scale(robot)[robot.elastic]),
+            ),
             passes=max(len(state.changes), 1),
             change=state.changes[-1] if state.changes else 0.0,
             max_closure_error=0.0,
@@ -193,6 +208,18 @@ def _result(track: Track, state: Deflected, geometry: str, passages: tuple[Passa
     )
     error = _closure_error_between(result, grid)
     return replace(result, certificate=replace(result.certificate, max_closure_error=error))
+
+
+def _tail(function: TimeFunction, rounding: Array) -> float:
+    """The tail of the components (k,) that are more than rounding."""
+    size = np.abs(function.coefficients).max(axis=(0, 1))
+    return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
+
+
+def _torque_rounding(robot: ParallelRobot, duration: float) -> Array:
+    """What rounding makes of motor torques (n_a,) [N m] that are zero, as at constant speed."""
+    mass = sum(inertia.mass for inertia in robot.model.inertias)
+    return np.asarray(1e-15 * mass * (robot.length / duration) ** 2 / np.abs(robot.gear_ratio))
 
 
 def _end_speed(robot: ParallelRobot, state: Deflected) -> float:

@@ -198,7 +198,7 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
 
 
 def _below(matrix: Array, level: float) -> int:
-    """Number of singular values of one matrix below a level; below a share of the largest if that is small."""
+    """Number of singular values of a matrix below a level, or that share of the largest if it is small."""
     values = np.linalg.svd(matrix, compute_uv=False)
     return int(np.sum(values < level * min(float(values[0]), 1.0)))
 

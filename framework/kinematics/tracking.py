@@ -16,6 +16,7 @@ from framework.errors import (
     OutOfReach,
     Type1Singularity,
     UncontrolledMotions,
+    finite_numbers,
     point,
 )
 from framework.kinematics.assembly import Configuration, reference_configuration
@@ -92,13 +93,7 @@ def track_path(robot: ParallelRobot, path: Path) -> Track:
 
 
 def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
-    target = np.asarray(x, dtype=float)
-    if target.shape != (robot.n,) or not np.all(np.isfinite(target)):
-        raise InvalidInput(
-            f"platform coordinates must be {robot.n} finite numbers ({', '.join(robot.axis_names)}), "
-            f"got {np.asarray(x).tolist()!r}"
-        )
-    return target
+    return finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
 
 
 def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Track:

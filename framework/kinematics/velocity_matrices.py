@@ -12,13 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.assembly import loop_rows, passive_columns
 from framework.kinematics.closures import scaled
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import system_at
 from framework.kinematics.platform import platform_coordinates
 from framework.model import ParallelRobot
+
+OPEN = 1e-6  # loops [robot lengths, rad] that are open by more are no rounding of an assembled robot
 
 
 class VelocityMatrices(NamedTuple):
@@ -36,14 +38,17 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
     in Type 1 singularities.
 
     Raises:
-        InvalidInput: q has the wrong length or is not finite.
+        InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
     """
-    q = np.asarray(q, dtype=float)
-    if q.shape != (robot.model.nq,) or not np.all(np.isfinite(q)):
-        raise InvalidInput(f"q must be {robot.model.nq} finite numbers, got {q.tolist()!r}")
+    q = finite_numbers("q", q, robot.model.nq)
     x = platform_coordinates(robot, frames_at(robot, q[None]))
     system = system_at(robot, q[None], x)
     rows, passive = loop_rows(robot), passive_columns(robot)
+    gap = float(np.abs(system.residual).max(initial=0.0))
+    if gap > OPEN * robot.length:
+        raise InvalidInput(
+            f"q: the loops of {robot.name} are open by {gap:.3g} m or rad there; see `assemble`"
+        )
     balanced = np.concatenate(
         [scaled(robot, system.platform, None), scaled(robot, system.closures, rows)], axis=1
     )[0]

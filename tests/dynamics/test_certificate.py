@@ -213,3 +213,34 @@ def test_elastic_bodies_with_inertia_do_not_feed_rounding_back():
     assert len(plan.crossings) == 2
     assert plan.certificate.tail < 1e-10
     assert max(crossing.residual for crossing in plan.crossings) < 1e-11
+
+
+class Brought:
+    """A law that somebody brings: s and its derivatives by one function of (t, order)."""
+
+    duration = 1.5
+
+    def __init__(self, values):
+        self.values = values
+
+    def __call__(self, t, order=0):
+        return self.values(np.asarray(t, dtype=float), order)
+
+
+CLEAR = Line([0.1, 0.345], [-0.05, 0.295])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_law_whose_derivatives_are_not_its_own_is_refused(order):
+    good = Law.rest_to_rest(1.5, 4)
+    wrong = Brought(lambda t, k: good(t, k) * (1.001 if k == order else 1.0))
+    with pytest.raises(InvalidInput, match=rf"law\(t, {order}\) is not the derivative"):
+        inverse_dynamics(robots.load("five_bar"), CLEAR, wrong)
+
+
+@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
+def test_deflections_that_are_only_rounding_refuse_no_motion(flexibility):
+    """At constant speed along a line the payload of the 5R needs no force, and no spring deflects."""
+    constant = Brought(lambda t, k: [t / 1.5, 1 / 1.5 + 0 * t, 0 * t][k])
+    found = inverse_dynamics(robots.load("five_bar", flexibility=flexibility), CLEAR, constant)
+    assert np.abs(found.deflection(np.linspace(0, 1.5, 50))).max(initial=0.0) < 1e-6
