@@ -1,0 +1,79 @@
+// The page: one column a film (or one robot to move by hand), one clock for all.
+
+class Clock {
+  constructor(films, bar) {
+    this.films = films;
+    this.duration = Math.max(...films.map(({ duration }) => duration));
+    this.t = 0;
+    this.playing = false;
+    bar.innerHTML = `<button class="play" type="button">▶ Play</button>
+      <input type="range" class="bar" min="0" max="${this.duration}" step="any" value="0" aria-label="time">
+      <span class="clock"></span>
+      <label>speed <select class="speed" aria-label="speed">${[1, 0.5, 0.25, 0.1, 0.05].map((value) =>
+        `<option value="${value}">${value === 1 ? "real time" : `× ${value}`}</option>`).join("")}</select></label>`;
+    this.button = bar.querySelector(".play");
+    this.bar = bar.querySelector(".bar");
+    this.clock = bar.querySelector(".clock");
+    this.speed = bar.querySelector(".speed");
+    this.speed.value = this.duration < 4 ? "0.25" : "1";
+    this.button.addEventListener("click", () => (this.playing ? this.pause() : this.play()));
+    this.bar.addEventListener("input", () => { this.pause(); this.seek(Number(this.bar.value)); });
+    document.addEventListener("keydown", (event) => {
+      if (event.code === "Space" && event.target === document.body) { event.preventDefault(); this.button.click(); }
+    });
+  }
+
+  seek(t) {
+    this.t = Math.min(Math.max(t, 0), this.duration);
+    this.bar.value = this.t;
+    this.clock.textContent = `${this.t.toFixed(3)} of ${this.duration} s`;
+    for (const film of this.films) film.show(this.t);
+  }
+
+  play() {
+    if (this.t >= this.duration) this.t = 0;
+    this.playing = true;
+    this.button.textContent = "❚❚ Pause";
+    let last = performance.now(), rest = 0;
+    const step = (now) => {
+      if (!this.playing) return;
+      const passed = (now - last) / 1000;
+      last = now;
+      if (this.t >= this.duration && (rest += passed) > 1.2) { this.t = 0; rest = 0; }
+      this.seek(this.t + (this.t >= this.duration ? 0 : passed * Number(this.speed.value)));
+      requestAnimationFrame(step);
+    };
+    requestAnimationFrame(step);
+  }
+
+  pause() {
+    this.playing = false;
+    this.button.textContent = "▶ Play";
+  }
+}
+
+function start() {
+  const contents = JSON.parse(document.getElementById("documents").textContent);
+  const columns = document.getElementById("columns");
+  const section = () => {
+    const made = columns.appendChild(document.createElement("section"));
+    made.className = contents.length === 1 ? "column single" : "column";
+    return made;
+  };
+  if (contents[0].kind === "hand") {
+    window.crossing = { hand: new Hand(section(), contents[0]) };
+    return;
+  }
+  const limit = Math.max(...contents.map((content) => content.torque_limit));
+  contents.forEach((content) => { content.shared_limit = limit; });
+  document.getElementById("legend").dataset.columns = contents.length;
+  let clock = null;
+  const films = contents.map((content) => new Film(section(), content, (t) => { clock.pause(); clock.seek(t); }));
+  clock = new Clock(films, document.getElementById("controls"));
+  window.crossing = { films, clock };
+  const asked = /[#&]t=([\d.]+)/.exec(location.hash);
+  clock.seek(asked ? Number(asked[1]) : 0);
+  if (!asked) clock.play();
+}
+
+start();

@@ -1,0 +1,167 @@
+// What stands in the scene: solids, tubes, arrows, coils. Sizes in metres, z up.
+
+const THREE = MeshCat.THREE;
+const COLORS = { locus: 0xa0489a, twist: 0xd55e00, wrench: 0x0072b2, trace: 0x009e73, path: 0x7c8794 };
+
+function decoded(text, Kind = Float32Array) {
+  const raw = atob(text);
+  const bytes = new Uint8Array(raw.length);
+  for (let k = 0; k < raw.length; k++) bytes[k] = raw.charCodeAt(k);
+  return new Kind(bytes.buffer);
+}
+
+function points(values) {
+  const found = [];
+  for (let k = 0; k + 2 < values.length; k += 3) found.push(new THREE.Vector3(values[k], values[k + 1], values[k + 2]));
+  return found;
+}
+
+function matrix(placement) {
+  return new THREE.Matrix4().fromArray(placement);
+}
+
+function solidGeometry(shape) {
+  const size = shape.size;
+  if (shape.kind === "box") return new THREE.BoxGeometry(size[0], size[1], size[2]);
+  if (shape.kind === "sphere") return new THREE.SphereGeometry(size[0], 28, 18);
+  if (shape.kind === "cylinder") return new THREE.CylinderGeometry(size[0], size[0], size[1], 40).rotateX(Math.PI / 2);
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(decoded(shape.vertices), 3));
+  geometry.setIndex(new THREE.BufferAttribute(decoded(shape.faces, Uint32Array), 1));
+  geometry.computeVertexNormals();
+  return geometry;
+}
+
+function solid(shape) {
+  const [r, g, b, a] = shape.color;
+  const material = new THREE.MeshPhongMaterial({
+    color: new THREE.Color(r, g, b), opacity: a, transparent: a < 1, shininess: 25,
+    flatShading: shape.kind === "mesh", side: THREE.DoubleSide,
+  });
+  const mesh = new THREE.Mesh(solidGeometry(shape), material);
+  mesh.applyMatrix4(matrix(shape.placement));
+  return mesh;
+}
+
+function tube(line, radius, color, opacity = 1) {
+  const apart = [line[0]];
+  for (const point of line) if (point.distanceTo(apart[apart.length - 1]) > 0.6 * radius) apart.push(point);
+  if (apart.length < 2) return null;
+  const curve = new THREE.CatmullRomCurve3(apart);
+  const geometry = new THREE.TubeGeometry(curve, Math.min(400, 4 * apart.length), radius, 8);
+  const material = new THREE.MeshBasicMaterial({ color, opacity, transparent: opacity < 1 });
+  return new THREE.Mesh(geometry, material);
+}
+
+function patch(values, count, color) {
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(values, 3));
+  const faces = [];
+  for (let i = 0; i + 1 < count; i++) for (let j = 0; j + 1 < count; j++) {
+    const a = i * count + j;
+    faces.push(a, a + 1, a + count, a + 1, a + count + 1, a + count);
+  }
+  geometry.setIndex(faces);
+  geometry.computeVertexNormals();
+  const material = new THREE.MeshPhongMaterial({
+    color, opacity: 0.45, transparent: true, side: THREE.DoubleSide, depthWrite: false,
+  });
+  return new THREE.Mesh(geometry, material);
+}
+
+// An arrow drawn over everything else; `turning` adds the ring that tells a turn from a shift.
+class Arrow {
+  constructor(color, radius, { bothWays = false, turning = false } = {}) {
+    this.object = new THREE.Group();
+    this.material = new THREE.MeshBasicMaterial({ color, depthTest: false, depthWrite: false, transparent: true });
+    this.radius = radius;
+    this.bothWays = bothWays;
+    this.shaft = this.part(new THREE.CylinderGeometry(radius, radius, 1, 16));
+    this.heads = [1, -1].slice(0, bothWays ? 2 : 1).map((side) => {
+      const head = this.part(new THREE.ConeGeometry(3 * radius, 8 * radius, 20));
+      if (side < 0) head.rotation.z = Math.PI;
+      return head;
+    });
+    if (turning) {
+      this.ring = this.part(new THREE.TorusGeometry(9 * radius, radius, 10, 40, 1.6 * Math.PI));
+      this.ring.rotation.x = Math.PI / 2;
+    }
+    this.tip = new THREE.Vector3();
+  }
+
+  part(geometry) {
+    const mesh = new THREE.Mesh(geometry, this.material);
+    mesh.renderOrder = 10;
+    this.object.add(mesh);
+    return mesh;
+  }
+
+  set(origin, vector, opacity = 1) {
+    const length = vector.length(), head = 8 * this.radius;
+    this.object.visible = length > 1e-3 * head;
+    this.tip.copy(origin).add(vector);
+    if (!this.object.visible) return;
+    this.material.opacity = opacity;
+    this.object.position.copy(origin);
+    this.object.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), vector.clone().normalize());
+    const shrink = Math.min(1, length / (1.5 * head));
+    const end = length - 0.5 * head * shrink, start = this.bothWays ? -end : 0;
+    this.shaft.scale.set(shrink, Math.max(end - start, 1e-9), shrink);
+    this.shaft.position.y = 0.5 * (start + end);
+    this.heads.forEach((mesh, k) => {
+      mesh.scale.setScalar(shrink);
+      mesh.position.y = k ? -end : end;
+    });
+    if (this.ring) this.ring.position.y = 0.5 * length;
+  }
+}
+
+// A spring: a helix along z that stretches, or one that turns a needle against a fixed one.
+class Coil {
+  constructor(coil, length, factor) {
+    this.slides = coil.slides;
+    this.length = length;
+    this.factor = factor;
+    this.object = new THREE.Group();
+    this.object.applyMatrix4(matrix(coil.placement));
+    const material = new THREE.MeshPhongMaterial({ color: 0x2f3b4a, shininess: 60 });
+    const turns = this.slides ? 7 : 4, radius = this.slides ? 0.13 * length : 0.3 * length;
+    const height = this.slides ? 1 : 0.3 * length;
+    const helix = [];
+    for (let k = 0; k <= 24 * turns; k++) {
+      const angle = (k / 24) * 2 * Math.PI;
+      helix.push(new THREE.Vector3(radius * Math.cos(angle), radius * Math.sin(angle), height * (k / (24 * turns) - (this.slides ? 0 : 0.5))));
+    }
+    const wire = 0.022 * length;
+    // a stretching coil is built at its length, then scaled along z
+    if (this.slides) helix.forEach((point) => { point.z *= length; });
+    const mesh = new THREE.Mesh(new THREE.TubeGeometry(new THREE.CatmullRomCurve3(helix), 24 * turns, wire, 7), material);
+    this.moving = new THREE.Group();
+    this.moving.add(mesh);
+    if (!this.slides) {
+      const needle = (color) => new THREE.Mesh(
+        new THREE.CylinderGeometry(wire, wire, 0.75 * length, 8).translate(0, 0.375 * length, 0),
+        new THREE.MeshPhongMaterial({ color }));
+      this.moving.add(needle(0xd55e00));
+      this.object.add(needle(0x8a949f));
+    }
+    this.object.add(this.moving);
+    this.set(0);
+  }
+
+  set(deflection) {
+    const shown = this.factor * deflection;
+    if (this.slides) {
+      this.moving.position.z = -this.length;
+      this.moving.scale.z = Math.max(0.1, 1 + shown / this.length);
+    } else {
+      this.moving.rotation.z = shown;
+    }
+  }
+}
+
+function heat(share) {
+  const stops = [[0.83, 0.84, 0.86], [0.9, 0.62, 0.0], [0.55, 0.11, 0.04]];
+  const at = Math.min(1, Math.max(0, share)) * 2, k = Math.min(1, Math.floor(at)), t = at - k;
+  return stops[k].map((value, i) => value + t * (stops[k + 1][i] - value));
+}

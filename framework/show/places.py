@@ -1,0 +1,82 @@
+"""Where the joints of a robot are, and which way they move: placements for the screen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.model import ParallelRobot
+
+
+def joint_poses(robot: ParallelRobot, q: Array) -> Array:
+    """Position and quaternion (F, njoints, 7), (x, y, z, qx, qy, qz, qw), of every joint at q (F, nq).
+
+    Quaternions go on smoothly from frame to frame: q and -q are the same turn, but not half-way between.
+    """
+    model, data = robot.model, robot.model.createData()
+    poses = np.empty((len(q), model.njoints, 7))
+    for k in range(len(q)):
+        pin.forwardKinematics(model, data, q[k])
+        for j, placement in enumerate(data.oMi):
+            poses[k, j] = pin.SE3ToXYZQUAT(placement)
+    turn = poses[:, :, 3:]
+    flips = np.sign(np.sum(turn[1:] * turn[:-1], axis=2))
+    turn[1:] *= np.cumprod(np.where(flips < 0, -1.0, 1.0), axis=0)[:, :, None]
+    return poses
+
+
+def platform_positions(robot: ParallelRobot, poses: Array) -> Array:
+    """Origin (F, 3) of the platform's frame, for poses of `joint_poses`."""
+    return frame_origins(robot, poses, robot.frames[0])
+
+
+def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
+    """Origin (F, 3) of one of pinocchio's frames, for poses of `joint_poses`."""
+    known = robot.model.frames[frame]
+    joint = poses[:, known.parentJoint]
+    return np.asarray(joint[:, :3] + rotated(joint[:, 3:], np.asarray(known.placement.translation)))
+
+
+def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
+    """All places (m, 3) where joints, the platform and the loops' ends come: what has to be in sight."""
+    ends = [frame_origins(robot, poses, frame) for frame in robot.frames]
+    return np.concatenate([poses[:, 1:, :3].reshape(-1, 3), *ends])
+
+
+def rotated(quaternion: Array, vector: Array) -> Array:
+    """A vector (3,) turned by quaternions (F, 4), (x, y, z, w)."""
+    axis, w = quaternion[:, :3], quaternion[:, 3:]
+    across = 2 * np.cross(axis, vector)
+    return np.asarray(vector + w * across + np.cross(axis, across))
+
+
+def joint_axis(robot: ParallelRobot, column: int) -> tuple[int, Array, Array, bool]:
+    """Where an entry of the velocity vector acts: parent joint, place (3,) and axis (3,) in it, slides."""
+    joint, axis, slides = _own_axis(robot, column)
+    placement = robot.model.jointPlacements[joint]
+    return (
+        int(robot.model.parents[joint]),
+        np.asarray(placement.translation),
+        np.asarray(placement.rotation @ axis),
+        slides,
+    )
+
+
+def carried(robot: ParallelRobot, column: int) -> tuple[int, Array, Array]:
+    """The joint of a coordinate itself, with place and axis in its own frame: what moves with it."""
+    joint, axis, _ = _own_axis(robot, column)
+    return joint, np.zeros(3), axis
+
+
+def _own_axis(robot: ParallelRobot, column: int) -> tuple[int, Array, bool]:
+    model = robot.model
+    joint = next(
+        j for j in range(1, model.njoints) if 0 <= column - model.joints[j].idx_v < model.joints[j].nv
+    )
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    local = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)[:, column]
+    slides = bool(np.linalg.norm(local[:3]) > np.linalg.norm(local[3:]))
+    axis = local[:3] if slides else local[3:]
+    return joint, np.asarray(axis / np.linalg.norm(axis)), slides

@@ -1,0 +1,288 @@
+"""A film as a document for the page: shapes, poses, curves and words, ready for JSON.
+
+Arrays travel as base64 of little-endian float32, row after row: a tenth of a micrometre on a robot of a
+metre. The page (framework/show/page) draws what it finds here and computes nothing about robots.
+"""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike
+from framework.errors import point
+from framework.kinematics.assembly import Configuration
+from framework.model import ParallelRobot
+from framework.show.film import Film
+from framework.show.locus import locus_curves, locus_patch, straight_axes
+from framework.show.places import (
+    carried,
+    frame_positions,
+    joint_axis,
+    joint_poses,
+    platform_positions,
+    rotated,
+)
+from framework.show.shapes import Shape, body_shapes, turned_onto
+
+CLIPPED = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
+COIL = 0.16  # length of a spring's coil, in lengths of the robot
+SHOWN = 0.35  # of the coil's length, or in radians: the largest deflection on the screen
+BESIDE = 0.7  # how far from the path the locus is drawn, in lengths of the robot
+
+
+def floats(values: ArrayLike) -> str:
+    """An array for the page."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
+
+
+def film_document(film: Film) -> dict[str, Any]:
+    """All that the page needs to play a film."""
+    robot = film.robot
+    poses = joint_poses(robot, film.q)
+    platform = platform_positions(robot, poses)
+    document = robot_document(robot, poses)
+    document |= {
+        "kind": "film",
+        "scene": film.name,
+        "proved": film.proved,
+        "refusal": film.refusal,
+        "summary": _summary(film),
+        "duration": float(film.time[-1]),
+        "time": floats(film.time),
+        "poses": floats(poses),
+        "platform": floats(platform),
+        "path": floats(platform),
+        "torque": floats(film.torque),
+        "torque_limit": _torque_limit(film),
+        "law": floats(film.law(film.time)),
+        "g": None if np.isnan(film.g).any() else floats(film.g),
+        "power": floats(np.sum(film.t_s * film.W_p, axis=1)),
+        "t_s": _wrench_like(robot, film.t_s),
+        "W_p": _wrench_like(robot, film.W_p),
+        "instants": [
+            {
+                "time": instant.time,
+                "wrench": instant.wrench,
+                "place": _nearest(platform, film.time, instant.time),
+                "where": f"{', '.join(robot.axis_names)} = {point(instant.platform)}",
+            }
+            for instant in film.instants
+        ],
+        "springs": _springs(film),
+        "locus": _locus(film, platform),
+    }
+    return document
+
+
+def pose_document(robot: ParallelRobot, at: Configuration) -> dict[str, Any]:
+    """The robot at one configuration, to be moved by hand."""
+    poses = joint_poses(robot, at.q[None])
+    platform = platform_positions(robot, poses)
+    document = robot_document(robot, poses)
+    return document | {
+        "kind": "hand",
+        "poses": floats(poses),
+        "platform": floats(platform),
+        "locus": _curves(robot, at.q, at.x, platform),
+    }
+
+
+def robot_document(robot: ParallelRobot, poses: Array) -> dict[str, Any]:
+    """What does not depend on the motion, and where to look from."""
+    shapes = body_shapes(robot)
+    return {
+        "robot": robot.name,
+        "flexibility": robot.flexibility,
+        "axes": list(robot.axis_names),
+        "turning": [bool(axis >= 3) for axis in robot.platform_axes],
+        "joints": robot.model.njoints,
+        "length": robot.length,
+        "shapes": [
+            {
+                "node": shape.node,
+                "kind": shape.kind,
+                "size": list(shape.size),
+                "placement": shape.placement.T.ravel().round(9).tolist(),
+                "color": list(shape.color),
+                **(
+                    {"vertices": floats(shape.vertices), "faces": _integers(shape.faces)}
+                    if shape.vertices is not None
+                    else {}
+                ),
+            }
+            for shape in shapes
+        ],
+        "motors": _motors(robot),
+        "view": _view(frame_positions(robot, poses), _lowest(shapes, poses[0])),
+    }
+
+
+def _integers(values: Any) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<u4").tobytes()).decode("ascii")
+
+
+def _placed(place: Array, axis: Array) -> list[float]:
+    """A placement with z along `axis`, column after column."""
+    placement = np.eye(4)
+    placement[:3, :3], placement[:3, 3] = turned_onto(axis), place
+    return [float(value) for value in placement.T.ravel().round(9)]
+
+
+def _motors(robot: ParallelRobot) -> list[dict[str, Any]]:
+    motors = []
+    for name, unit, column in zip(robot.actuator_names, robot.torque_units, robot.actuated, strict=True):
+        node, place, axis, slides = joint_axis(robot, int(column))
+        if slides:  # a slide's motor is its carriage
+            node, place, axis = carried(robot, int(column))
+        motors.append(
+            {
+                "name": name,
+                "unit": unit,
+                "node": node,
+                "placement": _placed(place, axis),
+                "slides": slides,
+            }
+        )
+    return motors
+
+
+def _springs(film: Film) -> dict[str, Any] | None:
+    """Where the coils are, and the factor, of 1, 2 or 5 times a power of ten, by which deflections grow."""
+    robot = film.robot
+    if not robot.n_e:
+        return None
+    coils, factors = [], {}
+    for k, column in enumerate(robot.elastic):
+        node, place, axis, slides = joint_axis(robot, int(column))
+        coils.append(
+            {
+                "name": robot.elastic_names[k],
+                "node": node,
+                "placement": _placed(place, axis),
+                "slides": slides,
+                "column": k,
+            }
+        )
+    slides_all = np.array([coil["slides"] for coil in coils])
+    for slides, largest_shown in ((True, SHOWN * COIL * robot.length), (False, SHOWN)):
+        largest = np.abs(film.deflection[:, slides_all == slides]).max(initial=0.0)
+        factors["slide" if slides else "turn"] = _round_down(largest_shown / largest) if largest > 0 else 1.0
+    return {
+        "coils": coils,
+        "factors": factors,
+        "length": COIL * robot.length,
+        "deflection": floats(film.deflection),
+    }
+
+
+def _round_down(value: float) -> float:
+    """The nearest of 1, 2, 5 times a power of ten below."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(part for part in (1.0, 2.0, 5.0) if part * power <= value * (1 + 1e-9)) * power)
+
+
+def _wrench_like(robot: ParallelRobot, values: Array) -> dict[str, Any]:
+    """Linear and angular parts (F, 3) of platform vectors (F, n), with their largest sizes."""
+    six = np.zeros((len(values), 6))
+    six[:, robot.platform_axes] = values
+    largest = [float(np.linalg.norm(part, axis=1).max()) for part in (six[:, :3], six[:, 3:])]
+    return {"linear": floats(six[:, :3]), "angular": floats(six[:, 3:]), "largest": largest}
+
+
+def _torque_limit(film: Film) -> float:
+    """Largest torque to draw: all of a proven one, and of an unproved one what it is without its poles."""
+    size = np.abs(film.torque).max(axis=1)
+    size = np.where(np.isfinite(size), size, np.inf)
+    if film.proved:
+        return float(size.max())
+    usual = float(np.quantile(size, 0.8))
+    return CLIPPED * usual if np.isfinite(usual) and usual > 0 else 1.0
+
+
+def _nearest(places: Array, times: Array, instant: float) -> list[float]:
+    return [float(value) for value in places[int(np.argmin(np.abs(times - instant)))]]
+
+
+def _locus(film: Film, platform: Array) -> dict[str, Any] | None:
+    """What can be drawn of the locus where the film comes nearest to it."""
+    if np.isnan(film.g).any():
+        return None
+    nearest = int(np.argmin(np.abs(film.g)))
+    if film.instants:
+        nearest = int(np.argmin(np.abs(film.time - film.instants[0].time)))
+        patch = locus_patch(film.robot, film.q[nearest], film.x[nearest])
+        if patch is not None:
+            return {"kind": "patch", "count": patch.points.shape[0], "points": floats(patch.points)}
+    start = 0 if film.robot.n == 2 else nearest
+    return _curves(film.robot, film.q[start], film.x[start], platform)
+
+
+def _curves(robot: ParallelRobot, q: Array, x: Array, platform: Array) -> dict[str, Any] | None:
+    found = locus_curves(robot, q, x)
+    if found is None or not found.curves:
+        return None
+    world = robot.platform_axes[list(found.axes)]
+    pieces = []
+    for curve in found.curves:
+        line = np.repeat(platform[:1], len(curve), axis=0)
+        line[:, world] = curve
+        near = np.linalg.norm(line[:, None] - platform[None, ::20], axis=2).min(axis=1)
+        kept = near < BESIDE * robot.length
+        for piece in np.split(np.arange(len(line)), np.flatnonzero(np.diff(kept)) + 1):
+            if kept[piece[0]] and len(piece) > 1:
+                pieces.append(floats(line[piece]))
+    whole = len(straight_axes(robot)) == robot.n
+    return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
+
+
+def _lowest(shapes: list[Shape], pose: Array) -> float:
+    """A height [m] below all shapes of a pose (njoints, 7), where a floor can be drawn."""
+    lowest = float(pose[:, 2].min())
+    for shape in shapes:
+        joint = pose[shape.node]
+        place = joint[:3] + rotated(joint[None, 3:], shape.placement[:3, 3])[0]
+        lowest = min(lowest, float(place[2]) - 0.5 * min(shape.size, default=0.0))
+    return lowest
+
+
+def _view(points: Array, lowest: float) -> dict[str, list[float] | float]:
+    """Centre, size and direction to look from: on a flat robot from its normal, else from a corner."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    center = 0.5 * (low + high)
+    radius = max(float(np.linalg.norm(points - center, axis=1).max()), 1e-6)
+    _, spread, axes = np.linalg.svd(points - center, full_matrices=False)
+    direction = np.array([0.75, -1.35, 0.65])
+    if spread[2] < 0.12 * spread[1]:
+        normal = axes[2] * np.sign(axes[2] @ np.array([0.2, -1.0, 2.0]))
+        lean = np.array([0.0, -0.42, 0.0]) if abs(normal[2]) > 0.7 else np.array([0.25, -0.2, 0.3])
+        direction = normal + lean
+    return {
+        "center": center.tolist(),
+        "radius": radius,
+        "from": (direction / np.linalg.norm(direction)).tolist(),
+        "lowest": lowest,
+    }
+
+
+def _summary(film: Film) -> str:
+    """What happens, in one sentence."""
+    unit = "N" if np.any(film.robot.platform_axes < 3) else "N m"
+    if not film.instants:
+        return "This motion meets no Type 2 singularity: the motors hold the platform all the way."
+    when = ", ".join(f"{instant.time:.3g} s" for instant in film.instants)
+    if film.proved:
+        peaks = np.abs(film.torque).max(axis=0)
+        most = int(np.argmax(peaks))
+        return (
+            f"This motion crosses the Type 2 singularity at t = {when} with finite torque: at that instant "
+            f"it asks for no force along t_s (t_s · W_p = 0). Peak torque {peaks[most]:.3g} "
+            f"{film.robot.torque_units[most]}."
+        )
+    wrench = max((abs(instant.wrench) for instant in film.instants), default=0.0)
+    return (
+        f"This motion meets the Type 2 singularity at t = {when} while it asks for {wrench:.3g} {unit} along "
+        f"t_s: no motor torque is large enough. The torque curve is clipped; it has no proof and no bound."
+    )

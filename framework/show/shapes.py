@@ -1,0 +1,153 @@
+"""What a robot looks like: the visuals of its URDF, and plain sticks where a URDF shows nothing.
+
+A shape hangs on a `node`, the number of a pinocchio joint (0 is the base), at a fixed placement. Sizes are
+in metres; cylinders have their axis along z, as in URDF.
+"""
+
+from __future__ import annotations
+
+import warnings
+import xml.etree.ElementTree as ElementTree
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array, IntArray
+from framework.errors import RobotFileError
+from framework.model import ParallelRobot
+from framework.model.urdf import PACKAGE, locate_urdf
+from framework.model.virtual_joints import count_turns, insert_springs
+
+Color = tuple[float, float, float, float]
+
+STICK: Color = (0.45, 0.52, 0.60, 1.0)
+JOINT: Color = (0.75, 0.76, 0.78, 1.0)
+THICKNESS = 0.012  # radius of a stick, in lengths of the robot
+SHORTEST_STICK = 0.03  # in lengths of the robot
+CELLS = 40  # a mesh is thinned to this many cells along its diagonal
+
+
+class Shape(NamedTuple):
+    """One solid on one node."""
+
+    node: int
+    kind: str  # box, cylinder, sphere, mesh
+    size: tuple[float, ...]  # edges; radius, length; radius; nothing
+    placement: Array  # (4, 4) in the node's frame
+    color: Color
+    vertices: Array | None = None  # (V, 3) of a mesh
+    faces: IntArray | None = None  # (F, 3)
+
+
+def body_shapes(robot: ParallelRobot) -> list[Shape]:
+    """The visuals of the URDF, and sticks for the bodies that have none."""
+    shapes = _visuals(robot)
+    return shapes + _sticks(robot, {shape.node for shape in shapes})
+
+
+def _visuals(robot: ParallelRobot) -> list[Shape]:
+    springs = robot.description.active_springs(robot.flexibility)
+    text = _with_meshes_found(robot, insert_springs(count_turns(robot.description.urdf_text), springs))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # pinocchio warns of the list of folders, empty as it is
+            drawn = pin.buildGeomFromUrdfString(robot.model, text, pin.GeometryType.VISUAL, [])
+    except ValueError:  # a mesh of a format that it cannot read
+        return []
+    shapes = []
+    for item in drawn.geometryObjects:
+        known = _solid(item.geometry)
+        if known is not None:
+            kind, size, vertices, faces = known
+            red, green, blue, alpha = (float(part) for part in item.meshColor)
+            color = (red, green, blue, alpha)
+            shapes.append(
+                Shape(item.parentJoint, kind, size, item.placement.homogeneous, color, vertices, faces)
+            )
+    return shapes
+
+
+def _with_meshes_found(robot: ParallelRobot, text: str) -> str:
+    """The URDF with its mesh files by full path; visuals whose file is not here are left out."""
+    root = ElementTree.fromstring(text)
+    for link in root.findall("link"):
+        for visual in link.findall("visual"):
+            mesh = visual.find("geometry/mesh")
+            if mesh is None:
+                continue
+            reference = mesh.get("filename", "").removeprefix("file://")
+            try:
+                file = locate_urdf(robot.description.file.parent, reference)
+            except RobotFileError:
+                file = None
+            if file is None or not file.is_file() or reference == PACKAGE:
+                link.remove(visual)
+            else:
+                mesh.set("filename", str(file))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _solid(geometry: Any) -> tuple[str, tuple[float, ...], Array | None, IntArray | None] | None:
+    """Kind, size and mesh of one of coal's geometries; None for those that nothing draws."""
+    kind = type(geometry).__name__
+    if kind == "Box":
+        return "box", tuple(float(2 * half) for half in geometry.halfSide), None, None
+    if kind in ("Cylinder", "Capsule"):
+        return "cylinder", (geometry.radius, 2 * geometry.halfLength), None, None
+    if kind == "Sphere":
+        return "sphere", (geometry.radius,), None, None
+    if kind.startswith("BVHModel"):
+        vertices = np.array(geometry.vertices(), dtype=float).reshape(-1, 3)
+        triangles = [geometry.tri_indices(k) for k in range(geometry.num_tris)]
+        faces = np.array([[each[0], each[1], each[2]] for each in triangles], dtype=np.intp)
+        return "mesh", (), *thinned(vertices, faces)
+    return None
+
+
+def thinned(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
+    """A mesh with the vertices of each cell of a grid drawn together into their mean."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    cell = max(float(np.linalg.norm(high - low)) / CELLS, 1e-12)
+    keys, inverse = np.unique(np.floor((vertices - low) / cell).astype(np.int64), axis=0, return_inverse=True)
+    inverse = inverse.ravel()
+    count = np.bincount(inverse, minlength=len(keys))
+    mean = np.stack([np.bincount(inverse, vertices[:, k], len(keys)) / count for k in range(3)], axis=1)
+    corners = inverse[faces]
+    a, b, c = corners.T
+    kept = corners[(a != b) & (b != c) & (c != a)]
+    return mean, np.unique(kept, axis=0)
+
+
+def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
+    """Cylinders from joint to joint and spheres at the joints, for bodies without visuals."""
+    model = robot.model
+    radius = THICKNESS * robot.length
+    shapes = []
+    for node in range(model.njoints):
+        if node in dressed:
+            continue
+        ends = [model.jointPlacements[j].translation for j in model.children[node]]
+        ends += [
+            model.frames[frame].placement.translation
+            for frame in robot.frames
+            if model.frames[frame].parentJoint == node
+        ]
+        for end in ends:
+            length = float(np.linalg.norm(end))
+            if node and length > SHORTEST_STICK * robot.length:
+                placement = np.eye(4)
+                placement[:3, :3], placement[:3, 3] = turned_onto(np.asarray(end)), 0.5 * np.asarray(end)
+                shapes.append(Shape(node, "cylinder", (radius, length), placement, STICK))
+        if node and ends:
+            shapes.append(Shape(node, "sphere", (1.3 * radius,), np.eye(4), JOINT))
+    return shapes
+
+
+def turned_onto(axis: Array) -> Array:
+    """A rotation matrix (3, 3) whose third column points along `axis` (3,)."""
+    third = axis / np.linalg.norm(axis)
+    aside = np.eye(3)[int(np.argmin(np.abs(third)))]
+    first = np.cross(aside, third)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(third, first), third], axis=1)
