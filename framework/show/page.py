@@ -16,20 +16,44 @@ from string import Template
 from typing import Any
 
 from framework.errors import MissingPackage
+from framework.model import ParallelRobot
+from framework.show.film import Film
+from framework.show.hand import hand_document
+from framework.show.scene import film_document
 
 SCRIPTS = ("shapes.js", "view.js", "curves.js", "film.js", "hand.js", "main.js")
 
+FILM_LEAD = (
+    "At a <b>Type 2 singularity</b> (purple) the motors of a parallel robot cannot push its platform along "
+    "one direction, t<sub>s</sub>: resisting a force there would take infinite torque. The robot can pass "
+    "all the same, if at that instant the motion asks for <b>no force along t<sub>s</sub></b>: "
+    "t<sub>s</sub> · W<sub>p</sub> = 0."
+)
+HAND_LEAD = (
+    "Move the platform, or the motors, and watch how near the robot is to a singularity. The loops stay "
+    "closed; at the edge of the workspace the robot stops rather than jump to another way of being "
+    "assembled. <b>The platform can be led across a Type 2 singularity; the motors cannot lead it there.</b>"
+)
 
-def scene_page(documents: Sequence[dict[str, Any]], *, heading: str, lead: str) -> str:
-    """The page that plays films, or moves a robot by hand: HTML, complete.
 
-    `heading` is plain text, `lead` is HTML.
-    """
-    return whole_page(heading, scene_part(heading, lead), documents)
+def film_page(films: Sequence[Film]) -> str:
+    """The page, HTML, that plays films side by side."""
+    names = " and ".join(dict.fromkeys(said(film.robot.name) for film in films))
+    return _scene_page([film_document(film) for film in films], names, FILM_LEAD)
+
+
+def hand_page(robot: ParallelRobot) -> str:
+    """The page, HTML, with sliders that ask `move_by_hand` behind it."""
+    return _scene_page([hand_document(robot)], said(robot.name), HAND_LEAD)
+
+
+def said(name: str) -> str:
+    """A name as it is read: five_bar is five bar."""
+    return name.replace("_", " ")
 
 
 def scene_part(heading: str, lead: str) -> str:
-    """The part of a page in which the scene is drawn."""
+    """The part of a page in which the scene is drawn; `heading` is plain text, `lead` is HTML."""
     return Template(_asset("scene.html")).substitute(heading=html.escape(heading), lead=lead)
 
 
@@ -45,6 +69,10 @@ def whole_page(title: str, body: str, documents: Sequence[dict[str, Any]]) -> st
         documents=json.dumps(list(documents), allow_nan=False).replace("<", "\\u003c"),
         script="\n".join(_asset(name) for name in SCRIPTS),
     )
+
+
+def _scene_page(documents: Sequence[dict[str, Any]], heading: str, lead: str) -> str:
+    return whole_page(heading, scene_part(heading, lead), documents)
 
 
 @cache

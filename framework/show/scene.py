@@ -13,7 +13,6 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import point
-from framework.kinematics.assembly import Configuration
 from framework.model import ParallelRobot
 from framework.show.film import Film
 from framework.show.locus import locus_curves, locus_patch, straight_axes
@@ -75,19 +74,6 @@ def film_document(film: Film) -> dict[str, Any]:
         "locus": _locus(film, platform),
     }
     return document
-
-
-def pose_document(robot: ParallelRobot, at: Configuration) -> dict[str, Any]:
-    """The robot at one configuration, to be moved by hand."""
-    poses = joint_poses(robot, at.q[None])
-    platform = platform_positions(robot, poses)
-    document = robot_document(robot, poses)
-    return document | {
-        "kind": "hand",
-        "poses": floats(poses),
-        "platform": floats(platform),
-        "locus": _curves(robot, at.q, at.x, platform),
-    }
 
 
 def robot_document(robot: ParallelRobot, poses: Array) -> dict[str, Any]:
@@ -217,10 +203,13 @@ def _locus(film: Film, platform: Array) -> dict[str, Any] | None:
         if patch is not None:
             return {"kind": "patch", "count": patch.points.shape[0], "points": floats(patch.points)}
     start = 0 if film.robot.n == 2 else nearest
-    return _curves(film.robot, film.q[start], film.x[start], platform)
+    return locus_about(film.robot, film.q[start], film.x[start], platform)
 
 
-def _curves(robot: ParallelRobot, q: Array, x: Array, platform: Array) -> dict[str, Any] | None:
+def locus_about(
+    robot: ParallelRobot, q: Array, x: Array, platform: Array, *, beside: float = BESIDE
+) -> dict[str, Any] | None:
+    """Curves of the locus up to `beside` lengths of the robot from places (F, 3) of the platform."""
     found = locus_curves(robot, q, x)
     if found is None or not found.curves:
         return None
@@ -230,7 +219,7 @@ def _curves(robot: ParallelRobot, q: Array, x: Array, platform: Array) -> dict[s
         line = np.repeat(platform[:1], len(curve), axis=0)
         line[:, world] = curve
         near = np.linalg.norm(line[:, None] - platform[None, ::20], axis=2).min(axis=1)
-        kept = near < BESIDE * robot.length
+        kept = near < beside * robot.length
         for piece in np.split(np.arange(len(line)), np.flatnonzero(np.diff(kept)) + 1):
             if kept[piece[0]] and len(piece) > 1:
                 pieces.append(floats(line[piece]))

@@ -3,5 +3,113 @@
 class Hand {
   constructor(section, content) {
     this.content = content;
+    section.innerHTML = `<h2>${content.robot.replace(/_/g, " ")}, moved by hand</h2>
+      <div class="inside"><div class="left"><div class="view"></div><div class="now"></div></div><div class="side sliders"></div></div>`;
+    this.view = new View(section.querySelector(".view"), content);
+    this.now = section.querySelector(".now");
+    this.side = section.querySelector(".side");
+    const L = content.length;
+    this.view.addLocus(content.locus);
+    this.spot = this.view.add(new THREE.Mesh(new THREE.SphereGeometry(0.02 * L, 24, 16), new THREE.MeshBasicMaterial()));
+    this.arrows = {
+      linear: new Arrow(COLORS.twist, 0.007 * L, { bothWays: true }),
+      angular: new Arrow(COLORS.twist, 0.005 * L, { bothWays: true, turning: true }),
+    };
+    for (const arrow of Object.values(this.arrows)) this.view.add(arrow.object);
+    this.view.label("t<sub>s</sub>", "#d55e00", () => {
+      const { linear, angular } = this.arrows;
+      return linear.object.visible ? linear.tip : angular.object.visible ? angular.tip : null;
+    });
+    this.build();
+    this.waiting = null;
+    this.busy = false;
+    this.usual = Math.abs(content.start.g || 1);
+    this.put(content.start);
+  }
+
+  build() {
+    const { sliders, free_motors } = this.content;
+    this.side.innerHTML = `<div class="class"></div>
+      <dl class="readings"><dt>g (0 on the locus)</dt><dd class="g"></dd>
+      <dt>smallest singular value σ<sub>min</sub></dt><dd class="smallest"></dd></dl>
+      <p class="stop" role="status"></p><div class="all"></div>
+      <p><button type="button" class="back">Back to the start</button></p>`;
+    this.inputs = { platform: [], motor: [] };
+    const all = this.side.querySelector(".all");
+    const group = (part, title) => {
+      all.insertAdjacentHTML("beforeend", `<h3>${title}</h3>`);
+      sliders[part].forEach(({ name, unit, low, high }, index) => {
+        const label = document.createElement("label");
+        label.innerHTML = `<span>${name.replace(/_/g, " ")} [${unit}]</span>
+          <input type="range" min="${low}" max="${high}" step="${(high - low) / 1000}" data-part="${part}" data-index="${index}"><output></output>`;
+        all.appendChild(label);
+        const input = label.querySelector("input");
+        input.addEventListener("input", () => this.ask({ part, index, value: Number(input.value) }));
+        input.addEventListener("change", () => { this.settle = true; if (!this.busy) this.put(this.state); });
+        this.inputs[part].push({ input, output: label.querySelector("output") });
+      });
+    };
+    group("platform", "Platform: the motors follow");
+    if (free_motors) group("motor", "Motors: the platform follows");
+    else all.insertAdjacentHTML("beforeend", "<p>The motors of this robot depend on one another: none can move while the others rest.</p>");
+    this.side.querySelector(".back").addEventListener("click", () => this.put(this.content.start));
+  }
+
+  // One question at a time, and of those that come meanwhile only the last.
+  async ask(movement) {
+    this.settle = false;
+    if (this.busy) { this.waiting = movement; return; }
+    this.busy = true;
+    try {
+      const reply = await fetch("api/move", {
+        method: "POST", headers: { "Content-Type": "application/json" },
+        body: JSON.stringify({ ...movement, q: this.state.q }),
+      });
+      const found = await reply.json();
+      if (reply.ok) this.put(found, movement);
+      else this.side.querySelector(".stop").textContent = found.error;
+    } catch (error) {
+      this.side.querySelector(".stop").textContent = "The program behind this page has ended; start it again to move the robot.";
+    }
+    this.busy = false;
+    const next = this.waiting;
+    this.waiting = null;
+    if (next) this.ask(next);
+    else if (this.settle) this.put(this.state);
+  }
+
+  put(state, held) {
+    this.state = state;
+    const L = this.content.length;
+    this.view.setPoses(decoded(state.poses), 0);
+    const origin = new THREE.Vector3(...state.origin);
+    this.spot.position.copy(origin);
+    const color = { regular: 0x1b7f4d, near: 0xe69f00, singular: 0xb3261e }[state.level];
+    this.spot.material.color.setHex(color);
+    const [linear, angular] = state.t_s.map((part) => new THREE.Vector3(...part));
+    const nearness = state.g === null ? 0 : 1 - Math.min(1, Math.abs(state.g) / this.usual);
+    const size = linear.length() || 1;
+    this.arrows.linear.set(origin, linear.multiplyScalar(0.3 * L / size), 0.15 + 0.85 * nearness);
+    this.arrows.angular.set(origin, angular.multiplyScalar(0.22 * L / (angular.length() || 1)), 0.15 + 0.85 * nearness);
+    for (const part of ["platform", "motor"]) {
+      this.inputs[part].forEach(({ input, output }, index) => {
+        const dragged = held && held.part === part && held.index === index && !this.settle;
+        if (!dragged) input.value = state[part][index];
+        output.textContent = `${state[part][index].toFixed(4)} ${this.content.sliders[part][index].unit}`;
+      });
+    }
+    const badge = this.side.querySelector(".class");
+    badge.className = `class ${state.level}`;
+    badge.textContent = state.verdict;
+    this.side.querySelector(".g").textContent = state.g === null ? "none: every joint has a motor" : state.g.toPrecision(4);
+    this.side.querySelector(".smallest").textContent = state.smallest === null ? "none" : state.smallest.toPrecision(4);
+    this.side.querySelector(".stop").textContent = state.stopped;
+    this.view.element.className = `view ${state.level}`;
+    this.now.innerHTML = {
+      regular: "<b>The motors hold the platform.</b> Move it towards the purple curve, if there is one, and watch g.",
+      near: "<b>Near a Type 2 singularity.</b> The arrow shows the motion of the platform that the motors hold least.",
+      singular: "<b>On a Type 2 singularity.</b> With the motors locked, the platform can still move along the arrow.",
+    }[state.legs ? "legs" : state.level] || "<b>A leg ends.</b> Stretched or folded, it follows the platform no further: a Type 1 singularity.";
+    this.view.viewer.set_dirty();
   }
 }

@@ -1,0 +1,115 @@
+"""A page on this machine's own address, and the Python behind its sliders.
+
+Bound to 127.0.0.1 on a port of the system's choice. Requests that name another host, or come from a page
+of another origin, are refused: a web site open in the same browser gets nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from framework.errors import InvalidInput, NoAnswer
+
+LARGEST_REQUEST = 65536  # bytes
+
+Answer = Callable[[dict[str, Any]], dict[str, Any]]
+
+
+class PageServer(ThreadingHTTPServer):
+    """Serves one page, and at /api/move the answers of one function."""
+
+    daemon_threads = True
+
+    def __init__(self, page: str, answer: Answer | None = None) -> None:
+        super().__init__(("127.0.0.1", 0), _Handler)
+        self.page = page.encode("utf-8")
+        self.answer = answer
+        self.one_at_a_time = threading.Lock()
+
+    @property
+    def address(self) -> str:
+        return f"http://127.0.0.1:{self.server_port}/"
+
+    def serve_until_interrupted(self) -> None:
+        """Serve until Ctrl-C or SIGTERM, then close."""
+        with self, _termination_interrupts(), suppress(KeyboardInterrupt):
+            self.serve_forever(poll_interval=0.1)
+
+
+@contextmanager
+def _termination_interrupts() -> Iterator[None]:
+    """Within, SIGTERM ends the main thread as Ctrl-C does."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: PageServer
+
+    def do_GET(self) -> None:
+        if not self._is_ours():
+            self._send(403, "text/plain", b"only for this machine\n")
+        elif self.path.split("?")[0] == "/":
+            self._send(200, "text/html; charset=utf-8", self.server.page)
+        else:
+            self._send(404, "text/plain", b"no such page\n")
+
+    def do_POST(self) -> None:
+        if not self._is_ours():
+            self._send_json(403, {"error": "only for this machine"})
+        elif self.path != "/api/move" or self.server.answer is None:
+            self._send_json(404, {"error": "no such service"})
+        else:
+            self._answer(self.server.answer)
+
+    def _answer(self, answer: Answer) -> None:
+        try:
+            size = int(self.headers.get("Content-Length", ""))
+            if not 0 <= size <= LARGEST_REQUEST:
+                raise InvalidInput(f"a request has at most {LARGEST_REQUEST} bytes")
+            asked = json.loads(self.rfile.read(size))
+            if not isinstance(asked, dict):
+                raise InvalidInput("a request is one JSON object")
+            with self.server.one_at_a_time:
+                found = answer(asked)
+        except (ValueError, RecursionError, NoAnswer) as error:  # InvalidInput is a ValueError
+            self._send_json(400, {"error": str(error)})
+        else:
+            self._send_json(200, found)
+
+    def _is_ours(self) -> bool:
+        hosts = [f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")]
+        origin = self.headers.get("Origin")
+        return self.headers.get("Host") in hosts and (
+            origin is None or origin in [f"http://{host}" for host in hosts]
+        )
+
+    def _send_json(self, status: int, document: dict[str, Any]) -> None:
+        self._send(status, "application/json", json.dumps(document, allow_nan=False).encode())
+
+    def _send(self, status: int, kind: str, content: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.end_headers()
+        try:
+            self.wfile.write(content)
+        except (BrokenPipeError, ConnectionResetError):
+            self.close_connection = True  # the page was closed meanwhile
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Say nothing: the terminal belongs to the command."""
