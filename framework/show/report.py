@@ -1,0 +1,248 @@
+"""One page about a plan: the scene, the figures, the law, the certificate in words, how to have it again."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Callable, Iterable, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from framework.arrays import ArrayLike
+from framework.crossing.result import CrossingPlan
+from framework.crossing.scenes import scene_path
+from framework.errors import point
+from framework.motion.path import Line
+from framework.show import plots
+from framework.show.film import Film, film_plan
+from framework.show.page import FILM_LEAD, said, scene_part, whole_page
+from framework.show.places import joint_axis
+from framework.show.scene import film_document
+from framework.show.style import styled
+
+PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
+
+
+def report_page(plan: CrossingPlan, *, name: str = "") -> str:
+    """The report of a plan, HTML, complete in one file."""
+    film = film_plan(plan, name=name)
+    heading = f"{said(plan.robot.name)}: {_what(plan)}"
+    body = "\n".join(
+        [
+            '<div class="report">',
+            scene_part(heading, FILM_LEAD),
+            _section("What happens", _crossings(plan)),
+            _section("Figures", _figures(plan)),
+            _section("The law", _law(plan)),
+            _section("The certificate, in words", _certificate(plan, film)),
+            _section("Parameters", _parameters(plan)),
+            _section("How to reproduce it", _reproduction(plan)),
+            "</div>",
+        ]
+    )
+    return whole_page(heading, body, [film_document(film)])
+
+
+def _what(plan: CrossingPlan) -> str:
+    count = len(plan.crossings)
+    if not count:
+        return "a motion without a singularity"
+    return f"through {'a' if count == 1 else count} Type 2 singularit{'y' if count == 1 else 'ies'}"
+
+
+def _section(title: str, content: str) -> str:
+    return f"<section><h2>{html.escape(title)}</h2>\n{content}</section>"
+
+
+def _table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
+    """A table of plain texts."""
+    lines = []
+    if head:
+        lines.append("<tr>" + "".join(f"<th>{html.escape(cell)}</th>" for cell in head) + "</tr>")
+    lines += ["<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows]
+    return "<table>" + "\n".join(lines) + "</table>"
+
+
+def _number(value: float) -> str:
+    return f"{value + 0.0:.6g}"
+
+
+def _crossings(plan: CrossingPlan) -> str:
+    robot = plan.robot
+    peaks = ", ".join(
+        f"{said(joint)} {value:.4g} {unit}"
+        for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
+    )
+    motion = f"<p>The motion takes {plan.duration:g} s. Largest motor torques: {html.escape(peaks)}.</p>"
+    over = "".join(
+        f"<p><b>Mind:</b> {html.escape(said(joint))} exceeds its limits: {html.escape(excess)}.</p>"
+        for joint, excess in plan.exceeded.items()
+    )
+    if not plan.crossings:
+        return f"{motion}{over}<p>The path meets no singularity.</p>"
+    head = (
+        "t [s]",
+        "s",
+        f"{', '.join(robot.axis_names)}",
+        "t_s (the twist that motors cannot hold)",
+        "s' [1/s]",
+        's" [1/s²]',
+        "|t_s · W_p|, of its peak",
+    )
+    rows = [
+        (
+            _number(crossing.time),
+            f"{crossing.s:.12f}",
+            point(crossing.platform),
+            point(crossing.twist),
+            _number(crossing.speed),
+            _number(round(crossing.acceleration, 9)),
+            f"{crossing.residual:.1e}",
+        )
+        for crossing in plan.crossings
+    ]
+    return f"{motion}{over}{_table(rows, head)}"
+
+
+def _figures(plan: CrossingPlan) -> str:
+    drawn: list[tuple[str, Callable[[], Axes]]] = [
+        ("Motor torques", lambda: plots.plot_torques(plan)),
+        ("The law and its derivatives", lambda: plots.plot_law(plan)[0]),
+    ]
+    if len(plan.robot.passive):
+        drawn += [
+            ("Singularity measure along the path", lambda: plots.plot_singularity(plan)),
+            ("Force asked for along t_s", lambda: plots.plot_wrench(plan)),
+        ]
+    figures = []
+    for title, draw in drawn:
+        picture = io.BytesIO()
+        with styled():
+            draw().figure.savefig(picture, format="svg", metadata={"Date": None})  # type: ignore[union-attr]
+        data = base64.b64encode(picture.getvalue()).decode("ascii")
+        figures.append(
+            f'<figure><img alt="{html.escape(title)}" src="data:image/svg+xml;base64,{data}"></figure>'
+        )
+    return f'<div class="figures">{"".join(figures)}</div>'
+
+
+def _law(plan: CrossingPlan) -> str:
+    values = ",\n ".join(repr(float(value)) for value in plan.law.coefficients)
+    return (
+        f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1): a polynomial of degree "
+        f"{plan.law.degree}, s(t) = Σ c<sub>k</sub> T<sub>k</sub>(2 t / T − 1) with Chebyshev polynomials "
+        f"T<sub>k</sub>, T = {plan.duration:g} s, and c<sub>k</sub>:</p><pre>[{values}]</pre>"
+    )
+
+
+def _certificate(plan: CrossingPlan, film: Film) -> str:
+    certificate = plan.certificate
+    said_of = [
+        f"The torques are functions of time known on {certificate.nodes} nodes; what their series leaves out "
+        f"is {certificate.tail:.1e} of their size. A torque with a pole would leave a share near 1.",
+        f"The loops stay closed to {certificate.max_closure_error:.1e} (m or rad), between the nodes too.",
+    ]
+    if plan.crossings:
+        worst = max(crossing.residual for crossing in plan.crossings)
+        said_of.append(
+            f"At each crossing t_s · W_p, with the inertia of all bodies, is zero to {worst:.1e} of its "
+            f"largest value along the motion: condition (8) of Briot and Arakelian 2010."
+        )
+    if plan.robot.n_e:
+        rigid = plan.geometry == "rigid"
+        said_of.append(
+            "Forces were taken on the undeformed robot (small displacements)."
+            if rigid
+            else f"Forces and deflections were computed in turn {certificate.passes} times, until they "
+            f"agreed, and the singular point was found anew on the deformed robot each time."
+        )
+    said_of.append(
+        "The platform advances along the path all the time (s' > 0)."
+        if certificate.monotone
+        else "The law overshoots the ends of the path a little: s' changes sign."
+    )
+    if film.g.size and not np.isnan(film.g).any():
+        nearest = float(np.abs(film.g).min())
+        if not plan.crossings:
+            said_of.append(f"The measure of singularity |g| stays above {nearest:.3g} along the motion.")
+    items = "".join(f"<li>{html.escape(text)}</li>" for text in said_of)
+    return f"<ul>{items}</ul><p>All of it was computed from the law when this page was written.</p>"
+
+
+def _parameters(plan: CrossingPlan) -> str:
+    robot, description = plan.robot, plan.robot.description
+    rows = [
+        ("robot", f"{robot.name} ({description.file.name})"),
+        ("flexibility", f"{robot.flexibility}, {plan.geometry} geometry"),
+        ("platform", f"{description.platform.frame}: {', '.join(robot.axis_names)}"),
+        ("path", repr(plan.path)),
+        ("duration", f"{plan.duration:g} s"),
+        ("gravity", f"{point(description.gravity)} m/s²"),
+        ("mass", f"{sum(inertia.mass for inertia in robot.model.inertias):.6g} kg in moving parts"),
+    ]
+    rows += [
+        (
+            f"motor {actuator.joint}",
+            f"gear ratio {actuator.gear_ratio:g}, rotor inertia {actuator.rotor_inertia:g} kg m²"
+            + (f", torque limit {actuator.torque_limit:g}" if actuator.torque_limit is not None else "")
+            + (f", speed limit {actuator.speed_limit:g} rad/s" if actuator.speed_limit is not None else ""),
+        )
+        for actuator in description.actuators
+    ]
+    rows += [
+        (f"spring {name}", f"{stiffness:g} {'N/m' if joint_axis(robot, int(column))[3] else 'N m/rad'}")
+        for name, stiffness, column in zip(robot.elastic_names, robot.stiffness, robot.elastic, strict=True)
+    ]
+    return _table(rows)
+
+
+def _reproduction(plan: CrossingPlan) -> str:
+    robot = plan.robot
+    installed = []
+    for package in PACKAGES:
+        try:
+            installed.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            installed.append(f"{package} (not installed)")
+    file = plan.to_dict().get("robot_file", robot.name)
+    asked = [f"crossing plan {file}", *_motion(plan), f"--flexibility {robot.flexibility}"]
+    if plan.crossings:
+        asked += [
+            f"--times {_listed([crossing.time for crossing in plan.crossings])}",
+            f"--speeds {_listed([crossing.speed for crossing in plan.crossings])}",
+        ]
+    if robot.n_e:
+        asked.append(f"--geometry {plan.geometry}")
+    asked += [f"--smoothness {_smoothness(plan)}", "--out again"]
+    line = " \\\n    ".join(asked)
+    return (
+        f"<pre>{html.escape(line)}\ncrossing report again</pre>"
+        f"<p>{html.escape(robot.name)} is {html.escape(str(robot.description.file.name))}; written with "
+        f"{html.escape(', '.join(installed))}.</p>"
+    )
+
+
+def _motion(plan: CrossingPlan) -> list[str]:
+    """The path as options: a line by its ends, any other by its scene."""
+    duration = f"--duration {plan.duration!r}"
+    if isinstance(plan.path, Line):
+        return [f"--from {_listed(plan.path.start)}", f"--to {_listed(plan.path.end)}", duration]
+    for name, scene in plan.robot.description.scenes.items():
+        samples = np.linspace(0.0, 1.0, 7)
+        path: Any = scene_path(scene)
+        if path.n == plan.path.n and np.array_equal(path(samples), plan.path(samples)):
+            return [f"--scene {name}", duration]
+    return ["--scene ...", duration]
+
+
+def _smoothness(plan: CrossingPlan) -> int:
+    """How many derivatives of s vanish at both ends: the degree counts them."""
+    return (plan.law.degree + 1 - 3 * len(plan.crossings)) // 2 - 1
+
+
+def _listed(values: ArrayLike) -> str:
+    return " ".join(f"{float(value):.13g}" for value in np.asarray(values))
