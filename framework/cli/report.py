@@ -1,0 +1,33 @@
+"""`crossing report`: one HTML page about a saved plan."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from framework.cli.parser import Report, command
+from framework.cli.show import write_page
+from framework.crossing.saved import load_plan
+from framework.errors import InvalidInput
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    text = "write one HTML page about a plan: scene, figures, law, certificate, parameters, reproduction"
+    parser = command(commands, "report", run, text)
+    parser.add_argument("folder", metavar="DIR", help="folder of `crossing plan --out`")
+    parser.add_argument("--html", metavar="FILE", help="where to write it (default: DIR/report.html)")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Read the plan back, prove it anew, and write the page."""
+    from framework.show.report import report_page
+
+    if options.html == "":
+        raise InvalidInput("--html: needs the name of a file, got an empty text")
+    plan = load_plan(options.folder)
+    name = Path(options.folder).resolve().name
+    path = write_page(options.html or str(Path(options.folder) / "report.html"), report_page(plan, name=name))
+    size = path.stat().st_size
+    return {"file": str(path), "bytes": size}, f"written to {path} ({size / 1e6:.2f} MB)"

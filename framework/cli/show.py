@@ -1,0 +1,140 @@
+"""`crossing show`: a motion, or a robot to move by hand, in the browser or in one standalone file."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import threading
+import webbrowser
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any
+
+from framework.cli import asked
+from framework.cli.parser import Report, add_flexibility, add_motion, add_robot, command
+from framework.crossing.saved import is_plan_folder, load_plan
+from framework.errors import InvalidInput, NoAnswer, OutputError
+from framework.model import ParallelRobot
+
+if TYPE_CHECKING:
+    from framework.show.film import Film
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    text = (
+        "play motions in the browser, side by side; without a motion, move the robot by hand. Ctrl-C ends it"
+    )
+    parser = command(commands, "show", run, text)
+    add_robot(parser, "catalogue name, path of a robot file, or folder of `crossing plan --out`")
+    parser.add_argument("--scene", dest="scenes", nargs="+", metavar="S", help="scenes of the robot file")
+    parser.add_argument(
+        "--from", dest="start", type=float, nargs="+", metavar="X", help="first platform point"
+    )
+    parser.add_argument("--to", dest="end", type=float, nargs="+", metavar="X", help="last platform point")
+    add_flexibility(parser)
+    add_motion(parser)
+    parser.add_argument("--html", metavar="FILE", help="write one file that plays offline, and end")
+    parser.add_argument("--no-open", action="store_true", help="do not open the browser")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Write the page to a file, or serve it until Ctrl-C."""
+    from framework.show.page import film_page, hand_page
+
+    if options.html == "":
+        raise InvalidInput("--html: needs the name of a file, got an empty text")
+    films = _films(options)
+    if options.html is not None:
+        page = film_page(films or [_telling_film(options)])
+        return _report_file(options.html, page)
+    if films:
+        return _served(options, film_page(films), None)
+    robot = asked.load(options)
+    return _served(options, hand_page(robot), robot)
+
+
+def write_page(file: str, page: str) -> FilePath:
+    """Write a page.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    path = FilePath(file)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"--html: cannot write {path}: {error.strerror or error}") from None
+    return path
+
+
+def _report_file(file: str, page: str) -> Report:
+    path = write_page(file, page)
+    size = path.stat().st_size
+    return {"file": str(path), "bytes": size}, f"written to {path} ({size / 1e6:.2f} MB), for any browser"
+
+
+def _films(options: argparse.Namespace) -> list[Film]:
+    """The motions asked for; none when the robot is to be moved by hand."""
+    from framework.show.film import film_plan
+
+    if is_plan_folder(options.robot):
+        _refuse_with_folder(options)
+        folder = FilePath(options.robot)
+        return [film_plan(load_plan(folder), name=folder.resolve().name)]
+    line = options.start is not None or options.end is not None
+    if options.scenes is None and not line:
+        for option in ("duration", "times", "speeds", "geometry", "smoothness"):
+            if getattr(options, option) is not None:
+                raise InvalidInput(f"--{option}: needs a motion; give --scene, or --from and --to")
+        return []
+    robot = asked.load(options)
+    return [_film(options, robot, name) for name in options.scenes or [None]]
+
+
+def _film(options: argparse.Namespace, robot: ParallelRobot, scene: str | None) -> Film:
+    from framework.show.film import film_motion
+
+    one = argparse.Namespace(**{**vars(options), "scene": scene})
+    return film_motion(robot, asked.path(one, robot), name=scene or "", **asked.motion_options(one, robot))
+
+
+def _telling_film(options: argparse.Namespace) -> Film:
+    """For a file without sliders: the first scene that crosses, or else the first that moves."""
+    robot = asked.load(options)
+    first: Film | None = None
+    refusal: NoAnswer | None = None
+    for name in robot.description.scenes:
+        try:
+            film = _film(options, robot, name)
+        except NoAnswer as error:
+            refusal = refusal or error
+            continue
+        if film.proved and film.instants:
+            return film
+        first = first or film
+    if first is not None:
+        return first
+    raise refusal or InvalidInput(f"{robot.name} has no scenes: give --from, --to and --duration")
+
+
+def _refuse_with_folder(options: argparse.Namespace) -> None:
+    """A saved plan is shown as it is."""
+    for option in ("scenes", "start", "end", "duration", "times", "speeds", "geometry", "smoothness"):
+        if getattr(options, option) is not None:
+            name = {"scenes": "scene", "start": "from", "end": "to"}.get(option, option)
+            raise InvalidInput(f"--{name}: {options.robot} is a plan already; give a robot to plan for")
+
+
+def _served(options: argparse.Namespace, page: str, robot: ParallelRobot | None) -> Report:
+    from framework.show.hand import move_by_hand
+    from framework.show.server import PageServer
+
+    server = PageServer(page, None if robot is None else lambda given: move_by_hand(robot, given))
+    # with --json, stdout is for the one object at the end
+    stream = sys.stderr if options.json else sys.stdout
+    print(f"{server.address}  (Ctrl-C ends)", file=stream, flush=True)
+    if not options.no_open:
+        threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
+    server.serve_until_interrupted()
+    return {"address": server.address, "ended": True}, "ended"
