@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from framework.cli.parser import Report, command
-from framework.cli.show import write_page
 from framework.crossing.saved import load_plan
+
+from framework.cli.show import write_page
 from framework.errors import InvalidInput
 
 

@@ -9,9 +9,10 @@ import webbrowser
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
-from framework.cli import asked
 from framework.cli.parser import Report, add_flexibility, add_motion, add_robot, command
 from framework.crossing.saved import is_plan_folder, load_plan
+
+from framework.cli import asked
 from framework.errors import InvalidInput, NoAnswer, OutputError
 from framework.model import ParallelRobot
 

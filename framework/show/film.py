@@ -89,7 +89,7 @@ def film_motion(robot: ParallelRobot, path: Path, *, name: str = "", **options: 
 
 def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
     """The film of a proven plan; each crossing is a frame of its own."""
-    times = _frame_times(plan.duration, [crossing.time for crossing in plan.crossings])
+    times = _frame_times(plan.duration, [passage.time for passage in plan.dynamics.passages])
     closed = close_loops(plan.robot, plan.platform(times), plan.dynamics.configuration(times))
     rates = [along(plan.path, [plan.law(times, k) for k in range(order + 1)])[order] for order in (1, 2)]
     deflection = [plan.deflection(times, order) for order in range(3)]

@@ -1,17 +1,18 @@
 """The singular locus as something to draw: the zero level of g near where the robot moves.
 
 A robot whose platform has two free translations gets curves over its workspace (all its other coordinates
-held), one with three a patch of surface about a singular instant. Both are as coarse as a picture may be.
+held), one with three a patch of surface about a singular instant. Both are as coarse as a picture may be,
+with their points pulled onto the locus itself.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import NotAssembled
 from framework.kinematics.assembly import passive_columns
 from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import move
@@ -19,10 +20,12 @@ from framework.kinematics.inverse_kinematics import mode_signs, moving_columns, 
 from framework.kinematics.singularity import measured_matrix
 from framework.model import ParallelRobot
 
-GRID = 81  # points along an edge of the workspace
+GRID = 61  # points along an edge of the workspace
+REACH = 1.2  # half an edge of the grid, in lengths of the robot
 STEPS = 8  # Newton steps to a neighbouring point
 PATCH = 11  # points along an edge of the patch
-REACH = 1.2  # half an edge of the grid, in lengths of the robot
+PATCH_SIZE = 0.12  # half an edge of the patch, in lengths of the robot
+STEEPEST = 0.2  # of the patch's distance from its plane, in lengths of the robot: beyond, it is left out
 
 
 class LocusCurves(NamedTuple):
@@ -52,43 +55,89 @@ def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None
     no sign).
     """
     straight = straight_axes(robot)
-    if len(straight) != 2 or not len(passive_columns(robot)) or robot.n_a != robot.n:
+    if len(straight) != 2 or not _has_signed_measure(robot):
         return None
-    span = np.linspace(-REACH, REACH, 2 * (GRID // 2) + 1) * robot.length
-    size = len(span)
-    middle = size // 2
-    grid = np.full((size, size, robot.model.nq), np.nan)
-    g = np.full((size, size), np.nan)
-    grid[middle, middle] = q
-    start = _reach(robot, x[None], q[None], None)
-    g[middle, middle] = start.g[0]
+    span = np.linspace(-REACH, REACH, GRID) * robot.length
+    grid, g = _filled(robot, q, x, span)
+    curves = []
+    slopes = np.gradient(g, span, span)
+    for curve in _zero_level(span, g):
+        nearest = np.clip(np.searchsorted(span, curve - 0.5 * (span[1] - span[0])), 0, GRID - 1)
+        at = (nearest[:, 0], nearest[:, 1])
+        normal = np.stack([slopes[0][at], slopes[1][at]], axis=1)
+        size = np.linalg.norm(normal, axis=1)
+        known = np.isfinite(size) & (size > 0) & np.isfinite(grid[at]).all(axis=1)
+        pulled = np.full(curve.shape, np.nan)
+        if known.any():
+            onto = normal[known] / size[known, None]
+            measure = _measure_about(robot, grid[at][known], x, straight)
+            pulled[known] = _pulled_onto(measure, curve[known], onto, size[known], 0.5 * (span[1] - span[0]))
+        curves += [x[straight] + piece for piece in _unbroken(pulled)]
+    return LocusCurves(curves, (straight[0], straight[1]), int(np.isfinite(g).sum()))
+
+
+def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
+    """The singular surface (PATCH, PATCH, 3) about a singular configuration, the orientation held.
+
+    None for a robot without exactly three translations, or where the surface cannot be followed.
+    """
+    straight = straight_axes(robot)
+    if len(straight) != 3 or not _has_signed_measure(robot):
+        return None
+    step = 1e-4 * robot.length
+    there = _measure_about(robot, np.repeat(q[None], 6, axis=0), x, straight)(
+        np.concatenate([step * np.eye(3), -step * np.eye(3)])
+    )
+    slope = (there[:3] - there[3:]) / (2 * step)
+    size = float(np.linalg.norm(slope))
+    if not (np.isfinite(size) and size > 0):
+        return None
+    normal = slope / size
+    aside = np.linalg.svd(normal[None])[2][1:]  # (2, 3)
+    span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH) * robot.length
+    flat = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2) @ aside
+    measure = _measure_about(robot, np.repeat(q[None], len(flat), axis=0), x, straight)
+    onto = np.repeat(normal[None], len(flat), axis=0)
+    points = _pulled_onto(measure, flat, onto, np.full(len(flat), size), STEEPEST * robot.length)
+    if np.isnan(points).any():
+        return None
+    return (points + x[straight]).reshape(PATCH, PATCH, 3)
+
+
+def _has_signed_measure(robot: ParallelRobot) -> bool:
+    return len(passive_columns(robot)) > 0 and robot.n_a == robot.n
+
+
+def _filled(robot: ParallelRobot, q: Array, x: Array, span: Array) -> tuple[Array, Array]:
+    """Configurations (GRID, GRID, nq) and det P on span x span about x, nan where the mode does not reach."""
+    straight = straight_axes(robot)
+    middle = GRID // 2
+    grid = np.full((GRID, GRID, robot.model.nq), np.nan)
+    g = np.full((GRID, GRID), np.nan)
+    grid[middle, middle], g[middle, middle] = q, _reach(robot, x[None], q[None], None).g[0]
     sign = float(mode_signs(robot, system_at(robot, q[None], x[None]))[0][0])
-    tried = np.zeros((size, size), dtype=int)
+    tried = np.zeros((GRID, GRID), dtype=int)
     front = [(middle, middle)]
     while front:
         asked, guesses = [], []
         for i, j in front:
             for a, b in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
-                if 0 <= a < size and 0 <= b < size and np.isnan(g[a, b]) and tried[a, b] < 2:
+                if 0 <= a < GRID and 0 <= b < GRID and np.isnan(g[a, b]) and tried[a, b] < 2:
                     tried[a, b] += 1
                     asked.append((a, b))
                     guesses.append(grid[i, j])
         if not asked:
             break
         targets = np.repeat(x[None], len(asked), axis=0)
-        targets[:, straight[0]] += span[[a for a, _ in asked]]
-        targets[:, straight[1]] += span[[b for _, b in asked]]
-        found = _reach(robot, targets, np.array(guesses), sign)
+        targets[:, straight] += span[np.array(asked)]
         front = []
-        for (a, b), closed, there, value in zip(asked, *found, strict=True):
-            if closed and np.isnan(g[a, b]):
-                grid[a, b], g[a, b] = there, value
-                front.append((a, b))
-    return LocusCurves(
-        [x[straight] + curve for curve in _zero_level(span, g)],
-        (straight[0], straight[1]),
-        int(np.isfinite(g).sum()),
-    )
+        for place, closed, there, value in zip(
+            asked, *_reach(robot, targets, np.array(guesses), sign), strict=True
+        ):
+            if closed and np.isnan(g[place]):
+                grid[place], g[place] = there, value
+                front.append(place)
+    return grid, g
 
 
 def _zero_level(span: Array, g: Array) -> list[Array]:
@@ -100,6 +149,46 @@ def _zero_level(span: Array, g: Array) -> list[Array]:
     ax = Figure().subplots()
     found = ax.contour(span, span, np.ma.masked_invalid(g).T, levels=[0.0])
     return [np.asarray(curve) for curve in found.allsegs[0] if len(curve) > 1]
+
+
+def _unbroken(curve: Array) -> list[Array]:
+    """The pieces (m, 2), two points or more, of a curve (T, 2) between points that are not numbers."""
+    good = np.asarray(np.isfinite(curve).all(axis=1))
+    pieces = np.split(np.arange(len(curve)), np.flatnonzero(np.diff(good)) + 1)
+    return [curve[piece] for piece in pieces if good[piece[0]] and len(piece) > 1]
+
+
+def _measure_about(
+    robot: ParallelRobot, near: Array, x: Array, straight: list[int]
+) -> Callable[[Array], Array]:
+    """det P of shifts (T, 2 or 3) of x from configurations near (T, nq); nan where loops do not close."""
+
+    def measure(shift: Array) -> Array:
+        targets = np.repeat(x[None], len(shift), axis=0)
+        targets[:, straight] += shift
+        found = _reach(robot, targets, near, None)
+        return np.where(found.closed, found.g, np.nan)
+
+    return measure
+
+
+def _pulled_onto(
+    measure: Callable[[Array], Array], start: Array, normal: Array, slope: Array, farthest: float
+) -> Array:
+    """Points (T, k) moved along their normals to where the measure vanishes, by the secant method.
+
+    Not a number for a point that would have to go farther than `farthest`, or whose loops do not close.
+    """
+    height, value, rate = np.zeros(len(start)), measure(start), slope
+    for _ in range(5):
+        step = np.clip(-value / rate, -0.2 * farthest, 0.2 * farthest)
+        step = np.where(np.isfinite(step), step, 0.0)
+        after = measure(start + (height + step)[:, None] * normal)
+        moved = np.abs(step) > 1e-9 * farthest
+        rate = np.where(moved, (after - value) / np.where(moved, step, 1.0), rate)
+        height, value = height + step, after
+    good = np.isfinite(value) & (np.abs(height) < farthest)
+    return np.where(good[:, None], start + height[:, None] * normal, np.nan)
 
 
 def _reach(robot: ParallelRobot, x: Array, guess: Array, sign: float | None) -> _Reached:
@@ -128,49 +217,3 @@ def _reach(robot: ParallelRobot, x: Array, guess: Array, sign: float | None) -> 
     if sign is not None:
         alive &= mode_signs(robot, system)[0] == sign
     return _Reached(alive, q, np.linalg.det(measured_matrix(robot, system)))
-
-
-class LocusPatch(NamedTuple):
-    """A piece of the singular surface: points (PATCH, PATCH, 3) in platform translations."""
-
-    points: Array
-
-
-def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> LocusPatch | None:
-    """The singular surface about a singular configuration, with the platform's orientation held.
-
-    None for a robot without exactly three translations, or where the surface cannot be followed.
-    """
-    straight = straight_axes(robot)
-    if len(straight) != 3 or not len(passive_columns(robot)) or robot.n_a != robot.n:
-        return None
-
-    def measure(shift: Array) -> Array:
-        targets = np.repeat(x[None], len(shift), axis=0)
-        targets[:, straight] += shift
-        found = _reach(robot, targets, np.repeat(q[None], len(shift), axis=0), None)
-        if not found.closed.all():
-            raise NotAssembled("the patch leaves the workspace", q=q, residual=np.nan)
-        return found.g
-
-    step = 1e-4 * robot.length
-    try:
-        slope = measure(step * np.eye(3)) - measure(-step * np.eye(3))
-        normal = slope / np.linalg.norm(slope)
-        aside = np.linalg.svd(normal[None])[2][1:]  # (2, 3)
-        span = np.linspace(-0.12, 0.12, PATCH) * robot.length
-        flat = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2) @ aside
-        height, value = np.zeros(len(flat)), measure(flat)
-        rate = np.full(len(flat), np.linalg.norm(slope) / (2 * step))
-        for _ in range(5):
-            bounded = np.clip(-value / rate, -0.02 * robot.length, 0.02 * robot.length)
-            after = measure(flat + (height + bounded)[:, None] * normal)
-            moved = np.abs(bounded) > 1e-9 * robot.length
-            rate = np.where(moved, (after - value) / np.where(moved, bounded, 1.0), rate)
-            height, value = height + bounded, after
-        if not np.abs(height).max() < 0.15 * robot.length:
-            return None
-    except (NotAssembled, FloatingPointError):
-        return None
-    points = flat + height[:, None] * normal + x[straight]
-    return LocusPatch(points.reshape(PATCH, PATCH, 3))

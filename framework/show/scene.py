@@ -201,7 +201,7 @@ def _locus(film: Film, platform: Array) -> dict[str, Any] | None:
         nearest = int(np.argmin(np.abs(film.time - film.instants[0].time)))
         patch = locus_patch(film.robot, film.q[nearest], film.x[nearest])
         if patch is not None:
-            return {"kind": "patch", "count": patch.points.shape[0], "points": floats(patch.points)}
+            return {"kind": "patch", "count": len(patch), "points": floats(patch)}
     start = 0 if film.robot.n == 2 else nearest
     return locus_about(film.robot, film.q[start], film.x[start], platform)
 

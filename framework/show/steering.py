@@ -39,7 +39,7 @@ from framework.kinematics.singularity import (
 from framework.kinematics.tracking import weakest_leg
 from framework.model import ParallelRobot
 
-SHORTEST = 1e-4  # of the way asked for: between the last place that closes and the first that does not
+SHORTEST = 1e-7  # of the way asked for: between the last place that closes and the first that does not
 LONGEST = 0.1  # [rad, lengths] that a step may move a joint
 CORRECTION = 0.03  # [rad, lengths] that closing the loops may move a joint after a step
 CLOSED = 1e-6  # [rad, lengths] of a configuration that counts as assembled

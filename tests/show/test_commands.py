@@ -1,0 +1,187 @@
+"""`crossing show` and `crossing report` at the command line: pages, refusals, and a clean end."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import urllib.request
+from html import unescape
+
+import numpy as np
+import pytest
+
+import robots
+from framework import plan_scene
+from framework.cli import main
+from framework.crossing.saved import load_plan
+
+
+@pytest.fixture
+def crossing(capsys):
+    """Runs one command: exit code, stdout, stderr."""
+
+    def run(*arguments) -> tuple[int, str, str]:
+        code = main([str(argument) for argument in arguments])
+        return code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """What `crossing plan --out` leaves, without the figures, which take seconds."""
+    out = tmp_path_factory.mktemp("plans") / "C"
+    out.mkdir()
+    plan = plan_scene(robots.load("five_bar", flexibility="flexible_links"), "C")
+    (out / "plan.json").write_text(json.dumps(plan.to_dict()), encoding="utf-8")
+    return out
+
+
+def scenes(file) -> list[dict]:
+    text = file.read_text(encoding="utf-8")
+    found = re.search(r'<script type="application/json" id="documents">(.*?)</script>', text, re.DOTALL)
+    return json.loads(found[1])
+
+
+def test_scenes_side_by_side_go_into_one_file(crossing, tmp_path):
+    file = tmp_path / "new" / "abc.html"
+    code, out, err = crossing("show", "five_bar", "--scene", "A", "B", "C", "--html", file, "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out) == {"file": str(file), "bytes": file.stat().st_size}
+    assert [(scene["scene"], scene["proved"]) for scene in scenes(file)] == [
+        ("A", True),
+        ("B", False),
+        ("C", True),
+    ]
+
+
+def test_a_file_without_a_scene_plays_the_crossing(crossing, tmp_path):
+    file = tmp_path / "page.html"
+    assert crossing("show", "five_bar", "--html", file)[0] == 0
+    assert [scene["scene"] for scene in scenes(file)] == ["C"]
+
+
+def test_a_line_is_shown_as_it_is_planned(crossing, tmp_path):
+    file = tmp_path / "page.html"
+    line = ["--from", "0.1", "0.345", "--to", "-0.05", "0.295", "--duration", "2"]
+    assert crossing("show", "five_bar", *line, "--flexibility", "flexible_joints", "--html", file)[0] == 0
+    (scene,) = scenes(file)
+    assert (scene["duration"], scene["flexibility"]) == (2.0, "flexible_joints")
+
+
+def test_a_saved_plan_is_shown(crossing, folder, tmp_path):
+    file = tmp_path / "page.html"
+    assert crossing("show", folder, "--html", file)[0] == 0
+    (scene,) = scenes(file)
+    assert (scene["scene"], scene["flexibility"]) == ("C", "flexible_links")
+    assert len(scene["instants"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["five_bar", "--scene", "Z"], "unknown scene 'Z'"),
+        (["no_robot"], "unknown robot"),
+        (["five_bar", "--times", "1"], "--times: needs a motion"),
+        (["five_bar", "--from", "0", "0.3"], "--from and --to"),
+        (["five_bar", "--scene", "C", "--html", ""], "--html: needs the name of a file"),
+        (["five_bar", "--scene", "C", "--html", "/dev/null/page.html"], "--html: cannot write"),
+    ],
+)
+def test_misuse_is_one_line(crossing, arguments, complaint):
+    code, out, err = crossing("show", *arguments, "--no-open")
+    assert (code, out) == (2, "")
+    assert complaint in err
+    assert err.count("\n") == 1
+
+
+def test_a_saved_plan_takes_no_other_motion(crossing, folder):
+    code, _, err = crossing("show", folder, "--scene", "C", "--no-open")
+    assert code == 2
+    assert "--scene" in err
+    assert "a plan already" in err
+
+
+def test_a_motion_that_has_no_law_is_no_film(crossing):
+    code, _, err = crossing(
+        "show", "five_bar", "--from", "0.1", "0.345", "--to", "2", "2", "--duration", "1", "--no-open"
+    )
+    assert code == 1
+    assert "leaves the workspace" in err or "Type 1" in err
+
+
+@pytest.mark.parametrize(
+    ("end", "machine"),
+    [
+        (signal.SIGTERM, False),
+        pytest.param(signal.SIGINT, False, marks=pytest.mark.slow),
+        pytest.param(signal.SIGINT, True, marks=pytest.mark.slow),
+    ],
+)
+def test_it_serves_until_it_is_told_to_end(end, machine):
+    command = [
+        sys.executable,
+        "-m",
+        "framework",
+        "show",
+        "five_bar",
+        "--no-open",
+        *(["--json"] if machine else []),
+    ]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        try:
+            line = (process.stderr if machine else process.stdout).readline()
+            address = re.match(r"http://127\.0\.0\.1:\d+/", line)[0]
+            with urllib.request.urlopen(address, timeout=10) as reply:
+                assert b"five bar" in reply.read()
+            process.send_signal(end)
+            out, err = process.communicate(timeout=10)
+        finally:
+            process.kill()
+    assert process.returncode == 0
+    assert err == ""
+    if machine:
+        assert json.loads(out) == {"address": address, "ended": True}
+
+
+def test_a_report_says_what_the_plan_is_and_how_to_have_it_again(crossing, folder, tmp_path):
+    code, out, _ = crossing("report", folder, "--json")
+    file = folder / "report.html"
+    assert code == 0
+    assert json.loads(out)["file"] == str(file)
+    text = unescape(file.read_text(encoding="utf-8"))
+    plan = load_plan(folder)
+    for said in (
+        f"polynomial of degree {plan.law.degree}",
+        f"known on {plan.certificate.nodes} nodes",
+        f"{plan.crossings[0].s:.12f}",
+        "gear ratio 50",
+        "350000 N/m",
+        "25000 N m/rad",
+    ):
+        assert said in text
+    assert text.count("data:image/svg+xml;base64,") == 4
+    assert len(text) < 5e6
+    # the command in the report, run as it stands, makes the same plan
+    command = re.search(r"<pre>(crossing plan .*?)\ncrossing report", text, re.DOTALL)[1].replace("\\\n", " ")
+    words = shlex.split(command)[1:]
+    del words[words.index("--out") : words.index("--out") + 2]
+    code, out, _ = crossing(*words, "--json")
+    assert code == 0
+    again = json.loads(out)
+    np.testing.assert_allclose(again["law"]["chebyshev"], plan.law.coefficients, atol=1e-9)
+    assert again["robot_file"] == "five_bar"
+
+
+def test_a_report_needs_a_plan(crossing, tmp_path):
+    code, _, err = crossing("report", tmp_path)
+    assert code == 2
+    assert "plan.json" in err

@@ -1,0 +1,144 @@
+"""The document of a scene and the page around it, for every robot of the catalogue."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework.show.hand import hand_document
+from framework.show.page import film_page, hand_page
+from framework.show.places import joint_poses
+from framework.show.scene import film_document, floats
+from framework.show.shapes import body_shapes, thinned
+from tests.show.test_film import filmed
+
+# Their meshes take seconds to read.
+ROBOTS = [
+    pytest.param(name, marks=pytest.mark.slow if name == "two_arms" else ()) for name in robots.CATALOGUE
+]
+
+
+def decoded(text: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), dtype="<f4")
+
+
+def documents(page: str) -> list[dict]:
+    found = re.search(r'<script type="application/json" id="documents">(.*?)</script>', page, re.DOTALL)
+    return json.loads(found[1])
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_robot_has_a_body_to_show(name):
+    robot = robots.load(name)
+    document = hand_document(robot)
+    json.dumps(document, allow_nan=False)
+    poses = decoded(document["poses"]).reshape(1, robot.model.njoints, 7)
+    np.testing.assert_allclose(np.linalg.norm(poses[0, :, 3:], axis=1), 1.0, atol=1e-6)
+    assert len(document["motors"]) == robot.n_a
+    # every joint that carries mass carries a shape
+    heavy = {j for j in range(1, robot.model.njoints) if robot.model.inertias[j].mass > 0}
+    assert heavy <= {shape["node"] for shape in document["shapes"]}
+    view = document["view"]
+    assert np.linalg.norm(view["from"]) == pytest.approx(1.0)
+    offsets = poses[0, 1:, :3] - view["center"]
+    assert np.linalg.norm(offsets, axis=1).max() <= view["radius"] * (1 + 1e-6)
+
+
+def test_poses_are_those_of_pinocchio_and_turn_smoothly():
+    film = filmed("four_bar", "full_turn")
+    poses = joint_poses(film.robot, film.q)
+    data = film.robot.model.createData()
+    for k in (0, 100, 400):
+        pin.forwardKinematics(film.robot.model, data, film.q[k])
+        for j, placement in enumerate(data.oMi):
+            np.testing.assert_allclose(
+                pin.XYZQUATToSE3(poses[k, j]).homogeneous, placement.homogeneous, atol=1e-12
+            )
+    assert np.sum(poses[1:, :, 3:] * poses[:-1, :, 3:], axis=2).min() > 0.99
+
+
+def test_a_proven_film_tells_its_numbers():
+    film = filmed("five_bar", "C", "flexible_links")
+    document = film_document(film)
+    np.testing.assert_allclose(decoded(document["torque"]).reshape(-1, 2), film.torque, rtol=1e-6, atol=1e-9)
+    assert document["torque_limit"] == np.abs(film.torque).max()
+    assert [instant["time"] for instant in document["instants"]] == [film.instants[0].time]
+    assert "finite torque" in document["summary"]
+    factors, coils = document["springs"]["factors"], document["springs"]["coils"]
+    largest = np.abs(film.deflection).max(axis=0)
+    for coil in coils:  # what is drawn can be seen, and stays within the coil
+        shown = largest[coil["column"]] * factors["slide" if coil["slides"] else "turn"]
+        assert 0 < shown <= 0.35 * (document["springs"]["length"] if coil["slides"] else 1.0) * (1 + 1e-9)
+    for factor in factors.values():
+        assert float(f"{factor:.0e}"[0]) in (1, 2, 5)
+
+
+def test_an_unproved_film_is_clipped_and_says_so():
+    film = filmed("five_bar", "B")
+    document = film_document(film)
+    assert document["torque_limit"] < np.abs(film.torque).max() / 10
+    assert document["torque_limit"] > 2 * np.median(np.abs(film.torque))
+    assert "clipped" in document["summary"]
+    assert not document["proved"]
+
+
+def test_the_page_is_one_file_without_a_network():
+    page = film_page([filmed("five_bar", name) for name in ("A", "B", "C")])
+    assert [document["scene"] for document in documents(page)] == ["A", "B", "C"]
+    assert len(page) < 5e6
+    assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)=\"(?!data:)", page)
+    assert "default-src 'none'" in page
+    assert "MIT" in page  # the viewer's licence goes with it
+    assert "$" not in re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)  # no place left unfilled
+
+
+def test_a_name_cannot_break_out_of_the_page():
+    film = filmed("five_bar", "A")
+    page = film_page([type(film)(**{**vars(film), "name": "</script><b>"})])
+    assert documents(page)[0]["scene"] == "</script><b>"
+    assert "</script><b>" not in page
+
+
+def test_a_robot_to_move_by_hand_has_its_sliders():
+    (document,) = documents(hand_page(robots.load("five_bar")))
+    assert [slider["name"] for slider in document["sliders"]["platform"]] == ["x", "y"]
+    assert [slider["name"] for slider in document["sliders"]["motor"]] == ["left_motor", "right_motor"]
+    for part, values in document["sliders"].items():
+        for slider, value in zip(values, document["start"][part], strict=True):
+            assert slider["low"] < value < slider["high"]
+
+
+def test_bodies_without_visuals_get_sticks_from_joint_to_joint(write_robot):
+    from framework import ParallelRobot
+
+    robot = ParallelRobot.from_file(write_robot(urdf=()))
+    bare = re.sub(r"<visual>.*?</visual>", "", robot.description.urdf_text, flags=re.DOTALL)
+    naked = ParallelRobot.from_description(
+        type(robot.description)(**{**vars(robot.description), "urdf_text": bare})
+    )
+    sticks = [shape for shape in body_shapes(naked) if shape.kind == "cylinder"]
+    # two cranks and two rods of 0.25 m
+    np.testing.assert_allclose([shape.size[1] for shape in sticks], 0.25)
+    assert {shape.node for shape in sticks} == {1, 2, 3, 4}
+
+
+def test_a_thinned_mesh_keeps_its_shape_and_has_no_collapsed_faces():
+    angles = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    heights = np.linspace(0, 1, 100)
+    vertices = np.array([[np.cos(a), np.sin(a), h] for h in heights for a in angles])
+    faces = np.array([[i, i + 1, i + 400] for i in range(400 * 99 - 1)])
+    less, kept = thinned(vertices, faces)
+    assert len(less) < len(vertices) / 10
+    assert kept.max() < len(less)
+    assert all(len(set(face)) == 3 for face in kept.tolist())
+    np.testing.assert_allclose(np.linalg.norm(less[:, :2], axis=1), 1.0, atol=0.02)
+
+
+def test_floats_travel_as_little_endian_singles():
+    assert decoded(floats([[1.5, -2.0], [0.25, 1e-3]])).tolist() == [1.5, -2.0, 0.25, np.float32(1e-3)]
