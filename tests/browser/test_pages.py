@@ -1,0 +1,247 @@
+"""The pages in a real browser: what stands in the scene, moves in it, and answers."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+import robots
+from framework import ParallelRobot
+from framework.crossing.scenes import scene, scene_path
+from framework.errors import NoAnswer
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.frames import FrameStack
+from framework.show.film import Film, film_motion
+from framework.show.hand import move_by_hand
+from framework.show.page import film_page, hand_page
+from framework.show.server import PageServer
+from tests.browser.conftest import wait_until
+
+pytestmark = pytest.mark.browser
+
+# From the scene graph, not from the data: position and axes of every node as three.js has them.
+NODES = """(view) => view.nodes.map((node) => {
+  view.robot.updateMatrixWorld(true);
+  const toRobot = view.robot.matrixWorld.clone().invert();
+  return toRobot.multiply(node.matrixWorld).toArray();
+})"""
+ON_SCREEN = 2e-6  # lengths of the robot: what singles leave of a closed loop
+BETWEEN = 2e-4  # lengths: what is left half-way between two frames, turned and shifted straight
+
+
+def filmed(name: str, scene_name: str | None = None, flexibility: str = "rigid") -> Film:
+    """A scene of the robot, or the first that can be filmed."""
+    robot = robots.load(name, flexibility=flexibility)
+    for one in [scene_name] if scene_name else robot.description.scenes:
+        chosen = scene(robot, one)
+        asked = {key: getattr(chosen, key) for key in ("duration", "times", "speeds", "at")}
+        try:
+            return film_motion(robot, scene_path(chosen), name=one, **asked)
+        except NoAnswer:
+            continue
+    raise AssertionError(f"{name}: no scene can be filmed")
+
+
+def nodes_at(tab, t: float, film: int = 0) -> np.ndarray:
+    """Placements (njoints, 4, 4) of the robot's nodes on the screen at time t."""
+    tab.evaluate("t => { crossing.clock.pause(); crossing.clock.seek(t); }", t)
+    return placements(tab, f"crossing.films[{film}].view")
+
+
+def placements(tab, view: str) -> np.ndarray:
+    columns = tab.evaluate(f"({NODES})({view})")
+    return np.array(columns).reshape(-1, 4, 4).transpose(0, 2, 1)
+
+
+def gap(robot: ParallelRobot, nodes: np.ndarray) -> float:
+    """Largest loop equation, in lengths of the robot and radians, of the bodies where the screen has them."""
+    frames = [robot.model.frames[frame] for frame in robot.frames]
+    poses = np.array([nodes[frame.parentJoint] @ frame.placement.homogeneous for frame in frames])
+    unused = np.zeros((1, len(frames), 6, robot.model.nv))
+    stack = FrameStack(poses[None, :, :3, 3], poses[None, :, :3, :3], unused)
+    residual = np.abs(loop_equations(robot.rows, stack).residual[0])
+    return float((residual / np.where(robot.rows.rotation, 1.0, robot.length)).max())
+
+
+@pytest.mark.parametrize("name", robots.CATALOGUE)
+def test_every_robot_stands_moves_and_keeps_its_loops_closed(opened, name):
+    film = filmed(name)
+    tab = opened(film_page([film]))
+    robot, duration = film.robot, film.time[-1]
+    solids = tab.evaluate("crossing.films[0].view.nodes.map((node) => node.children.length)")
+    assert len(solids) == robot.model.njoints
+    heavy = [j for j in range(1, robot.model.njoints) if robot.model.inertias[j].mass > 0]
+    assert all(solids[j] > 0 for j in heavy)
+    start, middle = nodes_at(tab, 0.0), nodes_at(tab, duration / 2)
+    assert np.abs(middle - start)[heavy].max() > 1e-3
+    for k in (0, 100, 240, 350, 480):
+        assert gap(robot, nodes_at(tab, float(film.time[k]))) < ON_SCREEN
+        between = 0.5 * (film.time[k] + film.time[max(k - 1, 0)])
+        assert gap(robot, nodes_at(tab, float(between))) < BETWEEN
+
+
+def test_it_plays_by_itself_and_stops_when_told(opened):
+    tab = opened(film_page([filmed("five_bar", "C")]))
+    assert tab.evaluate("crossing.clock.playing")
+    wait_until(tab, "crossing.clock.t > 0.2")  # it starts from rest, slowly
+    started, before = tab.evaluate("crossing.clock.t"), placements(tab, "crossing.films[0].view")
+    wait_until(tab, f"crossing.clock.t > {started} + 0.1")
+    assert np.abs(placements(tab, "crossing.films[0].view") - before).max() > 1e-4
+    tab.click("button.play")
+    stopped = tab.evaluate("crossing.clock.t")
+    tab.wait_for_timeout(200)
+    assert tab.evaluate("crossing.clock.t") == stopped
+    tab.select_option("select.speed", "1")
+    tab.click("button.play")
+    wait_until(tab, f"crossing.clock.t > {stopped} + 0.2")
+
+
+def test_the_time_bar_and_the_curves_lead_to_an_instant(opened):
+    film = filmed("five_bar", "C")
+    tab = opened(film_page([film]))
+    tab.evaluate(
+        "(bar) => { bar.value = 1; bar.dispatchEvent(new Event('input')); }", tab.query_selector(".bar")
+    )
+    assert tab.evaluate("[crossing.clock.t, crossing.clock.playing]") == [1, False]
+    assert "Singular now" in tab.inner_text(".now")
+    assert "stays finite" in tab.inner_text(".now")
+    mark = tab.locator(".chart .mark").first
+    at_one = float(mark.get_attribute("x1"))
+    chart = tab.locator(".chart").first.bounding_box()
+    tab.mouse.click(chart["x"] + chart["width"] / 2, chart["y"] + chart["height"] / 2)
+    assert 0.4 < tab.evaluate("crossing.clock.t") < 1.0
+    assert float(mark.get_attribute("x1")) < at_one
+
+
+def test_arrows_are_t_s_and_w_p(opened):
+    film = filmed("biglide", "bow")
+    tab = opened(film_page([film]))
+    (instant,) = film.instants
+    arrows = """() => Object.fromEntries(Object.entries(crossing.films[0].arrows).map(([name, {linear}]) =>
+      [name, [linear.object.visible, ...linear.tip.clone().sub(linear.object.position).toArray()]]))"""
+    for k in (150, int(np.argmin(np.abs(film.time - instant.time))), 400):
+        nodes_at(tab, float(film.time[k]))
+        drawn = tab.evaluate(arrows)
+        for name, vector in (("t_s", film.t_s[k]), ("W_p", film.W_p[k])):
+            visible, *shown = drawn[name]
+            assert visible
+            cosine = np.dot(shown[:2], vector) / np.linalg.norm(shown) / np.linalg.norm(vector)
+            assert cosine == pytest.approx(1.0, abs=1e-5)
+    nodes_at(tab, instant.time)
+    drawn = tab.evaluate(arrows)
+    t_s, W_p = (np.array(drawn[name][1:]) for name in ("t_s", "W_p"))
+    assert abs(t_s @ W_p) < 1e-4 * np.linalg.norm(t_s) * np.linalg.norm(W_p)  # at a right angle
+
+
+def test_motors_redden_with_their_torque_and_springs_stretch(opened):
+    film = filmed("five_bar", "C", "flexible_links")
+    tab = opened(film_page([film]))
+    grey = tab.evaluate(
+        "(crossing.clock.pause(), crossing.clock.seek(0), crossing.films[0].view.motors[1].color.getHex())"
+    )
+    strongest = float(film.time[np.argmax(np.abs(film.torque[:, 1]))])
+    nodes_at(tab, strongest)
+    assert tab.evaluate("crossing.films[0].view.motors[1].color.getHex()") != grey
+    slide = film.robot.elastic_names.index("left_rod")
+    springs = tab.evaluate("crossing.films[0].content.springs")
+    for k in (0, 200, int(np.argmax(np.abs(film.deflection[:, slide])))):
+        nodes_at(tab, float(film.time[k]))
+        stretch = springs["factors"]["slide"] * film.deflection[k, slide] / springs["length"]
+        scale = tab.evaluate(f"crossing.films[0].coils[{slide}].moving.scale.z")
+        assert scale == pytest.approx(1 + stretch, abs=1e-6)
+    assert abs(stretch) > 0.1  # it can be seen
+    assert "springs: stretch ×" in tab.inner_text(".legend")
+
+
+def test_scenes_stand_side_by_side_and_the_unproved_one_says_so(opened):
+    tab = opened(film_page([filmed("five_bar", name) for name in ("A", "B", "C")]))
+    assert tab.locator(".column").count() == 3
+    assert tab.locator("canvas").count() == 3
+    assert tab.locator(".badge").all_inner_texts() == [
+        "finite torque, proven",
+        "unbounded torque",
+        "finite torque, proven",
+    ]
+    pole = tab.evaluate("crossing.films[1].content.instants[0].time")
+    nodes_at(tab, pole)
+    said = tab.locator(".now").all_inner_texts()
+    assert "No singularity" in said[0]
+    assert "no torque is large enough" in said[1]
+    assert "clipped" in tab.locator(".column").nth(1).inner_text()
+
+
+@pytest.fixture
+def by_hand():
+    """Serves robots to be moved by hand; gives their addresses."""
+    servers = []
+
+    def serve(robot: ParallelRobot) -> str:
+        server = PageServer(hand_page(robot), lambda asked: move_by_hand(robot, asked))
+        thread = threading.Thread(target=server.serve_until_interrupted)
+        thread.start()
+        servers.append((server, thread))
+        return server.address
+
+    yield serve
+    for server, thread in servers:
+        server.shutdown()
+        thread.join()
+
+
+def drag(tab, part: str, index: int, value: float) -> dict:
+    """Move a slider and wait for what the page then knows."""
+    tab.evaluate(
+        """([part, index, value]) => {
+          const slider = document.querySelector(`input[data-part=${part}][data-index="${index}"]`);
+          window.before = crossing.hand.state;
+          slider.value = value;
+          slider.dispatchEvent(new Event("input"));
+          slider.dispatchEvent(new Event("change"));
+        }""",
+        [part, index, value],
+    )
+    wait_until(tab, "crossing.hand.state !== window.before && !crossing.hand.busy")
+    return tab.evaluate("crossing.hand.state")
+
+
+def test_sliders_move_the_robot_with_its_loops_closed(opened, by_hand):
+    robot = robots.load("five_bar")
+    tab = opened(by_hand(robot))
+    before = placements(tab, "crossing.hand.view")
+    for part, value in (("platform", 0.0), ("motor", 1.5)):
+        state = drag(tab, part, 0, value)
+        assert state[part][0] == pytest.approx(value, abs=2e-3)  # a slider has steps
+        after = placements(tab, "crossing.hand.view")
+        assert np.abs(after - before).max() > 0.01
+        assert gap(robot, after) < ON_SCREEN
+        assert tab.locator("output").first.inner_text().startswith(f"{state['platform'][0]:.4f}")
+        before = after
+
+
+def test_the_page_turns_colour_at_the_locus_and_stops_at_the_edge(opened, by_hand):
+    tab = opened(by_hand(robots.load("five_bar")))
+    drag(tab, "platform", 0, 0.0)
+    assert "regular" in tab.get_attribute(".view", "class")
+    on = drag(tab, "platform", 1, float(np.sqrt(0.06)))
+    assert on["level"] == "singular"
+    assert "singular" in tab.get_attribute(".view", "class")
+    assert "Type 2" in tab.inner_text(".class")
+    edge = drag(tab, "platform", 1, 0.75)
+    assert "edge of the workspace" in tab.inner_text(".stop")
+    shown = float(tab.evaluate("document.querySelectorAll('input[data-part=platform]')[1].value"))
+    assert shown == pytest.approx(edge["platform"][1], abs=1e-3)  # the slider went back to where the robot is
+    tab.click("button.back")
+    assert tab.inner_text(".stop") == ""
+
+
+@pytest.mark.parametrize("name", ["gough_stewart", "standing_quadruped"])
+def test_other_robots_can_be_moved_by_hand(opened, by_hand, name):
+    robot = robots.load(name)
+    tab = opened(by_hand(robot))
+    value = tab.evaluate("crossing.hand.state.platform[2]") - 0.02
+    state = drag(tab, "platform", 2, value)
+    assert state["platform"][2] == pytest.approx(value, abs=0.01 * robot.length)
+    assert gap(robot, placements(tab, "crossing.hand.view")) < ON_SCREEN
+    assert tab.locator("input[data-part=motor]").count() == (0 if name == "standing_quadruped" else 6)
