@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
+from framework.kinematics.assembly import reference_configuration
 from framework.model import ParallelRobot
 
 
@@ -45,7 +46,7 @@ def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
 
 
 def rotated(quaternion: Array, vector: Array) -> Array:
-    """A vector (3,) turned by quaternions (F, 4), (x, y, z, w)."""
+    """A vector (3,), or one each (F, 3), turned by quaternions (F, 4), (x, y, z, w)."""
     axis, w = quaternion[:, :3], quaternion[:, 3:]
     across = 2 * np.cross(axis, vector)
     return np.asarray(vector + w * across + np.cross(axis, across))
@@ -67,6 +68,20 @@ def carried(robot: ParallelRobot, column: int) -> tuple[int, Array, Array]:
     """The joint of a coordinate itself, with place and axis in its own frame: what moves with it."""
     joint, axis, _ = _own_axis(robot, column)
     return joint, np.zeros(3), axis
+
+
+def planar_normal(robot: ParallelRobot) -> Array | None:
+    """The normal (3,) of a planar robot: all joints turn about it or slide across it. None for any other."""
+    model, data = robot.model, robot.model.createData()
+    whole = np.array(pin.computeJointJacobians(model, data, reference_configuration(robot).q), dtype=float)
+    turning = np.linalg.norm(whole[3:], axis=0) > 0.5  # (nv,), axes in the base frame
+    if not turning.any():
+        return None
+    turns, slides = whole[3:, turning].T, whole[:3, ~turning].T
+    normal = np.asarray(turns[0])
+    aside = np.linalg.norm(np.cross(turns, normal), axis=1).max()
+    along = np.abs(slides @ normal).max(initial=0.0)
+    return normal if max(aside, along) < 1e-6 else None
 
 
 def _own_axis(robot: ParallelRobot, column: int) -> tuple[int, Array, bool]:

@@ -21,13 +21,15 @@ from framework.show.places import (
     frame_positions,
     joint_axis,
     joint_poses,
+    planar_normal,
     platform_positions,
     rotated,
 )
 from framework.show.shapes import Shape, body_shapes, turned_onto
 
 CLIPPED = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
-COIL = 0.16  # length of a spring's coil, in lengths of the robot
+MOTOR = 0.06  # radius of a motor, over the radius of the picture
+COIL = 0.18  # length of a spring's coil, over the `length` of the document
 SHOWN = 0.35  # of the coil's length, or in radians: the largest deflection on the screen
 BESIDE = 0.7  # how far from the path the locus is drawn, in lengths of the robot
 
@@ -70,7 +72,7 @@ def film_document(film: Film) -> dict[str, Any]:
             }
             for instant in film.instants
         ],
-        "springs": _springs(film),
+        "springs": _springs(film, document["length"]),
         "locus": _locus(film, platform),
     }
     return document
@@ -79,13 +81,14 @@ def film_document(film: Film) -> dict[str, Any]:
 def robot_document(robot: ParallelRobot, poses: Array) -> dict[str, Any]:
     """What does not depend on the motion, and where to look from."""
     shapes = body_shapes(robot)
+    view = _view(_points_in_sight(robot, shapes, poses), planar_normal(robot))
     return {
         "robot": robot.name,
         "flexibility": robot.flexibility,
         "axes": list(robot.axis_names),
         "turning": [bool(axis >= 3) for axis in robot.platform_axes],
         "joints": robot.model.njoints,
-        "length": robot.length,
+        "length": 1.2 * view["radius"],
         "shapes": [
             {
                 "node": shape.node,
@@ -101,8 +104,8 @@ def robot_document(robot: ParallelRobot, poses: Array) -> dict[str, Any]:
             }
             for shape in shapes
         ],
-        "motors": _motors(robot),
-        "view": _view(frame_positions(robot, poses), _lowest(shapes, poses[0])),
+        "motors": _motors(robot, shapes, view["radius"]),
+        "view": view,
     }
 
 
@@ -117,25 +120,42 @@ def _placed(place: Array, axis: Array) -> list[float]:
     return [float(value) for value in placement.T.ravel().round(9)]
 
 
-def _motors(robot: ParallelRobot) -> list[dict[str, Any]]:
+def _motors(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[dict[str, Any]]:
+    """Where the motors are drawn: at their joints, a slide's on its carriage."""
+    axes = [joint_axis(robot, int(column)) for column in robot.actuated]
     motors = []
-    for name, unit, column in zip(robot.actuator_names, robot.torque_units, robot.actuated, strict=True):
-        node, place, axis, slides = joint_axis(robot, int(column))
-        if slides:  # a slide's motor is its carriage
-            node, place, axis = carried(robot, int(column))
+    for k, (node, place, axis, slides) in enumerate(axes):
+        radius = MOTOR * size
+        if slides:
+            node, place, axis = carried(robot, int(robot.actuated[k]))
+        elif any(j != k and np.linalg.norm(place - other[1]) < 0.01 * size for j, other in enumerate(axes)):
+            place, radius = _housing(place, axis, [shape for shape in shapes if shape.node == node], size)
         motors.append(
             {
-                "name": name,
-                "unit": unit,
+                "name": robot.actuator_names[k],
+                "unit": robot.torque_units[k],
                 "node": node,
                 "placement": _placed(place, axis),
                 "slides": slides,
+                "radius": radius,
             }
         )
     return motors
 
 
-def _springs(film: Film) -> dict[str, Any] | None:
+def _housing(place: Array, axis: Array, shapes: list[Shape], size: float) -> tuple[Array, float]:
+    """Place and radius of a motor whose axis meets others: about the farthest cylinder on it of its node."""
+    farthest, radius = 0.0, MOTOR * size
+    for shape in shapes:
+        offset = shape.placement[:3, 3] - place
+        along = float(offset @ axis)
+        beside = np.linalg.norm(offset - along * axis)
+        if shape.kind == "cylinder" and beside < 0.05 * size and abs(along) > abs(farthest):
+            farthest, radius = along, 1.15 * shape.size[0]
+    return place + farthest * axis, radius
+
+
+def _springs(film: Film, size: float) -> dict[str, Any] | None:
     """Where the coils are, and the factor, of 1, 2 or 5 times a power of ten, by which deflections grow."""
     robot = film.robot
     if not robot.n_e:
@@ -153,13 +173,13 @@ def _springs(film: Film) -> dict[str, Any] | None:
             }
         )
     slides_all = np.array([coil["slides"] for coil in coils])
-    for slides, largest_shown in ((True, SHOWN * COIL * robot.length), (False, SHOWN)):
+    for slides, largest_shown in ((True, SHOWN * COIL * size), (False, SHOWN)):
         largest = np.abs(film.deflection[:, slides_all == slides]).max(initial=0.0)
         factors["slide" if slides else "turn"] = _round_down(largest_shown / largest) if largest > 0 else 1.0
     return {
         "coils": coils,
         "factors": factors,
-        "length": COIL * robot.length,
+        "length": COIL * size,
         "deflection": floats(film.deflection),
     }
 
@@ -227,32 +247,34 @@ def locus_about(
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
 
 
-def _lowest(shapes: list[Shape], pose: Array) -> float:
-    """A height [m] below all shapes of a pose (njoints, 7), where a floor can be drawn."""
-    lowest = float(pose[:, 2].min())
-    for shape in shapes:
-        joint = pose[shape.node]
-        place = joint[:3] + rotated(joint[None, 3:], shape.placement[:3, 3])[0]
-        lowest = min(lowest, float(place[2]) - 0.5 * min(shape.size, default=0.0))
-    return lowest
+def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) -> Array:
+    """All places (m, 3) that a picture has to hold: of the joints at all times, of the bodies at some."""
+    points = [frame_positions(robot, poses)]
+    for pose in poses[[0, len(poses) // 2, -1]]:
+        for shape in shapes:
+            joint = pose[shape.node]
+            turn = np.repeat(joint[None, 3:], 8, axis=0)
+            points.append(joint[:3] + rotated(turn, shape.corners()))
+    return np.concatenate(points)
 
 
-def _view(points: Array, lowest: float) -> dict[str, list[float] | float]:
-    """Centre, size and direction to look from: on a flat robot from its normal, else from a corner."""
+def _view(points: Array, normal: Array | None) -> dict[str, Any]:
+    """Centre, size and direction to look from: on a planar robot from its normal, else from a corner."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
     radius = max(float(np.linalg.norm(points - center, axis=1).max()), 1e-6)
-    _, spread, axes = np.linalg.svd(points - center, full_matrices=False)
     direction = np.array([0.75, -1.35, 0.65])
-    if spread[2] < 0.12 * spread[1]:
-        normal = axes[2] * np.sign(axes[2] @ np.array([0.2, -1.0, 2.0]))
-        lean = np.array([0.0, -0.42, 0.0]) if abs(normal[2]) > 0.7 else np.array([0.25, -0.2, 0.3])
-        direction = normal + lean
+    if normal is not None:
+        normal = normal * (np.sign(normal @ np.array([0.2, -1.0, 2.0])) or 1.0)
+        direction = normal + (
+            np.array([0.0, -0.42, 0.0]) if abs(normal[2]) > 0.7 else np.array([0.25, -0.2, 0.3])
+        )
     return {
         "center": center.tolist(),
         "radius": radius,
         "from": (direction / np.linalg.norm(direction)).tolist(),
-        "lowest": lowest,
+        "lowest": float(low[2]),
+        "flat": normal is not None,
     }
 
 

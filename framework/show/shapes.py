@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 import xml.etree.ElementTree as ElementTree
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +39,19 @@ class Shape(NamedTuple):
     color: Color
     vertices: Array | None = None  # (V, 3) of a mesh
     faces: IntArray | None = None  # (F, 3)
+
+    def corners(self) -> Array:
+        """The corners (8, 3) of a box around it, in the node's frame."""
+        if self.vertices is not None:
+            low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        else:
+            across = 2 * self.size[0]
+            edges = {"box": self.size, "cylinder": (across, across, self.size[-1]), "sphere": (across,) * 3}
+            sides = np.array(edges[self.kind])
+            low, high = -0.5 * sides, 0.5 * sides
+        which = np.array(list(product((0, 1), repeat=3)))
+        box = np.where(which, high, low)
+        return np.asarray(box @ self.placement[:3, :3].T + self.placement[:3, 3])
 
 
 def body_shapes(robot: ParallelRobot) -> list[Shape]:

@@ -152,7 +152,7 @@ def test_motors_redden_with_their_torque_and_springs_stretch(opened):
         scale = tab.evaluate(f"crossing.films[0].coils[{slide}].moving.scale.z")
         assert scale == pytest.approx(1 + stretch, abs=1e-6)
     assert abs(stretch) > 0.1  # it can be seen
-    assert "springs: stretch ×" in tab.inner_text(".legend")
+    assert "springs: stretch ×" in tab.inner_text(".column .legend")
 
 
 def test_scenes_stand_side_by_side_and_the_unproved_one_says_so(opened):

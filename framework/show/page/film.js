@@ -24,11 +24,11 @@ class Film {
 
     const badge = content.proved ? '<span class="badge proved">finite torque, proven</span>' : '<span class="badge unproved">unbounded torque</span>';
     section.innerHTML = `<h2>${content.scene ? `Scene ${content.scene}` : content.robot}${badge}</h2>
-      <div class="inside"><div class="left"><div class="view"></div><div class="now"></div></div><div class="side"></div></div>`;
+      <div class="inside"><div class="left"><div class="legend"></div><div class="view"></div><div class="now"></div></div><div class="side"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
     this.furnish();
     this.caption = section.querySelector(".now");
-    this.legend(document.getElementById("legend"));
+    this.legend(document.getElementById("legend"), section.querySelector(".legend"));
     this.charts(section.querySelector(".side"), seek);
   }
 
@@ -69,6 +69,8 @@ class Film {
       const spot = new THREE.Mesh(new THREE.SphereGeometry(0.017 * L, 24, 16), new THREE.MeshBasicMaterial({ color: COLORS.locus }));
       spot.position.set(...instant.place);
       view.add(spot);
+      const label = content.proved ? "crossed" : "met";
+      view.label(`${label} at ${rounded(instant.time)} s`, "#7c3576", () => spot.position.clone().add(new THREE.Vector3(0, -0.08 * L, 0))).classList.add("minor");
     }
     if (content.springs) {
       const { coils, factors, length, deflection } = content.springs;
@@ -81,16 +83,17 @@ class Film {
     }
   }
 
-  // What the colours mean: over the scene, or once above several of them.
-  legend(shared) {
+  // What the colours mean: above the scene, or once above several of them.
+  legend(shared, own) {
     const { content } = this, lines = [];
     const key = (color, text) => lines.push(`<div><span class="key" style="background:${color}"></span>${text}</div>`);
     if (content.locus) {
       const where = content.locus.kind === "patch" ? " (a piece, platform not turned)" : content.locus.whole ? "" : " (platform not turned)";
       key("var(--locus)", `singular locus${where}: motors lose hold`);
     }
+    else if (content.instants.length) key("var(--locus)", "singular pose: motors lose hold");
     if (this.g) key("var(--twist)", "t<sub>s</sub>: the motion they cannot hold there");
-    key("var(--wrench)", `W<sub>p</sub>: the force this motion asks of the platform`);
+    key("var(--wrench)", "W<sub>p</sub>: the force it takes to move as planned");
     key("var(--trace)", "way of the platform");
     const limit = content.shared_limit;
     lines.push(`<div>motor torque 0<span class="scale"></span>${rounded(limit)} ${content.motors[0].unit}</div>`);
@@ -100,9 +103,8 @@ class Film {
       if (coils.some((coil) => !coil.slides)) said.push(`twist × ${factors.turn}`);
       lines.push(`<div>springs: ${said.join(", ")}</div>`);
     }
-    const box = shared.dataset.columns > 1 ? shared : this.view.element.appendChild(document.createElement("div"));
+    const box = shared.dataset.columns > 1 ? shared : own;
     if (lines.length > box.children.length) box.innerHTML = lines.join("");
-    box.className = box === shared ? "legend shared" : "legend";
   }
 
   charts(side, seek) {
@@ -121,7 +123,7 @@ class Film {
       `<span style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"} ${name.replace(/_/g, " ")}</span>`).join("&ensp; ")}</p>`);
     if (!this.g) return;
     this.panels.push(new Chart(side, {
-      title: `force asked for along tₛ: tₛ · Wₚ [${force}]`, time: this.time, events, seek,
+      title: `${content.turning.every(Boolean) ? "torque asked for about" : "force asked for along"} tₛ: tₛ · Wₚ [${force}]`, time: this.time, events, seek,
       series: [{ values: this.power, color: "#0072b2" }],
     }));
     this.panels.push(new Chart(side, {
@@ -152,7 +154,7 @@ class Film {
     for (const name of ["t_s", "W_p"]) {
       const { linear, angular, largest } = this.vectors[name];
       const opacity = name === "t_s" ? 0.25 + 0.75 * near : 1;
-      const scale = (size) => (size > 1e-9 * (largest[0] + largest[1]) ? (name === "t_s" ? 0.3 : 0.42) * L / size : 0);
+      const scale = (size) => (size > 1e-9 * (largest[0] + largest[1]) ? (name === "t_s" ? 0.32 : 0.45) * L / size : 0);
       this.arrows[name].linear.set(origin, this.vector(linear, k, part).multiplyScalar(scale(largest[0])), opacity);
       this.arrows[name].angular.set(origin, this.vector(angular, k, part).multiplyScalar(0.8 * scale(largest[1])), opacity);
     }

@@ -73,7 +73,7 @@ function start() {
   window.crossing = { films, clock };
   const asked = /[#&]t=([\d.]+)/.exec(location.hash);
   clock.seek(asked ? Number(asked[1]) : 0);
-  if (!asked) clock.play();
+  if (!asked && !matchMedia("(prefers-reduced-motion: reduce)").matches) clock.play();
 }
 
 start();

@@ -45,7 +45,7 @@ class View {
   }
 
   surroundings() {
-    const { center, radius, from, lowest } = this.content.view;
+    const { center, radius, from, lowest, flat } = this.content.view;
     const viewer = this.viewer;
     for (const name of ["Grid", "Axes"]) viewer.set_property([name], "visible", false);
     viewer.hide_background();
@@ -53,7 +53,7 @@ class View {
     viewer.camera.near = radius / 100;
     viewer.camera.far = 60 * radius;
     const { clientWidth, clientHeight } = this.element;
-    const far = 2.9 * radius / Math.min(1, clientWidth / clientHeight || 1);
+    const far = (flat ? 2.45 : 2.75) * radius / Math.min(1, clientWidth / clientHeight || 1);
     // the camera lives in a frame whose y is up
     const inCamera = (x, y, z) => new THREE.Vector3(x, z, -y);
     viewer.controls.target.copy(inCamera(...center));
@@ -71,7 +71,7 @@ class View {
   }
 
   motor(motor) {
-    const size = 0.05 * this.length;
+    const size = motor.radius;
     const geometry = motor.slides
       ? new THREE.BoxGeometry(1.1 * size, 1.1 * size, 1.8 * size)
       : new THREE.CylinderGeometry(size, size, 1.3 * size, 40).rotateX(Math.PI / 2);
