@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from framework.cli.parser import Report, command
-from framework.crossing.saved import load_plan
-
 from framework.cli.show import write_page
+from framework.crossing.saved import load_plan
 from framework.errors import InvalidInput
 
 
@@ -29,6 +28,8 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput("--html: needs the name of a file, got an empty text")
     plan = load_plan(options.folder)
     name = Path(options.folder).resolve().name
-    path = write_page(options.html or str(Path(options.folder) / "report.html"), report_page(plan, name=name))
+    path = write_page(
+        options.html or str(Path(options.folder) / "report.html"), report_page(plan, name=f"Plan {name}")
+    )
     size = path.stat().st_size
     return {"file": str(path), "bytes": size}, f"written to {path} ({size / 1e6:.2f} MB)"

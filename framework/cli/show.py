@@ -9,10 +9,9 @@ import webbrowser
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
+from framework.cli import asked
 from framework.cli.parser import Report, add_flexibility, add_motion, add_robot, command
 from framework.crossing.saved import is_plan_folder, load_plan
-
-from framework.cli import asked
 from framework.errors import InvalidInput, NoAnswer, OutputError
 from framework.model import ParallelRobot
 
@@ -82,7 +81,7 @@ def _films(options: argparse.Namespace) -> list[Film]:
     if is_plan_folder(options.robot):
         _refuse_with_folder(options)
         folder = FilePath(options.robot)
-        return [film_plan(load_plan(folder), name=folder.resolve().name)]
+        return [film_plan(load_plan(folder), name=f"Plan {folder.resolve().name}")]
     line = options.start is not None or options.end is not None
     if options.scenes is None and not line:
         for option in ("duration", "times", "speeds", "geometry", "smoothness"):
@@ -97,7 +96,8 @@ def _film(options: argparse.Namespace, robot: ParallelRobot, scene: str | None) 
     from framework.show.film import film_motion
 
     one = argparse.Namespace(**{**vars(options), "scene": scene})
-    return film_motion(robot, asked.path(one, robot), name=scene or "", **asked.motion_options(one, robot))
+    name = "" if scene is None else f"Scene {scene}"
+    return film_motion(robot, asked.path(one, robot), name=name, **asked.motion_options(one, robot))
 
 
 def _telling_film(options: argparse.Namespace) -> Film:

@@ -74,7 +74,7 @@ def film_motion(robot: ParallelRobot, path: Path, *, name: str = "", **options: 
     """Plan the motion and film it; a motion with a pole is filmed from its unproved law.
 
     Args:
-        name: of the scene, for captions.
+        name: what stands above the picture, such as Scene C.
         options: of `plan_crossing`.
 
     Raises:

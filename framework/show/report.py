@@ -182,7 +182,7 @@ def _parameters(plan: CrossingPlan) -> str:
         ("path", repr(plan.path)),
         ("duration", f"{plan.duration:g} s"),
         ("gravity", f"{point(description.gravity)} m/s²"),
-        ("mass", f"{sum(inertia.mass for inertia in robot.model.inertias):.6g} kg in moving parts"),
+        ("mass", f"{sum(inertia.mass for inertia in list(robot.model.inertias)[1:]):.6g} kg in moving parts"),
     ]
     rows += [
         (

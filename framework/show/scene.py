@@ -47,7 +47,7 @@ def film_document(film: Film) -> dict[str, Any]:
     document = robot_document(robot, poses)
     document |= {
         "kind": "film",
-        "scene": film.name,
+        "title": film.name or film.robot.name.replace("_", " "),
         "proved": film.proved,
         "refusal": film.refusal,
         "summary": _summary(film),
@@ -296,4 +296,5 @@ def _summary(film: Film) -> str:
     return (
         f"This motion meets the Type 2 singularity at t = {when} while it asks for {wrench:.3g} {unit} along "
         f"t_s: no motor torque is large enough. The torque curve is clipped; it has no proof and no bound."
+        f"{' Its springs are drawn rigid.' if film.robot.description.springs else ''}"
     )

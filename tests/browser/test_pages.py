@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -170,6 +171,14 @@ def test_scenes_stand_side_by_side_and_the_unproved_one_says_so(opened):
     assert "No singularity" in said[0]
     assert "no torque is large enough" in said[1]
     assert "clipped" in tab.locator(".column").nth(1).inner_text()
+
+
+def test_names_are_text(opened):
+    film = filmed("five_bar", "A")
+    name = "<img src=x onerror='document.title=1'> & <b>"
+    tab = opened(film_page([replace(film, name=name, refusal=name)]))
+    assert tab.locator("h2").inner_text().startswith(name)
+    assert tab.locator("img").count() == 0
 
 
 @pytest.fixture

@@ -53,17 +53,17 @@ def test_scenes_side_by_side_go_into_one_file(crossing, tmp_path):
     code, out, err = crossing("show", "five_bar", "--scene", "A", "B", "C", "--html", file, "--json")
     assert (code, err) == (0, "")
     assert json.loads(out) == {"file": str(file), "bytes": file.stat().st_size}
-    assert [(scene["scene"], scene["proved"]) for scene in scenes(file)] == [
-        ("A", True),
-        ("B", False),
-        ("C", True),
+    assert [(scene["title"], scene["proved"]) for scene in scenes(file)] == [
+        ("Scene A", True),
+        ("Scene B", False),
+        ("Scene C", True),
     ]
 
 
 def test_a_file_without_a_scene_plays_the_crossing(crossing, tmp_path):
     file = tmp_path / "page.html"
     assert crossing("show", "five_bar", "--html", file)[0] == 0
-    assert [scene["scene"] for scene in scenes(file)] == ["C"]
+    assert [scene["title"] for scene in scenes(file)] == ["Scene C"]
 
 
 def test_a_line_is_shown_as_it_is_planned(crossing, tmp_path):
@@ -78,7 +78,7 @@ def test_a_saved_plan_is_shown(crossing, folder, tmp_path):
     file = tmp_path / "page.html"
     assert crossing("show", folder, "--html", file)[0] == 0
     (scene,) = scenes(file)
-    assert (scene["scene"], scene["flexibility"]) == ("C", "flexible_links")
+    assert (scene["title"], scene["flexibility"]) == ("Plan C", "flexible_links")
     assert len(scene["instants"]) == 1
 
 

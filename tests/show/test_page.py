@@ -90,7 +90,7 @@ def test_an_unproved_film_is_clipped_and_says_so():
 
 def test_the_page_is_one_file_without_a_network():
     page = film_page([filmed("five_bar", name) for name in ("A", "B", "C")])
-    assert [document["scene"] for document in documents(page)] == ["A", "B", "C"]
+    assert [document["title"] for document in documents(page)] == ["A", "B", "C"]
     assert len(page) < 5e6
     assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)=\"(?!data:)", page)
     assert "default-src 'none'" in page
@@ -101,7 +101,7 @@ def test_the_page_is_one_file_without_a_network():
 def test_a_name_cannot_break_out_of_the_page():
     film = filmed("five_bar", "A")
     page = film_page([type(film)(**{**vars(film), "name": "</script><b>"})])
-    assert documents(page)[0]["scene"] == "</script><b>"
+    assert documents(page)[0]["title"] == "</script><b>"
     assert "</script><b>" not in page
 
 

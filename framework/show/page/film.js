@@ -1,7 +1,7 @@
 // One film: a view, what moves in it, the curves beside it, and what is to be said about this instant.
 
 function symbols(text) {
-  return text.replace(/t_s/g, "t<sub>s</sub>").replace(/W_p/g, "W<sub>p</sub>");
+  return plain(text).replace(/t_s/g, "t<sub>s</sub>").replace(/W_p/g, "W<sub>p</sub>");
 }
 
 class Film {
@@ -23,7 +23,7 @@ class Film {
     this.largestG = this.g ? Math.max(...this.g.map(Math.abs)) : 1;
 
     const badge = content.proved ? '<span class="badge proved">finite torque, proven</span>' : '<span class="badge unproved">unbounded torque</span>';
-    section.innerHTML = `<h2>${content.scene ? `Scene ${content.scene}` : content.robot}${badge}</h2>
+    section.innerHTML = `<h2>${plain(content.title)}${badge}</h2>
       <div class="inside"><div class="left"><div class="legend"></div><div class="view"></div><div class="now"></div></div><div class="side"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
     this.furnish();
@@ -94,7 +94,7 @@ class Film {
     else if (content.instants.length) key("var(--locus)", "singular pose: motors lose hold");
     if (this.g) key("var(--twist)", "t<sub>s</sub>: the motion they cannot hold there");
     key("var(--wrench)", "W<sub>p</sub>: the force it takes to move as planned");
-    key("var(--trace)", "way of the platform");
+    if (this.trace) key("var(--trace)", "way of the platform");
     const limit = content.shared_limit;
     lines.push(`<div>motor torque 0<span class="scale"></span>${rounded(limit)} ${content.motors[0].unit}</div>`);
     if (content.springs) {
@@ -113,6 +113,7 @@ class Film {
     const units = [...new Set(content.motors.map(({ unit }) => unit))].join(", ");
     const dashes = ["", "7 4", "2 3", "9 3 2 3"];
     side.insertAdjacentHTML("beforeend", `<p class="summary">${symbols(content.summary)}</p>`);
+    if (content.refusal) side.insertAdjacentHTML("beforeend", `<p class="summary refusal">The planner: ${symbols(content.refusal)}</p>`);
     const force = content.turning.every(Boolean) ? "N m" : "N";
     this.panels = [new Chart(side, {
       title: `motor torque [${units}]`, time: this.time, events, seek, limit: content.shared_limit, height: 185,
@@ -120,7 +121,7 @@ class Film {
       note: content.proved ? "" : "clipped: no bound at the dashed line",
     })];
     side.insertAdjacentHTML("beforeend", `<p class="names">${content.motors.map(({ name }, k) =>
-      `<span style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"} ${name.replace(/_/g, " ")}</span>`).join("&ensp; ")}</p>`);
+      `<span style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"} ${plain(name).replace(/_/g, " ")}</span>`).join("&ensp; ")}</p>`);
     if (!this.g) return;
     this.panels.push(new Chart(side, {
       title: `${content.turning.every(Boolean) ? "torque asked for about" : "force asked for along"} tₛ: tₛ · Wₚ [${force}]`, time: this.time, events, seek,

@@ -3,7 +3,7 @@
 class Hand {
   constructor(section, content) {
     this.content = content;
-    section.innerHTML = `<h2>${content.robot.replace(/_/g, " ")}, moved by hand</h2>
+    section.innerHTML = `<h2>${plain(content.robot).replace(/_/g, " ")}, moved by hand</h2>
       <div class="inside"><div class="left"><div class="view"></div><div class="now"></div></div><div class="side sliders"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
     this.now = section.querySelector(".now");
@@ -40,7 +40,7 @@ class Hand {
       all.insertAdjacentHTML("beforeend", `<h3>${title}</h3>`);
       sliders[part].forEach(({ name, unit, low, high }, index) => {
         const label = document.createElement("label");
-        label.innerHTML = `<span>${name.replace(/_/g, " ")} [${unit}]</span>
+        label.innerHTML = `<span>${plain(name).replace(/_/g, " ")} [${unit}]</span>
           <input type="range" min="${low}" max="${high}" step="${(high - low) / 1000}" data-part="${part}" data-index="${index}"><output></output>`;
         all.appendChild(label);
         const input = label.querySelector("input");

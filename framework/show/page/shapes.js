@@ -3,6 +3,11 @@
 const THREE = MeshCat.THREE;
 const COLORS = { locus: 0xa0489a, twist: 0xd55e00, wrench: 0x0072b2, trace: 0x009e73, path: 0x7c8794 };
 
+// Names come from robot files: text, never HTML.
+function plain(text) {
+  return String(text).replace(/[&<>"']/g, (sign) => `&#${sign.charCodeAt(0)};`);
+}
+
 function decoded(text, Kind = Float32Array) {
   const raw = atob(text);
   const bytes = new Uint8Array(raw.length);
