@@ -134,6 +134,9 @@ def test_arrows_are_t_s_and_w_p(opened):
     drawn = tab.evaluate(arrows)
     t_s, W_p = (np.array(drawn[name][1:]) for name in ("t_s", "W_p"))
     assert abs(t_s @ W_p) < 1e-4 * np.linalg.norm(t_s) * np.linalg.norm(W_p)  # at a right angle
+    assert tab.evaluate("crossing.films[0].corner.object.visible")
+    nodes_at(tab, float(film.time[400]))
+    assert not tab.evaluate("crossing.films[0].corner.object.visible")
 
 
 def test_motors_redden_with_their_torque_and_springs_stretch(opened):

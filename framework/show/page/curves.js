@@ -9,12 +9,15 @@ function svg(name, attributes, parent) {
   return element;
 }
 
-function ticks(low, high, count) {
-  const raw = (high - low) / count, power = Math.pow(10, Math.floor(Math.log10(raw)));
-  const step = [1, 2, 5, 10].find((part) => part * power >= raw) * power;
-  const found = [];
-  for (let value = Math.ceil(low / step) * step; value <= high + 1e-9 * step; value += step) found.push(value);
-  return found;
+// Round values from low to high: as few as possible, but three.
+function ticks(low, high) {
+  const power = Math.pow(10, Math.floor(Math.log10(high - low)));
+  for (const part of [1, 0.5, 0.25, 0.2, 0.1]) {
+    const step = part * power, found = [];
+    for (let k = Math.ceil(low / step - 1e-9); k * step <= high * (1 + 1e-9); k++) found.push(k * step);
+    if (found.length >= 3) return found;
+  }
+  return [low, high];
 }
 
 function rounded(value) {
@@ -40,11 +43,11 @@ class Chart {
     if (series.every(({ values }) => values.every((value) => value >= 0))) low = 0;
     this.x = (t) => left + (t / duration) * (width - left - right);
     this.y = (value) => top + ((high - Math.min(high, Math.max(low, value))) / (high - low)) * (height - top - bottom);
-    for (const value of ticks(low, high, 4)) {
+    for (const value of ticks(low, high)) {
       svg("line", { x1: left, x2: width - right, y1: this.y(value), y2: this.y(value), class: value ? "grid" : "axis" }, root);
       svg("text", { x: left - 5, y: this.y(value) + 4, "text-anchor": "end" }, root).textContent = rounded(value);
     }
-    for (const t of ticks(0, duration, 6)) {
+    for (const t of ticks(0, duration)) {
       if (this.x(t) > width - right - 62) continue; // there stands the unit
       svg("text", { x: this.x(t), y: height - 5, "text-anchor": "middle" }, root).textContent = rounded(t);
     }

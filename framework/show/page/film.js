@@ -51,6 +51,8 @@ class Film {
       };
       for (const arrow of Object.values(this.arrows[name])) view.add(arrow.object);
     }
+    this.corner = new RightAngle(0x1d2530, 0.004 * L, 0.06 * L);
+    view.add(this.corner.object);
     const tip = (name) => () => {
       const { linear, angular } = this.arrows[name];
       return linear.object.visible ? linear.tip : angular.object.visible ? angular.tip : null;
@@ -159,6 +161,7 @@ class Film {
       this.arrows[name].linear.set(origin, this.vector(linear, k, part).multiplyScalar(scale(largest[0])), opacity);
       this.arrows[name].angular.set(origin, this.vector(angular, k, part).multiplyScalar(0.8 * scale(largest[1])), opacity);
     }
+    this.square(at, origin);
     this.torque.forEach((values, m) => {
       const value = between(values, k, part);
       view.setMotor(m, isFinite(value) ? Math.abs(value) / content.shared_limit : 1);
@@ -180,6 +183,17 @@ class Film {
     const wrench = this.vector(this.vectors.W_p.linear, k, part).length() / (this.vectors.W_p.largest[0] || 1);
     this.say(at, g, between(this.power, k, part), wrench);
     view.viewer.set_dirty();
+  }
+
+  // The sign of the right angle, where the arrows stand at one as the locus is crossed.
+  square(t, origin) {
+    const { content, arrows } = this;
+    const near = content.instants.some(({ time }) => Math.abs(time - t) < 0.02 * this.duration);
+    const [twist, wrench] = ["t_s", "W_p"].map((name) => arrows[name].linear.tip.clone().sub(origin));
+    const seen = Math.min(twist.length(), wrench.length()) > 0.03 * content.length;
+    const flat = !content.turning.some(Boolean) && Math.abs(twist.dot(wrench)) < 0.1 * twist.length() * wrench.length();
+    this.corner.object.visible = near && seen && flat;
+    if (this.corner.object.visible) this.corner.set(origin, twist, wrench);
   }
 
   say(t, g, power, wrench) {

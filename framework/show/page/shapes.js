@@ -121,6 +121,31 @@ class Arrow {
   }
 }
 
+// The sign of a right angle between two directions, drawn over everything else.
+class RightAngle {
+  constructor(color, radius, size) {
+    this.size = size;
+    this.object = new THREE.Group();
+    const material = new THREE.MeshBasicMaterial({ color, depthTest: false, depthWrite: false, transparent: true });
+    this.edges = [0, 1].map(() => {
+      const edge = new THREE.Mesh(new THREE.CylinderGeometry(radius, radius, size, 10), material);
+      edge.renderOrder = 11;
+      this.object.add(edge);
+      return edge;
+    });
+  }
+
+  set(origin, first, second) {
+    const ends = [first, second].map((vector) => vector.clone().normalize());
+    this.object.position.copy(origin);
+    this.edges.forEach((edge, k) => {
+      const [along, beside] = [ends[k], ends[1 - k]];
+      edge.position.copy(along).multiplyScalar(0.5).add(beside).multiplyScalar(this.size);
+      edge.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along);
+    });
+  }
+}
+
 // A spring: a helix along z that stretches, or one that turns a needle against a fixed one.
 class Coil {
   constructor(coil, length, factor) {
