@@ -12,7 +12,7 @@ function svg(name, attributes, parent) {
 // Round values from low to high: as few as possible, but three.
 function ticks(low, high) {
   const power = Math.pow(10, Math.floor(Math.log10(high - low)));
-  for (const part of [1, 0.5, 0.25, 0.2, 0.1]) {
+  for (const part of [5, 2, 1, 0.5, 0.2, 0.1]) {
     const step = part * power, found = [];
     for (let k = Math.ceil(low / step - 1e-9); k * step <= high * (1 + 1e-9); k++) found.push(k * step);
     if (found.length >= 3) return found;
