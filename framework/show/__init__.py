@@ -1,1 +1,1 @@
-"""Where people look: figures. The only place that knows matplotlib."""
+"""Where people look: figures, and pages for the browser. The only place that knows matplotlib and MeshCat."""
