@@ -15,12 +15,12 @@ METADATA := pyproject.toml constraints.txt
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 DEMO := crossing_C
 
-.PHONY: help demo test slow witness bench lint format notebooks clean
+.PHONY: help demo test slow witness test-browser bench lint format notebooks clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 demo: $(VENV)/.wheel  ## install, then plan the crossing of the paper's 5R robot with flexible links
 	$(BIN)/crossing plan five_bar --scene C --flexibility flexible_links --out $(DEMO)
@@ -34,6 +34,9 @@ slow: $(VENV)/.test  ## run the tests marked slow
 
 witness: $(VENV)/.witness  ## hold our torques against MuJoCo and Exudyn
 	CROSSING_WITNESS=required $(BIN)/python -m pytest tests/witness $(PYTEST_ARGS)
+
+test-browser: $(VENV)/.browser  ## run the tests in a headless Chromium (Debian: apt-get install chromium)
+	$(BIN)/python -m pytest -m browser tests/browser $(PYTEST_ARGS)
 
 bench: $(VENV)/.test  ## print the benchmarks
 	$(BIN)/python -m pytest -m benchmark -s $(PYTEST_ARGS) || [ $$? -eq 5 ]
@@ -66,7 +69,7 @@ $(VENV)/.created:
 	@touch $@
 
 $(VENV)/.wheel: $(VENV)/.created $(METADATA) $(SOURCES)
-	@rm -f $(VENV)/.test $(VENV)/.dev $(VENV)/.witness
+	@rm -f $(VENV)/.test $(VENV)/.dev $(VENV)/.witness $(VENV)/.browser
 	$(INSTALL) .
 	@touch $@
 
@@ -83,4 +86,9 @@ $(VENV)/.dev: $(VENV)/.created $(METADATA)
 $(VENV)/.witness: $(VENV)/.created $(METADATA)
 	@rm -f $(VENV)/.wheel
 	$(INSTALL) --editable '.[test,witness]'
+	@touch $(VENV)/.test $@
+
+$(VENV)/.browser: $(VENV)/.created $(METADATA)
+	@rm -f $(VENV)/.wheel
+	$(INSTALL) --editable '.[browser]'
 	@touch $(VENV)/.test $@

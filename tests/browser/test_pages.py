@@ -60,8 +60,8 @@ def gap(robot: ParallelRobot, nodes: np.ndarray) -> float:
     """Largest loop equation, in lengths of the robot and radians, of the bodies where the screen has them."""
     frames = [robot.model.frames[frame] for frame in robot.frames]
     poses = np.array([nodes[frame.parentJoint] @ frame.placement.homogeneous for frame in frames])
-    unused = np.zeros((1, len(frames), 6, robot.model.nv))
-    stack = FrameStack(poses[None, :, :3, 3], poses[None, :, :3, :3], unused)
+    still = np.zeros((1, robot.model.nv, 6)), np.zeros((len(frames), robot.model.nv))
+    stack = FrameStack(poses[None, :, :3, 3], poses[None, :, :3, :3], *still)
     residual = np.abs(loop_equations(robot.rows, stack).residual[0])
     return float((residual / np.where(robot.rows.rotation, 1.0, robot.length)).max())
 
