@@ -212,7 +212,7 @@ def _vanishes(measured: Measured, s: float, size: int) -> bool:
 
 
 def _together(measured: Measured, start: float, size: int) -> Contact | None:
-    """The place near start where all of G is least, if singular values vanish there.
+    """The place near start where all of G is least, if at least two singular values vanish there.
 
     Gauss and Newton's method on the entries of G, which vanish together; where they do so without a
     slope, the extremum of what they have in common.
@@ -228,7 +228,8 @@ def _together(measured: Measured, start: float, size: int) -> Contact | None:
     kind = "transversal" if steepness[-1] > FLAT else "tangential"
     if steepness[0] < FLAT or abs(step) > 1e-9:  # all without a slope: it came nearer by halves
         s, kind = _polish_touch(measured, s, size, _common)[0], "tangential"
-    if abs(s - start) > LONGEST_SEARCH or not _below(measured.at(np.array([s]))[0], VANISHED**measured.power):
+    vanished = _below(measured.at(np.array([s]))[0], VANISHED**measured.power)
+    if abs(s - start) > LONGEST_SEARCH or vanished < 2:  # others may be small and stay so
         return None
     return Contact(s, kind)
 
