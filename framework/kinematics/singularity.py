@@ -7,6 +7,7 @@ locked the passive joints may move along eta, and the platform along t_s. Its me
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from framework.arrays import Array
 from framework.errors import UncontrolledMotions, point
 from framework.kinematics.assembly import loop_rows, passive_columns
 from framework.kinematics.closures import column_scale, scaled
-from framework.kinematics.inverse_kinematics import System, moving_columns
+from framework.kinematics.inverse_kinematics import System, moving_columns, reference_system
 from framework.model import ParallelRobot
 
 # What no law can cross, by kind: what the joints do there is not a function of the platform's path.
@@ -24,12 +25,25 @@ UNCROSSABLE = {
     "constraint": "a constraint singularity: the platform gains freedoms that it has nowhere else",
     "closure": "a singularity of the loop equations themselves, whatever the motors do",
 }
+UNLIKE = 0.02  # a loop equation below this share of a unit motion, or above its inverse, is brought to it
 VANISHED = 1e-7  # of a unit motion (radians, robot lengths): less does not count as moving
 
 
 def passive_matrix(robot: ParallelRobot, system: System) -> Array:
     """P (T, m, n_p): passive columns of the independent loop equations, without dimension."""
-    return scaled(robot, system.closures, loop_rows(robot))[:, :, passive_columns(robot)]
+    loops = scaled(robot, system.closures, loop_rows(robot)) / _row_sizes(robot)[:, None]
+    return loops[:, :, passive_columns(robot)]
+
+
+@lru_cache(maxsize=128)
+def _row_sizes(robot: ParallelRobot) -> Array:
+    """What makes the largest entry of each loop equation (m,) 1 at the reference, for rows far from that.
+
+    An equation may be written in any unit, or as any multiple of itself: none of that is a singularity.
+    """
+    loops = scaled(robot, reference_system(robot).closures, loop_rows(robot))[0]
+    sizes = np.abs(loops[:, moving_columns(robot)]).max(axis=1, initial=0.0)
+    return np.where((sizes < UNLIKE) | (sizes > 1 / UNLIKE), np.maximum(sizes, 1e-300), 1.0)
 
 
 def measured_matrix(robot: ParallelRobot, system: System) -> Array:
@@ -47,7 +61,8 @@ def mobile_matrix(robot: ParallelRobot, system: System) -> Array:
 
     Columns: actuated, then passive. Singular in Type 1 singularities, and where the loop equations lose rank.
     """
-    both = [scaled(robot, system.platform, None), scaled(robot, system.closures, loop_rows(robot))]
+    loops = scaled(robot, system.closures, loop_rows(robot)) / _row_sizes(robot)[:, None]
+    both = [scaled(robot, system.platform, None), loops]
     return np.concatenate(both, axis=1)[:, :, moving_columns(robot)]
 
 
