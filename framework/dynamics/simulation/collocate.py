@@ -1,0 +1,101 @@
+"""Collocation steps of variable length from one end of a simulation to the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.dynamics.simulation.collocation import Collocation, radau
+from framework.dynamics.simulation.collocation_step import Failure, Step, solve_step
+from framework.dynamics.simulation.consistent import allowed_velocity
+from framework.dynamics.simulation.drive import Drive
+from framework.dynamics.simulation.equations import Equations
+from framework.errors import NotConverged
+from framework.kinematics.closures import column_scale
+
+SHORTEST = 1e-9  # of the duration: steps below it are given up
+FIRST = 1 / 16  # of the duration
+GUESSED = 4  # Legendre coefficients of a step that guess the next one
+
+
+def collocate(
+    equations: Equations,
+    drive: Drive,
+    q: Array,
+    v: Array,
+    duration: float,
+    *,
+    stages: int,
+    tolerance: float,
+    longest: float,
+    advanced: Callable[[float], None] | None = None,
+) -> Iterator[Step]:
+    """Steps from 0 to `duration`; each keeps what it leaves unresolved below `tolerance`.
+
+    Raises:
+        NotConverged: no step, however short, can be solved or resolved.
+    """
+    table = radau(stages)
+    h = min(longest, duration * FIRST)
+    edges = [0.0, *(t for t in drive.breaks if 0 < t < duration), duration]
+    for start, end in pairwise(edges):
+        time, before = start, None
+        h = min(h, end - start)
+        while time < end:
+            left = end - time
+            count = max(1, int(np.ceil(left / h - 1e-9)))
+            length = left if count == 1 else (left / 2 if count == 2 else h)
+            guess = _guess(equations, table, before, length)
+            step = solve_step(equations, drive, table, time, length, q, v, guess, 0.01 * tolerance)
+            reason = step.reason if isinstance(step, Failure) else "the motion is not resolved"
+            factor = 0.25
+            if isinstance(step, Step):
+                wanted = (
+                    tolerance
+                    + 1e-15 * float(np.abs(step.slope / column_scale(equations.robot)).max()) * length
+                )
+                factor = float(
+                    np.clip(0.9 * (wanted / max(step.unresolved, 1e-300)) ** (1 / (stages + 1)), 0.2, 3.0)
+                )
+                if step.unresolved <= wanted:
+                    yield step
+                    q, v = end_state(equations, step)
+                    time, before = (end if count == 1 else time + length), step
+                    h = min(longest, length * factor)
+                    if advanced is not None:
+                        advanced(time / duration)
+                    continue
+            h, before = length * min(factor, 0.7), None if isinstance(step, Failure) else before
+            if h < SHORTEST * duration:
+                raise NotConverged(
+                    f"{equations.robot.name}: the simulation stops at t = {time:.9g} s, steps of {h:.1e} s "
+                    f"still fail ({reason}): the loops lock there, or the torque jumps; a jump at a known "
+                    f"instant goes into breaks, one of a controller needs method fast",
+                    residual=time,
+                )
+
+
+def end_state(equations: Equations, step: Step) -> tuple[Array, Array]:
+    """Where a step ends, its velocity as the loops allow it."""
+    rest = np.zeros((1, equations.robot.model.nv))
+    at = equations.tangent(step.q[-1:], rest, rest)
+    return step.q[-1], allowed_velocity(equations, at, step.v[-1])
+
+
+def _guess(
+    equations: Equations, table: Collocation, before: Step | None, length: float
+) -> tuple[Array, Array]:
+    """Accelerations and multipliers at the nodes: nothing, or what the step before lets expect."""
+    if before is None:
+        return np.zeros((table.stages, equations.robot.model.nv)), np.zeros(
+            (table.stages, len(equations.rows.names))
+        )
+    at = 1.0 + table.nodes * (length / before.length)
+    few = min(GUESSED, table.stages)
+    return (
+        table.values((table.series @ before.a)[:few], at),
+        table.values((table.series @ before.multipliers)[:few], at),
+    )
