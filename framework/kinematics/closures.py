@@ -16,12 +16,12 @@ from framework.kinematics.frames import FrameStack
 from framework.model import ParallelRobot
 from framework.model.parallel_robot import LoopRows
 
-_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
+_NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 def cross(a: Array, b: Array) -> Array:
     """Cross product over the last axis; several times faster than np.cross on stacks."""
-    return a[..., _NEXT] * b[..., _AFTER] - a[..., _AFTER] * b[..., _NEXT]
+    return a.take(_NEXT, -1) * b.take(_AFTER, -1) - a.take(_AFTER, -1) * b.take(_NEXT, -1)
 
 
 class LoopEquations(NamedTuple):

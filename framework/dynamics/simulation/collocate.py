@@ -16,8 +16,10 @@ from framework.dynamics.simulation.equations import Equations
 from framework.errors import NotConverged
 from framework.kinematics.closures import column_scale
 
+ROUNDING = 1e-15  # of a joint's move in a step: less cannot be resolved
 SHORTEST = 1e-9  # of the duration: steps below it are given up
 FIRST = 1 / 16  # of the duration
+MOST_STEPS, LOOKED_AT = 20_000, 100  # at the pace of so many steps, no more than so many may be needed
 GUESSED = 4  # Legendre coefficients of a step that guess the next one
 
 
@@ -39,7 +41,7 @@ def collocate(
         NotConverged: no step, however short, can be solved or resolved.
     """
     table = radau(stages)
-    h = min(longest, duration * FIRST)
+    h, taken = min(longest, duration * FIRST), 0
     edges = [0.0, *(t for t in drive.breaks if 0 < t < duration), duration]
     for start, end in pairwise(edges):
         time, before = start, None
@@ -53,29 +55,36 @@ def collocate(
             reason = step.reason if isinstance(step, Failure) else "the motion is not resolved"
             factor = 0.25
             if isinstance(step, Step):
-                wanted = (
-                    tolerance
-                    + 1e-15 * float(np.abs(step.slope / column_scale(equations.robot)).max()) * length
-                )
-                factor = float(
-                    np.clip(0.9 * (wanted / max(step.unresolved, 1e-300)) ** (1 / (stages + 1)), 0.2, 3.0)
-                )
+                wanted = tolerance + ROUNDING * _largest_move(equations, step)
+                fit = (wanted / max(step.unresolved, 1e-300)) ** (1 / (stages + 1))
+                factor = float(np.clip(0.9 * fit, 0.2, 3.0))
                 if step.unresolved <= wanted:
                     yield step
                     q, v = end_state(equations, step)
                     time, before = (end if count == 1 else time + length), step
-                    h = min(longest, length * factor)
+                    h, taken = min(longest, length * factor), taken + 1
                     if advanced is not None:
                         advanced(time / duration)
+                    if taken >= LOOKED_AT and taken * duration > MOST_STEPS * time:
+                        raise _given_up(equations, time, length, "they are too many")
                     continue
             h, before = length * min(factor, 0.7), None if isinstance(step, Failure) else before
             if h < SHORTEST * duration:
-                raise NotConverged(
-                    f"{equations.robot.name}: the simulation stops at t = {time:.9g} s, steps of {h:.1e} s "
-                    f"still fail ({reason}): the loops lock there, or the torque jumps; a jump at a known "
-                    f"instant goes into breaks, one of a controller needs method fast",
-                    residual=time,
-                )
+                raise _given_up(equations, time, h, f"and even they fail: {reason}")
+
+
+def _largest_move(equations: Equations, step: Step) -> float:
+    """Of a joint during a step [rad, robot lengths]."""
+    return step.length * float(np.abs(step.slope / column_scale(equations.robot)).max(initial=0.0))
+
+
+def _given_up(equations: Equations, time: float, length: float, why: str) -> NotConverged:
+    return NotConverged(
+        f"{equations.robot.name}: the simulation stops at t = {time:.9g} s, where it needs steps of "
+        f"{length:.1e} s {why}. Either the loops lock there or the torque jumps: instants known beforehand "
+        f"go into breaks, a controller that switches needs method fast",
+        residual=time,
+    )
 
 
 def end_state(equations: Equations, step: Step) -> tuple[Array, Array]:

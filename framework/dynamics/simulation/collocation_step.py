@@ -82,7 +82,7 @@ def solve_step(
     """Newton's method from guessed accelerations (s, nv) and multipliers (s, m) at the nodes."""
     robot, nv, h = equations.robot, equations.robot.model.nv, length
     scale = column_scale(robot)
-    times = time + h * table.nodes
+    times = drive.before_breaks(time + h * table.nodes)
     a, multipliers = guess[0].copy(), guess[1].copy()
     gains = drive.gains(time, q0, v0)
     factors, before, slope = None, np.inf, np.zeros_like(a)

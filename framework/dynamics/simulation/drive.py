@@ -67,6 +67,13 @@ class Drive:
             raise InvalidInput(f"torque: not finite at t = {when:.9g} s")
         return torque
 
+    def before_breaks(self, t: Array) -> Array:
+        """Times (T,), those on a break moved to just before it: there a step ends that began before."""
+        for instant in self.breaks:
+            near = np.abs(t - instant) <= 4 * np.spacing(instant)
+            t = np.where(near, instant - 8 * np.spacing(instant), t)
+        return t
+
     def gains(self, t: float, q: Array, v: Array) -> Gains | None:
         """What the feedback answers to small changes of one state, by differences; None without feedback."""
         if not self.feedback:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +48,7 @@ class RobotStack:
     stiffness: Array  # (R, nv)
     rest: Array  # (R, nv) where the springs are at rest, as an offset from the neutral configuration
     damping: Array  # (R, nv)
+    scratch: pin.Data  # working memory of pinocchio: one stack does not serve two threads at once
 
     @staticmethod
     def of(robots: ParallelRobot | Sequence[ParallelRobot], damping: Array | None = None) -> RobotStack:
@@ -85,6 +87,7 @@ class RobotStack:
             stiffness=stiffness,
             rest=np.array([robot.joint_rest for robot in robots]),
             damping=np.broadcast_to(given, shape),
+            scratch=robots[0].model.createData(),
         )
 
     def terms(self, q: Array, v: Array) -> Terms:
@@ -95,8 +98,7 @@ class RobotStack:
         placed = np.empty((runs, len(self.geometry.joints), 4, 4))
         J, dJ = tree
         joints = tuple(enumerate(self.geometry.joints))
-        model = self.robots[0].model
-        data = model.createData()
+        model, data = self.robots[0].model, self.scratch
         several = len(self.robots) > 1
         for k in range(runs):
             if several:
@@ -106,7 +108,8 @@ class RobotStack:
             placements = data.oMi
             for j, joint in joints:
                 placed[k, j] = placements[joint].homogeneous
-        mass = _both_halves(mass)
+        rows, columns = _lower_half(nv)
+        mass[:, rows, columns] = mass[:, columns, rows]  # pinocchio fills the upper half
         mass[:, range(nv), range(nv)] += self.rotors
         frames = self.geometry.frames(placed, J)
         loops = loop_equations(self.rows, frames)
@@ -115,8 +118,7 @@ class RobotStack:
     def at_other_velocities(self, at: Terms, q: Array, v: Array) -> Terms:
         """The terms `at` configurations q (R, nq) for other velocities v (R, nv)."""
         bias, dJ = np.empty_like(at.bias), np.empty_like(at.tree_rate)
-        model = self.robots[0].model
-        data = model.createData()
+        model, data = self.robots[0].model, self.scratch
         several = len(self.robots) > 1
         for k in range(len(q)):
             if several:
@@ -137,10 +139,10 @@ class RobotStack:
         return closure_drift(self.rows, frames, v, acceleration)
 
 
-def _both_halves(mass: Array) -> Array:
-    """Symmetric matrices out of their upper halves."""
-    upper = np.triu(mass)
-    return upper + np.triu(mass, 1).transpose(0, 2, 1)
+@lru_cache(maxsize=128)
+def _lower_half(size: int) -> tuple[IntArray, IntArray]:
+    """Indices of a matrix below its diagonal."""
+    return np.tril_indices(size, -1)
 
 
 def _check_same_structure(one: ParallelRobot, other: ParallelRobot) -> None:
