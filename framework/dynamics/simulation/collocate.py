@@ -18,7 +18,7 @@ from framework.kinematics.closures import column_scale
 
 ROUNDING = 1e-15  # of a joint's move in a step: less cannot be resolved
 SHORTEST = 1e-9  # of the duration: steps below it are given up
-FIRST = 1 / 16  # of the duration
+FIRST = 1 / 8  # of the duration
 MOST_STEPS, LOOKED_AT = 20_000, 100  # at the pace of so many steps, no more than so many may be needed
 GUESSED = 4  # Legendre coefficients of a step that guess the next one
 

@@ -86,11 +86,12 @@ def solve_step(
     a, multipliers = guess[0].copy(), guess[1].copy()
     gains = drive.gains(time, q0, v0)
     factors, before, slope = None, np.inf, np.zeros_like(a)
+    held = None if drive.feedback else drive(times, a[:, :0], a[:, :0])  # a torque of time alone
     for iteration in range(1, ITERATIONS + 1):
         v = v0 + h * table.once @ a
         slope = _slope(equations, q0, v, h, table, slope)
         q = move(robot, q0, h * table.once @ slope)
-        torque = drive(times, q, v)
+        torque = drive(times, q, v) if held is None else held
         at = equations.tangent(q, v, a)
         force = at.force - equations.applied(torque) - np.einsum("smi,sm->si", at.jacobian, multipliers)
         wrong = np.concatenate([force, at.residual / h**2], axis=1).ravel()
