@@ -10,12 +10,12 @@ from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
+from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command
+from framework.crossing.saved import is_plan_folder, load_plan
 
 from framework.cli import asked
-from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import is_plan_folder, load_plan
 from framework.dynamics.simulation import Simulation, simulate
 from framework.dynamics.simulation.methods import METHODS
 from framework.errors import InvalidInput, NoAnswer
@@ -46,12 +46,14 @@ def add(commands: Any) -> None:
         "--method",
         choices=tuple(METHODS),
         default="reference",
-        help="reference: to 1e-12; stiff: to 1e-7, long steps; fast: fixed steps (default: reference)",
+        help="reference: to 1e-12; stiff: to 1e-7; fast, explicit: fixed steps (default: reference)",
     )
     parser.add_argument(
         "--tolerance", type=float, metavar="E", help="of reference and stiff [rad, robot lengths]"
     )
-    parser.add_argument("--step", type=float, metavar="H", help="of fast, longest one of the others [s]")
+    parser.add_argument(
+        "--step", type=float, metavar="H", help="of fast and explicit, longest one of the others [s]"
+    )
     parser.add_argument(
         "--damping", type=float, metavar="D", help="viscous, on every joint [N m s/rad, N s/m]"
     )

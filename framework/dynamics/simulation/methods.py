@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.simulation.collocate import collocate
+from framework.dynamics.simulation.contacts import ContactDynamics
 from framework.dynamics.simulation.drive import Drive
 from framework.dynamics.simulation.equations import Equations
 from framework.dynamics.simulation.events import Event, Occurrence, occurrences
+from framework.dynamics.simulation.explicit import CLOSING, explicit_steps
 from framework.dynamics.simulation.schemes import State
 from framework.dynamics.simulation.stepper import Stepper
 from framework.dynamics.simulation.trajectory import Cubics, Polynomials, Trajectory
 from framework.errors import NotConverged
+from framework.model import ParallelRobot
+
+EXPLICIT_STEPS = 256  # by default
 
 
 class Settings(NamedTuple):
@@ -100,11 +106,7 @@ def by_fixed_steps(task: Task, settings: Settings) -> Run:
         torque = drive(edges[k : k + 1], q[None], v[None])[0] if known is None else known[k]
         state = stepper.step(q, v, torque, h)
         if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.v))):
-            raise NotConverged(
-                f"{robot.name}: the simulation runs away at t = {edges[k]:.9g} s; take a shorter step than "
-                f"{h:.3g} s, or method stiff",
-                residual=float(edges[k]),
-            )
+            raise _runaway(robot, float(edges[k]), h)
         states.append(state)
         mean = 0.5 * (v + state.v)
         power = float((robot.gear_ratio * torque) @ mean[robot.actuated] - mean**2 @ equations.damping)
@@ -124,6 +126,50 @@ def by_fixed_steps(task: Task, settings: Settings) -> Run:
     return Run(trajectory, np.array(work), exchanged, tuple(found), float("nan"), len(q) - 1)
 
 
+def by_explicit_steps(task: Task, settings: Settings) -> Run:
+    """Steps of one length, of order 8; see `explicit`. Breaks of the torque end a step."""
+    robot = task.equations.robot
+    edges = _edges(task, settings.step or task.duration / EXPLICIT_STEPS)
+    dynamics = ContactDynamics.of(task.equations, CLOSING * float(np.diff(edges).max()))
+    state = np.concatenate(task.start)
+    states, work, exchanged, found, missed = [state], [0.0], 0.0, [], 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # a runaway is told below
+        for step in explicit_steps(task.equations, dynamics, task.drive, state, edges):
+            if not np.all(np.isfinite(step.end)):
+                raise _runaway(robot, step.time, step.length)
+            states.append(step.end)
+            work.append(work[-1] + step.length * step.power)
+            exchanged += step.length * abs(step.power)
+            missed = max(missed, step.error)
+            if task.events:
+                ends = np.array([step.time, step.time + step.length])
+                piece = Cubics(robot, ends, *np.split(np.array(states[-2:]), 2, axis=1))
+                found += occurrences(task.events, piece, float(ends[0]), float(ends[1]), settings.looks)
+                if found and found[-1].terminal:
+                    break
+            if task.advanced is not None:
+                task.advanced((step.time + step.length) / task.duration)
+    q, v = np.split(np.array(states), 2, axis=1)
+    return Run(
+        Cubics(robot, edges[: len(q)], q, v), np.array(work), exchanged, tuple(found), missed, len(q) - 1
+    )
+
+
+def _edges(task: Task, step: float) -> Array:
+    """Ends of steps no longer than `step`, with one on every break."""
+    marks = [0.0, *(t for t in task.drive.breaks if 0 < t < task.duration), task.duration]
+    pieces = [np.linspace(a, b, max(1, int(np.ceil((b - a) / step - 1e-9))) + 1) for a, b in pairwise(marks)]
+    return np.unique(np.concatenate(pieces))
+
+
+def _runaway(robot: ParallelRobot, time: float, step: float) -> NotConverged:
+    return NotConverged(
+        f"{robot.name}: the simulation runs away at t = {time:.9g} s; take a shorter step than "
+        f"{step:.3g} s, or method stiff",
+        residual=time,
+    )
+
+
 class Method(NamedTuple):
     """An integrator with the settings that it has by default."""
 
@@ -135,5 +181,6 @@ class Method(NamedTuple):
 METHODS: dict[str, Method] = {
     "reference": Method(by_collocation, Settings(stages=16, tolerance=1e-12, looks=32), "tolerance"),
     "fast": Method(by_fixed_steps, Settings(step=1e-3), "step"),
+    "explicit": Method(by_explicit_steps, Settings(looks=4), "step"),
     "stiff": Method(by_collocation, Settings(stages=5, tolerance=1e-7, looks=10), "tolerance"),
 }

@@ -49,18 +49,20 @@ def simulate(
     Args:
         drive: a plan or a result of `inverse_dynamics`, or motor torques (n_a,) [N m] as torque(t) or as
             feedback torque(t, q, v), motor side.
-        method: reference (to `tolerance`, 1e-12), stiff (the same with fewer stages, 1e-7: quick vibrations
-            that nobody excites cost nothing) or fast (fixed steps, 1e-3 s, the torque held in each).
+        method: reference (to `tolerance`, 1e-12); stiff (the same with fewer stages, 1e-7: quick vibrations
+            that nobody excites cost nothing); fast (fixed steps of order 2, 1e-3 s, the torque held in each
+            as control loops hold it); explicit (fixed steps of order 8 by pinocchio's contact dynamics, the
+            quickest where all joints move some mass and loops are points or welds).
         start, start_velocity: q (nq,) and v (nv,) at t = 0; of a planned motion by default its own, else
             the assembled reference and rest. Loops are closed and massless parts balanced from there.
         duration: [s]; of a planned motion its own.
         tolerance: what a step of reference or stiff may leave unresolved [rad, lengths of the robot].
-        step: fixed step of fast, longest step of the others [s].
+        step: fixed step of fast and explicit, longest step of the others [s].
         stages: collocation points a step, 3 to 30.
         damping: viscous, on every joint rate [N m s/rad, N s/m], one number or (nv,).
         breaks: instants at which torque(t) jumps or has a kink [s]; planned motions know theirs.
         events: zeros to report; see `Event`.
-        samples: equidistant instants of the result, of reference and stiff; fast keeps its steps.
+        samples: equidistant instants of the result, of reference and stiff; the others keep their steps.
         progress: called with the share that is done, 0 to 1.
 
     Raises:

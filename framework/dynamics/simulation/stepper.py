@@ -6,12 +6,13 @@ The motor torque is held over the step, as a digital controller holds it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.simulation.consistent import consistent_state, free_motions
+from framework.dynamics.simulation.contacts import ContactDynamics
 from framework.dynamics.simulation.equations import Equations
 from framework.dynamics.simulation.schemes import SCHEMES, State
 from framework.dynamics.simulation.terms import RobotStack
@@ -21,13 +22,15 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.platform import platform_coordinates, platform_jacobian
 from framework.model import ParallelRobot
 
+CLOSING_TIME = 0.05  # [s] in which the scheme contacts closes open loops
+
 
 @dataclass(frozen=True, eq=False)
 class Stepper:
     """Advances one robot, one robot in many runs, or as many robots as runs. Make it with `Stepper.of`."""
 
     stack: RobotStack
-    scheme: str  # midpoint or extrapolated
+    scheme: str  # midpoint, extrapolated or contacts
     damping: Array | None
 
     @staticmethod
@@ -41,10 +44,11 @@ class Stepper:
 
         Args:
             damping: viscous damping of every joint rate, (nv,) or one number [N m s/rad, N s/m].
-            scheme: midpoint or extrapolated; by default midpoint, extrapolated where parts have no mass.
+            scheme: midpoint, extrapolated or contacts, see `schemes`; by default midpoint, extrapolated where
+                parts have no mass.
 
         Raises:
-            InvalidInput: unknown scheme, midpoint for massless parts, robots of different structure.
+            InvalidInput: unknown scheme, one that does not suit the robot, robots of different structure.
         """
         given = None if damping is None else np.asarray(damping, dtype=float)
         stack = RobotStack.of(robots, given)
@@ -55,6 +59,9 @@ class Stepper:
             raise InvalidInput(choose_from("scheme", scheme, SCHEMES))
         if massless and scheme == "midpoint":
             raise InvalidInput(f"{stack.robots[0].name}: parts without mass need the scheme extrapolated")
+        if scheme == "contacts":
+            each = (Equations.of(robot, stack.damping[k]) for k, robot in enumerate(stack.robots))
+            stack = replace(stack, contacts=tuple(ContactDynamics.of(one, CLOSING_TIME) for one in each))
         return Stepper(stack, scheme, given)
 
     def start(self, q: ArrayLike, v: ArrayLike | None = None, torque: ArrayLike | None = None) -> State:

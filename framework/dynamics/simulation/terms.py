@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, IntArray
+from framework.dynamics.simulation.contacts import ContactDynamics
 from framework.dynamics.simulation.equations import Equations
 from framework.dynamics.simulation.frame_geometry import FrameGeometry
 from framework.errors import InvalidInput
@@ -49,6 +50,7 @@ class RobotStack:
     rest: Array  # (R, nv) where the springs are at rest, as an offset from the neutral configuration
     damping: Array  # (R, nv)
     scratch: pin.Data  # working memory of pinocchio: one stack does not serve two threads at once
+    contacts: tuple[ContactDynamics, ...] = ()  # for the scheme of that name, else empty
 
     @staticmethod
     def of(robots: ParallelRobot | Sequence[ParallelRobot], damping: Array | None = None) -> RobotStack:

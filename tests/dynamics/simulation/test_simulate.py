@@ -119,6 +119,55 @@ def test_another_integrator_on_other_equations_agrees():
     np.testing.assert_allclose(ours.velocity(np.linspace(0, 0.2, 9)), v, atol=1e-7)
 
 
+@pytest.mark.parametrize(
+    ("name", "scene"), [("five_bar_heavy", "C"), ("four_bar", "dead_point"), ("delta", "cross")]
+)
+def test_pinocchio_s_contact_dynamics_agrees(name, scene):
+    """Method explicit shares neither equations nor integrator with method reference."""
+    other = robots.load(name)
+    plan = plan_scene(other, scene)
+    ours, theirs = simulate(other, plan), simulate(other, plan, method="explicit")
+    np.testing.assert_allclose(theirs.q, ours.configuration(theirs.times), atol=1e-10)
+    assert theirs.tracking_error < 1e-9
+    assert theirs.closure_error < 1e-12
+    assert theirs.energy_error < 1e-12
+    coarse = simulate(other, plan, method="explicit", step=plan.duration / 32)
+    assert theirs.unresolved < 1e-3 * coarse.unresolved
+    assert coarse.tracking_error < 1e-6
+
+
+def test_explicit_steps_know_springs_damping_feedback_and_events():
+    other = robots.load("biglide", flexibility="flexible_joints")
+    rest = simulate(other, lambda t: [0.0, 0.0], duration=0.01).q[0]
+
+    def towards(t, q, v):
+        return [-20.0 * (q[c] - rest[c] - 0.01) - 0.5 * v[c] for c in other.actuated]
+
+    moved = Event(
+        lambda t, q, v: q[other.actuated[0]] - rest[other.actuated[0]] - 1e-3, "moved", terminal=True
+    )
+    options = {"duration": 0.2, "damping": 0.1, "events": [moved]}
+    ours = simulate(other, towards, **options)
+    theirs = simulate(other, towards, method="explicit", step=1e-3, **options)
+    assert ours.occurrences[0].time == pytest.approx(theirs.occurrences[0].time, abs=1e-8)
+    assert theirs.energy_error < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "flexibility", "step", "error", "message"),
+    [
+        ("agile_eye", "rigid", None, InvalidInput, "spherical and fixed, not wrist_2, wrist_3"),
+        ("five_bar", "rigid", None, InvalidInput, "right_elbow moves no mass"),
+        ("five_bar_heavy", "flexible_joints", 0.1, NotConverged, "runs away"),
+    ],
+)
+def test_where_explicit_steps_do_not_go(name, flexibility, step, error, message):
+    other = robots.load(name, flexibility=flexibility)
+    plan = plan_scene(other, next(iter(other.description.scenes)))
+    with pytest.raises(error, match=message):
+        simulate(other, plan, method="explicit", step=step)
+
+
 def test_a_wrong_torque_leaves_the_path(robot, plan):
     result = simulate(robot, lambda t: 1.01 * plan.torque(t), duration=1.5)
     assert result.tracking_error is None
@@ -193,7 +242,7 @@ def test_events_are_found_at_their_instants_and_may_end_the_simulation(robot, pl
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "quick"}, "method 'quick'.*fast, reference, stiff"),
+        ({"method": "quick"}, "method 'quick'.*explicit, fast, reference, stiff"),
         ({"tolerance": 0.0}, "tolerance"),
         ({"tolerance": 1e-6, "method": "fast"}, "tolerance: method fast has none"),
         ({"stages": 2}, "stages: 3 to 30"),

@@ -67,6 +67,24 @@ def test_a_stack_of_other_robots_is_each_of_them_alone():
     assert np.abs(stacked.v[1] - stacked.v[0]).max() > 1e-3
 
 
+def test_pinocchio_s_contact_dynamics_steps_alike():
+    """Another solver, of order 4: what is left is the error of the midpoint rule."""
+    robot = robots.load("biglide", flexibility="flexible_joints")
+    plan = plan_scene(robot, "across")
+    times = np.array([0.3, 0.5])
+    q, v = plan.dynamics.configuration(times), plan.dynamics.velocity(times)
+    off = []
+    for h in (1e-3, 5e-4):
+        one, other = (
+            Stepper.of([robot, robot], scheme=scheme, damping=0.1).step(q, v, plan.torque(times), h)
+            for scheme in ("midpoint", "contacts")
+        )
+        off.append(np.abs(one.v - other.v).max())
+    assert off[1] < off[0] / 6  # h^3
+    single = Stepper.of(robot, scheme="contacts", damping=0.1).step(q[0], v[0], plan.torque(0.3), 5e-4)
+    np.testing.assert_allclose(single.v, other.v[0], atol=1e-12)
+
+
 def test_one_robot_serves_many_runs_and_one_that_is_lost_disturbs_none():
     robot = robots.load("five_bar")
     stepper = Stepper.of(robot)
@@ -112,6 +130,7 @@ def test_stiff_springs_cost_no_small_steps():
             lambda: Stepper.of(robots.load("five_bar", flexibility="flexible_links"), scheme="midpoint"),
             "extrapolated",
         ),
+        (lambda: Stepper.of(robots.load("agile_eye"), scheme="contacts"), "spherical and fixed"),
         (lambda: Stepper.of([robots.load("five_bar"), robots.load("four_bar")]), "one structure"),
         (lambda: Stepper.of(robots.load("five_bar"), damping=[1.0]), "damping"),
     ],
