@@ -25,6 +25,7 @@ class Collocation:
     once: Array  # integrals from 0 to each node of the polynomial through values at the nodes
     twice: Array
     series: Array  # (s, s) values at the nodes to Legendre coefficients on [0, 1]
+    series_with_start: Array  # (s + 1, s + 1) the same with the value at 0 in front
 
     @property
     def stages(self) -> int:
@@ -50,7 +51,8 @@ def radau(stages: int) -> Collocation:
     series = np.linalg.inv(legendre.legvander(2 * nodes - 1, stages - 1))
     basis = legendre.legint(np.eye(stages), lbnd=-1, scl=0.5, axis=0)  # (s + 1, s)
     once = legendre.legvander(2 * nodes - 1, stages) @ basis @ series
-    table = Collocation(nodes, once, once @ once, series)
-    for array in (table.nodes, table.once, table.twice, table.series):
+    with_start = np.linalg.inv(legendre.legvander(2 * np.append(0.0, nodes) - 1, stages))
+    table = Collocation(nodes, once, once @ once, series, with_start)
+    for array in (table.nodes, table.once, table.twice, table.series, table.series_with_start):
         array.flags.writeable = False
     return table

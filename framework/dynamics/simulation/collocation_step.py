@@ -29,6 +29,7 @@ from framework.kinematics.frames import move
 
 ITERATIONS = 12
 FRESH = 0.02  # a contraction better than this keeps the factorised matrix
+ROUNDING = 1e-15  # of a coordinate: Newton's steps shrink no further
 TOO_FAR = 3.0  # [rad, lengths] that a Newton step may not move a joint
 
 
@@ -85,6 +86,7 @@ def solve_step(
     times = drive.before_breaks(time + h * table.nodes)
     a, multipliers = guess[0].copy(), guess[1].copy()
     gains = drive.gains(time, q0, v0)
+    accuracy = accuracy + ROUNDING * float(np.abs(q0).max())
     factors, before, slope = None, np.inf, np.zeros_like(a)
     held = None if drive.feedback else drive(times, a[:, :0], a[:, :0])  # a torque of time alone
     for iteration in range(1, ITERATIONS + 1):

@@ -112,7 +112,7 @@ def summary(
     edges = trajectory.edges
     ended = run.occurrences[-1].time if run.occurrences and run.occurrences[-1].terminal else edges[-1]
     fixed = isinstance(trajectory, Cubics)
-    times = edges[edges <= ended] if fixed else np.linspace(edges[0], ended, samples)
+    times = np.append(edges[edges < ended], ended) if fixed else np.linspace(edges[0], ended, samples)
     q, v = trajectory(times)
     at_edges = trajectory(edges)
     energy = equations.energy(*at_edges)

@@ -27,7 +27,7 @@ class Trajectory(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Polynomials:
-    """Collocation steps: their own polynomials, of the degree of their stages."""
+    """Collocation steps: their own polynomials, of the degree of their stages; velocities are continuous."""
 
     robot: ParallelRobot
     steps: tuple[Step, ...]
@@ -42,10 +42,10 @@ class Polynomials:
         for k in np.unique(which):
             step, inside = self.steps[k], which == k
             at = (t[inside] - step.time) / step.length
-            series = step.table.series
-            turned = step.length * step.table.integral(series @ step.slope, at)
+            turned = step.length * step.table.integral(step.table.series @ step.slope, at)
             q[inside] = move(self.robot, step.start, turned)
-            v[inside] = step.table.values(series @ step.v, at)
+            rates = np.vstack([step.start_velocity, step.v])
+            v[inside] = step.table.values(step.table.series_with_start @ rates, at)
         return q, v
 
 

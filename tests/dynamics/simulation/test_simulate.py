@@ -197,6 +197,19 @@ def test_feedback_and_damping_balance_the_energy():
     assert fine < 0.6 * coarse < 1e-3  # a held feedback torque is of first order
 
 
+def test_a_massless_rod_that_may_spin_about_itself_stays_still(write_robot):
+    """A joint that moves nothing has no equation of its own; it is held, as in the inverse dynamics."""
+    joint = '<joint name="right_rod_tip" type="fixed">'
+    spin = joint.replace("fixed", "continuous") + '<axis xyz="1 0 0"/>'
+    robot = ParallelRobot.from_file(write_robot(urdf=((joint, spin),)))
+    plan = plan_scene(robot, "C")
+    for method in ("reference", "fast"):
+        result = simulate(robot, plan, method=method, step=2e-3 if method == "fast" else None)
+        assert result.tracking_error < (1e-11 if method == "reference" else 1e-4)
+        column = [c for c in range(robot.model.nv) if robot.joint_of(c) == "right_rod_tip"]
+        assert np.ptp(result.q[:, column]) < 1e-12
+
+
 def test_a_jump_of_the_torque_is_passed_where_it_is_announced():
     rigid = robots.load("five_bar_heavy")
 
