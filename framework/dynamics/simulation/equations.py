@@ -51,6 +51,7 @@ class Equations:
     rotors: Array  # (nv,) [kg m^2], joint side; 1 on massless joints that move nothing and are held
     stiffness: Array  # (nv,)
     geometry: FrameGeometry
+    scratch: pin.Data  # working memory of pinocchio: one object does not serve two threads at once
 
     @staticmethod
     def of(robot: ParallelRobot, damping: Array | None = None) -> Equations:
@@ -76,7 +77,15 @@ class Equations:
         rotors[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
         stiffness[robot.elastic] += robot.stiffness
         rows = robot.rows.take(independent_rows(robot))
-        plain = Equations(robot, damping * np.ones(nv), rows, rotors, stiffness, FrameGeometry.of(robot))
+        plain = Equations(
+            robot=robot,
+            damping=damping * np.ones(nv),
+            rows=rows,
+            rotors=rotors,
+            stiffness=stiffness,
+            geometry=FrameGeometry.of(robot),
+            scratch=robot.model.createData(),
+        )
         return plain._holding_idle_joints()
 
     def _holding_idle_joints(self) -> Equations:
@@ -105,8 +114,7 @@ class Equations:
 
     def tangent(self, q: Array, v: Array, a: Array) -> Tangent:
         """All terms and derivatives at q (T, nq), v and a (T, nv)."""
-        model, nv = self.robot.model, self.robot.model.nv
-        data = model.createData()
+        model, nv, data = self.robot.model, self.robot.model.nv, self.scratch
         tree = np.empty((len(q), 6, nv))
         force, by_q, by_v, mass = (np.empty((len(q), nv, *rest)) for rest in ((), (nv,), (nv,), (nv,)))
         placed = np.empty((len(q), len(self.geometry.joints), 4, 4))
@@ -131,8 +139,7 @@ class Equations:
 
     def energy(self, q: Array, v: Array) -> Array:
         """Kinetic, gravitational and elastic energy together, (T,) [J]; gravity from the URDF's origin."""
-        model = self.robot.model
-        data = model.createData()
+        model, data = self.robot.model, self.scratch
         tree = [
             pin.computeKineticEnergy(model, data, a, b) + pin.computePotentialEnergy(model, data, a)
             for a, b in zip(q, v, strict=True)

@@ -18,7 +18,6 @@ from framework.dynamics.simulation.schemes import SCHEMES, State
 from framework.dynamics.simulation.terms import RobotStack
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.assembly import reference_configuration
-from framework.kinematics.frames import frames_at
 from framework.kinematics.platform import platform_coordinates, platform_jacobian
 from framework.model import ParallelRobot
 
@@ -31,7 +30,6 @@ class Stepper:
 
     stack: RobotStack
     scheme: str  # midpoint, extrapolated or contacts
-    damping: Array | None
 
     @staticmethod
     def of(
@@ -43,16 +41,15 @@ class Stepper:
         """A stepper for one robot (any number of runs) or for a sequence of R robots of one structure.
 
         Args:
-            damping: viscous damping of every joint rate, (nv,) or one number [N m s/rad, N s/m].
+            damping: viscous damping of every joint rate, one number, (nv,) or (R, nv) [N m s/rad, N s/m].
             scheme: midpoint, extrapolated or contacts, see `schemes`; by default midpoint, extrapolated where
                 parts have no mass.
 
         Raises:
             InvalidInput: unknown scheme, one that does not suit the robot, robots of different structure.
         """
-        given = None if damping is None else np.asarray(damping, dtype=float)
-        stack = RobotStack.of(robots, given)
-        massless = _has_massless_motions(stack.robots[0])
+        stack = RobotStack.of(robots, None if damping is None else np.asarray(damping, dtype=float))
+        massless = _has_massless_motions(stack.first)
         if scheme is None:
             scheme = "extrapolated" if massless else "midpoint"
         if scheme not in SCHEMES:
@@ -60,9 +57,9 @@ class Stepper:
         if massless and scheme == "midpoint":
             raise InvalidInput(f"{stack.robots[0].name}: parts without mass need the scheme extrapolated")
         if scheme == "contacts":
-            each = (Equations.of(robot, stack.damping[k]) for k, robot in enumerate(stack.robots))
+            each = (stack.equations(k) for k in range(len(stack.robots)))
             stack = replace(stack, contacts=tuple(ContactDynamics.of(one, CLOSING_TIME) for one in each))
-        return Stepper(stack, scheme, given)
+        return Stepper(stack, scheme)
 
     def start(self, q: ArrayLike, v: ArrayLike | None = None, torque: ArrayLike | None = None) -> State:
         """The nearest state on which the loops close and massless parts are in balance.
@@ -77,8 +74,8 @@ class Stepper:
         v = np.zeros((*q.shape[:-1], robots[0].model.nv)) if v is None else np.asarray(v, dtype=float)
         tau = np.zeros((*q.shape[:-1], robots[0].n_a)) if torque is None else np.asarray(torque, dtype=float)
         if q.ndim == 1:
-            return State(*consistent_state(self._equations(0), q, v, tau))
-        states = [consistent_state(self._equations(k), q[k], v[k], tau[k]) for k in range(len(q))]
+            return State(*consistent_state(self.stack.equations(0), q, v, tau))
+        states = [consistent_state(self.stack.equations(k), q[k], v[k], tau[k]) for k in range(len(q))]
         return State(np.array([state[0] for state in states]), np.array([state[1] for state in states]))
 
     def step(self, q: Array, v: Array, torque: Array, h: float) -> State:
@@ -100,21 +97,12 @@ class Stepper:
         if q.ndim == 1:
             x, twist = self.platform(q[None], v[None])
             return x[0], twist[0]
-        robot = self.stack.robots[0]
-        if len(self.stack.robots) > 1:
-            frames = self.stack.terms(q, v).frames
-        else:
-            frames = frames_at(robot, q)
+        robot, frames = self.stack.robots[0], self.stack.terms(q, v).frames
         return platform_coordinates(robot, frames), (platform_jacobian(robot, frames) @ v[..., None])[..., 0]
 
-    def _equations(self, run: int) -> Equations:
-        robots = self.stack.robots
-        k = run if len(robots) > 1 else 0
-        return Equations.of(robots[k], self.stack.damping[k])
 
-
-def _has_massless_motions(robot: ParallelRobot) -> bool:
-    equations = Equations.of(robot)
+def _has_massless_motions(equations: Equations) -> bool:
+    robot = equations.robot
     rest = np.zeros((1, robot.model.nv))
     at = equations.tangent(reference_configuration(robot).q[None], rest, rest)
     return bool(free_motions(equations, at)[1].shape[1])

@@ -7,7 +7,7 @@ loops are the same. For the fixed-step integrators; `equations` has the derivati
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -41,6 +41,7 @@ class RobotStack:
     """R robots of one structure, with their numbers stacked; one robot may serve any number of runs."""
 
     robots: tuple[ParallelRobot, ...]
+    first: Equations  # of the first robot
     rows: LoopRows
     geometry: FrameGeometry  # rotation (R, F, 3, 3) and translation (R, F, 3)
     actuated: IntArray
@@ -78,6 +79,7 @@ class RobotStack:
             raise InvalidInput(f"damping: needs {shape[1]} numbers, none negative (or {shape} of them)")
         return RobotStack(
             robots=robots,
+            first=first,
             rows=first.rows,
             geometry=first.geometry._replace(
                 rotation=np.array([g.rotation for g in geometries]),
@@ -89,7 +91,20 @@ class RobotStack:
             stiffness=stiffness,
             rest=np.array([robot.joint_rest for robot in robots]),
             damping=np.broadcast_to(given, shape),
-            scratch=robots[0].model.createData(),
+            scratch=first.scratch,
+        )
+
+    def equations(self, run: int) -> Equations:
+        """The equations of one run; what all robots share is not looked for again."""
+        k = run if len(self.robots) > 1 else 0
+        place = self.geometry
+        return replace(
+            self.first,
+            robot=self.robots[k],
+            damping=self.damping[k],
+            rotors=self.rotors[k],
+            stiffness=self.stiffness[k],
+            geometry=place._replace(rotation=place.rotation[k], translation=place.translation[k]),
         )
 
     def terms(self, q: Array, v: Array) -> Terms:
