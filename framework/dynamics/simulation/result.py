@@ -30,8 +30,8 @@ class Simulation:
     closure_error: largest loop equation at `times` and at the ends of all steps [m or rad].
     energy_error: change of kinetic, elastic and gravitational energy less the work of motors and damping,
         the largest of all steps, over the energy exchanged.
-    unresolved: largest part of the motion that a step leaves out, estimated [rad, robot lengths]; NaN for
-        method fast, which has no estimate.
+    unresolved: largest part of the motion that a step leaves out, estimated [rad, robot lengths]; above the
+        tolerance only where the loops lose rank in passing. NaN for method fast, which has no estimate.
     """
 
     robot: ParallelRobot
