@@ -19,7 +19,6 @@ from framework.arrays import Array
 from framework.dynamics.simulation.equations import Equations
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import reference_configuration
-from framework.model import ParallelRobot
 from framework.model.description import AXES
 
 CONTACTS = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CONTACT_6D}
@@ -66,8 +65,12 @@ class ContactDynamics:
         model = robot.model.copy()
         model.armature[:] = equations.rotors
         contacts, contact_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
+        row_of = {name.rpartition(".")[0]: row for row, name in enumerate(robot.rows.names)}
         for closure in robot.description.closures:
-            first, second = (model.frames[_frame(robot, name)] for name in closure.frames)
+            row = row_of[closure.name]
+            first, second = (
+                model.frames[robot.frames[ends[row]]] for ends in (robot.rows.first, robot.rows.second)
+            )
             contact = pin.RigidConstraintModel(
                 CONTACTS[closure.axes],
                 model,
@@ -95,13 +98,6 @@ class ContactDynamics:
             rest=robot.joint_rest,
             damping=equations.damping if equations.damping.any() else None,
         )
-
-
-def _frame(robot: ParallelRobot, name: str) -> int:
-    """Frame of a closure: that of a link before that of a joint, as everywhere."""
-    model = robot.model
-    is_link = model.existFrame(name, pin.FrameType.BODY)
-    return int(model.getFrameId(name, pin.FrameType.BODY) if is_link else model.getFrameId(name))
 
 
 def _check(equations: Equations) -> None:

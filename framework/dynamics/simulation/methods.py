@@ -175,12 +175,11 @@ class Method(NamedTuple):
 
     run: Callable[[Task, Settings], Run]
     settings: Settings
-    asks: str  # the option that sets how exact it is
 
 
 METHODS: dict[str, Method] = {
-    "reference": Method(by_collocation, Settings(stages=16, tolerance=1e-12, looks=32), "tolerance"),
-    "fast": Method(by_fixed_steps, Settings(step=1e-3), "step"),
-    "explicit": Method(by_explicit_steps, Settings(looks=4), "step"),
-    "stiff": Method(by_collocation, Settings(stages=5, tolerance=1e-7, looks=10), "tolerance"),
+    "reference": Method(by_collocation, Settings(stages=16, tolerance=1e-12, looks=32)),
+    "fast": Method(by_fixed_steps, Settings(step=1e-3)),
+    "explicit": Method(by_explicit_steps, Settings(looks=4)),
+    "stiff": Method(by_collocation, Settings(stages=5, tolerance=1e-7, looks=10)),
 }
