@@ -95,6 +95,9 @@ class Drive:
         """
         motion = planned_motion(source)
         if motion is not None:
+            motors = np.shape(motion.torque(0.0))[-1]
+            if motors != robot.n_a:
+                raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
             edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
             inner = (*map(float, edges[1:-1]), *breaks)
             return Drive(robot, lambda t, q, v: motion.torque(t), False, tuple(sorted(inner)))

@@ -21,6 +21,7 @@ from framework.dynamics.simulation.result import Simulation, summary
 from framework.dynamics.simulation.schemes import State
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.tracking import assemble
 from framework.model import ParallelRobot
 
 SAMPLES = 501
@@ -53,8 +54,9 @@ def simulate(
             that nobody excites cost nothing); fast (fixed steps of order 2, 1e-3 s, the torque held in each
             as control loops hold it); explicit (fixed steps of order 8 by pinocchio's contact dynamics, the
             quickest where all joints move some mass and loops are points or welds).
-        start, start_velocity: q (nq,) and v (nv,) at t = 0; of a planned motion by default its own, else
-            the assembled reference and rest. Loops are closed and massless parts balanced from there.
+        start, start_velocity: q (nq,) and v (nv,) at t = 0; of a planned motion by default its own (of a plan
+            for other springs: its first point, at rest), else the assembled reference and rest. Loops are
+            closed and massless parts balanced from there.
         duration: [s]; of a planned motion its own.
         tolerance: what a step of reference or stiff may leave unresolved [rad, lengths of the robot].
         step: fixed step of fast and explicit, longest step of the others [s].
@@ -136,19 +138,32 @@ def _start(
     """The consistent state at t = 0."""
     robot, model = equations.robot, equations.robot.model
     if start is not None:
-        q = _vector("start", start, model.nq)
+        q, v = _vector("start", start, model.nq), np.zeros(model.nv)
     elif planned is not None:
-        q = planned.configuration(0.0)[0]
+        q, v = _planned_start(robot, planned)
     else:
-        q = reference_configuration(robot).q
+        q, v = reference_configuration(robot).q, np.zeros(model.nv)
     if start_velocity is not None:
         v = _vector("start_velocity", start_velocity, model.nv)
-    elif planned is not None and start is None:
-        v = planned.velocity(0.0)[0]
-    else:
-        v = np.zeros(model.nv)
     torque = drive(np.zeros(1), q[None], v[None])[0]
     return State(*consistent_state(equations, q, v, torque))
+
+
+def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array, Array]:
+    """Where the plan starts; for a plan of the same robot with other springs, assembled there at rest."""
+    q, v = planned.configuration(0.0)[0], planned.velocity(0.0)[0]
+    if len(q) == robot.model.nq:
+        return q, v
+    owner = getattr(planned, "robot", robot)
+    moving = np.abs(v).max(initial=0.0) > 1e-9 * np.abs(planned.velocity(planned.duration / 2)).max(
+        initial=0.0
+    )
+    if owner.name != robot.name or moving:
+        raise InvalidInput(
+            f"the plan is for {owner.name}, {owner.flexibility}, which differs from {robot.name}, "
+            f"{robot.flexibility}{', and starts in motion' if moving else ''}; give start and start_velocity"
+        )
+    return assemble(robot, planned.platform(0.0)).q, np.zeros(robot.model.nv)
 
 
 def _vector(name: str, given: ArrayLike, length: int) -> Array:

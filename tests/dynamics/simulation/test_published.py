@@ -13,6 +13,7 @@ from scipy.special import ellipj, ellipk
 import robots
 from framework import ParallelRobot
 from framework.dynamics.simulation import simulate
+from framework.errors import NotConverged
 from robots.generators import n_four_bar as generator
 from tests.robots.test_bricard import energies
 
@@ -132,3 +133,21 @@ def test_bricard_for_ten_seconds_keeps_its_energy():
     inertia, height = np.array([energies(angle) for angle in x]).T
     np.testing.assert_allclose(0.5 * inertia * rate**2 + height, energies(x[0])[1], atol=1e-8)
     assert np.ptp(x) > 0.5
+
+
+# ------------------------------------------------------------------ a fall through a fourfold singularity
+
+
+@pytest.mark.slow
+def test_a_quadruped_falls_through_its_folded_legs():
+    """All four legs fold at once, foot against hip: all loops lose rank, and the motion may branch there.
+
+    To 1e-7 there is a way on that keeps the energy; to 1e-12 there is none, and this is said.
+    """
+    robot = robots.load("standing_quadruped")
+    limp = [0.0] * robot.n_a
+    result = simulate(robot, lambda t: limp, duration=0.3, method="stiff")
+    assert result.energy_error < 1e-6
+    assert np.abs(result.q[-1, robot.actuated]).max() > 3.5  # folded further than half a turn
+    with pytest.raises(NotConverged, match="loops lock or branch"):
+        simulate(robot, lambda t: limp, duration=0.3)

@@ -168,6 +168,18 @@ def test_where_explicit_steps_do_not_go(name, flexibility, step, error, message)
         simulate(other, plan, method="explicit", step=step)
 
 
+def test_a_plan_for_stiff_legs_drives_soft_ones_off_the_path():
+    soft = robots.load("five_bar", flexibility="flexible_links")
+    rigid = plan_scene(robots.load("five_bar"), "A", smoothness=4)
+    result = simulate(soft, rigid)
+    np.testing.assert_allclose(result.platform(0.0)[0], rigid.platform(0.0), atol=1e-12)
+    assert 1e-7 < result.tracking_error < 1e-3
+    with pytest.raises(InvalidInput, match="drives 2 motors, four_bar has 1"):
+        simulate(robots.load("four_bar"), rigid)
+    with pytest.raises(InvalidInput, match="the plan is for three_rrr, rigid, which differs from delta"):
+        simulate(robots.load("delta"), plan_scene(robots.load("three_rrr"), "clear"))
+
+
 def test_a_wrong_torque_leaves_the_path(robot, plan):
     result = simulate(robot, lambda t: 1.01 * plan.torque(t), duration=1.5)
     assert result.tracking_error is None
