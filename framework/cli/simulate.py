@@ -10,12 +10,12 @@ from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
-from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command
-from framework.crossing.saved import is_plan_folder, load_plan
 
 from framework.cli import asked
+from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
+from framework.crossing.saved import is_plan_folder, load_plan
 from framework.dynamics.simulation import Simulation, simulate
 from framework.dynamics.simulation.methods import METHODS
 from framework.errors import InvalidInput, NoAnswer
