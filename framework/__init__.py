@@ -7,6 +7,7 @@ from framework.crossing.scenes import plan_scene, scene_path
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.dynamics.raw import raw_sampling
 from framework.dynamics.result import InverseDynamics
+from framework.dynamics.simulation import Event, Simulation, Stepper, simulate
 from framework.errors import (
     InvalidInput,
     NoAnswer,
@@ -30,6 +31,7 @@ __all__ = [
     "Arc",
     "Condition",
     "CrossingPlan",
+    "Event",
     "InvalidInput",
     "InverseDynamics",
     "Law",
@@ -40,9 +42,11 @@ __all__ = [
     "NotConverged",
     "OutOfReach",
     "ParallelRobot",
+    "Simulation",
     "SingularPath",
     "SingularPoint",
     "Spline",
+    "Stepper",
     "Type1Singularity",
     "UnboundedTorque",
     "VelocityMatrices",
@@ -55,6 +59,7 @@ __all__ = [
     "plan_scene",
     "raw_sampling",
     "scene_path",
+    "simulate",
     "track_path",
     "unproved_law",
     "velocity_matrices",

@@ -1,0 +1,173 @@
+"""`crossing simulate`: forward dynamics of planned torques, as a witness of the plan."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+
+from framework.cli import asked
+from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command
+from framework.crossing.plan import plan_crossing
+from framework.crossing.result import CrossingPlan
+from framework.crossing.saved import is_plan_folder, load_plan
+from framework.dynamics.simulation import Simulation, simulate
+from framework.dynamics.simulation.methods import METHODS
+from framework.errors import InvalidInput, NoAnswer
+from framework.output import written_together
+
+OFF = 1e-3  # [robot lengths, rad] from the path: farther, and the torques do not bring the robot along it
+PLANNED = (
+    "scene",
+    "start",
+    "end",
+    "duration",
+    "times",
+    "speeds",
+    "geometry",
+    "smoothness",
+)  # in a folder's plan
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    text = "drive the robot with the planned torques: tracking error, drift, energy"
+    parser = command(commands, "simulate", run, text)
+    add_robot(parser, "catalogue name, path of a robot file, or folder that `crossing plan --out` wrote")
+    add_path(parser)
+    add_flexibility(parser)
+    add_motion(parser)
+    parser.add_argument(
+        "--method",
+        choices=tuple(METHODS),
+        default="reference",
+        help="reference: to 1e-12; stiff: to 1e-7; fast, explicit: fixed steps (default: reference)",
+    )
+    parser.add_argument(
+        "--tolerance", type=float, metavar="E", help="of reference and stiff [rad, robot lengths]"
+    )
+    parser.add_argument(
+        "--step", type=float, metavar="H", help="of fast and explicit, longest one of the others [s]"
+    )
+    parser.add_argument(
+        "--damping", type=float, metavar="D", help="viscous, on every joint [N m s/rad, N s/m]"
+    )
+    parser.add_argument("--out", metavar="DIR", help="write simulation.json and simulation.csv there")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Plan, or read the plan; simulate it; say how far it comes off."""
+    if options.out == "":
+        raise InvalidInput("--out: needs the name of a folder, got an empty text")
+    plan = _plan(options)
+    with _progress(options.json) as progress:
+        result = simulate(
+            plan.robot,
+            plan.dynamics,
+            method=options.method,
+            tolerance=options.tolerance,
+            step=options.step,
+            damping=options.damping,
+            progress=progress,
+        )
+    document, text = result.to_dict(), simulation_text(result)
+    if options.out is not None:
+        with written_together(FilePath(options.out)) as folder:
+            (folder / "simulation.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+            _write_csv(result, plan, folder / "simulation.csv")
+        text += f"\n  written to        {options.out}"
+    _refuse_off_path(result)
+    return document, text
+
+
+def _plan(options: argparse.Namespace) -> CrossingPlan:
+    if is_plan_folder(options.robot):
+        typed = [name for name in PLANNED if getattr(options, name) is not None]
+        if typed or options.flexibility != "rigid":
+            given = {"start": "from", "end": "to"}.get(typed[0], typed[0]) if typed else "flexibility"
+            raise InvalidInput(
+                f"--{given}: the plan in {options.robot} has its own; leave it out, or plan again"
+            )
+        return load_plan(options.robot)
+    robot = asked.load(options)
+    return plan_crossing(robot, asked.path(options, robot), **asked.motion_options(options, robot))
+
+
+@contextmanager
+def _progress(silent: bool) -> Iterator[Callable[[float], None] | None]:
+    """A bar on stderr where somebody looks at it."""
+    from tqdm import tqdm
+
+    with tqdm(
+        total=100,
+        unit="%",
+        bar_format="{l_bar}{bar}| {remaining}",
+        disable=True if silent else None,
+        leave=False,
+    ) as bar:
+
+        def advance(share: float) -> None:
+            bar.update(100 * share - bar.n)
+
+        yield None if bar.disable else advance
+
+
+def _unit(result: Simulation) -> tuple[str, float]:
+    """Unit of the tracking error, and how much of it is off the path."""
+    moves = bool((result.robot.platform_axes < 3).any())
+    return ("m", OFF * result.robot.length) if moves else ("rad", OFF)
+
+
+def _refuse_off_path(result: Simulation) -> None:
+    unit, allowed = _unit(result)
+    tracking, turning = result.tracking_error or 0.0, result.turning_error or 0.0
+    if tracking <= allowed and turning <= OFF:
+        return
+    how = f"{tracking:.3g} {unit}" + (f" and {turning:.3g} rad" if result.turning_error is not None else "")
+    raise NoAnswer(
+        f"{result.robot.name}: the planned torques do not bring the robot along its path: it comes off by "
+        f"{how}; energy balances to {result.energy_error:.1e}, loops are closed to {result.closure_error:.1e}"
+    )
+
+
+def simulation_text(result: Simulation) -> str:
+    """A simulation for people."""
+    unit, _ = _unit(result)
+    iterations = "" if METHODS[result.method].settings.stages == 0 else f", {result.iterations} iterations"
+    lines = [
+        f"{result.robot.name}, {result.robot.flexibility}: {result.duration:g} s of forward dynamics, "
+        f"{result.method} method, {result.steps} steps{iterations}, {result.seconds:.2g} s"
+    ]
+    if result.tracking_error is not None:
+        lines.append(f"  tracking error    {result.tracking_error:.2e} {unit} from the planned path")
+    if result.turning_error is not None:
+        lines.append(f"                    {result.turning_error:.2e} rad from the planned orientation")
+    lines += [
+        f"  drift             loops closed to {result.closure_error:.1e} m or rad",
+        f"  energy            balances to {result.energy_error:.1e} of what is exchanged",
+    ]
+    return "\n".join(lines)
+
+
+def _write_csv(result: Simulation, plan: CrossingPlan, file: FilePath) -> None:
+    """time, platform, planned platform, motor angles, deflections; one row a sample, SI units."""
+    robot, axes = result.robot, result.robot.axis_names
+    names = ["time", *(f"platform_{axis}" for axis in axes), *(f"planned_{axis}" for axis in axes)]
+    names += [f"motor_angle_{joint}" for joint in robot.actuator_names]
+    names += [f"deflection_{spring}" for spring in robot.elastic_names]
+    times = result.times
+    rows = np.column_stack(
+        [
+            times,
+            result.platform(times),
+            plan.platform(np.minimum(times, plan.duration)),
+            robot.gear_ratio * result.q[:, robot.actuated],
+            result.q[:, robot.elastic],
+        ]
+    )
+    np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")

@@ -1,0 +1,173 @@
+"""`simulate`: drive a robot with torques and see where it goes.
+
+The second witness of a plan: nothing is shared with the inverse dynamics but the robot's own numbers. All
+coordinates move, loops and springs included, and at a Type 2 singularity nothing happens at all.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike
+from framework.dynamics.simulation.consistent import consistent_state
+from framework.dynamics.simulation.drive import Drive, PlannedMotion, planned_motion
+from framework.dynamics.simulation.equations import Equations
+from framework.dynamics.simulation.events import Event
+from framework.dynamics.simulation.methods import METHODS, Method, Settings, Task
+from framework.dynamics.simulation.result import Simulation, summary
+from framework.dynamics.simulation.schemes import State
+from framework.errors import InvalidInput, choose_from
+from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.tracking import assemble
+from framework.model import ParallelRobot
+
+SAMPLES = 501
+STAGES = (3, 30)
+
+
+def simulate(
+    robot: ParallelRobot,
+    drive: PlannedMotion | Callable[..., ArrayLike],
+    *,
+    method: str = "reference",
+    start: ArrayLike | None = None,
+    start_velocity: ArrayLike | None = None,
+    duration: float | None = None,
+    tolerance: float | None = None,
+    step: float | None = None,
+    stages: int | None = None,
+    damping: ArrayLike | None = None,
+    breaks: Sequence[float] = (),
+    events: Sequence[Event] = (),
+    samples: int = SAMPLES,
+    progress: Callable[[float], None] | None = None,
+) -> Simulation:
+    """Forward dynamics of a robot under motor torques.
+
+    Args:
+        drive: a plan or a result of `inverse_dynamics`, or motor torques (n_a,) [N m] as torque(t) or as
+            feedback torque(t, q, v), motor side.
+        method: reference (to `tolerance`, 1e-12); stiff (the same with fewer stages, 1e-7: quick vibrations
+            that nobody excites cost nothing); fast (fixed steps of order 2, 1e-3 s, the torque held in each
+            as control loops hold it); explicit (fixed steps of order 8 by pinocchio's contact dynamics, the
+            quickest where all joints move some mass and loops are points or welds).
+        start, start_velocity: q (nq,) and v (nv,) at t = 0; of a planned motion by default its own (of a plan
+            for other springs: its first point, at rest), else the assembled reference and rest. Loops are
+            closed and massless parts balanced from there.
+        duration: [s]; of a planned motion its own.
+        tolerance: what a step of reference or stiff may leave unresolved [rad, lengths of the robot].
+        step: fixed step of fast and explicit, longest step of the others [s].
+        stages: collocation points a step, 3 to 30.
+        damping: viscous, on every joint rate [N m s/rad, N s/m], one number or (nv,).
+        breaks: instants at which torque(t) jumps or has a kink [s]; planned motions know theirs.
+        events: zeros to report; see `Event`.
+        samples: equidistant instants of the result, of reference and stiff; the others keep their steps.
+        progress: called with the share that is done, 0 to 1.
+
+    Raises:
+        InvalidInput: method, option or start that cannot be; a motion with neither mass nor stiffness.
+        NotAssembled: the loops do not close from the start.
+        NotConverged: no step can be solved from some instant on.
+    """
+    began = clock.perf_counter()
+    chosen = _method(method)
+    settings = _settings(chosen, method, tolerance, step, stages)
+    if samples < 2:
+        raise InvalidInput(f"samples: needs at least 2, got {samples!r}")
+    equations = Equations.of(robot, None if damping is None else np.asarray(damping, dtype=float))
+    source = Drive.of(robot, drive, breaks)
+    planned = planned_motion(drive)
+    span = _duration(duration, planned)
+    state = _start(equations, source, planned, start, start_velocity)
+    run = chosen.run(Task(equations, source, state, span, tuple(events), progress), settings)
+    return summary(equations, method, run, planned, samples, clock.perf_counter() - began)
+
+
+def _method(name: str) -> Method:
+    if name not in METHODS:
+        raise InvalidInput(choose_from("method", name, METHODS))
+    return METHODS[name]
+
+
+def _settings(
+    method: Method, name: str, tolerance: float | None, step: float | None, stages: int | None
+) -> Settings:
+    """The method's settings with what the caller says."""
+    settings = method.settings
+    if tolerance is not None:
+        if not settings.stages:
+            raise InvalidInput(f"tolerance: method {name} has none; its step [s] sets how exact it is")
+        if not 1e-14 <= tolerance < 1:
+            raise InvalidInput(f"tolerance: must lie in [1e-14, 1), got {tolerance!r}")
+        settings = settings._replace(tolerance=tolerance)
+    if stages is not None:
+        if not settings.stages:
+            raise InvalidInput(f"stages: method {name} has none")
+        if not STAGES[0] <= stages <= STAGES[1]:
+            raise InvalidInput(f"stages: {STAGES[0]} to {STAGES[1]}, got {stages!r}")
+        settings = settings._replace(stages=stages, looks=2 * stages)
+    if step is not None:
+        if not (np.isfinite(step) and step > 0):
+            raise InvalidInput(f"step: must be positive [s], got {step!r}")
+        settings = settings._replace(step=step)
+    return settings
+
+
+def _duration(given: float | None, planned: PlannedMotion | None) -> float:
+    if given is None:
+        if planned is None:
+            raise InvalidInput("duration: required [s] when the drive is a function")
+        return planned.duration
+    if not (np.isfinite(given) and given > 0):
+        raise InvalidInput(f"duration: must be positive [s], got {given!r}")
+    if planned is not None and given > planned.duration * (1 + 1e-12):
+        raise InvalidInput(f"duration: the planned motion ends at {planned.duration:g} s, got {given!r}")
+    return given
+
+
+def _start(
+    equations: Equations,
+    drive: Drive,
+    planned: PlannedMotion | None,
+    start: ArrayLike | None,
+    start_velocity: ArrayLike | None,
+) -> State:
+    """The consistent state at t = 0."""
+    robot, model = equations.robot, equations.robot.model
+    if start is not None:
+        q, v = _vector("start", start, model.nq), np.zeros(model.nv)
+    elif planned is not None:
+        q, v = _planned_start(robot, planned)
+    else:
+        q, v = reference_configuration(robot).q, np.zeros(model.nv)
+    if start_velocity is not None:
+        v = _vector("start_velocity", start_velocity, model.nv)
+    torque = drive(np.zeros(1), q[None], v[None])[0]
+    return State(*consistent_state(equations, q, v, torque))
+
+
+def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array, Array]:
+    """Where the plan starts; for a plan of the same robot with other springs, assembled there at rest."""
+    q, v = planned.configuration(0.0)[0], planned.velocity(0.0)[0]
+    if len(q) == robot.model.nq:
+        return q, v
+    owner = getattr(planned, "robot", robot)
+    moving = np.abs(v).max(initial=0.0) > 1e-9 * np.abs(planned.velocity(planned.duration / 2)).max(
+        initial=0.0
+    )
+    if owner.name != robot.name or moving:
+        raise InvalidInput(
+            f"the plan is for {owner.name}, {owner.flexibility}, which differs from {robot.name}, "
+            f"{robot.flexibility}{', and starts in motion' if moving else ''}; give start and start_velocity"
+        )
+    return assemble(robot, planned.platform(0.0)).q, np.zeros(robot.model.nv)
+
+
+def _vector(name: str, given: ArrayLike, length: int) -> Array:
+    vector = np.asarray(given, dtype=float)
+    if vector.shape != (length,) or not np.all(np.isfinite(vector)):
+        raise InvalidInput(f"{name}: needs {length} finite numbers, got {np.asarray(given).tolist()!r}")
+    return vector
