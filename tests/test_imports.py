@@ -21,6 +21,7 @@ FLOORS = (
     ("kinematics", "catalogue", "virtual_joints"),
     ("dynamics",),
     ("crossing",),
+    ("control",),
     ("show", "__init__"),  # __init__ is the public face: `import framework` draws nothing
     ("cli",),
     ("__main__",),

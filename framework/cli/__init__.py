@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from framework.cli import check, convert, locate, plan, report, robots, show, simulate
+from framework.cli import check, convert, locate, plan, report, robots, robustness, show, simulate
 from framework.cli.parser import Misuse, OneLineParser
 from framework.errors import FrameworkError, NoAnswer
 
-COMMANDS = (robots, check, convert, locate, plan, simulate, show, report)  # in the order of --help
+COMMANDS = (robots, check, convert, locate, plan, simulate, robustness, show, report)  # in the order of --help
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 
 from framework.catalogue import robot_file
+from framework.crossing.plan import plan_crossing
+from framework.crossing.result import CrossingPlan
+from framework.crossing.saved import is_plan_folder, load_plan
 from framework.crossing.scenes import scene, scene_path
 from framework.errors import InvalidInput
 from framework.model import ParallelRobot
@@ -79,3 +82,22 @@ def motion_options(options: argparse.Namespace, robot: ParallelRobot) -> dict[st
     if given["duration"] is None:
         raise InvalidInput("--duration: required with --from and --to")
     return {**given, "geometry": options.geometry, "smoothness": options.smoothness}
+
+
+def planned(options: argparse.Namespace) -> CrossingPlan:
+    """The plan in the folder that ROBOT is, or the one that the options ask for.
+
+    Raises:
+        InvalidInput: options of the motion beside a folder, which has a motion already.
+        FrameworkError: whatever `load_plan` and `plan_crossing` raise.
+    """
+    if not is_plan_folder(options.robot):
+        robot = load(options)
+        return plan_crossing(robot, path(options, robot), **motion_options(options, robot))
+    for key in ("scene", "start", "end", "duration", "times", "speeds", "geometry", "smoothness"):
+        if getattr(options, key, None) is not None:
+            name = {"start": "from", "end": "to"}.get(key, key)
+            raise InvalidInput(
+                f"--{name}: {options.robot} is a plan, which has its motion already; leave it out"
+            )
+    return load_plan(options.robot)

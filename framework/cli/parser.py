@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, NoReturn
 
 from framework.model.description import FLEXIBILITIES
@@ -84,3 +85,16 @@ def add_motion(parser: argparse.ArgumentParser) -> None:
         metavar="R",
         help="derivatives of s that vanish at both ends (default: 2 rigid, 4 elastic)",
     )
+
+
+@contextmanager
+def progress_bar(total: int, unit: str) -> Iterator[Callable[[int], None]]:
+    """A bar on stderr while the block runs, if a person looks at it; call it with what was done since."""
+    from tqdm import tqdm
+
+    with tqdm(total=total, unit=unit, disable=None, leave=False) as bar:
+
+        def advance(done: int) -> None:
+            bar.update(done)
+
+        yield advance

@@ -46,10 +46,10 @@ def styled() -> Iterator[None]:
         yield
 
 
-def figure(rows: int = 1, *, height: float = 2.2) -> tuple[Figure, list[Axes]]:
-    """A figure one journal column wide with `rows` axes over a common abscissa; `height` [in] each."""
+def figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> tuple[Figure, list[Axes]]:
+    """A figure one journal column wide with `rows` axes, `height` [in] each; `shared`: over one abscissa."""
     drawing = Figure(figsize=(COLUMN, height * rows), layout="constrained")
-    axes = drawing.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    axes = drawing.subplots(rows, 1, sharex=shared, squeeze=False)[:, 0]
     return drawing, list(axes)
 
 

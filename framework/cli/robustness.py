@@ -1,0 +1,191 @@
+"""`crossing robustness`: a controlled crossing on many robots that differ from their model."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+
+from framework.cli import asked
+from framework.cli.parser import (
+    Report,
+    add_flexibility,
+    add_motion,
+    add_path,
+    add_robot,
+    command,
+    progress_bar,
+)
+from framework.control.closed_loop import SENSORS, Loop
+from framework.control.controllers import CONTROLLERS, tuned_controller
+from framework.control.reference import reference_of
+from framework.control.study import Study, run_study
+from framework.control.variation import Spread
+from framework.errors import InvalidInput
+from framework.output import written_together
+
+TEXT = "drive a planned crossing with a controller on many robots that differ from their model"
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    parser = command(commands, "robustness", run, TEXT)
+    add_robot(parser, "catalogue name, path of a robot file, or a folder of `crossing plan --out`")
+    add_path(parser)
+    add_flexibility(parser)
+    add_motion(parser)
+    parser.add_argument(
+        "--controller",
+        nargs="+",
+        choices=tuple(CONTROLLERS),
+        default=["feedforward"],
+        help="one or several to compare (default: feedforward)",
+    )
+    parser.add_argument("--runs", type=int, default=200, metavar="N", help="runs a controller (default: 200)")
+    parser.add_argument("--seed", type=int, default=0, metavar="K", help="of the study (default: 0)")
+    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default: 1)")
+    parser.add_argument("--dask", metavar="ADDRESS", help="of a dask scheduler, instead of --workers")
+    parser.add_argument("--out", metavar="DIR", help="write robustness.json, runs.csv and a figure there")
+    spread = parser.add_argument_group("how the robots differ")
+    for name, default, text in (
+        ("payload", 0.05, "share of the payload, uniform in +-"),
+        ("stiffness", 0.0, "share of each spring's stiffness, uniform in +-"),
+        ("places", 0.0, "[m] standard deviation of each joint's place"),
+        ("friction", 0.0, "Coulomb friction of each motor, share of the peak torque, uniform from 0"),
+        ("delay", 0.0, "[s] from measurement to torque, uniform from 0"),
+        ("noise", 0.0, "[rad] standard deviation of the encoders, joint side"),
+        ("speed-noise", 0.0, "[rad/s] the same of measured speeds"),
+    ):
+        spread.add_argument(
+            f"--{name}", type=float, default=default, metavar="X", help=f"{text} (default: {default:g})"
+        )
+    loop = parser.add_argument_group("the control loop")
+    loop.add_argument("--period", type=float, default=1e-3, metavar="T", help="sampling period [s] (1e-3)")
+    loop.add_argument("--sensors", choices=SENSORS, default="motors", help="joints with encoders (motors)")
+    loop.add_argument("--limit", type=float, nargs="+", metavar="TAU", help="largest motor torques [N m]")
+    loop.add_argument(
+        "--band", type=float, default=Loop.band, metavar="E", help=f"a run passes inside it ({Loop.band:g})"
+    )
+
+
+def run(options: argparse.Namespace) -> Report:
+    """One study for each controller, on the same robots."""
+    spread = Spread(
+        **{
+            name: getattr(options, name)
+            for name in ("payload", "stiffness", "places", "friction", "delay", "noise", "speed_noise")
+        }
+    )
+    limit = None if options.limit is None else tuple(options.limit)
+    loop = Loop(band=options.band, end=options.band, limit=limit, sensors=options.sensors)
+    if options.runs < 1:
+        raise InvalidInput(f"--runs: needs at least 1, got {options.runs}")
+    plan = asked.planned(options)
+    reference = reference_of(plan, period=options.period)
+    controllers = {name: tuned_controller(name, reference) for name in options.controller}
+    studies = []
+    with _executor(options) as executor, progress_bar(options.runs * len(controllers), "runs") as progress:
+        for name, controller in controllers.items():
+            studies.append(
+                run_study(
+                    controller,
+                    loop,
+                    spread,
+                    runs=options.runs,
+                    name=name,
+                    seed=options.seed,
+                    executor=executor,
+                    progress=progress,
+                )
+            )
+    document = {"robot": plan.robot.name, "runs": options.runs, "studies": [_document(s) for s in studies]}
+    text = _text(plan.robot.name, studies)
+    if options.out is None:
+        return document, text
+    with written_together(FilePath(options.out)) as folder:
+        _write(studies, document, folder)
+    return document, f"{text}\n  written to        {options.out}"
+
+
+@contextmanager
+def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
+    if options.workers < 1:
+        raise InvalidInput(f"--workers: needs at least 1, got {options.workers}")
+    if options.dask is not None:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise InvalidInput("--dask: needs dask.distributed: pip install distributed") from None
+        with Client(options.dask) as client:
+            yield client.get_executor()
+    elif options.workers == 1:
+        yield None
+    else:
+        with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+            yield pool
+
+
+def _document(study: Study) -> dict[str, Any]:
+    return {
+        "controller": study.controller,
+        "probability": study.probability,
+        "interval": list(study.interval),
+        "tracking_error": _quantiles(study.tracking_error),
+        "end_error": _quantiles(study.end_error),
+        "peak_torque": float(study.peak_torque.max()),
+        "failures": [{"seed": list(seed), "why": study.why[seed[1]]} for seed in study.failures],
+        "seconds": study.seconds,
+    }
+
+
+def _quantiles(values: np.ndarray) -> dict[str, float]:
+    median, most, largest = np.quantile(values, [0.5, 0.95, 1.0])
+    return {"median": float(median), "95 %": float(most), "largest": float(largest)}
+
+
+def _text(robot: str, studies: list[Study]) -> str:
+    lines = [
+        f"{robot}: {len(studies[0].passed)} runs a controller, seed {studies[0].seed}; errors in robot "
+        "lengths or rad, torques in N m",
+        f"  {'controller':24s}  passed             median     95 %       largest    peak torque",
+    ]
+    for study in studies:
+        low, high = study.interval
+        error = _quantiles(study.tracking_error)
+        lines.append(
+            f"  {study.controller:24s}  {study.probability:6.1%} ({low:.1%} .. {high:.1%})"
+            f"  {error['median']:.2e}   {error['95 %']:.2e}   {error['largest']:.2e}"
+            f"   {study.peak_torque.max():.3g}"
+        )
+    for study in studies:
+        for seed in study.failures[:3]:
+            lines.append(f"  failed            {study.controller}, seed {seed}: {study.why[seed[1]]}")
+        if len(study.failures) > 3:
+            lines.append(
+                f"                    and {len(study.failures) - 3} more; --out or --json keeps all seeds"
+            )
+    return "\n".join(lines)
+
+
+def _write(studies: list[Study], document: dict[str, Any], folder: FilePath) -> None:
+    from framework.show.plots import save
+    from framework.show.robustness import plot_robustness
+
+    (folder / "robustness.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    with open(folder / "runs.csv", "w", encoding="utf-8") as file:
+        file.write("controller,study_seed,run,passed,tracking_error,end_error,peak_torque,payload,why\n")
+        for study in studies:
+            for k, passed in enumerate(study.passed):
+                file.write(
+                    f"{study.controller},{study.seed},{k},{int(passed)},{study.tracking_error[k]!r},"
+                    f"{study.end_error[k]!r},{study.peak_torque[k].max()!r},{study.payload[k]!r},"
+                    f'"{study.why[k]}"\n'
+                )
+    save(lambda: plot_robustness(studies), folder / "robustness")

@@ -1,0 +1,101 @@
+"""Computed torque: the inverse dynamics of what is measured, naive or aware of the singularity.
+
+Both ask for the platform acceleration ddx_c = ddx + k_d (dx error) + k_p (x error) and compute torques from
+P' lambda = r_p, tau = r_a - J_a' lambda (see `framework.dynamics.forces`). At a Type 2 singularity P loses
+rank. The naive law divides by it: condition (8) holds for the plan, and not for the feedback added to it.
+The aware law takes the multipliers of the plan, finite through the crossing, and solves for their
+correction only in the directions that P still has; where P is regular both are the same. After Pagis,
+Bouton, Briot and Martinet, Enlarging parallel robot workspace through Type-2 singularity crossing,
+Control Engineering Practice 39, 2015, who switch to a model that stays consistent near the singularity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.control.measurement import Measurement, concluded_state, consistent_inverse
+from framework.control.reference import Reference
+from framework.dynamics.forces import tree_forces
+from framework.errors import InvalidInput
+from framework.kinematics.assembly import loop_rows, passive_columns
+from framework.kinematics.closures import column_scale, scaled
+from framework.kinematics.inverse_kinematics import ClosedStack, motion_at, system_at
+
+
+@dataclass(frozen=True, eq=False)
+class ComputedTorque:
+    """Computed torque in platform coordinates; `multipliers` (K, m) of the plan, None for the naive law."""
+
+    reference: Reference
+    frequency: float  # [rad/s] of the error dynamics
+    damping: float
+    multipliers: Array | None
+
+    @staticmethod
+    def tuned(
+        reference: Reference, *, aware: bool, frequency: float = 20.0, damping: float = 1.0
+    ) -> ComputedTorque:
+        """The law with error dynamics of one natural `frequency` [rad/s].
+
+        Raises:
+            InvalidInput: the robot has springs, or redundant motors.
+        """
+        robot = reference.robot
+        if robot.n_e or robot.n_a != robot.n:
+            raise InvalidInput(
+                f"controller computed_torque: for rigid robots with as many motors as platform axes; "
+                f"{robot.name} has {robot.n_e} springs, {robot.n_a} motors, {robot.n} axes: use feedforward"
+            )
+        multipliers = _planned_multipliers(reference) if aware else None
+        return ComputedTorque(reference, frequency, damping, multipliers)
+
+    def torque(self, k: int, seen: Measurement) -> Array:
+        """Motor torques (R, n_a) [N m]; infinite where the naive law divides by zero."""
+        ref, robot = self.reference, self.reference.robot
+        state = concluded_state(ref, k, seen, aware=self.multipliers is not None)
+        asked = (
+            ref.ddx[k]
+            + 2 * self.damping * self.frequency * (ref.dx[k] - state.dx)
+            + self.frequency**2 * (ref.x[k] - state.x)
+        )
+        closed = ClosedStack(state.q, state.x, system_at(robot, state.q, state.x))
+        motion = motion_at(robot, closed, state.dx, asked)
+        r = tree_forces(robot, motion)
+        rows, columns = loop_rows(robot), passive_columns(robot)
+        J = scaled(robot, motion.system.closures, rows)  # (R, m, nv) dimensionless
+        r = r * column_scale(robot)
+        P = J[:, :, columns].transpose(0, 2, 1)
+        if self.multipliers is None:
+            multipliers = _divided(P, r[:, columns])
+        else:
+            planned = self.multipliers[k]
+            rest = r[:, columns] - P @ planned
+            multipliers = planned + (consistent_inverse(P) @ rest[..., None])[..., 0]
+        held = (r - np.einsum("tmv,tm->tv", J, multipliers)) / column_scale(robot)
+        n = robot.gear_ratio
+        return np.asarray(robot.rotor_inertia * n * motion.a[:, robot.actuated] + held[:, robot.actuated] / n)
+
+
+def _divided(P: Array, r: Array) -> Array:
+    """P^-1 r (R, m), as a program would that knows no better."""
+    try:
+        return np.asarray(np.linalg.solve(P, r[..., None])[..., 0])
+    except np.linalg.LinAlgError:
+        return np.full(r.shape, np.inf)
+
+
+def _planned_multipliers(reference: Reference) -> Array:
+    """Multipliers (K, m) of the dimensionless loop rows along the plan, finite at the crossing too.
+
+    There P alone cannot tell them; all rows of J' lambda = r - S tau can, once tau is known.
+    """
+    robot, motion = reference.robot, reference.motion
+    r = tree_forces(robot, motion)
+    n = robot.gear_ratio
+    r[:, robot.actuated] -= n * (reference.torque - robot.rotor_inertia * n * motion.a[:, robot.actuated])
+    J = scaled(robot, motion.system.closures, loop_rows(robot))
+    transposed = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
+    return np.asarray((transposed @ (r * column_scale(robot))[..., None])[..., 0])

@@ -1,0 +1,30 @@
+"""The controllers by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from framework.control.computed_torque import ComputedTorque
+from framework.control.feedforward import FeedforwardPD
+from framework.control.lqr import TimeVaryingLQR
+from framework.control.measurement import Controller
+from framework.control.reference import Reference
+from framework.errors import InvalidInput, choose_from
+
+CONTROLLERS: Mapping[str, Callable[[Reference], Controller]] = {
+    "feedforward": FeedforwardPD.tuned,
+    "lqr": TimeVaryingLQR.tuned,
+    "computed_torque": lambda reference: ComputedTorque.tuned(reference, aware=True),
+    "naive_computed_torque": lambda reference: ComputedTorque.tuned(reference, aware=False),
+}
+
+
+def tuned_controller(name: str, reference: Reference) -> Controller:
+    """The controller of that name with its default gains.
+
+    Raises:
+        InvalidInput: unknown name, or a robot that the controller is not for.
+    """
+    if name not in CONTROLLERS:
+        raise InvalidInput(choose_from("controller", name, CONTROLLERS))
+    return CONTROLLERS[name](reference)

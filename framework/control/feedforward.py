@@ -1,0 +1,44 @@
+"""Planned torques, and a spring and a damper on each motor.
+
+The planned torque is finite at the crossing, and the feedback never inverts A: nothing here knows that
+there is a singularity, and nothing has to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.control.measurement import Measurement
+from framework.control.platform_dynamics import platform_dynamics
+from framework.control.reference import Reference
+
+
+@dataclass(frozen=True, eq=False)
+class FeedforwardPD:
+    """tau = tau_plan + k_p (motor angle error) + k_d (motor speed error)."""
+
+    reference: Reference
+    k_p: Array  # (n_a,) [N m/rad], motor side
+    k_d: Array  # (n_a,) [N m s/rad]
+
+    @staticmethod
+    def tuned(reference: Reference, *, frequency: float = 40.0, damping: float = 1.0) -> FeedforwardPD:
+        """Gains that give each motor, alone at the start of the motion, the natural `frequency` [rad/s]."""
+        robot, N = reference.robot, reference.N[:1]
+        mass = platform_dynamics(robot, reference.x[:1], reference.dx[:1], reference.motion.q[:1]).mass[0]
+        geared = robot.gear_ratio[:, None] * N[0][robot.actuated]  # (n_a, n) motor speed for unit dx
+        back = np.linalg.pinv(geared)
+        inertia = np.diag(back.T @ mass @ back)  # (n_a,) [kg m^2], what each motor turns
+        return FeedforwardPD(reference, frequency**2 * inertia, 2 * damping * frequency * inertia)
+
+    def torque(self, k: int, seen: Measurement) -> Array:
+        """Motor torques (R, n_a) [N m]."""
+        ref = self.reference
+        return (
+            ref.held[k]
+            + self.k_p * (ref.motor_angle[k] - seen.motor_angle)
+            + self.k_d * (ref.motor_speed[k] - seen.motor_speed)
+        )

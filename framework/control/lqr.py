@@ -1,0 +1,103 @@
+"""Time-varying LQR on the manifold of closed loops.
+
+The dynamics are linearised along the plan in platform coordinates, where they are regular at Type 2: there
+G loses rank, for an instant one direction is out of the motors' hands, and the Riccati equation knows it
+before and after. After Bordalba, Ros and Porta, A Singularity-Robust LQR Controller for Parallel
+Robots, IROS 2018.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+
+from framework.arrays import Array
+from framework.control.measurement import Measurement, concluded_state
+from framework.control.platform_dynamics import platform_dynamics
+from framework.control.reference import Reference
+from framework.errors import InvalidInput
+
+DIFFERENCE = 1e-5  # of the robot's length [m] or [rad]: step of the central differences
+
+
+@dataclass(frozen=True, eq=False)
+class TimeVaryingLQR:
+    """tau = tau_plan + gain [x error; dx error]."""
+
+    reference: Reference
+    gain: Array  # (K, n_a, 2n)
+
+    @staticmethod
+    def tuned(
+        reference: Reference, *, position: float = 1e-3, speed: float = 2e-2, torque: float | None = None
+    ) -> TimeVaryingLQR:
+        """Gains for errors of `position` [lengths of the robot], `speed` [lengths/s] worth `torque` [N m].
+
+        `torque` is the peak of the plan when None.
+
+        Raises:
+            InvalidInput: the robot has springs, or a weight is not positive.
+        """
+        robot = reference.robot
+        if robot.n_e:
+            raise InvalidInput(
+                f"controller lqr: for rigid robots; {robot.name} has the springs "
+                f"{', '.join(robot.elastic_names)}: use feedforward"
+            )
+        worth = float(np.abs(reference.torque).max()) if torque is None else torque
+        for name, value in (("position", position), ("speed", speed), ("torque", worth)):
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidInput(f"lqr: {name} must be a positive number, got {value!r}")
+        size = np.where(robot.platform_axes >= 3, 1.0, robot.length)
+        Q = np.diag(np.concatenate([1 / (position * size) ** 2, 1 / (speed * size) ** 2]))
+        R = np.eye(robot.n_a) / worth**2
+        A, B = _linearised(reference)
+        return TimeVaryingLQR(reference, riccati(A, B, Q, R, reference.period))
+
+    def torque(self, k: int, seen: Measurement) -> Array:
+        """Motor torques (R, n_a) [N m]."""
+        ref = self.reference
+        state = concluded_state(ref, k, seen, aware=True)
+        error = np.concatenate([ref.x[k] - state.x, ref.dx[k] - state.dx], axis=1)
+        return np.asarray(ref.held[k] + error @ self.gain[k].T)
+
+
+def _linearised(reference: Reference) -> tuple[Array, Array]:
+    """d/dt of the error e = [x; dx]: de/dt = A e + B tau; A (K, 2n, 2n), B (K, 2n, n_a)."""
+    robot, count, n = reference.robot, len(reference.times), reference.robot.n
+    size = np.where(robot.platform_axes >= 3, 1.0, robot.length)
+    A = np.zeros((count, 2 * n, 2 * n))
+    A[:, :n, n:] = np.eye(n)
+    for k in range(2 * n):
+        step = np.zeros(2 * n)
+        step[k] = DIFFERENCE * size[k % n]
+        ends = [
+            platform_dynamics(
+                robot, reference.x + sign * step[:n], reference.dx + sign * step[n:], reference.motion.q
+            ).acceleration(reference.torque)
+            for sign in (1.0, -1.0)
+        ]
+        A[:, n:, k] = (ends[0] - ends[1]) / (2 * step[k])
+    here = platform_dynamics(robot, reference.x, reference.dx, reference.motion.q)
+    B = np.zeros((count, 2 * n, robot.n_a))
+    B[:, n:] = np.linalg.solve(here.mass, here.motors.transpose(0, 2, 1))
+    return A, B
+
+
+def riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
+    """Gains (K, n_a, 2n) of the discrete Riccati equation, torques held for a period; from the end back."""
+    count, size, inputs = B.shape
+    joined = np.zeros((count, size + inputs, size + inputs))
+    joined[:, :size, :size], joined[:, :size, size:] = A * period, B * period
+    held = expm(joined)
+    F, G = held[:, :size, :size], held[:, :size, size:]
+    gain = np.empty((count, inputs, size))
+    P = Q.copy()
+    for k in range(count - 1, -1, -1):
+        PG = P @ G[k]
+        gain[k] = np.linalg.solve(R + G[k].T @ PG, PG.T @ F[k])
+        closed = F[k] - G[k] @ gain[k]
+        P = Q + gain[k].T @ R @ gain[k] + closed.T @ P @ closed
+    return gain

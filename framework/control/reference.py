@@ -1,0 +1,79 @@
+"""The plan at the instants of the controller: all that is known before the motion starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.crossing.result import CrossingPlan
+from framework.errors import InvalidInput
+from framework.kinematics.inverse_kinematics import Motion, close_loops, joint_rates, motion_at
+from framework.kinematics.platform import platform_twist
+from framework.model import ParallelRobot
+
+MOST_SAMPLES = 200_000
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The planned motion at K sampling instants, k * `period`; N is dq/dx, regular at Type 2."""
+
+    robot: ParallelRobot  # as the controller believes it to be
+    period: float  # [s]
+    times: Array  # (K,) [s]
+    motion: Motion  # q (K, nq), v, a (K, nv)
+    x: Array  # (K, n) [m, rad]
+    dx: Array  # (K, n)
+    ddx: Array  # (K, n)
+    torque: Array  # (K, n_a) [N m], motor side
+    held: Array  # (K, n_a) the same half a period later: the best torque to hold for a period
+    motor_angle: Array  # (K, n_a) [rad], motor side
+    motor_speed: Array  # (K, n_a)
+    N: Array  # (K, nv, n) joint rates for unit rates of x, springs at rest
+
+
+def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
+    """The plan sampled every `period` seconds.
+
+    Raises:
+        InvalidInput: the period is not positive, longer than a tenth of the motion, or so short that
+            there would be more than 200000 samples.
+    """
+    shortest, longest = plan.duration / MOST_SAMPLES, plan.duration / 10
+    if not (np.isfinite(period) and shortest < period <= longest):
+        raise InvalidInput(
+            f"period: must lie in ({shortest:g}, {longest:g}] s for a motion of {plan.duration:g} s, "
+            f"got {period!r}"
+        )
+    robot, dynamics = plan.robot, plan.dynamics
+    count = int(np.floor(plan.duration / period * (1 + 1e-12))) + 1
+    times = np.minimum(period * np.arange(count), plan.duration)
+    x, dx, ddx = (plan.platform(times, order) for order in range(3))
+    closed = close_loops(robot, x, dynamics.configuration(times))
+    motion = motion_at(robot, closed, dx, ddx, plan.deflection(times, 1), plan.deflection(times, 2))
+    return Reference(
+        robot=robot,
+        period=period,
+        times=times,
+        motion=motion,
+        x=x,
+        dx=dx,
+        ddx=ddx,
+        torque=plan.torque(times),
+        held=plan.torque(np.minimum(times + period / 2, plan.duration)),
+        motor_angle=plan.motor_angle(times),
+        motor_speed=plan.motor_angle(times, 1),
+        N=platform_rates(robot, motion, x),
+    )
+
+
+def platform_rates(robot: ParallelRobot, motion: Motion, x: Array) -> Array:
+    """N = dq/dx (T, nv, n) along a motion, the springs held."""
+    columns = []
+    for axis in np.eye(robot.n):
+        rate = np.broadcast_to(axis, x.shape)
+        twist, _ = platform_twist(robot, x, rate)
+        columns.append(joint_rates(robot, motion.system, twist, np.zeros((len(x), robot.n_e))))
+    return np.stack(columns, axis=2)

@@ -1,0 +1,104 @@
+"""How a real robot differs from its model: payload, springs, geometry, friction, timing, noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.errors import InvalidInput
+from framework.kinematics.assembly import loop_rows
+from framework.model import ParallelRobot
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How much each thing may differ; zero: not at all."""
+
+    payload: float = 0.0  # share of the platform body's inertia, uniform in +-
+    stiffness: float = 0.0  # share of each spring's stiffness, uniform in +-
+    places: float = 0.0  # [m] standard deviation of each coordinate of each joint's place
+    friction: float = 0.0  # Coulomb friction of each motor, share of the plan's peak torque, uniform from 0
+    delay: float = 0.0  # [s] from measurement to torque, uniform from 0, in whole sampling periods
+    noise: float = 0.0  # [rad] or [lengths of the robot], standard deviation of each encoder
+    speed_noise: float = 0.0  # [rad/s] or [lengths/s], the same of measured speeds
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InvalidInput(f"{field.name}: must be a number of at least 0, got {value!r}")
+        for name in ("payload", "stiffness"):
+            if getattr(self, name) >= 1:
+                raise InvalidInput(f"{name}: a share below 1, got {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """One robot out of the spread; reproduced by its seed."""
+
+    seed: tuple[int, int]  # of the study, number of the run
+    payload: float  # factor on the platform body's inertia
+    stiffness: Array  # (n_e,) factors
+    shifts: Array  # (joints, 3) [m] added to the joints' places
+    friction: Array  # (n_a,) [share of the peak torque]
+    delay: float  # [s]
+
+
+def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variation:
+    """The variation of one seed; it does not depend on any other run."""
+    random = np.random.default_rng(np.random.SeedSequence(seed))
+    return Variation(
+        seed=seed,
+        payload=1 + spread.payload * random.uniform(-1, 1),
+        stiffness=1 + spread.stiffness * random.uniform(-1, 1, robot.n_e),
+        shifts=spread.places * random.standard_normal((robot.model.njoints - 1, 3)),
+        friction=spread.friction * random.uniform(0, 1, robot.n_a),
+        delay=spread.delay * random.uniform(0, 1),
+    )
+
+
+def noise_of(
+    robot: ParallelRobot, spread: Spread, seeds: Sequence[tuple[int, int]], samples: int
+) -> Array | None:
+    """Encoder noise (samples, R, 2, nv) of positions and speeds, in units of the joints; None for none."""
+    if not (spread.noise or spread.speed_noise):
+        return None
+    size = np.array([spread.noise, spread.speed_noise])[:, None]
+    shape = (samples, 2, robot.model.nv)
+    sequences = [np.random.SeedSequence((*seed, 1)) for seed in seeds]
+    runs = [np.random.default_rng(sequence).standard_normal(shape) for sequence in sequences]
+    return np.asarray(np.stack(runs, axis=1) * size)
+
+
+def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
+    """The robot as it really is. Its loops close at another configuration if the geometry differs.
+
+    The payload is the inertia of the platform's link, or of the moving body that the platform frame is
+    on when that link has none of its own.
+    """
+    model = robot.model.copy()
+    frame = model.frames[robot.frames[0]]
+    joint = frame.parentJoint
+    own = frame.inertia
+    payload = frame.placement.act(own) if own.mass > 0 else model.inertias[joint]
+    model.inertias[joint] = _scaled(model.inertias[joint], payload, variation.payload)
+    for k, place in enumerate(variation.shifts):
+        placement = model.jointPlacements[k + 1]
+        model.jointPlacements[k + 1] = pin.SE3(placement.rotation, placement.translation + place)
+    # redundant rows hold only for exact places; a real machine has clearance there
+    return replace(robot, model=model, rows=loop_rows(robot), stiffness=robot.stiffness * variation.stiffness)
+
+
+def _scaled(whole: pin.Inertia, part: pin.Inertia, factor: float) -> pin.Inertia:
+    """`whole` with `factor` times the part in it."""
+    matrix = whole.matrix() + (factor - 1) * part.matrix()
+    mass = matrix[0, 0]
+    if mass <= 0:
+        return whole
+    lever = np.array([matrix[5, 1], matrix[3, 2], matrix[4, 0]]) / mass  # of the skew block m [c]x
+    c = pin.skew(lever)
+    return pin.Inertia(mass, lever, matrix[3:, 3:] + mass * c @ c)

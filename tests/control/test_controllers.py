@@ -1,0 +1,138 @@
+"""Controllers: laws that hold for each of them, and the witnesses of the dynamics that they use."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are
+
+import robots
+from framework import InvalidInput, plan_scene
+from framework.control.computed_torque import ComputedTorque
+from framework.control.controllers import CONTROLLERS, tuned_controller
+from framework.control.lqr import riccati
+from framework.control.measurement import Measurement, State, concluded_state, consistent_inverse
+from framework.control.platform_dynamics import platform_dynamics
+from framework.control.reference import reference_of
+
+PERIOD = 1.7e-3  # no sample on the singular instant, 1 s: the naive law has a value at each
+ROBOTS = [("five_bar", "C"), ("five_bar_heavy", "C"), ("three_rrr", "crossing"), ("gough_stewart", "tilt")]
+
+
+@cache
+def reference(name, scene, period=PERIOD):
+    return reference_of(plan_scene(robots.load(name), scene), period=period)
+
+
+def on_the_plan(ref, k, sensors="joints"):
+    state = State(ref.motion.q[k][None], ref.motion.v[k][None], ref.x[k][None], ref.dx[k][None])
+    return Measurement(
+        ref.motor_angle[k][None], ref.motor_speed[k][None], state if sensors == "joints" else None
+    )
+
+
+@pytest.mark.parametrize("sensors", ["joints", "motors"])
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_on_the_plan_a_controller_asks_for_the_planned_torque(name, sensors):
+    ref = reference("five_bar_heavy", "C")
+    controller = tuned_controller(name, ref)
+    held = name in ("feedforward", "lqr")
+    for k in range(0, len(ref.times), 97):
+        planned = ref.held[k] if held else ref.torque[k]
+        asked = controller.torque(k, on_the_plan(ref, k, sensors))
+        np.testing.assert_allclose(asked[0], planned, atol=1e-9)  # N m; the naive law loses digits near 1 s
+
+
+@pytest.mark.parametrize(("name", "scene"), ROBOTS)
+def test_the_planned_torque_gives_the_planned_acceleration(name, scene):
+    """M_x ddx + h_x = G' tau, with tau from A and lambda: two routes, one of them regular at Type 2."""
+    ref = reference(name, scene, period=plan_scene(robots.load(name), scene).duration / 300)
+    model = platform_dynamics(ref.robot, ref.x, ref.dx, ref.motion.q)
+    scale = np.abs(ref.ddx).max()
+    np.testing.assert_allclose(model.acceleration(ref.torque), ref.ddx, atol=1e-8 * scale)
+
+
+def test_with_constant_dynamics_the_riccati_gains_are_those_of_the_algebraic_equation():
+    h = 0.01
+    A, B = np.array([[0.0, 1.0], [3.0, -0.1]]), np.array([[0.0], [2.0]])
+    Q, R = np.diag([5.0, 1.0]), np.array([[0.3]])
+    gain = riccati(np.tile(A, (2000, 1, 1)), np.tile(B, (2000, 1, 1)), Q, R, h)
+    # torques held: the exact discrete system by its power series
+    joined = h * np.block([[A, B], [np.zeros((1, 3))]])
+    series, term = np.eye(3), np.eye(3)
+    for k in range(1, 20):
+        term = term @ joined / k
+        series = series + term
+    F, G = series[:2, :2], series[:2, 2:]
+    P = solve_discrete_are(F, G, Q, R)
+    np.testing.assert_allclose(gain[0], np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F), rtol=1e-9)
+
+
+def test_motor_encoders_tell_the_platform_to_second_order():
+    ref = reference("five_bar", "C")
+    k = 100  # far from the crossing
+    for size in (1e-3, 1e-4):
+        dx = size * np.array([0.6, -0.8])
+        closed = platform_state(ref, k, dx)
+        for aware in (True, False):
+            found = concluded_state(ref, k, closed, aware=aware)
+            assert np.abs(found.x[0] - ref.x[k] - dx).max() < 20 * size**2
+
+
+def platform_state(ref, k, dx):
+    """What the motor encoders say with the platform dx beside the plan."""
+    from framework.kinematics.inverse_kinematics import close_loops
+
+    q = close_loops(ref.robot, ref.x[k][None] + dx, ref.motion.q[k][None]).q
+    angle = ref.robot.gear_ratio * q[:, ref.robot.actuated]
+    return Measurement(angle, ref.motor_speed[k][None], None)
+
+
+def test_beside_the_crossing_the_naive_conclusion_is_noise_over_nothing():
+    """2e-5 rad on the encoders, two samples beside the singular instant: millimetres, or not."""
+    ref = reference("five_bar", "C")
+    k = int(np.argmin(np.abs(ref.times - 1.0)))
+    noisy = Measurement(
+        ref.motor_angle[k][None] + 50 * 2e-5 * np.array([1.0, -1.0]), ref.motor_speed[k][None], None
+    )
+    naive = concluded_state(ref, k, noisy, aware=False)
+    aware = concluded_state(ref, k, noisy, aware=True)
+    assert np.abs(naive.x[0] - ref.x[k]).max() > 1e-3  # m
+    assert np.abs(aware.x[0] - ref.x[k]).max() < 5e-5
+
+
+def test_the_consistent_inverse_is_the_inverse_where_there_is_one():
+    random = np.random.default_rng(5)
+    regular = np.eye(4) + 0.1 * random.standard_normal((3, 4, 4))
+    np.testing.assert_allclose(consistent_inverse(regular), np.linalg.inv(regular), atol=1e-12)
+    u, _, v = np.linalg.svd(random.standard_normal((4, 4)))
+    singular = u @ np.diag([3.0, 2.0, 1.0, 0.0]) @ v
+    np.testing.assert_allclose(consistent_inverse(singular[None])[0], np.linalg.pinv(singular), atol=1e-12)
+
+
+def test_the_aware_law_is_the_naive_one_far_from_the_crossing():
+    ref = reference("five_bar", "C")
+    aware, naive = (ComputedTorque.tuned(ref, aware=choice) for choice in (True, False))
+    for k in (50, 200, 850):
+        seen = platform_state(ref, k, np.array([1e-4, 2e-4]))
+        np.testing.assert_allclose(aware.torque(k, seen), naive.torque(k, seen), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["lqr", "computed_torque", "naive_computed_torque"])
+def test_what_is_for_rigid_robots_says_so(name):
+    plan = plan_scene(robots.load("five_bar_heavy", flexibility="flexible_joints"), "C")
+    with pytest.raises(InvalidInput, match="rigid robots"):
+        tuned_controller(name, reference_of(plan, period=1e-2))
+
+
+def test_an_unknown_controller_lists_the_known():
+    with pytest.raises(InvalidInput, match="feedforward"):
+        tuned_controller("feedforwards", reference("five_bar", "C"))
+
+
+@pytest.mark.parametrize("period", [0.0, -1e-3, np.nan, 1.0, 1e-9])
+def test_a_period_that_cannot_be_is_refused(period):
+    with pytest.raises(InvalidInput, match="period"):
+        reference_of(plan_scene(robots.load("five_bar"), "C"), period=period)

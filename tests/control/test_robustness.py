@@ -1,0 +1,234 @@
+"""Closed loops and studies of many: who passes, who does not, and that nothing depends on who computes."""
+
+from __future__ import annotations
+
+import csv
+import json
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+import robots
+from framework import InvalidInput, plan_scene
+from framework.cli import main
+from framework.control import study as study_module
+from framework.control.closed_loop import Loop, run_closed_loop
+from framework.control.controllers import tuned_controller
+from framework.control.feedforward import FeedforwardPD
+from framework.control.reference import reference_of
+from framework.control.study import run_chunk, run_study
+from framework.control.variation import Spread, Variation, draw, varied
+
+PAYLOAD = Spread(payload=0.05)
+
+
+@cache
+def controller(name, period=2e-3, robot="five_bar", flexibility="rigid"):
+    plan = plan_scene(
+        robots.load(robot, flexibility=flexibility),
+        "C",
+        **({} if flexibility != "rigid" else {"smoothness": 4}),
+    )
+    return tuned_controller(name, reference_of(plan, period=period))
+
+
+def unvaried(controller, count=1):
+    robot = controller.reference.robot
+    return [draw(robot, Spread(), (0, k)) for k in range(count)]
+
+
+@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
+def test_the_plan_held_over_each_period_comes_back_to_second_order(flexibility):
+    """Open loop: the error of holding the torque and of the integration goes as the square of the period."""
+    plan = plan_scene(robots.load("five_bar", flexibility=flexibility), "C", smoothness=4)
+    errors = []
+    for period in (4e-3, 2e-3):
+        reference = reference_of(plan, period=period)
+        nothing = np.zeros(reference.robot.n_a)
+        run = run_closed_loop(
+            FeedforwardPD(reference, nothing, nothing), Loop(), Spread(), unvaried(tuned(reference))
+        )
+        errors.append(run.tracking_error[0])
+    assert errors[1] < 2e-5  # robot lengths
+    assert 3.0 < errors[0] / errors[1] < 5.5
+
+
+def tuned(reference):
+    return FeedforwardPD.tuned(reference)
+
+
+def test_robust_controllers_pass_with_a_wrong_payload_where_naive_computed_torque_does_not():
+    passed = {
+        name: run_chunk(controller(name), Loop(), PAYLOAD, 0, range(12)).passed.mean()
+        for name in ("feedforward", "lqr", "computed_torque", "naive_computed_torque")
+    }
+    assert [passed[name] for name in ("feedforward", "lqr", "computed_torque")] == [1.0, 1.0, 1.0]
+    assert passed["naive_computed_torque"] < 0.5
+
+
+def test_a_run_does_not_depend_on_its_neighbours():
+    one = controller("lqr")
+    together = run_chunk(one, Loop(), PAYLOAD, 7, range(3, 8))
+    alone = run_chunk(one, Loop(), PAYLOAD, 7, range(5, 6))
+    assert together.tracking_error[2] == alone.tracking_error[0]
+    np.testing.assert_array_equal(together.peak_torque[2], alone.peak_torque[0])
+
+
+def test_a_study_does_not_depend_on_the_executor(monkeypatch):
+    monkeypatch.setattr(study_module, "CHUNK", 2)
+    spread = Spread(payload=0.05, friction=0.05, places=1e-5, noise=1e-6, speed_noise=1e-4)
+    one = controller("feedforward", period=5e-3)
+    done = []
+    serial = run_study(one, Loop(), spread, runs=5, seed=3, progress=done.append)
+    with ThreadPoolExecutor(2) as pool:
+        parallel = run_study(one, Loop(), spread, runs=5, seed=3, executor=pool)
+    np.testing.assert_array_equal(serial.tracking_error, parallel.tracking_error)
+    np.testing.assert_array_equal(serial.peak_torque, parallel.peak_torque)
+    assert done == [2, 2, 1]
+    other = run_study(one, Loop(), spread, runs=5, seed=4)
+    assert not np.array_equal(serial.payload, other.payload)
+
+
+def test_a_failure_comes_back_by_its_seed():
+    naive = controller("naive_computed_torque")
+    study = run_study(naive, Loop(), PAYLOAD, runs=6, seed=1)
+    assert study.failures
+    seed = study.failures[0]
+    again = run_closed_loop(naive, Loop(), PAYLOAD, [draw(naive.reference.robot, PAYLOAD, seed)])
+    assert not again.passed[0]
+    assert again.tracking_error[0] == study.tracking_error[seed[1]]
+    assert again.why[0] == study.why[seed[1]]
+
+
+def test_the_interval_is_wilsons():
+    study = run_study(controller("naive_computed_torque"), Loop(), PAYLOAD, runs=7)
+    passed = int(study.passed.sum())
+    expected = binomtest(passed, 7).proportion_ci(method="wilson")
+    np.testing.assert_allclose(study.interval, (expected.low, expected.high), atol=1e-12)
+
+
+def test_torques_stay_within_the_limit():
+    limit = (0.10, 0.09)
+    run = run_chunk(controller("lqr"), Loop(limit=limit), PAYLOAD, 0, range(3))
+    np.testing.assert_allclose(run.peak_torque.max(axis=0), limit, rtol=1e-12)  # the plan asks for more
+    assert not run.passed.any()
+
+
+def test_what_comes_late_and_what_rubs_leaves_a_larger_error():
+    one = controller("feedforward")
+    nothing = unvaried(one)[0]
+    error = {
+        what: run_closed_loop(
+            one, Loop(), Spread(), [Variation(**{**vars(nothing), **change})]
+        ).tracking_error[0]
+        for what, change in {
+            "nothing": {},
+            "late": {"delay": 0.01},
+            "later": {"delay": 0.02},
+            "rubs": {"friction": np.array([0.1, 0.1])},
+        }.items()
+    }
+    assert error["nothing"] < 0.1 * error["late"] < 0.1 * error["later"]
+    assert error["rubs"] > 10 * error["nothing"]
+
+
+@pytest.mark.parametrize("robot", ["five_bar", "five_bar_heavy", "gough_stewart", "delta"])
+def test_a_heavier_payload_adds_its_inertia_and_nothing_else(robot):
+    """Kinetic energy is linear in the payload: 1 +- p about the same robot are symmetric about 1."""
+    import pinocchio as pin
+
+    nominal = robots.load(robot)
+    random = np.random.default_rng(3)
+    q, v = (
+        pin.integrate(nominal.model, nominal.q_near, random.standard_normal(nominal.model.nv)),
+        random.standard_normal(nominal.model.nv),
+    )
+    nothing = draw(nominal, Spread(), (0, 0))
+
+    def energy(factor):
+        model = varied(nominal, Variation(**{**vars(nothing), "payload": factor})).model
+        return pin.computeKineticEnergy(model, model.createData(), q, v)
+
+    assert energy(1.0) == pytest.approx(
+        pin.computeKineticEnergy(nominal.model, nominal.model.createData(), q, v)
+    )
+    assert energy(1.3) > energy(1.0)
+    np.testing.assert_allclose(energy(1.3) - energy(1.0), energy(1.0) - energy(0.7), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("build", "says"),
+    [
+        (lambda: Spread(payload=-0.1), "payload"),
+        (lambda: Spread(payload=1.0), "below 1"),
+        (lambda: Spread(delay=np.nan), "delay"),
+        (lambda: Loop(band=0.0), "band"),
+        (lambda: Loop(sensors="eyes"), "motors"),
+        (lambda: run_study(controller("lqr"), Loop(), Spread(), runs=0), "runs"),
+        (lambda: run_study(controller("lqr"), Loop(), Spread(), runs=1, seed=-1), "seed"),
+        (lambda: run_chunk(controller("lqr"), Loop(limit=(1.0, 2.0, 3.0)), Spread(), 0, range(1)), "limit"),
+        (lambda: run_chunk(controller("lqr"), Loop(limit=(-1.0,)), Spread(), 0, range(1)), "limit"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(build, says):
+    with pytest.raises(InvalidInput, match=says):
+        build()
+
+
+# ------------------------------------------------------------------ the command
+
+
+SHORT = ["robustness", "five_bar", "--scene", "C", "--smoothness", "4", "--period", "5e-3", "--runs", "4"]
+
+
+def test_the_command_writes_a_table_all_seeds_and_a_figure(tmp_path, capsys):
+    arguments = [*SHORT, "--controller", "lqr", "naive_computed_torque", "--out", str(tmp_path / "study")]
+    assert main(arguments) == 0
+    out, _ = capsys.readouterr()
+    assert "lqr" in out
+    assert "100.0%" in out
+    written = {path.name for path in (tmp_path / "study").iterdir()}
+    assert written == {"robustness.json", "runs.csv", "robustness.pdf", "robustness.png"}
+    with open(tmp_path / "study" / "runs.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 8
+    stored = json.loads((tmp_path / "study" / "robustness.json").read_text())
+    failed = {tuple(failure["seed"]) for failure in stored["studies"][1]["failures"]}
+    assert failed == {(0, int(row["run"])) for row in rows if row["passed"] == "0"}
+
+
+def test_the_command_takes_a_plan_that_was_written(tmp_path, capsys):
+    assert main(["plan", "five_bar", "--scene", "C", "--smoothness", "4", "--json"]) == 0
+    (tmp_path / "plan.json").write_text(capsys.readouterr().out)
+    assert main([*SHORT, "--json"]) == 0
+    asked = json.loads(capsys.readouterr().out)
+    assert main(["robustness", str(tmp_path), "--period", "5e-3", "--runs", "4", "--json"]) == 0
+    stored = json.loads(capsys.readouterr().out)
+    assert stored["studies"][0]["tracking_error"]["largest"] == pytest.approx(
+        asked["studies"][0]["tracking_error"]["largest"], rel=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (["--runs", "0"], "--runs"),
+        (["--workers", "0"], "--workers"),
+        (["--payload", "-1"], "payload"),
+        (["--period", "7"], "period"),
+        (["--dask", "nowhere:1"], "dask"),
+        (["--limit", "0"], "limit"),
+    ],
+)
+def test_the_command_refuses_by_name(capsys, change, says):
+    assert main([*SHORT, *change]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_plan_has_its_motion_already(tmp_path, capsys):
+    (tmp_path / "plan.json").write_text("{}")
+    assert main(["robustness", str(tmp_path), "--scene", "C"]) == 2
+    assert "--scene" in capsys.readouterr().err
