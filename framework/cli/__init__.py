@@ -20,7 +20,17 @@ from framework.cli import check, convert, locate, plan, report, robots, robustne
 from framework.cli.parser import Misuse, OneLineParser
 from framework.errors import FrameworkError, NoAnswer
 
-COMMANDS = (robots, check, convert, locate, plan, simulate, robustness, show, report)  # in the order of --help
+COMMANDS = (
+    robots,
+    check,
+    convert,
+    locate,
+    plan,
+    simulate,
+    robustness,
+    show,
+    report,
+)  # in the order of --help
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -91,13 +91,31 @@ def planned(options: argparse.Namespace) -> CrossingPlan:
         InvalidInput: options of the motion beside a folder, which has a motion already.
         FrameworkError: whatever `load_plan` and `plan_crossing` raise.
     """
+    saved = saved_plan(options)
+    if saved is not None:
+        return saved
+    robot = load(options)
+    return plan_crossing(robot, path(options, robot), **motion_options(options, robot))
+
+
+def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
+    """The plan in the folder that ROBOT is; None if it is no such folder.
+
+    Raises:
+        InvalidInput: options of the motion beside a folder, which has a motion already.
+    """
     if not is_plan_folder(options.robot):
-        robot = load(options)
-        return plan_crossing(robot, path(options, robot), **motion_options(options, robot))
-    for key in ("scene", "start", "end", "duration", "times", "speeds", "geometry", "smoothness"):
-        if getattr(options, key, None) is not None:
-            name = {"start": "from", "end": "to"}.get(key, key)
+        return None
+    for key in _OF_A_MOTION:
+        if getattr(options, key, None) not in (None, "rigid"):
+            name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key)
             raise InvalidInput(
-                f"--{name}: {options.robot} is a plan, which has its motion already; leave it out"
+                f"--{name}: the plan in {options.robot} has its own; leave it out, or plan again"
             )
     return load_plan(options.robot)
+
+
+_OF_A_MOTION = (
+    *("scene", "scenes", "start", "end", "duration", "times", "speeds"),
+    *("geometry", "smoothness", "flexibility"),
+)

@@ -88,13 +88,13 @@ def add_motion(parser: argparse.ArgumentParser) -> None:
 
 
 @contextmanager
-def progress_bar(total: int, unit: str) -> Iterator[Callable[[int], None]]:
-    """A bar on stderr while the block runs, if a person looks at it; call it with what was done since."""
+def progress_bar(total: float, unit: str, *, silent: bool = False) -> Iterator[Callable[[float], None]]:
+    """A bar on stderr while the block runs, if a person looks at it; call it with what is done so far."""
     from tqdm import tqdm
 
-    with tqdm(total=total, unit=unit, disable=None, leave=False) as bar:
+    with tqdm(total=total, unit=unit, disable=True if silent else None, leave=False) as bar:
 
-        def advance(done: int) -> None:
-            bar.update(done)
+        def advance(done: float) -> None:
+            bar.update(done - bar.n)
 
         yield advance

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
@@ -91,7 +91,8 @@ def run(options: argparse.Namespace) -> Report:
     reference = reference_of(plan, period=options.period)
     controllers = {name: tuned_controller(name, reference) for name in options.controller}
     studies = []
-    with _executor(options) as executor, progress_bar(options.runs * len(controllers), "runs") as progress:
+    total = options.runs * len(controllers)
+    with _executor(options) as executor, progress_bar(total, "run", silent=options.json) as progress:
         for name, controller in controllers.items():
             studies.append(
                 run_study(
@@ -102,7 +103,7 @@ def run(options: argparse.Namespace) -> Report:
                     name=name,
                     seed=options.seed,
                     executor=executor,
-                    progress=progress,
+                    progress=_after(progress, len(studies) * options.runs),
                 )
             )
     document = {"robot": plan.robot.name, "runs": options.runs, "studies": [_document(s) for s in studies]}
@@ -112,6 +113,10 @@ def run(options: argparse.Namespace) -> Report:
     with written_together(FilePath(options.out)) as folder:
         _write(studies, document, folder)
     return document, f"{text}\n  written to        {options.out}"
+
+
+def _after(progress: Callable[[float], None], before: int) -> Callable[[int], None]:
+    return lambda done: progress(before + done)
 
 
 @contextmanager

@@ -4,34 +4,28 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
 from framework.cli import asked
-from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command
-from framework.crossing.plan import plan_crossing
+from framework.cli.parser import (
+    Report,
+    add_flexibility,
+    add_motion,
+    add_path,
+    add_robot,
+    command,
+    progress_bar,
+)
 from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import is_plan_folder, load_plan
 from framework.dynamics.simulation import Simulation, simulate
 from framework.dynamics.simulation.methods import METHODS
 from framework.errors import InvalidInput, NoAnswer
 from framework.output import written_together
 
 OFF = 1e-3  # [robot lengths, rad] from the path: farther, and the torques do not bring the robot along it
-PLANNED = (
-    "scene",
-    "start",
-    "end",
-    "duration",
-    "times",
-    "speeds",
-    "geometry",
-    "smoothness",
-)  # in a folder's plan
 
 
 def add(commands: Any) -> None:
@@ -64,8 +58,8 @@ def run(options: argparse.Namespace) -> Report:
     """Plan, or read the plan; simulate it; say how far it comes off."""
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
-    plan = _plan(options)
-    with _progress(options.json) as progress:
+    plan = asked.planned(options)
+    with progress_bar(1.0, "of the motion", silent=options.json) as progress:
         result = simulate(
             plan.robot,
             plan.dynamics,
@@ -83,38 +77,6 @@ def run(options: argparse.Namespace) -> Report:
         text += f"\n  written to        {options.out}"
     _refuse_off_path(result)
     return document, text
-
-
-def _plan(options: argparse.Namespace) -> CrossingPlan:
-    if is_plan_folder(options.robot):
-        typed = [name for name in PLANNED if getattr(options, name) is not None]
-        if typed or options.flexibility != "rigid":
-            given = {"start": "from", "end": "to"}.get(typed[0], typed[0]) if typed else "flexibility"
-            raise InvalidInput(
-                f"--{given}: the plan in {options.robot} has its own; leave it out, or plan again"
-            )
-        return load_plan(options.robot)
-    robot = asked.load(options)
-    return plan_crossing(robot, asked.path(options, robot), **asked.motion_options(options, robot))
-
-
-@contextmanager
-def _progress(silent: bool) -> Iterator[Callable[[float], None] | None]:
-    """A bar on stderr where somebody looks at it."""
-    from tqdm import tqdm
-
-    with tqdm(
-        total=100,
-        unit="%",
-        bar_format="{l_bar}{bar}| {remaining}",
-        disable=True if silent else None,
-        leave=False,
-    ) as bar:
-
-        def advance(share: float) -> None:
-            bar.update(100 * share - bar.n)
-
-        yield None if bar.disable else advance
 
 
 def _unit(result: Simulation) -> tuple[str, float]:

@@ -88,7 +88,7 @@ def run_study(
     Args:
         executor: where chunks of runs are computed; this process when None. It must be able to pickle
             the controller.
-        progress: called with the number of runs that have just been finished.
+        progress: called with the number of runs that are finished.
 
     Raises:
         InvalidInput: fewer than one run, a negative seed.
@@ -106,7 +106,7 @@ def run_study(
     found: list[Run] = []
     for chunk, future in zip(chunks, waiting, strict=True):
         found.append(future.result())
-        progress(len(chunk))
+        progress(chunk.stop)
     return Study(
         controller=name,
         spread=spread,
