@@ -1,5 +1,10 @@
 """Parallel robots through their Type 2 singularities, from a URDF to torques that prove themselves."""
 
+from framework.control.closed_loop import Loop, run_closed_loop
+from framework.control.controllers import tuned_controller
+from framework.control.reference import reference_of
+from framework.control.study import run_study
+from framework.control.variation import Spread
 from framework.crossing.plan import plan_crossing, unproved_law
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import load_plan
@@ -36,6 +41,7 @@ __all__ = [
     "InverseDynamics",
     "Law",
     "Line",
+    "Loop",
     "NoAnswer",
     "NoLaw",
     "NotAssembled",
@@ -46,6 +52,7 @@ __all__ = [
     "SingularPath",
     "SingularPoint",
     "Spline",
+    "Spread",
     "Stepper",
     "Type1Singularity",
     "UnboundedTorque",
@@ -58,9 +65,13 @@ __all__ = [
     "plan_crossing",
     "plan_scene",
     "raw_sampling",
+    "reference_of",
+    "run_closed_loop",
+    "run_study",
     "scene_path",
     "simulate",
     "track_path",
+    "tuned_controller",
     "unproved_law",
     "velocity_matrices",
 ]

@@ -90,7 +90,7 @@ def run(options: argparse.Namespace) -> Report:
     plan = asked.planned(options)
     reference = reference_of(plan, period=options.period)
     controllers = {name: tuned_controller(name, reference) for name in options.controller}
-    studies = []
+    studies: list[Study] = []
     total = options.runs * len(controllers)
     with _executor(options) as executor, progress_bar(total, "run", silent=options.json) as progress:
         for name, controller in controllers.items():

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
 
 from framework.arrays import Array
 from framework.control.measurement import Measurement, concluded_state
@@ -91,6 +90,8 @@ def riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
     count, size, inputs = B.shape
     joined = np.zeros((count, size + inputs, size + inputs))
     joined[:, :size, :size], joined[:, :size, size:] = A * period, B * period
+    from scipy.linalg import expm
+
     held = expm(joined)
     F, G = held[:, :size, :size], held[:, :size, size:]
     gain = np.empty((count, inputs, size))

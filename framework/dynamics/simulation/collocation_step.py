@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.lapack import dgetrf, dgetrs
 
 from framework.arrays import Array
 from framework.dynamics.simulation.collocation import Collocation
@@ -81,6 +80,8 @@ def solve_step(
     accuracy: float,
 ) -> Step | Failure:
     """Newton's method from guessed accelerations (s, nv) and multipliers (s, m) at the nodes."""
+    from scipy.linalg.lapack import dgetrf, dgetrs
+
     robot, nv, h = equations.robot, equations.robot.model.nv, length
     scale = column_scale(robot)
     times = drive.before_breaks(time + h * table.nodes)

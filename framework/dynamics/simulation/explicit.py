@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import DOP853
 
 from framework.arrays import Array
 from framework.dynamics.simulation.contacts import ContactDynamics
@@ -21,10 +22,24 @@ from framework.dynamics.simulation.drive import Drive
 from framework.dynamics.simulation.equations import Equations
 
 STAGES = 12
-NODES, WEIGHTS = DOP853.C[:STAGES], DOP853.B
-TABLE = tuple(DOP853.A[k, :k] for k in range(STAGES))
-ERROR = DOP853.E5[:STAGES]
 CLOSING = 50.0  # steps in which open loops close: quicker, and it shows in the error estimate
+
+
+class Table(NamedTuple):
+    """A Runge-Kutta method."""
+
+    nodes: Array  # (STAGES,)
+    weights: Array  # (STAGES,)
+    rows: tuple[Array, ...]  # row k (k,)
+    error: Array  # (STAGES,) weights of the estimate
+
+
+@cache
+def _table() -> Table:
+    from scipy.integrate import DOP853  # 0.2 s, not for those who only plan
+
+    rows = tuple(DOP853.A[k, :k] for k in range(STAGES))
+    return Table(DOP853.C[:STAGES], DOP853.B, rows, DOP853.E5[:STAGES])
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,22 +59,22 @@ def explicit_steps(
 ) -> Iterator[ExplicitStep]:
     """Steps between the instants `edges` (K + 1,) from the state (2 nv,); infinite once it runs away."""
     robot, nv = equations.robot, equations.robot.model.nv
-    force = _forces(equations, drive, edges)
+    table, force = _table(), _forces(equations, drive, edges)
     state, K = start, np.empty((STAGES, 2 * nv))
     before = tuple(K[:k] for k in range(STAGES))
     gear, actuated, damping = robot.gear_ratio, robot.actuated, equations.damping
     for k, h in enumerate(np.diff(edges)):
         power = 0.0
         for i in range(STAGES):
-            at = state + h * (TABLE[i] @ before[i]) if i else state
+            at = state + h * (table.rows[i] @ before[i]) if i else state
             q, v = at[:nv], at[nv:]
             applied, torque = force(k, i, q, v)
             K[i, :nv] = v
             K[i, nv:] = dynamics.acceleration(q, v, applied)
-            if WEIGHTS[i]:
-                power += WEIGHTS[i] * float((gear * torque) @ v[actuated] - damping @ v**2)
-        end = state + h * (WEIGHTS @ K)
-        missed = float(np.abs(h * (ERROR @ K[:, :nv])).max())
+            if table.weights[i]:
+                power += table.weights[i] * float((gear * torque) @ v[actuated] - damping @ v**2)
+        end = state + h * (table.weights @ K)
+        missed = float(np.abs(h * (table.error @ K[:, :nv])).max())
         yield ExplicitStep(float(edges[k]), float(h), state, end, power, missed)
         state = end
 
@@ -70,7 +85,7 @@ Forces = Callable[[int, int, Array, Array], tuple[Array, Array]]
 def _forces(equations: Equations, drive: Drive, edges: Array) -> Forces:
     """Generalised forces (nv,) of the motors and their torques (n_a,) at stage i of step k."""
     robot, count = equations.robot, len(edges) - 1
-    times = edges[:-1, None] + np.diff(edges)[:, None] * NODES
+    times = edges[:-1, None] + np.diff(edges)[:, None] * _table().nodes
     if drive.feedback:
 
         def answer(k: int, i: int, q: Array, v: Array) -> tuple[Array, Array]:
