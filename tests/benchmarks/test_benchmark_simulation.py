@@ -2,18 +2,23 @@
 
 Prints, for errors from 1e-4 to 1e-11 m, the least wall time at which each method gets there: `make bench`.
 Times are minima of several runs in one process; read them as ratios. What a step costs is printed, too.
+With CROSSING_FIGURES=DIR in the environment the curves are drawn into that folder.
 """
 
 from __future__ import annotations
 
+import os
 import time
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import robots
 from framework.dynamics.simulation import Stepper
+from framework.show.maps import plot_work_precision
+from framework.show.plots import save
 from tests.benchmarks.integration_methods import Method, methods
 
 pytestmark = pytest.mark.benchmark
@@ -54,8 +59,13 @@ def least_times(points: list[tuple[float, float]]) -> np.ndarray:
 )
 def test_work_against_precision(capsys, name, flexibility):
     ours, others = {}, {}
-    for label, method in (methods(name, flexibility) | witnesses(name, flexibility)).items():
-        (ours if label.startswith("ours") else others)[label] = least_times(curve(method))
+    every = methods(name, flexibility) | witnesses(name, flexibility)
+    curves = {label: curve(method) for label, method in every.items()}
+    for label, points in curves.items():
+        (ours if label.startswith("ours") else others)[label] = least_times(points)
+    if "CROSSING_FIGURES" in os.environ:
+        stem = Path(os.environ["CROSSING_FIGURES"]) / f"work_precision_{name}_{flexibility}"
+        save(lambda: plot_work_precision(curves), stem)
     best, rest = (np.min([*table.values(), np.full(len(GOALS), np.inf)], axis=0) for table in (ours, others))
     lines = [f"{'error [m]':34s}" + "".join(f"{goal:9.0e}" for goal in GOALS)]
     for label, times in (ours | others).items():
