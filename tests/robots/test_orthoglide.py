@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from scipy.optimize import brentq
 
@@ -30,7 +29,6 @@ from framework.errors import NotConverged, OutOfReach, UnboundedTorque
 from framework.kinematics.assembly import loop_rows
 from framework.kinematics.frames import frames_at
 from robots.generators import orthoglide as generator
-from tests.forward_simulation import forward_simulate
 from tests.robots.lagrange_oracle import platform_force
 
 LENGTH, HALF = 0.31058, 0.04  # [m]
@@ -215,38 +213,6 @@ def test_condition_8_is_the_virtual_power_across_the_legs(plan):
     (crossing,) = plan.crossings
     needed = force(*(plan.platform(crossing.time, k) for k in range(3)))
     assert abs(needed @ crossing.twist) < 1e-10 * np.linalg.norm(needed)
-
-
-def test_planned_torques_bring_the_platform_along_the_path(robot, plan):
-    model = robot.model.copy()
-
-    def body(name):
-        return model.getFrameId(name, pin.FrameType.BODY)
-
-    mount = model.frames[body("mount_2")]  # a second point of its hinge holds one rotation
-    beside = mount.placement * pin.SE3(np.eye(3), np.array([0, -HALF, 0]))
-    second = model.addFrame(pin.Frame("mount_2b", mount.parentJoint, beside, pin.FrameType.OP_FRAME))
-    pairs = [(body(f"tip_{i}b"), body(f"seat_{i}b")) for i in (1, 2, 3)]
-    pairs += [(body(f"middle_{i}"), body(f"mount_{i}")) for i in (2, 3)]
-    armature = np.zeros(model.nv)
-    armature[robot.actuated] = GEAR**2 * ROTOR
-    times = np.linspace(0.0, plan.duration, 9)
-    q, _ = forward_simulate(
-        model,
-        closure_frames=[*pairs, (body("seat_2b"), second)],
-        closure_rows=[(0, 1), (1, 2), (0, 2), (0, 1, 2), (0, 1, 2), (0,)],  # of the base's x, y, z
-        actuated=robot.actuated,
-        armature=armature,
-        torque=lambda t: GEAR * plan.torque(t),
-        q0=assemble(robot, plan.path(0.0)).q,
-        v0=np.zeros(model.nv),
-        times=times,
-        rtol=1e-12,
-        atol=1e-14,
-    )
-    at = frames_at(robot, q)
-    assert np.linalg.norm(at.position[:, 0] - plan.platform(times), axis=1).max() < 1e-8
-    assert np.abs(at.rotation[:, 0] - np.eye(3)).max() < 1e-8
 
 
 def test_a_law_without_condition_8_gets_no_torques(robot, plan):

@@ -6,12 +6,9 @@ them.
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import robots
@@ -27,11 +24,9 @@ from framework import (
 )
 from framework.errors import UnboundedTorque
 from framework.kinematics.assembly import loop_rows
-from framework.kinematics.frames import frames_at
 from robots.generators import par4 as generator
 from tests.robots import lagrange_oracle
 
-AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 ARM, ROD, BAR = 0.35, 0.8, 0.16  # [m]
 REACH = 0.2 - 0.06  # motor axes, as seen from the first pivot of the half plate [m]
 ARM_MASS, ROD_MASS, HALF_MASS, BAR_MASS, TOOL_MASS = 0.8, 0.2, 0.15, 0.1, 1.5  # [kg]
@@ -216,62 +211,6 @@ def test_condition_8_is_the_virtual_power_of_the_free_motion(plan):
     (crossing,) = plan.crossings
     force = platform_force(*(plan.platform(crossing.time, k) for k in range(3)))
     assert abs(force @ crossing.twist) < 1e-9 * np.linalg.norm(force) * np.linalg.norm(crossing.twist)
-
-
-def closures(model, data, q, v):
-    """Jacobian (15, nv) and drift (15,): two wrists, a ball, and the end of bar 2 in its plane."""
-    pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
-    pin.computeJointJacobians(model, data, q)
-    pin.updateFramePlacements(model, data)
-    rows, drift = [], []
-    for first, second in (
-        ("wrist_2", "seat_2"),
-        ("wrist_3", "seat_3"),
-        ("tip_4", "seat_4"),
-        ("bar_2_tip", "b_end"),
-    ):
-        tip, seat = (model.getFrameId(name, pin.FrameType.BODY) for name in (first, second))
-        J1, J2 = (pin.getFrameJacobian(model, data, f, AXES) for f in (tip, seat))
-        a1, a2 = (pin.getFrameClassicalAcceleration(model, data, f, AXES) for f in (tip, seat))
-        w1, w2 = (pin.getFrameVelocity(model, data, f, AXES).angular for f in (tip, seat))
-        count = 2 if first == "bar_2_tip" else 3
-        rows += [*(J2 - J1)[:count]]
-        drift += [*(a2.linear - a1.linear)[:count]]
-        if first.startswith("wrist"):  # the axis y of the cross is that of the seat
-            y = data.oMf[seat].rotation[:, 1]
-            for x in data.oMf[tip].rotation[:, [0, 2]].T:
-                across, swept = np.cross(x, y), np.cross(np.cross(w1, x), y) + np.cross(x, np.cross(w2, y))
-                rows.append(across @ (J1 - J2)[3:])
-                drift.append(across @ (a1.angular - a2.angular) + swept @ (w1 - w2))
-    return np.array(rows), np.array(drift)
-
-
-def test_planned_torques_bring_the_tool_along_the_path(robot, plan):
-    """As tests.forward_simulation, whose closures are points, with universal joints."""
-    model, nv = robot.model, robot.model.nv
-    data = model.createData()
-    armature = np.zeros(nv)
-    armature[robot.actuated] = GEAR**2 * ROTOR
-
-    def slope(t, state):
-        q, v = state[:nv], state[nv:]
-        J, drift = closures(model, data, q, v)
-        mass = pin.crba(model, data, q)
-        force = -pin.nonLinearEffects(model, data, q, v)
-        force[robot.actuated] += GEAR * plan.torque(t)
-        kkt = np.zeros((nv + len(J), nv + len(J)))
-        kkt[:nv, :nv] = np.triu(mass) + np.triu(mass, 1).T + np.diag(armature)
-        kkt[:nv, nv:], kkt[nv:, :nv] = J.T, J
-        return np.concatenate([v, np.linalg.solve(kkt, np.concatenate([force, -drift]))[:nv]])
-
-    state = np.concatenate([assemble(robot, plan.path(0.0)).q, np.zeros(nv)])
-    for start, end in pairwise(np.linspace(0.0, plan.duration, 7)):
-        state = solve_ivp(slope, (start, end), state, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
-        at = frames_at(robot, state[None, :nv])
-        bar = at.rotation[0, 0, :, 0]
-        x = plan.platform(end)
-        assert np.linalg.norm(at.position[0, 0] - x[:3]) < 1e-8
-        assert np.linalg.norm(bar - [np.cos(x[3]), np.sin(x[3]), 0]) < 1e-8
 
 
 @pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])

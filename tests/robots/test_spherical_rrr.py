@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
-import pinocchio as pin
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import robots
@@ -23,10 +19,9 @@ from framework import (
 )
 from framework.errors import UnboundedTorque
 from robots.generators import agile_eye as generator
-from tests.robots.spherical_oracle import GEAR, ROTOR, Spherical, rodrigues
+from tests.robots.spherical_oracle import GEAR, Spherical
 
 ORACLE = Spherical(np.pi / 3, (1, 1, 1))
-AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 @pytest.fixture(scope="module")
@@ -99,54 +94,6 @@ def test_condition_8_is_the_virtual_power_of_the_free_turn(plan):
     x, dx, ddx = (plan.platform(crossing.time, k) for k in range(3))
     free = np.linalg.svd(ORACLE.rates(x))[2][-1]  # on the rotation vector
     assert abs(ORACLE.platform_force(x, dx, ddx) @ free) < 1e-11
-
-
-def closures(model, data, q, v):
-    """Jacobian (4, nv) and drift (4,) of p . t = 0, p the x and y axes of a wrist's seat, t its leg's."""
-    pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
-    pin.computeJointJacobians(model, data, q)
-    pin.updateFramePlacements(model, data)
-    rows, drift = [], []
-    for leg in (2, 3):
-        frames = [model.getFrameId(f"{name}_{leg}", pin.FrameType.BODY) for name in ("platform", "tip")]
-        turning = [pin.getFrameJacobian(model, data, f, AXES)[3:] for f in frames]
-        spins = [pin.getFrameVelocity(model, data, f, AXES).angular for f in frames]
-        bias = [pin.getFrameAcceleration(model, data, f, AXES).angular for f in frames]
-        seat, axis = data.oMf[frames[0]].rotation, data.oMf[frames[1]].rotation[:, 2]
-        for p in seat.T[:2]:
-            across = np.cross(p, axis)
-            swept = np.cross(np.cross(spins[0], p), axis) + np.cross(p, np.cross(spins[1], axis))
-            rows.append(across @ (turning[0] - turning[1]))
-            drift.append(across @ (bias[0] - bias[1]) + swept @ (spins[0] - spins[1]))
-    return np.array(rows), np.array(drift)
-
-
-def test_planned_torques_bring_the_camera_along_the_path(robot, plan):
-    """As tests.forward_simulation, whose closures are points, with closures of axes."""
-    model, nv = robot.model, robot.model.nv
-    data = model.createData()
-    armature = np.zeros(nv)
-    armature[robot.actuated] = GEAR**2 * ROTOR
-
-    def slope(t, state):
-        q, v = state[:nv], state[nv:]
-        J, drift = closures(model, data, q, v)
-        mass = pin.crba(model, data, q)
-        force = -pin.nonLinearEffects(model, data, q, v)
-        force[robot.actuated] += GEAR * plan.torque(t)
-        kkt = np.zeros((nv + 4, nv + 4))
-        kkt[:nv, :nv] = np.triu(mass) + np.triu(mass, 1).T + np.diag(armature)
-        kkt[:nv, nv:], kkt[nv:, :nv] = J.T, J
-        return np.concatenate([v, np.linalg.solve(kkt, np.concatenate([force, -drift]))[:nv]])
-
-    state = np.concatenate([assemble(robot, plan.path(0.0)).q, np.zeros(nv)])
-    platform = model.getFrameId("platform", pin.FrameType.BODY)
-    for start, end in pairwise(np.linspace(0.0, plan.duration, 9)):
-        solution = solve_ivp(slope, (start, end), state, "DOP853", rtol=1e-12, atol=1e-14)
-        state = solution.y[:, -1]
-        pin.framesForwardKinematics(model, data, state[:nv])
-        error = data.oMf[platform].rotation - rodrigues(plan.platform(end)).real
-        assert np.abs(error).max() < 1e-8  # [rad]; at the wrists, 0.1 m away, 1e-9 m
 
 
 @pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
