@@ -25,12 +25,14 @@ from framework.cli.parser import (
 )
 from framework.control.closed_loop import SENSORS, Loop
 from framework.control.controllers import CONTROLLERS, tuned_controller
+from framework.control.measurement import Controller
 from framework.control.reference import reference_of
 from framework.control.study import Study, run_study
 from framework.control.variation import Spread
 from framework.errors import InvalidInput
 from framework.output import written_together
 
+CONNECTING = "10s"  # patience with a dask scheduler
 TEXT = "drive a planned crossing with a controller on many robots that differ from their model"
 
 
@@ -90,8 +92,29 @@ def run(options: argparse.Namespace) -> Report:
     plan = asked.planned(options)
     reference = reference_of(plan, period=options.period)
     controllers = {name: tuned_controller(name, reference) for name in options.controller}
-    studies: list[Study] = []
+    if options.out is None:
+        return _told(plan.robot.name, _studies(options, controllers, loop, spread))
+    with written_together(FilePath(options.out)) as folder:  # hours of work want a place to go to
+        studies = _studies(options, controllers, loop, spread)
+        document, text = _told(plan.robot.name, studies)
+        _write(studies, document, folder)
+    return document, f"{text}\n  written to        {options.out}"
+
+
+def _told(robot: str, studies: list[Study]) -> Report:
+    document = {
+        "robot": robot,
+        "runs": len(studies[0].passed),
+        "studies": [_document(study) for study in studies],
+    }
+    return document, _text(robot, studies)
+
+
+def _studies(
+    options: argparse.Namespace, controllers: dict[str, Controller], loop: Loop, spread: Spread
+) -> list[Study]:
     total = options.runs * len(controllers)
+    studies: list[Study] = []
     with _executor(options) as executor, progress_bar(total, "run", silent=options.json) as progress:
         for name, controller in controllers.items():
             studies.append(
@@ -106,13 +129,7 @@ def run(options: argparse.Namespace) -> Report:
                     progress=_after(progress, len(studies) * options.runs),
                 )
             )
-    document = {"robot": plan.robot.name, "runs": options.runs, "studies": [_document(s) for s in studies]}
-    text = _text(plan.robot.name, studies)
-    if options.out is None:
-        return document, text
-    with written_together(FilePath(options.out)) as folder:
-        _write(studies, document, folder)
-    return document, f"{text}\n  written to        {options.out}"
+    return studies
 
 
 def _after(progress: Callable[[float], None], before: int) -> Callable[[int], None]:
@@ -128,7 +145,11 @@ def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
             from distributed import Client
         except ImportError:
             raise InvalidInput("--dask: needs dask.distributed: pip install distributed") from None
-        with Client(options.dask) as client:
+        try:
+            client = Client(options.dask, timeout=CONNECTING)
+        except (OSError, ValueError) as error:
+            raise InvalidInput(f"--dask: no scheduler answers at {options.dask}: {error}") from None
+        with client:
             yield client.get_executor()
     elif options.workers == 1:
         yield None
