@@ -219,7 +219,7 @@ def test_the_command_takes_a_plan_that_was_written(tmp_path, capsys):
         (["--workers", "0"], "--workers"),
         (["--payload", "-1"], "payload"),
         (["--period", "7"], "period"),
-        (["--dask", "nowhere:1"], "dask"),
+        (["--dask", "no address"], "dask"),
         (["--limit", "0"], "limit"),
     ],
 )
