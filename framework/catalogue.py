@@ -23,6 +23,7 @@ class CatalogueEntry:
     summary: str
     source: str
     singularities: tuple[str, ...] = ()  # kinds that its scenes and tests meet
+    why: str = ""  # what its Type 2 singularities look like, one sentence
 
     @property
     def name(self) -> str:

@@ -15,6 +15,7 @@ ENTRY = CatalogueEntry(
     summary="planar 2-PRR, two sliders on parallel rails",
     source="biglide of Centrale Nantes, github.com/oKermorgant/gz_attach_links; own motors and springs",
     singularities=("type_1", "type_2"),
+    why="The two rods that carry the platform lie in one line: nothing pushes across it, and that is t_s.",
 )
 
 

@@ -15,6 +15,7 @@ ENTRY = CatalogueEntry(
     summary="planar 5R, 10 kg payload on massless legs",
     source="Briot and Arakelian, ASME IDETC 2010, DETC2010-28207",
     singularities=("type_1", "type_2"),
+    why="The two rods that carry the platform lie in one line: nothing pushes across it, and that is t_s.",
 )
 
 

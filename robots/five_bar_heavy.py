@@ -11,6 +11,7 @@ ENTRY = CatalogueEntry(
     summary="planar 5R, 10 kg payload on uniform rods of 1 kg",
     source="the same, with our own rods",
     singularities=("type_1", "type_2"),
+    why="The two rods that carry the platform lie in one line: nothing pushes across it, and that is t_s.",
 )
 
 

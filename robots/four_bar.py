@@ -14,6 +14,7 @@ ENTRY = CatalogueEntry(
     summary="four-bar linkage turned by its rocker, flywheel on the crank",
     source="lengths of Norton, Design of Machinery, Example 4-1; own masses",
     singularities=("type_2",),
+    why="Crank and coupler lie in one line: the coupler pushes through the crank's axis and cannot turn it.",
 )
 
 

@@ -15,6 +15,7 @@ ENTRY = CatalogueEntry(
     summary="slider-crank turned by its slider, flywheel on the crank",
     source="lengths of Norton, Design of Machinery, Example 4-2; own masses",
     singularities=("type_1", "type_2"),
+    why="Crank and rod lie in one line: the rod pushes through the crank's axis and cannot turn it.",
 )
 
 

@@ -15,6 +15,7 @@ ENTRY = CatalogueEntry(
     summary="planar 3-RPR, platform x, y, rz, legs of driven length",
     source="after Innocenti and Parenti-Castelli 1998; Zein, Wenger and Chablat, Robotica 25, 2007",
     singularities=("type_2",),
+    why="The lines of the three legs meet in one point: nothing turns the platform about it.",
 )
 
 

@@ -15,6 +15,7 @@ ENTRY = CatalogueEntry(
     summary="planar 3-RRR, platform x, y, rz, links of 0.6 m",
     source="Kotlarski, Heimann and Ortmaier, Frontiers of Mechanical Engineering 7(2), 2012",
     singularities=("type_2",),
+    why="The lines of the three rods meet in one point: nothing turns the platform about it.",
 )
 
 
