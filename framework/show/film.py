@@ -64,6 +64,7 @@ class Film:
     t_s: Array  # (F, n)
     W_p: Array  # (F, n)
     instants: tuple[Instant, ...]
+    drawn_rigid: bool = False  # asked for with springs, which an unproved law would tear
 
     @property
     def proved(self) -> bool:
@@ -141,6 +142,7 @@ def _film_unproved(
         t_s=t_s,
         W_p=W_p,
         instants=_instants(passages),
+        drawn_rigid=robot.n_e > 0,
     )
 
 

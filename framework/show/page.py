@@ -20,6 +20,7 @@ from framework.model import ParallelRobot
 from framework.show.film import Film
 from framework.show.hand import hand_document
 from framework.show.scene import film_document
+from framework.show.words import said
 
 SCRIPTS = ("shapes.js", "view.js", "curves.js", "film.js", "hand.js", "main.js")
 
@@ -45,11 +46,6 @@ def film_page(films: Sequence[Film]) -> str:
 def hand_page(robot: ParallelRobot) -> str:
     """The page, HTML, with sliders that ask `move_by_hand` behind it."""
     return _scene_page([hand_document(robot)], said(robot.name), HAND_LEAD)
-
-
-def said(name: str) -> str:
-    """A name as it is read: five_bar is five bar."""
-    return name.replace("_", " ")
 
 
 def scene_part(heading: str, lead: str) -> str:

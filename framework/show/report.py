@@ -19,10 +19,11 @@ from framework.errors import point
 from framework.motion.path import Line
 from framework.show import plots
 from framework.show.film import Film, film_plan
-from framework.show.page import FILM_LEAD, said, scene_part, whole_page
+from framework.show.page import FILM_LEAD, scene_part, whole_page
 from framework.show.places import joint_axis
 from framework.show.scene import film_document
 from framework.show.style import styled
+from framework.show.words import said
 
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
 

@@ -26,12 +26,13 @@ from framework.show.places import (
     rotated,
 )
 from framework.show.shapes import Shape, body_shapes, turned_onto
+from framework.show.words import asked, how, proof, said, subtitle, summary, unit, why
 
 CLIPPED = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
 MOTOR = 0.06  # radius of a motor, over the radius of the picture
 COIL = 0.18  # length of a spring's coil, over the `length` of the document
 SHOWN = 0.35  # of the coil's length, or in radians: the largest deflection on the screen
-BESIDE = 0.7  # how far from the path the locus is drawn, in lengths of the robot
+BESIDE = 0.9  # how far from the path the locus is drawn, in lengths of the robot
 
 
 def floats(values: ArrayLike) -> str:
@@ -47,10 +48,15 @@ def film_document(film: Film) -> dict[str, Any]:
     document = robot_document(robot, poses)
     document |= {
         "kind": "film",
-        "title": film.name or film.robot.name.replace("_", " "),
+        "title": film.name or said(robot.name),
         "proved": film.proved,
         "refusal": film.refusal,
-        "summary": _summary(film),
+        "subtitle": subtitle(film),
+        "summary": summary(film),
+        "proof": proof(film),
+        "why": why(robot),
+        "asked": asked(robot),
+        "unit": unit(robot),
         "duration": float(film.time[-1]),
         "time": floats(film.time),
         "poses": floats(poses),
@@ -67,6 +73,7 @@ def film_document(film: Film) -> dict[str, Any]:
             {
                 "time": instant.time,
                 "wrench": instant.wrench,
+                "how": how(film, instant),
                 "place": _nearest(platform, film.time, instant.time),
                 "where": f"{', '.join(robot.axis_names)} = {point(instant.platform)}",
             }
@@ -229,7 +236,7 @@ def _locus(film: Film, platform: Array) -> dict[str, Any] | None:
 def locus_about(
     robot: ParallelRobot, q: Array, x: Array, platform: Array, *, beside: float = BESIDE
 ) -> dict[str, Any] | None:
-    """Curves of the locus up to `beside` lengths of the robot from places (F, 3) of the platform."""
+    """Curves of the locus about `beside` lengths of the robot from places (F, 3) of the platform."""
     found = locus_curves(robot, q, x)
     if found is None or not found.curves:
         return None
@@ -240,6 +247,7 @@ def locus_about(
         line[:, world] = curve
         near = np.linalg.norm(line[:, None] - platform[None, ::20], axis=2).min(axis=1)
         kept = near < beside * robot.length
+        kept |= kept.mean() > 0.5  # a curve that is mostly near is drawn whole
         for piece in np.split(np.arange(len(line)), np.flatnonzero(np.diff(kept)) + 1):
             if kept[piece[0]] and len(piece) > 1:
                 pieces.append(floats(line[piece]))
@@ -276,25 +284,3 @@ def _view(points: Array, normal: Array | None) -> dict[str, Any]:
         "lowest": float(low[2]),
         "flat": normal is not None,
     }
-
-
-def _summary(film: Film) -> str:
-    """What happens, in one sentence."""
-    unit = "N" if np.any(film.robot.platform_axes < 3) else "N m"
-    if not film.instants:
-        return "This motion meets no Type 2 singularity: the motors hold the platform all the way."
-    when = ", ".join(f"{instant.time:.3g} s" for instant in film.instants)
-    if film.proved:
-        peaks = np.abs(film.torque).max(axis=0)
-        most = int(np.argmax(peaks))
-        return (
-            f"This motion crosses the Type 2 singularity at t = {when} with finite torque: at that instant "
-            f"it asks for no force along t_s (t_s · W_p = 0). Peak torque {peaks[most]:.3g} "
-            f"{film.robot.torque_units[most]}."
-        )
-    wrench = max((abs(instant.wrench) for instant in film.instants), default=0.0)
-    return (
-        f"This motion meets the Type 2 singularity at t = {when} while it asks for {wrench:.3g} {unit} along "
-        f"t_s: no motor torque is large enough. The torque curve is clipped; it has no proof and no bound."
-        f"{' Its springs are drawn rigid.' if film.robot.description.springs else ''}"
-    )

@@ -156,7 +156,7 @@ def test_motors_redden_with_their_torque_and_springs_stretch(opened):
         scale = tab.evaluate(f"crossing.films[0].coils[{slide}].moving.scale.z")
         assert scale == pytest.approx(1 + stretch, abs=1e-6)
     assert abs(stretch) > 0.1  # it can be seen
-    assert "springs: stretch ×" in tab.inner_text(".column .legend")
+    assert "springs: stretch drawn ×" in tab.inner_text(".column .legend")
 
 
 def test_scenes_stand_side_by_side_and_the_unproved_one_says_so(opened):
@@ -172,8 +172,66 @@ def test_scenes_stand_side_by_side_and_the_unproved_one_says_so(opened):
     nodes_at(tab, pole)
     said = tab.locator(".now").all_inner_texts()
     assert "No singularity" in said[0]
-    assert "no torque is large enough" in said[1]
-    assert "clipped" in tab.locator(".column").nth(1).inner_text()
+    assert "no motor torque is large enough" in said[1]
+    assert "no bound" in tab.locator(".chart").nth(3).text_content()
+
+
+def test_the_words_follow_the_time(opened):
+    films = [filmed("five_bar", name) for name in ("B", "C")]
+    tab = opened(film_page(films))
+    (pole,), (crossing,) = ([instant.time for instant in film.instants] for film in films)
+
+    def said_at(t: float) -> list[str]:
+        nodes_at(tab, t)
+        return tab.locator(".now").all_inner_texts()
+
+    failing, working = said_at(0.5)
+    assert "must reach 0 by t = 0.887 s, and does not" in failing
+    assert f"must reach 0 by t = {crossing:.3g} s." in working
+    assert "Singular now" in said_at(pole)[0]
+    failing, working = said_at(1.0)
+    assert "would not get here" in failing
+    assert "Singular now" in working
+    assert "it coasts across" in working
+    views = [element.get_attribute("class") for element in tab.query_selector_all(".view")]
+    assert ["unreal" in views[0], "crossing" in views[1]] == [True, True]
+    assert "was 0 at t = 1 s" in said_at(1.3)[1]
+
+
+def test_the_view_keeps_its_size_while_the_words_change(opened):
+    for names in (["C"], ["A", "B", "C"]):
+        tab = opened(film_page([filmed("five_bar", name) for name in names]))
+        sizes = set()
+        for t in (0.0, 0.5, 0.887, 1.0, 1.3):
+            nodes_at(tab, t)
+            sizes |= {(view["width"], view["height"]) for view in map(box, tab.query_selector_all(".view"))}
+            for element in tab.query_selector_all(".now"):  # all words fit
+                assert element.evaluate("now => now.scrollHeight - now.clientHeight") <= 1
+        assert len({round(height) for _, height in sizes}) == 1
+        assert min(height for _, height in sizes) > 200
+
+
+def box(element) -> dict[str, float]:
+    return element.bounding_box()
+
+
+def test_side_by_side_both_conditions_are_seen_without_scrolling(opened):
+    tab = opened(film_page([filmed("five_bar", name) for name in ("A", "B", "C")]), width=1600, height=900)
+    controls = box(tab.query_selector("footer"))["y"]
+    for side in tab.query_selector_all(".side"):
+        torque, power, _ = side.query_selector_all(".chart")
+        assert side.evaluate("side => side.scrollHeight - side.clientHeight") <= 1
+        for chart in (torque, power):
+            assert box(chart)["y"] + box(chart)["height"] < controls
+
+
+def test_a_button_leads_each_scene_to_its_own_singular_instant(opened):
+    tab = opened(film_page([filmed("five_bar", name) for name in ("B", "C")]))
+    tab.click("button.telling")
+    said = tab.locator(".now").all_inner_texts()
+    assert all("Singular now" in text for text in said)
+    assert tab.inner_text(".clock") == "0.887 s, 1.000 s"
+    assert not tab.evaluate("crossing.clock.playing")
 
 
 def test_names_are_text(opened):

@@ -84,7 +84,7 @@ def test_an_unproved_film_is_clipped_and_says_so():
     document = film_document(film)
     assert document["torque_limit"] < np.abs(film.torque).max() / 10
     assert document["torque_limit"] > 2 * np.median(np.abs(film.torque))
-    assert "clipped" in document["summary"]
+    assert "goes off the scale" in document["summary"]
     assert not document["proved"]
 
 

@@ -1,6 +1,8 @@
 // Curves over time beside the scene, in SVG, with a mark that moves.
 
 const PALETTE = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"];
+const UNREAL = "#b4bcc5"; // what is drawn for comparison only
+let frames = 0;
 
 function svg(name, attributes, parent) {
   const element = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -25,12 +27,20 @@ function rounded(value) {
   return Number(value.toPrecision(3)).toString().replace("-", "−");
 }
 
+// A value that changes, to three digits of the largest that it takes: what cannot be seen there is 0.
+function steady(value, largest) {
+  const places = Math.min(12, Math.max(0, 2 - Math.floor(Math.log10(largest || 1))));
+  const text = value.toFixed(places);
+  return Number(text) === 0 ? "0" : text.replace("-", "−");
+}
+
 class Chart {
-  // series: [{values, color, dash}], each on `time`; `limit` clips them.
-  constructor(parent, { title, time, series, limit, events, seek, note, height = 150 }) {
-    Object.assign(this, { time, series });
+  // series: [{values, color, dash, name}], each on `time`; `limit` clips them; beyond the time `unreal` they are
+  // grey, and begin anew. events: [{time, value, said, alarm}], a line each and, with a value, a ring on it.
+  constructor(parent, { title, time, series, limit, events = [], unreal = Infinity, seek, height = 150 }) {
+    Object.assign(this, { time, series, unreal, breaks: events.filter(({ alarm }) => alarm).map((event) => event.time) });
     const width = 460, left = 52, right = 10, top = 22, bottom = 20;
-    const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "chart", role: "img" }, parent);
+    const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "chart", role: "img", "aria-label": title }, parent);
     const duration = time[time.length - 1];
     let largest = limit;
     if (largest === undefined) {
@@ -41,39 +51,55 @@ class Chart {
     let low = -largest;
     const high = largest;
     if (series.every(({ values }) => values.every((value) => value >= 0))) low = 0;
-    this.x = (t) => left + (t / duration) * (width - left - right);
-    this.y = (value) => top + ((high - Math.min(high, Math.max(low, value))) / (high - low)) * (height - top - bottom);
+    const box = { x: left, y: top, width: width - left - right, height: height - top - bottom };
+    this.x = (t) => left + (t / duration) * box.width;
+    this.height = (value) => top + ((high - Math.min(9 * high, Math.max(-9 * high, value))) / (high - low)) * box.height;
     for (const value of ticks(low, high)) {
-      svg("line", { x1: left, x2: width - right, y1: this.y(value), y2: this.y(value), class: value ? "grid" : "axis" }, root);
-      svg("text", { x: left - 5, y: this.y(value) + 4, "text-anchor": "end" }, root).textContent = rounded(value);
+      svg("line", { x1: left, x2: width - right, y1: this.height(value), y2: this.height(value), class: value ? "grid" : "axis" }, root);
+      svg("text", { x: left - 5, y: this.height(value) + 4, "text-anchor": "end" }, root).textContent = rounded(value);
     }
     for (const t of ticks(0, duration)) {
       if (this.x(t) > width - right - 62) continue; // there stands the unit
       svg("text", { x: this.x(t), y: height - 5, "text-anchor": "middle" }, root).textContent = rounded(t);
     }
     svg("text", { x: width - right, y: height - 5, "text-anchor": "end" }, root).textContent = "time [s]";
-    svg("text", { x: 4, y: 13, class: "title" }, root).textContent = title;
-    if (note) svg("text", { x: width - right, y: 13, "text-anchor": "end", style: "fill:#b3261e;font-weight:600" }, root).textContent = note;
-    for (const t of events) svg("line", { x1: this.x(t), x2: this.x(t), y1: top, y2: height - bottom, class: "event" }, root);
+    const head = svg("text", { x: 4, y: 13, class: "title" }, root);
+    head.textContent = title;
+    for (const { name, color, dash } of series.filter((each) => each.name)) {
+      svg("tspan", { dx: 9, style: `fill:${color}` }, head).textContent = `${dash ? "┄" : "━"} ${name}`;
+    }
+    const frame = `frame${frames++}`;
+    svg("rect", box, svg("clipPath", { id: frame }, root));
+    const inside = svg("g", { "clip-path": `url(#${frame})` }, root);
+    for (const { time: t } of events) svg("line", { x1: this.x(t), x2: this.x(t), y1: top, y2: height - bottom, class: "event" }, inside);
     series.forEach(({ values, color, dash }) => {
-      svg("path", { d: this.outline(values), fill: "none", stroke: color, "stroke-width": 2, "stroke-dasharray": dash || "" }, root);
+      for (const [path, shade] of [[this.outline(values, -Infinity, unreal), color], [this.outline(values, unreal, Infinity), UNREAL]]) {
+        if (path) svg("path", { d: path, fill: "none", stroke: shade, "stroke-width": 2, "stroke-dasharray": dash || "" }, inside);
+      }
     });
+    for (const { time: t, value, said, alarm } of events) {
+      const late = this.x(t) > left + 0.6 * box.width, at = value === undefined ? top + 10 : this.height(value) - 7;
+      if (value !== undefined) svg("circle", { cx: this.x(t), cy: this.height(value), r: 4.5, class: `ring ${alarm ? "alarm" : ""}` }, root);
+      if (said) svg("text", { x: this.x(t) + (late ? -7 : 7), y: at, "text-anchor": late ? "end" : "start", class: `said ${alarm ? "alarm" : ""}` }, root).textContent = said;
+    }
     this.line = svg("line", { y1: top, y2: height - bottom, class: "mark" }, root);
-    this.dots = series.map(({ color }) => svg("circle", { r: 4, fill: color, stroke: "#fff" }, root));
+    this.dots = series.map(() => svg("circle", { r: 4, stroke: "#fff" }, inside));
     const at = (event) => {
-      const box = root.getBoundingClientRect();
-      seek(((event.clientX - box.left) / box.width * width - left) / (width - left - right) * duration);
+      const edges = root.getBoundingClientRect();
+      seek(((event.clientX - edges.left) / edges.width * width - left) / box.width * duration);
     };
     root.addEventListener("pointerdown", (event) => { root.setPointerCapture(event.pointerId); at(event); });
     root.addEventListener("pointermove", (event) => { if (event.buttons) at(event); });
     this.mark(0, 0, 0);
   }
 
-  outline(values) {
+  // The curve strictly between two times, as far as it is finite.
+  outline(values, from, to) {
     let text = "";
     for (let k = 0; k < values.length; k++) {
-      if (!isFinite(values[k])) continue;
-      text += `${text ? "L" : "M"}${this.x(this.time[k]).toFixed(1)} ${this.y(values[k]).toFixed(2)}`;
+      if (!isFinite(values[k]) || this.time[k] <= from || this.time[k] >= to) continue;
+      const broken = this.breaks.some((t) => this.time[k - 1] < t && t <= this.time[k]);
+      text += `${text && !broken ? "L" : "M"}${this.x(this.time[k]).toFixed(1)} ${this.height(values[k]).toFixed(2)}`;
     }
     return text;
   }
@@ -82,10 +108,11 @@ class Chart {
     const x = this.x(t);
     this.line.setAttribute("x1", x);
     this.line.setAttribute("x2", x);
-    this.series.forEach(({ values }, i) => {
+    this.series.forEach(({ values, color }, i) => {
       const value = between(values, k, part);
       this.dots[i].setAttribute("cx", x);
-      this.dots[i].setAttribute("cy", this.y(isFinite(value) ? value : 0));
+      this.dots[i].setAttribute("cy", this.height(isFinite(value) ? value : 0));
+      this.dots[i].setAttribute("fill", t > this.unreal ? UNREAL : color);
     });
   }
 }

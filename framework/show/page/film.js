@@ -20,10 +20,13 @@ class Film {
       const { linear, angular, largest } = content[name];
       return [name, { linear: decoded(linear), angular: decoded(angular), largest }];
     }));
+    this.largestPower = Math.max(...this.power.map(Math.abs).filter(isFinite));
     this.largestG = this.g ? Math.max(...this.g.map(Math.abs)) : 1;
 
-    const badge = content.proved ? '<span class="badge proved">finite torque, proven</span>' : '<span class="badge unproved">unbounded torque</span>';
-    section.innerHTML = `<h2>${plain(content.title)}${badge}</h2>
+    // the singular instant that nobody gets beyond, of a motion without a proof
+    this.end = content.proved ? Infinity : Math.min(...content.instants.map(({ time }) => time));
+    const badge = content.proved ? `<span class="badge proved" title="${plain(content.proof)}">finite torque, proven</span>` : '<span class="badge unproved">unbounded torque</span>';
+    section.innerHTML = `<h2>${plain(content.title)}${badge}<span class="subtitle">${symbols(content.subtitle)}</span></h2>
       <div class="inside"><div class="left"><div class="legend"></div><div class="view"></div><div class="now"></div></div><div class="side"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
     this.furnish();
@@ -57,23 +60,26 @@ class Film {
       const { linear, angular } = this.arrows[name];
       return linear.object.visible ? linear.tip : angular.object.visible ? angular.tip : null;
     };
-    view.label("t<sub>s</sub>", "#d55e00", tip("t_s"));
-    view.label("W<sub>p</sub>", "#0072b2", tip("W_p"));
-    content.motors.forEach((motor, k) => {
-      if (content.motors.length > 4) return;
-      const node = view.nodes[motor.node], place = new THREE.Vector3().setFromMatrixPosition(matrix(motor.placement));
-      place.y -= 0.12 * L;
-      const label = view.label("", "#1d2530", () => place.clone().applyMatrix4(node.matrix));
-      label.dataset.motor = k;
+    view.label("t<sub>s</sub>", "var(--twist)", tip("t_s"));
+    view.label("W<sub>p</sub>", "var(--wrench)", tip("W_p"));
+    const few = content.motors.length > 4 ? [] : content.motors;
+    const places = few.map(({ node, placement }) => {
+      const place = new THREE.Vector3().setFromMatrixPosition(matrix(placement));
+      return () => place.clone().applyMatrix4(view.nodes[node].matrix);
     });
-    this.motorLabels = view.labels.filter(({ element }) => element.dataset.motor !== undefined).map(({ element }) => element);
-    for (const instant of content.instants) {
+    this.motorLabels = few.map((_, k) => view.label("", "var(--ink)", places[k], (at) => {
+      // away from the other motors: to the side on which this one stands, or below
+      const middle = places.reduce((sum, place) => sum + view.onScreen(place()).x / places.length, 0);
+      return Math.abs(at.x - middle) < 20 ? [0, 36] : [Math.sign(at.x - middle) * 70, 0];
+    }));
+    for (const label of this.motorLabels) label.classList.add("motor");
+    content.instants.forEach((instant, k) => {
       const spot = new THREE.Mesh(new THREE.SphereGeometry(0.017 * L, 24, 16), new THREE.MeshBasicMaterial({ color: COLORS.locus }));
       spot.position.set(...instant.place);
       view.add(spot);
-      const label = content.proved ? "crossed" : "met";
-      view.label(`${label} at ${rounded(instant.time)} s`, "#7c3576", () => spot.position.clone().add(new THREE.Vector3(0, -0.08 * L, 0))).classList.add("minor");
-    }
+      const said = `${content.proved ? "crossing" : "no bound"}: t = ${rounded(instant.time)} s`;
+      view.label(said, "var(--locus)", () => spot.position, () => [70, 52 + 22 * k], true).classList.add("minor");
+    });
     if (content.springs) {
       const { coils, factors, length, deflection } = content.springs;
       this.deflection = decoded(deflection);
@@ -91,18 +97,21 @@ class Film {
     const key = (color, text) => lines.push(`<div><span class="key" style="background:${color}"></span>${text}</div>`);
     if (content.locus) {
       const where = content.locus.kind === "patch" ? " (a piece, platform not turned)" : content.locus.whole ? "" : " (platform not turned)";
-      key("var(--locus)", `singular locus${where}: motors lose hold`);
+      key("var(--locus)", `singular locus${where}`);
     }
-    else if (content.instants.length) key("var(--locus)", "singular pose: motors lose hold");
-    if (this.g) key("var(--twist)", "t<sub>s</sub>: the motion they cannot hold there");
-    key("var(--wrench)", "W<sub>p</sub>: the force it takes to move as planned");
-    if (this.trace) key("var(--trace)", "way of the platform");
+    else if (content.instants.length) key("var(--locus)", "singular place");
+    if (this.g) key("var(--twist)", "t<sub>s</sub>: direction without hold");
+    key("var(--wrench)", "W<sub>p</sub>: force that the motion asks for");
+    if (this.trace) {
+      key("var(--trace)", "platform's way");
+      key("var(--path)", "still to go");
+    }
     const limit = content.shared_limit;
     lines.push(`<div>motor torque 0<span class="scale"></span>${rounded(limit)} ${content.motors[0].unit}</div>`);
     if (content.springs) {
       const { factors, coils } = content.springs, said = [];
-      if (coils.some((coil) => coil.slides)) said.push(`stretch × ${factors.slide}`);
-      if (coils.some((coil) => !coil.slides)) said.push(`twist × ${factors.turn}`);
+      if (coils.some((coil) => coil.slides)) said.push(`stretch drawn × ${factors.slide}`);
+      if (coils.some((coil) => !coil.slides)) said.push(`twist drawn × ${factors.turn}`);
       lines.push(`<div>springs: ${said.join(", ")}</div>`);
     }
     const box = shared.dataset.columns > 1 ? shared : own;
@@ -110,28 +119,33 @@ class Film {
   }
 
   charts(side, seek) {
-    const { content } = this;
-    const events = content.instants.map(({ time }) => time);
+    const { content, time, end: unreal } = this, beside = document.getElementById("legend").dataset.columns > 1;
+    const alarm = !content.proved;
+    const mark = (instant, value, said) => ({ time: instant.time, value, said, alarm });
     const units = [...new Set(content.motors.map(({ unit }) => unit))].join(", ");
     const dashes = ["", "7 4", "2 3", "9 3 2 3"];
+    const names = content.motors.map(({ name }) => plain(name).replace(/_/g, " "));
+    const short = names.join("").length < 36;
     side.insertAdjacentHTML("beforeend", `<p class="summary">${symbols(content.summary)}</p>`);
     if (content.refusal) side.insertAdjacentHTML("beforeend", `<p class="summary refusal">The planner: ${symbols(content.refusal)}</p>`);
-    const force = content.turning.every(Boolean) ? "N m" : "N";
     this.panels = [new Chart(side, {
-      title: `motor torque [${units}]`, time: this.time, events, seek, limit: content.shared_limit, height: 185,
-      series: this.torque.map((values, k) => ({ values, color: PALETTE[k % 6], dash: dashes[k % 4] })),
-      note: content.proved ? "" : "clipped: no bound at the dashed line",
+      title: `motor torque [${units}]`, time, seek, unreal, limit: content.shared_limit, height: beside ? 122 : 172,
+      events: content.instants.map((instant) => mark(instant, undefined, alarm ? `${rounded(instant.time)} s: no bound` : "")),
+      series: this.torque.map((values, k) => ({ values, color: PALETTE[k % 6], dash: dashes[k % 4], name: short ? content.motors[k].name.replace(/_/g, " ") : "" })),
     })];
-    side.insertAdjacentHTML("beforeend", `<p class="names">${content.motors.map(({ name }, k) =>
-      `<span style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"} ${plain(name).replace(/_/g, " ")}</span>`).join("&ensp; ")}</p>`);
+    if (!short) side.insertAdjacentHTML("beforeend", `<p class="names">${names.map((name, k) =>
+      `<span style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"} ${name}</span>`).join("&ensp; ")}</p>`);
     if (!this.g) return;
     this.panels.push(new Chart(side, {
-      title: `${content.turning.every(Boolean) ? "torque asked for about" : "force asked for along"} tₛ: tₛ · Wₚ [${force}]`, time: this.time, events, seek,
-      series: [{ values: this.power, color: "#0072b2" }],
+      title: `${content.asked} tₛ: tₛ · Wₚ [${content.unit}]`, time, seek, unreal, height: beside ? 108 : 150,
+      events: content.instants.map((instant) => mark(instant, alarm ? instant.wrench : 0,
+        alarm ? `${rounded(instant.wrench)} ${content.unit}, not 0` : `0 at ${rounded(instant.time)} s`)),
+      series: [{ values: this.power, color: WRENCH }],
     }));
     this.panels.push(new Chart(side, {
-      title: "distance from the locus: g (0 on it)", time: this.time, events, seek,
-      series: [{ values: this.g, color: "#a0489a" }],
+      title: `singularity measure g: 0 ${content.locus ? `on the purple ${content.locus.kind === "patch" ? "surface" : "curve"}` : "where singular"}`, time, seek, unreal,
+      height: beside ? 108 : 150, events: content.instants.map((instant) => mark(instant, 0, "")),
+      series: [{ values: this.g, color: LOCUS }],
     }));
   }
 
@@ -166,7 +180,7 @@ class Film {
       const value = between(values, k, part);
       view.setMotor(m, isFinite(value) ? Math.abs(value) / content.shared_limit : 1);
       const label = this.motorLabels[m];
-      if (label) label.textContent = Math.abs(value) > content.shared_limit * 1.001 || !isFinite(value) ? "off the scale" : `${rounded(value)} ${content.motors[m].unit}`;
+      if (label) label.textContent = Math.abs(value) > content.shared_limit * 1.001 || !isFinite(value) ? "off the scale" : `${steady(value, content.shared_limit)} ${content.motors[m].unit}`;
     });
     if (this.coils) {
       const n = this.coils.length;
@@ -180,8 +194,7 @@ class Film {
       this.trace.geometry.setDrawRange(0, 48 * Math.ceil(between(this.way, k, part) * segments));
     }
     this.panels.forEach((panel) => panel.mark(at, k, part));
-    const wrench = this.vector(this.vectors.W_p.linear, k, part).length() / (this.vectors.W_p.largest[0] || 1);
-    this.say(at, g, between(this.power, k, part), wrench);
+    this.say(at, g, between(this.power, k, part));
     view.viewer.set_dirty();
   }
 
@@ -196,34 +209,58 @@ class Film {
     if (this.corner.object.visible) this.corner.set(origin, twist, wrench);
   }
 
-  say(t, g, power, wrench) {
-    const { content } = this;
-    const force = content.turning.every(Boolean) ? "N m" : "N";
-    const instant = content.instants.find(({ time }) => Math.abs(time - t) < 0.006 * this.duration);
+  // What is to be said now: of the singular instant that is nearest in time.
+  say(t, g, power) {
+    const { content, view } = this;
+    const nearest = content.instants.reduce((best, each) => (!best || Math.abs(each.time - t) < Math.abs(best.time - t) ? each : best), null);
+    const unreal = t > this.end + 1e-9 && !this.singular(nearest, t);
+    const near = this.g && Math.abs(g) < 0.25 * this.largestG;
+    const when = nearest && `t = ${rounded(nearest.time)} s`;
+    const now = `<b>${steady(power, this.largestPower)} ${content.unit}</b>`;
+    const hold = near ? "Along t<sub>s</sub> the motors have little hold" : "The motors hold the platform in every direction";
+    const asked = `${content.asked} t<sub>s</sub>`;
     let state = "", text;
     if (!this.g) {
       text = "<b>Every joint has a motor.</b> This robot has no Type 2 singularity.";
-    } else if (instant && content.proved) {
+    } else if (!nearest) {
+      text = `<b>No singularity on this way.</b> ${hold}.`;
+    } else if (this.singular(nearest, t) && content.proved) {
       state = "singular";
-      text = `<b>Singular now.</b> The motors cannot push along t<sub>s</sub> at all, and they need not: t<sub>s</sub> · W<sub>p</sub> = 0, ${this.how(wrench)}. The torque stays finite.`;
-    } else if (instant) {
+      text = `<b>Singular now.</b> ${symbols(content.why)} ${symbols(nearest.how)} The torque stays finite.`;
+    } else if (this.singular(nearest, t)) {
       state = "unbounded";
-      text = `<b>Singular now.</b> The motion asks for ${rounded(Math.abs(instant.wrench))} ${force} along t<sub>s</sub>, where the motors have no hold: no torque is large enough.`;
-    } else if (Math.abs(g) < 0.25 * this.largestG && content.instants.length) {
-      text = `<b>Near the locus.</b> Along t<sub>s</sub> the motors have little hold: what the motion asks for there (${rounded(power)} ${force}) ${content.proved ? "goes to zero in time" : "does not go to zero in time"}.`;
-    } else if (content.instants.length) {
-      text = "<b>Away from the locus.</b> The motors hold the platform in every direction.";
+      text = `<b>Singular now.</b> ${symbols(content.why)} The motion asks for ${rounded(Math.abs(nearest.wrench))} ${content.unit} ${content.asked.split(" ")[1]} t<sub>s</sub>: no motor torque is large enough.`;
+    } else if (unreal) {
+      state = "unreal";
+      text = `<b>The real robot would not get here</b>: no torque carries it through ${when}. Shown for comparison.`;
+    } else if (t < nearest.time) {
+      const then = content.proved ? `must reach 0 by ${when}` : `must reach 0 by ${when}, and does not`;
+      text = `<b>${near ? "Near" : "Before"} the singularity.</b> ${hold}. The ${asked}, now ${now}, ${then}.`;
     } else {
-      text = "<b>No singularity on this way.</b> The motors hold the platform in every direction.";
+      text = `<b>${near ? "Just past" : "Past"} the singularity.</b> ${hold}${near ? " yet" : " again"}. The ${asked}, now ${now}, was 0 at ${when}.`;
     }
     this.caption.className = `now ${state}`;
     this.caption.innerHTML = text;
+    view.element.className = `view ${{ singular: "crossing", unbounded: "singular", unreal: "unreal" }[state] || ""}`;
   }
 
-  // How t_s . W_p comes to be zero: the right angle can be seen where nothing turns.
-  how(wrench) {
-    if (this.content.turning.some(Boolean)) return "the wrench does no work along t<sub>s</sub>";
-    if (wrench < 0.02) return "the motion asks for no force at all for an instant (W<sub>p</sub> = 0)";
-    return "W<sub>p</sub> stands at a right angle to t<sub>s</sub>";
+  singular(instant, t) {
+    return Boolean(instant) && Math.abs(instant.time - t) < 0.006 * this.duration;
+  }
+
+  // Its own singular instant, or where it comes nearest to one.
+  get tellingTime() {
+    if (this.content.instants.length) return this.content.instants[0].time;
+    if (!this.g) return 0.5 * this.duration;
+    let best = 0;
+    this.g.forEach((value, k) => { if (Math.abs(value) < Math.abs(this.g[best])) best = k; });
+    return this.time[best];
+  }
+
+  // The most that its words ever need, so that the view keeps its size.
+  get wordiest() {
+    const times = this.content.instants.flatMap(({ time }) => [-0.03, 0, 0.03].map((beside) => time + beside * this.duration));
+    this.caption.style.height = "auto";
+    return Math.max(...[0, this.duration, ...times].map((t) => { this.show(t); return this.caption.offsetHeight; }));
   }
 }

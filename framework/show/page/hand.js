@@ -16,7 +16,7 @@ class Hand {
       angular: new Arrow(COLORS.twist, 0.005 * L, { bothWays: true, turning: true }),
     };
     for (const arrow of Object.values(this.arrows)) this.view.add(arrow.object);
-    this.view.label("t<sub>s</sub>", "#d55e00", () => {
+    this.view.label("t<sub>s</sub>", "var(--twist)", () => {
       const { linear, angular } = this.arrows;
       return linear.object.visible ? linear.tip : angular.object.visible ? angular.tip : null;
     });
@@ -30,7 +30,7 @@ class Hand {
   build() {
     const { sliders, free_motors } = this.content;
     this.side.innerHTML = `<div class="class"></div>
-      <dl class="readings"><dt>g (0 on the locus)</dt><dd class="g"></dd>
+      <dl class="readings"><dt>singularity measure g (0 on the locus)</dt><dd class="g"></dd>
       <dt>smallest singular value σ<sub>min</sub></dt><dd class="smallest"></dd></dl>
       <p class="stop" role="status"></p><div class="all"></div>
       <p><button type="button" class="back">Back to the start</button></p>`;

@@ -7,6 +7,7 @@ class Clock {
     this.t = 0;
     this.playing = false;
     bar.innerHTML = `<button class="play" type="button">▶ Play</button>
+      <button class="telling" type="button" title="each scene at its own singular instant">At the singularity</button>
       <input type="range" class="bar" min="0" max="${this.duration}" step="any" value="0" aria-label="time">
       <span class="clock"></span>
       <label>speed <select class="speed" aria-label="speed">${[1, 0.5, 0.25, 0.1, 0.05].map((value) =>
@@ -17,6 +18,7 @@ class Clock {
     this.speed = bar.querySelector(".speed");
     this.speed.value = this.duration < 4 ? "0.25" : "1";
     this.button.addEventListener("click", () => (this.playing ? this.pause() : this.play()));
+    bar.querySelector(".telling").addEventListener("click", () => this.tell());
     this.bar.addEventListener("input", () => { this.pause(); this.seek(Number(this.bar.value)); });
     document.addEventListener("keydown", (event) => {
       if (event.code === "Space" && event.target === document.body) { event.preventDefault(); this.button.click(); }
@@ -28,6 +30,15 @@ class Clock {
     this.bar.value = this.t;
     this.clock.textContent = `${this.t.toFixed(3)} of ${this.duration} s`;
     for (const film of this.films) film.show(this.t);
+  }
+
+  // Each film at its own singular instant; the clock then shows that of the last.
+  tell() {
+    this.pause();
+    const times = this.films.map((film) => film.tellingTime);
+    this.seek(times[times.length - 1]);
+    this.films.forEach((film, k) => film.show(times[k]));
+    if (new Set(times).size > 1) this.clock.textContent = times.map((t) => `${t.toFixed(3)} s`).join(", ");
   }
 
   play() {
@@ -71,7 +82,15 @@ function start() {
   const films = contents.map((content) => new Film(section(), content, (t) => { clock.pause(); clock.seek(t); }));
   clock = new Clock(films, document.getElementById("controls"));
   window.crossing = { films, clock };
-  const asked = /[#&]t=([\d.]+)/.exec(location.hash);
+  const makeRoom = () => {
+    const height = Math.max(...films.map((film) => film.wordiest));
+    for (const film of films) film.caption.style.height = `${height}px`;
+    clock.seek(clock.t);
+  };
+  addEventListener("resize", makeRoom);
+  makeRoom();
+  const asked = /[#&]t=([\d.]+|singular)/.exec(location.hash);
+  if (asked && asked[1] === "singular") { clock.tell(); return; }
   clock.seek(asked ? Number(asked[1]) : 0);
   if (!asked && !matchMedia("(prefers-reduced-motion: reduce)").matches) clock.play();
 }

@@ -1,7 +1,10 @@
 // What stands in the scene: solids, tubes, arrows, coils. Sizes in metres, z up.
 
 const THREE = MeshCat.THREE;
-const COLORS = { locus: 0xa0489a, twist: 0xd55e00, wrench: 0x0072b2, trace: 0x009e73, path: 0x7c8794 };
+// One meaning each, as in page.css; blue, orange and yellow are left to the robots.
+const [LOCUS, TWIST, WRENCH, TRACE, PATH] = ["locus", "twist", "wrench", "trace", "path"].map((name) =>
+  getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+const COLORS = { locus: new THREE.Color(LOCUS), twist: new THREE.Color(TWIST), wrench: new THREE.Color(WRENCH), trace: new THREE.Color(TRACE), path: new THREE.Color(PATH) };
 
 // Names come from robot files: text, never HTML.
 function plain(text) {
@@ -172,7 +175,7 @@ class Coil {
       const needle = (color) => new THREE.Mesh(
         new THREE.CylinderGeometry(wire, wire, 0.75 * length, 8).translate(0, 0.375 * length, 0),
         new THREE.MeshPhongMaterial({ color }));
-      this.moving.add(needle(0xd55e00));
+      this.moving.add(needle(0x1d2530));
       this.object.add(needle(0x8a949f));
     }
     this.object.add(this.moving);
@@ -191,7 +194,7 @@ class Coil {
 }
 
 function heat(share) {
-  const stops = [[0.83, 0.84, 0.86], [0.9, 0.62, 0.0], [0.55, 0.11, 0.04]];
+  const stops = [[0.83, 0.84, 0.86], [0.76, 0.42, 0.38], [0.55, 0.07, 0.05]];
   const at = Math.min(1, Math.max(0, share)) * 2, k = Math.min(1, Math.floor(at)), t = at - k;
   return stops[k].map((value, i) => value + t * (stops[k + 1][i] - value));
 }

@@ -113,25 +113,44 @@ class View {
     }
   }
 
-  // A label that follows `place`, a function that gives a point or null.
-  label(html, color, place) {
+  // A label that follows `place`, a function that gives a point or null; `aside` gives how far from it the
+  // label stands, in pixels, and `leader` draws a line between.
+  label(html, color, place, aside = () => [0, 0], leader = false) {
     const element = this.element.appendChild(document.createElement("div"));
     element.className = "label";
     element.style.color = color;
     element.innerHTML = html;
-    this.labels.push({ element, place });
+    const line = leader ? this.element.appendChild(document.createElement("div")) : null;
+    if (line) line.className = "leader";
+    this.labels.push({ element, place, aside, line });
     return element;
+  }
+
+  // Where a point of the scene is in the pane, in pixels.
+  onScreen(point) {
+    const { clientWidth, clientHeight } = this.element;
+    const seen = point.clone().applyMatrix4(this.viewer.scene.matrixWorld).project(this.viewer.camera);
+    return { x: (0.5 + 0.5 * seen.x) * clientWidth, y: (0.5 - 0.5 * seen.y) * clientHeight };
   }
 
   placeLabels() {
     const { clientWidth, clientHeight } = this.element;
-    for (const { element, place } of this.labels) {
+    for (const { element, place, aside, line } of this.labels) {
       const point = place();
       element.style.display = point ? "" : "none";
       if (!point) continue;
-      const seen = point.clone().applyMatrix4(this.viewer.scene.matrixWorld).project(this.viewer.camera);
-      element.style.left = `${(0.5 + 0.5 * seen.x) * clientWidth}px`;
-      element.style.top = `${(0.5 - 0.5 * seen.y) * clientHeight}px`;
+      const at = this.onScreen(point), [right, down] = aside(at);
+      const half = 0.5 * element.offsetWidth + 3;
+      const x = Math.min(Math.max(at.x + right, half), clientWidth - half), y = Math.min(at.y + down, clientHeight - 12);
+      element.style.left = `${x}px`;
+      element.style.top = `${y}px`;
+      if (!line) continue;
+      // to the upper edge of the label
+      const across = x - at.x, along = y - 9 - at.y;
+      line.style.left = `${at.x}px`;
+      line.style.top = `${at.y}px`;
+      line.style.width = `${Math.hypot(across, along)}px`;
+      line.style.transform = `rotate(${Math.atan2(along, across)}rad)`;
     }
   }
 }

@@ -1,0 +1,125 @@
+"""What is said about a film: sentences for people, drawn from its facts and from nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from framework.catalogue import catalogue
+from framework.model import ParallelRobot
+from framework.show.film import Film, Instant
+
+NOTHING = 1e-3  # share of its largest value below which a force or an acceleration counts as zero here
+
+
+def said(name: str) -> str:
+    """A name as it is read: five_bar is five bar."""
+    return name.replace("_", " ")
+
+
+def asked(robot: ParallelRobot) -> str:
+    """What t_s . W_p is: a force along t_s, or a torque about it where the platform only turns."""
+    return "force along" if np.any(robot.platform_axes < 3) else "torque about"
+
+
+def unit(robot: ParallelRobot) -> str:
+    """The unit of t_s . W_p."""
+    return "N" if np.any(robot.platform_axes < 3) else "N m"
+
+
+def subtitle(film: Film) -> str:
+    """The film in a few words."""
+    if not len(film.robot.passive):
+        return "every joint has a motor: no Type 2 singularity"
+    if not film.instants:
+        return "keeps clear of the singularity"
+    if not film.proved:
+        return f"goes through while it asks for {asked(film.robot)} t_s: fails"
+    if all(coasts(film, instant) for instant in film.instants):
+        return "goes through coasting: works"
+    return f"goes through while it asks for no {asked(film.robot)} t_s: works"
+
+
+def summary(film: Film) -> str:
+    """What happens, in a few sentences."""
+    if not film.instants:
+        held = "This motion meets no Type 2 singularity: the motors hold the platform all the way."
+        return f"{held} {_peak(film)}"
+    when = ", ".join(f"{instant.time:.3g} s" for instant in film.instants)
+    if film.proved:
+        return (
+            f"This motion crosses the Type 2 singularity at t = {when} with finite torque: at that instant "
+            f"it asks for no {asked(film.robot)} t_s (t_s · W_p = 0). {_peak(film)}"
+        )
+    wrench = max(abs(instant.wrench) for instant in film.instants)
+    rigid = " It is drawn with rigid parts: on springs the loops would tear." if film.drawn_rigid else ""
+    return (
+        f"This motion meets the Type 2 singularity at t = {when} while it asks for {wrench:.3g} "
+        f"{unit(film.robot)} {asked(film.robot).split()[1]} t_s: no motor torque is large enough. The curve "
+        f"of the torque goes off the scale there; it has no bound.{rigid}"
+    )
+
+
+def why(robot: ParallelRobot) -> str:
+    """Why this robot is singular where it is, if the catalogue tells; only of the catalogue's own file."""
+    entry = catalogue().get(robot.name)
+    return entry.why if entry is not None and entry.file == robot.description.file else ""
+
+
+def how(film: Film, instant: Instant) -> str:
+    """How a proven motion comes to ask for nothing along t_s at a singular instant."""
+    if film.plan is None:
+        return ""
+    nearest = min(film.plan.crossings, key=lambda found: abs(found.time - instant.time))
+    timed = (
+        "The motion is timed so that at this instant it"
+        if nearest.condition
+        else "At this instant the motion"
+    )
+    if coasts(film, instant):
+        zero = "here the acceleration itself is zero (s″ = 0): it coasts across"
+    elif _share(film, instant) < NOTHING:
+        zero = "here it needs none at all (W_p = 0)"
+    elif np.any(film.robot.platform_axes >= 3):
+        zero = "W_p does no work along t_s"
+    else:
+        zero = "W_p stands at a right angle to t_s"
+    return f"{timed} needs no {asked(film.robot)} t_s (t_s · W_p = 0); {zero}."
+
+
+def coasts(film: Film, instant: Instant) -> bool:
+    """Whether neither force nor acceleration along the path is asked for at that instant."""
+    speeding = np.abs(film.law(film.time, 2)).max()
+    there = abs(float(film.law(np.array([instant.time]), 2)[0]))
+    return _share(film, instant) < NOTHING and there < NOTHING * speeding
+
+
+def proof(film: Film) -> str:
+    """What is proven of a plan's torque, and how."""
+    if film.plan is None:
+        return ""
+    certificate = film.plan.certificate
+    return (
+        f"Proven: the torque is finite at all times. Its series on {certificate.nodes} nodes leaves out "
+        f"{certificate.tail:.0e} of it; a torque without bound would leave a share near 1. The loops stay "
+        f"closed to {certificate.max_closure_error:.0e} (m or rad)."
+    )
+
+
+def parts(film: Film) -> str:
+    """With which flexibility a film was computed."""
+    plan, robot = film.plan, film.robot
+    if not robot.n_e or plan is None:
+        return "rigid parts"
+    return f"{said(robot.flexibility)}, {plan.geometry} geometry"
+
+
+def _peak(film: Film) -> str:
+    peaks = np.abs(film.torque).max(axis=0)
+    most = int(np.argmax(peaks))
+    return f"Peak torque {peaks[most]:.3g} {film.robot.torque_units[most]} ({parts(film)})."
+
+
+def _share(film: Film, instant: Instant) -> float:
+    """|W_p| at an instant over its largest value of the film."""
+    size = np.linalg.norm(film.W_p, axis=1)
+    return float(size[int(np.argmin(np.abs(film.time - instant.time)))] / (size.max() or 1.0))
