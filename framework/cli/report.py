@@ -23,13 +23,12 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> Report:
     """Read the plan back, prove it anew, and write the page."""
     from framework.show.report import report_page
+    from framework.show.words import plan_name
 
     if options.html == "":
         raise InvalidInput("--html: needs the name of a file, got an empty text")
     plan = load_plan(options.folder)
-    name = Path(options.folder).resolve().name
-    path = write_page(
-        options.html or str(Path(options.folder) / "report.html"), report_page(plan, name=f"Plan {name}")
-    )
+    page = report_page(plan, name=plan_name(plan, Path(options.folder).resolve().name))
+    path = write_page(options.html or str(Path(options.folder) / "report.html"), page)
     size = path.stat().st_size
     return {"file": str(path), "bytes": size}, f"written to {path} ({size / 1e6:.2f} MB)"

@@ -33,7 +33,11 @@ def add(commands: Any) -> None:
     parser.add_argument("--to", dest="end", type=float, nargs="+", metavar="X", help="last platform point")
     add_flexibility(parser)
     add_motion(parser)
-    parser.add_argument("--html", metavar="FILE", help="write one file that plays offline, and end")
+    parser.add_argument(
+        "--html",
+        metavar="FILE",
+        help="write one file that plays offline, and end; without --scene, of the first scene that crosses",
+    )
     parser.add_argument("--no-open", action="store_true", help="do not open the browser")
 
 
@@ -45,8 +49,8 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput("--html: needs the name of a file, got an empty text")
     films = _films(options)
     if options.html is not None:
-        page = film_page(films or [_telling_film(options)])
-        return _report_file(options.html, page)
+        shown = films or [_telling_film(options)]
+        return _report_file(options.html, film_page(shown), shown, chosen=not films)
     if films:
         return _served(options, film_page(films), None)
     robot = asked.load(options)
@@ -68,20 +72,32 @@ def write_page(file: str, page: str) -> FilePath:
     return path
 
 
-def _report_file(file: str, page: str) -> Report:
+def _report_file(file: str, page: str, films: list[Film], *, chosen: bool) -> Report:
+    """What was filmed and where it is; `chosen` if nobody said which scene."""
+    from framework.show.words import parts, said
+
     path = write_page(file, page)
     size = path.stat().st_size
-    return {"file": str(path), "bytes": size}, f"written to {path} ({size / 1e6:.2f} MB), for any browser"
+    scenes = ", ".join(f"{film.name or 'the motion asked for'} ({parts(film)})" for film in films)
+    text = f"{said(films[0].robot.name)}, {scenes}: written to {path} ({size / 1e6:.2f} MB), for any browser"
+    if chosen:
+        text = f"no scene given: filmed {films[0].name}\n{text}"
+    told = [
+        {"name": film.name, "flexibility": film.robot.flexibility, "proved": film.proved} for film in films
+    ]
+    return {"file": str(path), "bytes": size, "films": told}, text
 
 
 def _films(options: argparse.Namespace) -> list[Film]:
     """The motions asked for; none when the robot is to be moved by hand."""
     from framework.show.film import film_plan
+    from framework.show.words import plan_name
 
     if is_plan_folder(options.robot):
         _refuse_with_folder(options)
         folder = FilePath(options.robot)
-        return [film_plan(load_plan(folder), name=f"Plan {folder.resolve().name}")]
+        plan = load_plan(folder)
+        return [film_plan(plan, name=plan_name(plan, folder.resolve().name))]
     line = options.start is not None or options.end is not None
     if options.scenes is None and not line:
         for option in ("duration", "times", "speeds", "geometry", "smoothness"):

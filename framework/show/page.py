@@ -25,13 +25,15 @@ from framework.show.words import said
 SCRIPTS = ("shapes.js", "view.js", "curves.js", "film.js", "hand.js", "main.js")
 
 FILM_LEAD = (
-    "At a <b>Type 2 singularity</b> (purple) the motors of a parallel robot cannot push its platform along "
-    "one direction, t<sub>s</sub>: resisting a force there would take infinite torque. The robot can pass "
-    "all the same, if at that instant the motion asks for <b>no force along t<sub>s</sub></b>: "
+    "The motors of a parallel robot move its <b>platform</b> together. At a <b>Type 2 singularity</b> "
+    "(purple) they cannot push it along one direction, t<sub>s</sub>, the <b>direction without hold</b>: "
+    "resisting a force there would take infinite torque. A motion can go through all the same, a "
+    "<b>crossing</b>, if at that instant it asks for <b>no force along t<sub>s</sub></b>: "
     "t<sub>s</sub> · W<sub>p</sub> = 0."
 )
 HAND_LEAD = (
-    "Move the platform, or the motors, and watch how near the robot is to a singularity. The loops stay "
+    "Move the platform (the part that the motors move together), or the motors, and watch how near the robot "
+    "is to a singularity, where the arrow t<sub>s</sub> is the direction without hold. The loops stay "
     "closed; at the edge of the workspace the robot stops rather than jump to another way of being "
     "assembled. <b>The platform can be led across a Type 2 singularity; the motors cannot lead it there.</b>"
 )

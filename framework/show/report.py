@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+import re
 from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -16,6 +17,7 @@ from framework.arrays import ArrayLike
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene_path
 from framework.errors import point
+from framework.model import ParallelRobot
 from framework.motion.path import Line
 from framework.show import plots
 from framework.show.film import Film, film_plan
@@ -23,7 +25,7 @@ from framework.show.page import FILM_LEAD, scene_part, whole_page
 from framework.show.places import joint_axis
 from framework.show.scene import film_document
 from framework.show.style import styled
-from framework.show.words import said
+from framework.show.words import asked, how, parts, said, why
 
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
 
@@ -36,7 +38,7 @@ def report_page(plan: CrossingPlan, *, name: str = "") -> str:
         [
             '<div class="report">',
             scene_part(heading, FILM_LEAD),
-            _section("What happens", _crossings(plan)),
+            _section("What happens", _crossings(plan, film)),
             _section("Figures", _figures(plan)),
             _section("The law", _law(plan)),
             _section("The certificate, in words", _certificate(plan, film)),
@@ -59,11 +61,16 @@ def _section(title: str, content: str) -> str:
     return f"<section><h2>{html.escape(title)}</h2>\n{content}</section>"
 
 
+def _marked(text: str) -> str:
+    """A plain text as HTML, with the indices of t_s and W_p."""
+    return re.sub(r"\b(t|W)_([sp])\b", r"\1<sub>\2</sub>", html.escape(text))
+
+
 def _table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
     """A table of plain texts."""
     lines = []
     if head:
-        lines.append("<tr>" + "".join(f"<th>{html.escape(cell)}</th>" for cell in head) + "</tr>")
+        lines.append("<tr>" + "".join(f"<th>{_marked(cell)}</th>" for cell in head) + "</tr>")
     lines += ["<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows]
     return "<table>" + "\n".join(lines) + "</table>"
 
@@ -72,13 +79,20 @@ def _number(value: float) -> str:
     return f"{value + 0.0:.6g}"
 
 
-def _crossings(plan: CrossingPlan) -> str:
+def _crossings(plan: CrossingPlan, film: Film) -> str:
     robot = plan.robot
     peaks = ", ".join(
         f"{said(joint)} {value:.4g} {unit}"
         for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
     )
-    motion = f"<p>The motion takes {plan.duration:g} s. Largest motor torques: {html.escape(peaks)}.</p>"
+    motion = (
+        f"<p>The motion takes {plan.duration:g} s. Largest motor torques, with {html.escape(parts(film))}: "
+        f"{html.escape(peaks)}.</p>"
+    )
+    motion += "".join(
+        f"<p><b>At t = {instant.time:.4g} s:</b> {_marked(f'{why(robot)} {how(film, instant)}')}</p>"
+        for instant in film.instants
+    )
     over = "".join(
         f"<p><b>Mind:</b> {html.escape(said(joint))} exceeds its limits: {html.escape(excess)}.</p>"
         for joint, excess in plan.exceeded.items()
@@ -88,10 +102,10 @@ def _crossings(plan: CrossingPlan) -> str:
     head = (
         "t [s]",
         "s",
-        f"{', '.join(robot.axis_names)}",
-        "t_s (the twist that motors cannot hold)",
-        "s' [1/s]",
-        's" [1/s²]',
+        _with_units(robot),
+        "t_s, direction without hold",
+        "s′ [1/s]",
+        "s″ [1/s²]",
         "|t_s · W_p|, of its peak",
     )
     rows = [
@@ -109,6 +123,16 @@ def _crossings(plan: CrossingPlan) -> str:
     return f"{motion}{over}{_table(rows, head)}"
 
 
+def _with_units(robot: ParallelRobot) -> str:
+    """The platform's coordinates with their units: x, y [m], rz [rad]."""
+    groups = {"m": robot.platform_axes < 3, "rad": robot.platform_axes >= 3}
+    named = {
+        unit: ", ".join(name for name, there in zip(robot.axis_names, chosen, strict=True) if there)
+        for unit, chosen in groups.items()
+    }
+    return ", ".join(f"{names} [{unit}]" for unit, names in named.items() if names)
+
+
 def _figures(plan: CrossingPlan) -> str:
     drawn: list[tuple[str, Callable[[], Axes]]] = [
         ("Motor torques", lambda: plots.plot_torques(plan)),
@@ -117,7 +141,7 @@ def _figures(plan: CrossingPlan) -> str:
     if len(plan.robot.passive):
         drawn += [
             ("Singularity measure along the path", lambda: plots.plot_singularity(plan)),
-            ("Force asked for along t_s", lambda: plots.plot_wrench(plan)),
+            (f"{asked(plan.robot).capitalize()} t_s", lambda: plots.plot_wrench(plan)),
         ]
     figures = []
     for title, draw in drawn:
@@ -151,7 +175,8 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
         worst = max(crossing.residual for crossing in plan.crossings)
         said_of.append(
             f"At each crossing t_s · W_p, with the inertia of all bodies, is zero to {worst:.1e} of its "
-            f"largest value along the motion: condition (8) of Briot and Arakelian 2010."
+            f"largest value along the motion, as a finite torque needs: condition (8) in the paper of Briot "
+            f"and Arakelian, 2010."
         )
     if plan.robot.n_e:
         rigid = plan.geometry == "rigid"
@@ -162,15 +187,15 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
             f"agreed, and the singular point was found anew on the deformed robot each time."
         )
     said_of.append(
-        "The platform advances along the path all the time (s' > 0)."
+        "The platform advances along the path all the time (s′ > 0)."
         if certificate.monotone
-        else "The law overshoots the ends of the path a little: s' changes sign."
+        else "The law overshoots the ends of the path a little: s′ changes sign."
     )
     if film.g.size and not np.isnan(film.g).any():
         nearest = float(np.abs(film.g).min())
         if not plan.crossings:
             said_of.append(f"The measure of singularity |g| stays above {nearest:.3g} along the motion.")
-    items = "".join(f"<li>{html.escape(text)}</li>" for text in said_of)
+    items = "".join(f"<li>{_marked(text)}</li>" for text in said_of)
     return f"<ul>{items}</ul><p>All of it was computed from the law when this page was written.</p>"
 
 

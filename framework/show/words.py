@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from framework.catalogue import catalogue
+from framework.crossing.result import CrossingPlan
+from framework.crossing.scenes import scene_path
 from framework.model import ParallelRobot
+from framework.model.description import Scene
 from framework.show.film import Film, Instant
 
 NOTHING = 1e-3  # share of its largest value below which a force or an acceleration counts as zero here
@@ -14,6 +17,28 @@ NOTHING = 1e-3  # share of its largest value below which a force or an accelerat
 def said(name: str) -> str:
     """A name as it is read: five_bar is five bar."""
     return name.replace("_", " ")
+
+
+def plan_name(plan: CrossingPlan, folder: str) -> str:
+    """The scene that a saved plan is, as `show --scene` calls it; the plan's folder where it is none."""
+    for name, scene in plan.robot.description.scenes.items():
+        path, samples = scene_path(scene), np.linspace(0.0, 1.0, 7)
+        same = path.n == plan.path.n and np.allclose(path(samples), plan.path(samples), rtol=0.0, atol=1e-12)
+        if same and scene.duration == plan.duration and _asks_for(scene, plan):
+            return f"Scene {name}"
+    return f"Plan {folder}"
+
+
+def _asks_for(scene: Scene, plan: CrossingPlan) -> bool:
+    """Whether the crossings of a plan are those that a scene asks for, where it asks."""
+    return all(
+        wanted is None
+        or (
+            len(wanted) == len(plan.crossings)
+            and np.allclose(wanted, [getattr(one, what) for one in plan.crossings])
+        )
+        for wanted, what in ((scene.times, "time"), (scene.speeds, "speed"), (scene.at, "s"))
+    )
 
 
 def asked(robot: ParallelRobot) -> str:
@@ -69,12 +94,6 @@ def how(film: Film, instant: Instant) -> str:
     """How a proven motion comes to ask for nothing along t_s at a singular instant."""
     if film.plan is None:
         return ""
-    nearest = min(film.plan.crossings, key=lambda found: abs(found.time - instant.time))
-    timed = (
-        "The motion is timed so that at this instant it"
-        if nearest.condition
-        else "At this instant the motion"
-    )
     if coasts(film, instant):
         zero = "here the acceleration itself is zero (s″ = 0): it coasts across"
     elif _share(film, instant) < NOTHING:
@@ -83,7 +102,9 @@ def how(film: Film, instant: Instant) -> str:
         zero = "W_p does no work along t_s"
     else:
         zero = "W_p stands at a right angle to t_s"
-    return f"{timed} needs no {asked(film.robot)} t_s (t_s · W_p = 0); {zero}."
+    return (
+        f"By its timing the motion needs no {asked(film.robot)} t_s at this instant (t_s · W_p = 0); {zero}."
+    )
 
 
 def coasts(film: Film, instant: Instant) -> bool:

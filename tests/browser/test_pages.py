@@ -215,8 +215,10 @@ def box(element) -> dict[str, float]:
     return element.bounding_box()
 
 
-def test_side_by_side_both_conditions_are_seen_without_scrolling(opened):
-    tab = opened(film_page([filmed("five_bar", name) for name in ("A", "B", "C")]), width=1600, height=900)
+@pytest.mark.parametrize(("width", "height"), [(1600, 900), (1280, 760)])
+def test_side_by_side_both_conditions_are_seen_without_scrolling(opened, width, height):
+    films = [filmed("five_bar", name) for name in ("A", "B", "C")]
+    tab = opened(film_page(films), width=width, height=height)
     controls = box(tab.query_selector("footer"))["y"]
     for side in tab.query_selector_all(".side"):
         torque, power, _ = side.query_selector_all(".chart")

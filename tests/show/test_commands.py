@@ -52,7 +52,16 @@ def test_scenes_side_by_side_go_into_one_file(crossing, tmp_path):
     file = tmp_path / "new" / "abc.html"
     code, out, err = crossing("show", "five_bar", "--scene", "A", "B", "C", "--html", file, "--json")
     assert (code, err) == (0, "")
-    assert json.loads(out) == {"file": str(file), "bytes": file.stat().st_size}
+    rigid = {"flexibility": "rigid"}
+    assert json.loads(out) == {
+        "file": str(file),
+        "bytes": file.stat().st_size,
+        "films": [
+            {"name": "Scene A", **rigid, "proved": True},
+            {"name": "Scene B", **rigid, "proved": False},
+            {"name": "Scene C", **rigid, "proved": True},
+        ],
+    }
     assert [(scene["title"], scene["proved"]) for scene in scenes(file)] == [
         ("Scene A", True),
         ("Scene B", False),
@@ -62,7 +71,10 @@ def test_scenes_side_by_side_go_into_one_file(crossing, tmp_path):
 
 def test_a_file_without_a_scene_plays_the_crossing(crossing, tmp_path):
     file = tmp_path / "page.html"
-    assert crossing("show", "five_bar", "--html", file)[0] == 0
+    code, out, _ = crossing("show", "five_bar", "--flexibility", "flexible_links", "--html", file)
+    assert code == 0
+    assert out.startswith("no scene given: filmed Scene C\n")
+    assert "Scene C (flexible links, deformed geometry): written to" in out
     assert [scene["title"] for scene in scenes(file)] == ["Scene C"]
 
 
@@ -78,7 +90,7 @@ def test_a_saved_plan_is_shown(crossing, folder, tmp_path):
     file = tmp_path / "page.html"
     assert crossing("show", folder, "--html", file)[0] == 0
     (scene,) = scenes(file)
-    assert (scene["title"], scene["flexibility"]) == ("Plan C", "flexible_links")
+    assert (scene["title"], scene["flexibility"]) == ("Scene C", "flexible_links")
     assert len(scene["instants"]) == 1
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import robots
 from framework import ParallelRobot
-from framework.show.words import how, parts, proof, subtitle, summary, why
+from framework.show.words import how, parts, plan_name, proof, subtitle, summary, why
 from tests.show.test_film import filmed
 
 
@@ -40,7 +40,6 @@ def test_how_the_condition_is_met_is_how_the_motion_is_there(name, scene, how_so
     film = filmed(name, scene)
     (instant,) = film.instants
     assert how_so in how(film, instant)
-    assert "is timed so that" in how(film, instant)
     k = int(np.argmin(np.abs(film.time - instant.time)))
     acceleration = film.path(film.law(instant.time), 1) * film.law(instant.time, 2)
     force, most = np.linalg.norm(film.W_p[k]), np.linalg.norm(film.W_p, axis=1).max()
@@ -73,3 +72,13 @@ def test_an_unnamed_film_has_the_name_of_its_robot():
     from framework.show.scene import film_document
 
     assert film_document(replace(filmed("five_bar", "A"), name=""))["title"] == "five bar"
+
+
+def test_a_saved_plan_is_called_as_its_scene():
+    from framework import plan_scene
+
+    robot = robots.load("five_bar")
+    assert plan_name(plan_scene(robot, "C"), "folder") == "Scene C"
+    assert plan_name(plan_scene(robot, "A"), "folder") == "Scene A"
+    assert plan_name(plan_scene(robot, "C", speeds=[1.4]), "folder") == "Plan folder"
+    assert plan_name(plan_scene(robot, "A", duration=1.6), "folder") == "Plan folder"

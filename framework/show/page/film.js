@@ -1,7 +1,7 @@
 // One film: a view, what moves in it, the curves beside it, and what is to be said about this instant.
 
 function symbols(text) {
-  return plain(text).replace(/t_s/g, "t<sub>s</sub>").replace(/W_p/g, "W<sub>p</sub>");
+  return plain(text).replace(/\bt_s\b/g, "t<sub>s</sub>").replace(/\bW_p\b/g, "W<sub>p</sub>");
 }
 
 class Film {
@@ -20,7 +20,6 @@ class Film {
       const { linear, angular, largest } = content[name];
       return [name, { linear: decoded(linear), angular: decoded(angular), largest }];
     }));
-    this.largestPower = Math.max(...this.power.map(Math.abs).filter(isFinite));
     this.largestG = this.g ? Math.max(...this.g.map(Math.abs)) : 1;
 
     // the singular instant that nobody gets beyond, of a motion without a proof
@@ -137,7 +136,7 @@ class Film {
       `<span style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"} ${name}</span>`).join("&ensp; ")}</p>`);
     if (!this.g) return;
     this.panels.push(new Chart(side, {
-      title: `${content.asked} tₛ: tₛ · Wₚ [${content.unit}]`, time, seek, unreal, height: beside ? 108 : 150,
+      title: `${content.asked} tₛ: tₛ · Wₚ [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 108 : 150,
       events: content.instants.map((instant) => mark(instant, alarm ? instant.wrench : 0,
         alarm ? `${rounded(instant.wrench)} ${content.unit}, not 0` : `0 at ${rounded(instant.time)} s`)),
       series: [{ values: this.power, color: WRENCH }],
@@ -216,7 +215,7 @@ class Film {
     const unreal = t > this.end + 1e-9 && !this.singular(nearest, t);
     const near = this.g && Math.abs(g) < 0.25 * this.largestG;
     const when = nearest && `t = ${rounded(nearest.time)} s`;
-    const now = `<b>${steady(power, this.largestPower)} ${content.unit}</b>`;
+    const now = `<b>${steady(power, content.shared_force)} ${content.unit}</b>`;
     const hold = near ? "Along t<sub>s</sub> the motors have little hold" : "The motors hold the platform in every direction";
     const asked = `${content.asked} t<sub>s</sub>`;
     let state = "", text;

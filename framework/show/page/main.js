@@ -63,6 +63,16 @@ class Clock {
   }
 }
 
+// Side by side, the views take what height the two upper curves leave of the window.
+function fillHeight(films, columns) {
+  const bottom = (film) => {
+    const chart = columns.querySelectorAll(".side")[films.indexOf(film)].querySelectorAll(".chart")[1];
+    return chart ? chart.getBoundingClientRect().bottom + scrollY - film.view.element.offsetHeight : 0;
+  };
+  const taken = Math.max(...films.map(bottom)) + document.getElementById("controls").offsetHeight;
+  columns.style.setProperty("--view-height", `${Math.max(200, innerHeight - taken - 2)}px`);
+}
+
 function start() {
   const contents = JSON.parse(document.getElementById("documents").textContent);
   const columns = document.getElementById("columns");
@@ -76,7 +86,8 @@ function start() {
     return;
   }
   const limit = Math.max(...contents.map((content) => content.torque_limit));
-  contents.forEach((content) => { content.shared_limit = limit; });
+  const force = Math.max(...contents.flatMap(({ power }) => [...decoded(power)].map(Math.abs)).filter(isFinite));
+  contents.forEach((content) => { content.shared_limit = limit; content.shared_force = force; });
   document.getElementById("legend").dataset.columns = contents.length;
   let clock = null;
   const films = contents.map((content) => new Film(section(), content, (t) => { clock.pause(); clock.seek(t); }));
@@ -85,6 +96,7 @@ function start() {
   const makeRoom = () => {
     const height = Math.max(...films.map((film) => film.wordiest));
     for (const film of films) film.caption.style.height = `${height}px`;
+    if (films.length > 1) fillHeight(films, columns);
     clock.seek(clock.t);
   };
   addEventListener("resize", makeRoom);
