@@ -29,8 +29,8 @@ function rounded(value) {
 
 // A value that changes, to three digits of the largest that it takes: what cannot be seen there is 0.
 function steady(value, largest) {
-  const places = Math.min(12, Math.max(0, 2 - Math.floor(Math.log10(largest || 1))));
-  const text = value.toFixed(places);
+  const places = Math.min(12, 2 - Math.floor(Math.log10(largest || 1)));
+  const text = places < 0 ? String(Math.round(value * 10 ** places) * 10 ** -places) : value.toFixed(places);
   return Number(text) === 0 ? "0" : text.replace("-", "−");
 }
 
@@ -39,7 +39,7 @@ class Chart {
   // grey, and begin anew. events: [{time, value, said, alarm}], a line each and, with a value, a ring on it.
   constructor(parent, { title, time, series, limit, events = [], unreal = Infinity, seek, height = 150 }) {
     Object.assign(this, { time, series, unreal, breaks: events.filter(({ alarm }) => alarm).map((event) => event.time) });
-    const width = 460, left = 52, right = 10, top = 22, bottom = 20;
+    const width = Math.max(300, parent.clientWidth - 16), left = 52, right = 10, top = 22, bottom = 20;
     const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "chart", role: "img", "aria-label": title }, parent);
     const duration = time[time.length - 1];
     let largest = limit;

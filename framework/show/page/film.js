@@ -69,7 +69,9 @@ class Film {
     this.motorLabels = few.map((_, k) => view.label("", "var(--ink)", places[k], (at) => {
       // away from the other motors: to the side on which this one stands, or below
       const middle = places.reduce((sum, place) => sum + view.onScreen(place()).x / places.length, 0);
-      return Math.abs(at.x - middle) < 20 ? [0, 36] : [Math.sign(at.x - middle) * 70, 0];
+      if (Math.abs(at.x - middle) < 20) return [0, 36];
+      const right = Math.sign(at.x - middle) * 70, room = Math.min(at.x + right, view.element.clientWidth - at.x - right);
+      return [right, room > 42 ? 0 : 30];
     }));
     for (const label of this.motorLabels) label.classList.add("motor");
     content.instants.forEach((instant, k) => {
@@ -77,7 +79,7 @@ class Film {
       spot.position.set(...instant.place);
       view.add(spot);
       const said = `${content.proved ? "crossing" : "no bound"}: t = ${rounded(instant.time)} s`;
-      view.label(said, "var(--locus)", () => spot.position, () => [70, 52 + 22 * k], true).classList.add("minor");
+      view.label(said, "var(--locus)", () => spot.position, () => this.besideArrow(instant, 22 * k), true).classList.add("minor");
     });
     if (content.springs) {
       const { coils, factors, length, deflection } = content.springs;
@@ -88,6 +90,18 @@ class Film {
         return made;
       });
     }
+  }
+
+  // Where the label of a singular instant stands clear of the arrow t_s there, [right, down] in pixels.
+  besideArrow(instant, lower) {
+    const { view, content } = this, place = new THREE.Vector3(...instant.place);
+    const k = this.time.reduce((best, t, i) => (Math.abs(t - instant.time) < Math.abs(this.time[best] - instant.time) ? i : best), 0);
+    const tip = this.vector(this.vectors.t_s.linear, k, 0).multiplyScalar(content.length).add(place);
+    const from = view.onScreen(place), to = view.onScreen(tip);
+    const across = to.x - from.x, down = to.y - from.y, size = Math.hypot(across, down) || 1;
+    const clear = ([x, y]) => Math.abs(x * down - y * across) / size > (60 * Math.abs(down) + 14 * Math.abs(across)) / size;
+    const places = [[84, 36], [115, 24], [-84, 36], [-115, 24]].map(([x, y]) => [x, y + lower]);
+    return places.find(clear) || places[0];
   }
 
   // What the colours mean: above the scene, or once above several of them.
@@ -128,7 +142,7 @@ class Film {
     side.insertAdjacentHTML("beforeend", `<p class="summary">${symbols(content.summary)}</p>`);
     if (content.refusal) side.insertAdjacentHTML("beforeend", `<p class="summary refusal">The planner: ${symbols(content.refusal)}</p>`);
     this.panels = [new Chart(side, {
-      title: `motor torque [${units}]`, time, seek, unreal, limit: content.shared_limit, height: beside ? 122 : 172,
+      title: `motor torque [${units}]`, time, seek, unreal, limit: content.shared_limit, height: beside ? 116 : 166,
       events: content.instants.map((instant) => mark(instant, undefined, alarm ? `${rounded(instant.time)} s: no bound` : "")),
       series: this.torque.map((values, k) => ({ values, color: PALETTE[k % 6], dash: dashes[k % 4], name: short ? content.motors[k].name.replace(/_/g, " ") : "" })),
     })];
@@ -136,14 +150,14 @@ class Film {
       `<span style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"} ${name}</span>`).join("&ensp; ")}</p>`);
     if (!this.g) return;
     this.panels.push(new Chart(side, {
-      title: `${content.asked} tₛ: tₛ · Wₚ [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 108 : 150,
+      title: `${content.asked} tₛ: tₛ · Wₚ [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 103 : 140,
       events: content.instants.map((instant) => mark(instant, alarm ? instant.wrench : 0,
         alarm ? `${rounded(instant.wrench)} ${content.unit}, not 0` : `0 at ${rounded(instant.time)} s`)),
       series: [{ values: this.power, color: WRENCH }],
     }));
     this.panels.push(new Chart(side, {
       title: `singularity measure g: 0 ${content.locus ? `on the purple ${content.locus.kind === "patch" ? "surface" : "curve"}` : "where singular"}`, time, seek, unreal,
-      height: beside ? 108 : 150, events: content.instants.map((instant) => mark(instant, 0, "")),
+      height: beside ? 103 : 140, events: content.instants.map((instant) => mark(instant, 0, "")),
       series: [{ values: this.g, color: LOCUS }],
     }));
   }
@@ -214,7 +228,7 @@ class Film {
     const nearest = content.instants.reduce((best, each) => (!best || Math.abs(each.time - t) < Math.abs(best.time - t) ? each : best), null);
     const unreal = t > this.end + 1e-9 && !this.singular(nearest, t);
     const near = this.g && Math.abs(g) < 0.25 * this.largestG;
-    const when = nearest && `t = ${rounded(nearest.time)} s`;
+    const when = nearest && `<span class="whole">t = ${rounded(nearest.time)} s</span>`;
     const now = `<b>${steady(power, content.shared_force)} ${content.unit}</b>`;
     const hold = near ? "Along t<sub>s</sub> the motors have little hold" : "The motors hold the platform in every direction";
     const asked = `${content.asked} t<sub>s</sub>`;
@@ -247,13 +261,9 @@ class Film {
     return Boolean(instant) && Math.abs(instant.time - t) < 0.006 * this.duration;
   }
 
-  // Its own singular instant, or where it comes nearest to one.
+  // Its own singular instant, if it has one.
   get tellingTime() {
-    if (this.content.instants.length) return this.content.instants[0].time;
-    if (!this.g) return 0.5 * this.duration;
-    let best = 0;
-    this.g.forEach((value, k) => { if (Math.abs(value) < Math.abs(this.g[best])) best = k; });
-    return this.time[best];
+    return this.content.instants.length ? this.content.instants[0].time : null;
   }
 
   // The most that its words ever need, so that the view keeps its size.

@@ -32,13 +32,15 @@ class Clock {
     for (const film of this.films) film.show(this.t);
   }
 
-  // Each film at its own singular instant; the clock then shows that of the last.
+  // Each film at its own singular instant, one that has none at that of the last which has.
   tell() {
     this.pause();
-    const times = this.films.map((film) => film.tellingTime);
-    this.seek(times[times.length - 1]);
-    this.films.forEach((film, k) => film.show(times[k]));
-    if (new Set(times).size > 1) this.clock.textContent = times.map((t) => `${t.toFixed(3)} s`).join(", ");
+    const own = this.films.map((film) => film.tellingTime);
+    const last = own.filter((t) => t !== null).pop();
+    this.seek(last === undefined ? 0.5 * this.duration : last);
+    own.forEach((t, k) => { if (t !== null) this.films[k].show(t); });
+    const told = [...new Set(own.filter((t) => t !== null))];
+    if (told.length > 1) this.clock.textContent = told.map((t) => `${t.toFixed(3)} s`).join(", ");
   }
 
   play() {
@@ -88,9 +90,15 @@ function start() {
   const limit = Math.max(...contents.map((content) => content.torque_limit));
   const force = Math.max(...contents.flatMap(({ power }) => [...decoded(power)].map(Math.abs)).filter(isFinite));
   contents.forEach((content) => { content.shared_limit = limit; content.shared_force = force; });
+  const sprung = contents.filter(({ springs }) => springs);
+  for (const part of ["slide", "turn"]) { // one factor for all, as one legend tells it
+    const factors = sprung.map(({ springs }) => springs.factors[part]).filter(Boolean);
+    for (const { springs } of sprung) if (springs.factors[part]) springs.factors[part] = Math.min(...factors);
+  }
   document.getElementById("legend").dataset.columns = contents.length;
   let clock = null;
-  const films = contents.map((content) => new Film(section(), content, (t) => { clock.pause(); clock.seek(t); }));
+  const sections = contents.map(section); // all of them, so that each knows its width
+  const films = contents.map((content, k) => new Film(sections[k], content, (t) => { clock.pause(); clock.seek(t); }));
   clock = new Clock(films, document.getElementById("controls"));
   window.crossing = { films, clock };
   const makeRoom = () => {
