@@ -45,6 +45,7 @@ def film_document(film: Film) -> dict[str, Any]:
     robot = film.robot
     poses = joint_poses(robot, film.q)
     platform = platform_positions(robot, poses)
+    power = np.sum(film.t_s * film.W_p, axis=1)  # (F,), whose t_s never turns round
     document = robot_document(robot, poses)
     document |= {
         "kind": "film",
@@ -66,13 +67,13 @@ def film_document(film: Film) -> dict[str, Any]:
         "torque_limit": _torque_limit(film),
         "law": floats(film.law(film.time)),
         "g": None if np.isnan(film.g).any() else floats(film.g),
-        "power": floats(np.sum(film.t_s * film.W_p, axis=1)),
+        "power": floats(power),
         "t_s": _wrench_like(robot, film.t_s),
         "W_p": _wrench_like(robot, film.W_p),
         "instants": [
             {
                 "time": instant.time,
-                "wrench": instant.wrench,
+                "wrench": float(np.copysign(instant.wrench, np.interp(instant.time, film.time, power))),
                 "how": how(film, instant),
                 "place": _nearest(platform, film.time, instant.time),
                 "where": f"{', '.join(robot.axis_names)} = {point(instant.platform)}",

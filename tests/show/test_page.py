@@ -88,6 +88,18 @@ def test_an_unproved_film_is_clipped_and_says_so():
     assert not document["proved"]
 
 
+@pytest.mark.parametrize(("name", "scene"), [("five_bar", "B"), ("four_bar", "unprepared")])
+def test_what_a_motion_asks_for_at_its_singular_instant_lies_on_its_curve(name, scene):
+    film = filmed(name, scene)
+    document = film_document(film)
+    (instant,) = document["instants"]
+    power = decoded(document["power"])
+    at = float(np.interp(instant["time"], film.time, power))
+    step = float(np.abs(np.diff(power)).max())  # from frame to frame
+    assert instant["wrench"] == pytest.approx(at, abs=step)
+    assert abs(at) > 5 * step
+
+
 def test_the_page_is_one_file_without_a_network():
     page = film_page([filmed("five_bar", name) for name in ("A", "B", "C")])
     assert [document["title"] for document in documents(page)] == ["A", "B", "C"]

@@ -74,12 +74,17 @@ class Film {
       return [right, room > 42 ? 0 : 30];
     }));
     for (const label of this.motorLabels) label.classList.add("motor");
-    content.instants.forEach((instant, k) => {
-      const spot = new THREE.Mesh(new THREE.SphereGeometry(0.017 * L, 24, 16), new THREE.MeshBasicMaterial({ color: COLORS.locus }));
-      spot.position.set(...instant.place);
-      view.add(spot);
-      const said = `${content.proved ? "crossing" : "no bound"}: t = ${rounded(instant.time)} s`;
-      view.label(said, "var(--locus)", () => spot.position, () => this.besideArrow(instant, 22 * k), true).classList.add("minor");
+    const labels = []; // one for all instants of one place
+    for (const instant of content.instants) {
+      const place = new THREE.Vector3(...instant.place);
+      const here = labels.find((label) => label.place.distanceTo(place) < 0.02 * L);
+      if (here) { here.times.push(instant.time); continue; }
+      labels.push({ place, instant, times: [instant.time] });
+      view.add(new THREE.Mesh(new THREE.SphereGeometry(0.017 * L, 24, 16), new THREE.MeshBasicMaterial({ color: COLORS.locus }))).position.copy(place);
+    }
+    labels.forEach(({ place, instant, times }, k) => {
+      const said = `${content.proved ? "crossing" : "no bound"}: t = ${times.map((t) => `${rounded(t)} s`).join(", ")}`;
+      view.label(said, "var(--locus)", () => place, () => this.besideArrow(instant, 22 * k), true).classList.add("minor");
     });
     if (content.springs) {
       const { coils, factors, length, deflection } = content.springs;

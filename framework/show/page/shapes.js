@@ -82,6 +82,7 @@ class Arrow {
   constructor(color, radius, { bothWays = false, turning = false } = {}) {
     this.object = new THREE.Group();
     this.material = new THREE.MeshBasicMaterial({ color, depthTest: false, depthWrite: false, transparent: true });
+    this.rim = new THREE.MeshBasicMaterial({ color: 0xffffff, depthTest: false, depthWrite: false, transparent: true });
     this.radius = radius;
     this.bothWays = bothWays;
     this.shaft = this.part(new THREE.CylinderGeometry(radius, radius, 1, 16));
@@ -101,6 +102,12 @@ class Arrow {
     const mesh = new THREE.Mesh(geometry, this.material);
     mesh.renderOrder = 10;
     this.object.add(mesh);
+    if (geometry.type === "TorusGeometry") return mesh;
+    // a white rim tells it from what is dark behind it
+    const rim = new THREE.Mesh(geometry, this.rim);
+    rim.scale.set(1.35, 1.02, 1.35);
+    rim.renderOrder = 9;
+    mesh.add(rim);
     return mesh;
   }
 
@@ -109,7 +116,7 @@ class Arrow {
     this.object.visible = length > 1e-3 * head;
     this.tip.copy(origin).add(vector);
     if (!this.object.visible) return;
-    this.material.opacity = opacity;
+    this.material.opacity = this.rim.opacity = opacity;
     this.object.position.copy(origin);
     this.object.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), vector.clone().normalize());
     const shrink = Math.min(1, length / (1.5 * head));
