@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from framework.cli import asked
 from framework.cli.parser import Report, add_flexibility, add_motion, add_robot, command
-from framework.crossing.saved import is_plan_folder, load_plan
 from framework.errors import InvalidInput, NoAnswer, OutputError
 from framework.model import ParallelRobot
 
@@ -93,11 +92,9 @@ def _films(options: argparse.Namespace) -> list[Film]:
     from framework.show.film import film_plan
     from framework.show.words import plan_name
 
-    if is_plan_folder(options.robot):
-        _refuse_with_folder(options)
-        folder = FilePath(options.robot)
-        plan = load_plan(folder)
-        return [film_plan(plan, name=plan_name(plan, folder.resolve().name))]
+    saved = asked.saved_plan(options)
+    if saved is not None:
+        return [film_plan(saved, name=plan_name(saved, FilePath(options.robot).resolve().name))]
     line = options.start is not None or options.end is not None
     if options.scenes is None and not line:
         for option in ("duration", "times", "speeds", "geometry", "smoothness"):
@@ -133,14 +130,6 @@ def _telling_film(options: argparse.Namespace) -> Film:
     if first is not None:
         return first
     raise refusal or InvalidInput(f"{robot.name} has no scenes: give --from, --to and --duration")
-
-
-def _refuse_with_folder(options: argparse.Namespace) -> None:
-    """A saved plan is shown as it is."""
-    for option in ("scenes", "start", "end", "duration", "times", "speeds", "geometry", "smoothness"):
-        if getattr(options, option) is not None:
-            name = {"scenes": "scene", "start": "from", "end": "to"}.get(option, option)
-            raise InvalidInput(f"--{name}: {options.robot} is a plan already; give a robot to plan for")
 
 
 def _served(options: argparse.Namespace, page: str, robot: ParallelRobot | None) -> Report:

@@ -116,7 +116,7 @@ def test_a_saved_plan_takes_no_other_motion(crossing, folder):
     code, _, err = crossing("show", folder, "--scene", "C", "--no-open")
     assert code == 2
     assert "--scene" in err
-    assert "a plan already" in err
+    assert "has its own" in err
 
 
 def test_a_motion_that_has_no_law_is_no_film(crossing):
