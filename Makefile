@@ -59,7 +59,7 @@ notebooks: $(VENV)/.dev
 endif
 
 clean:  ## remove the environment, the caches and the output of the demo
-	rm -rf $(VENV) $(DEMO) build dist .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(DEMO) raw_B study crossing.html build dist .mypy_cache .pytest_cache .ruff_cache
 	find framework robots tests -type d -name __pycache__ -prune -exec rm -rf {} +
 
 $(VENV)/.created:

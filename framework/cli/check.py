@@ -38,10 +38,11 @@ def run(options: argparse.Namespace) -> Report:
         f"  closures          {rank}; closed to {found.closure_error:.1e}",
         f"  mass              {found.mass:g} kg; without mass of their own: "
         f"{', '.join(found.massless_joints) or 'none'}",
-        "  reference         "
-        + ", ".join(f"{joint} {value:.6g}" for joint, value in found.reference.items()),
+        "  reference         {"
+        + ", ".join(f"{joint}: {value:.6g}" for joint, value in found.reference.items())
+        + "}",
         f"  mode              working {found.working_mode:+d} (changes at Type 1), assembly "
-        f"{found.assembly_mode:+d} (changes at Type 2); smallest singular value "
+        f"{found.assembly_mode:+d} (changes at Type 2); smallest singular value of P "
         f"{'unknown' if found.smallest_singular_value is None else f'{found.smallest_singular_value:.3g}'}",
         *(f"  note              {advice}" for advice in found.advice),
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
@@ -32,6 +33,10 @@ from framework.control.variation import Spread
 from framework.errors import InvalidInput
 from framework.output import written_together
 
+COLUMNS = (
+    *("controller", "study_seed", "run", "passed"),
+    *("tracking_error", "end_error", "peak_torque", "payload", "why"),
+)
 CONNECTING = "10s"  # patience with a dask scheduler
 TEXT = "drive a planned crossing with a controller on many robots that differ from their model"
 
@@ -71,9 +76,19 @@ def add(commands: Any) -> None:
     loop = parser.add_argument_group("the control loop")
     loop.add_argument("--period", type=float, default=1e-3, metavar="T", help="sampling period [s] (1e-3)")
     loop.add_argument("--sensors", choices=SENSORS, default="motors", help="joints with encoders (motors)")
-    loop.add_argument("--limit", type=float, nargs="+", metavar="TAU", help="largest motor torques [N m]")
     loop.add_argument(
-        "--band", type=float, default=Loop.band, metavar="E", help=f"a run passes inside it ({Loop.band:g})"
+        "--limit",
+        type=float,
+        nargs="+",
+        metavar="TAU",
+        help="largest motor torques [N m] (default: of the robot file, or ten times the peaks of the plan)",
+    )
+    loop.add_argument(
+        "--band",
+        type=float,
+        default=Loop.band,
+        metavar="E",
+        help=f"runs that stay this near the plan pass [robot lengths, rad] ({Loop.band:g})",
     )
 
 
@@ -205,13 +220,14 @@ def _write(studies: list[Study], document: dict[str, Any], folder: FilePath) -> 
     from framework.show.robustness import plot_robustness
 
     (folder / "robustness.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
-    with open(folder / "runs.csv", "w", encoding="utf-8") as file:
-        file.write("controller,study_seed,run,passed,tracking_error,end_error,peak_torque,payload,why\n")
+    with open(folder / "runs.csv", "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
         for study in studies:
-            for k, passed in enumerate(study.passed):
-                file.write(
-                    f"{study.controller},{study.seed},{k},{int(passed)},{study.tracking_error[k]!r},"
-                    f"{study.end_error[k]!r},{study.peak_torque[k].max()!r},{study.payload[k]!r},"
-                    f'"{study.why[k]}"\n'
-                )
+            peaks = study.peak_torque.max(axis=1)
+            numbers = np.column_stack([study.tracking_error, study.end_error, peaks, study.payload])
+            writer.writerows(
+                [study.controller, study.seed, k, int(passed), *numbers[k].tolist(), study.why[k]]
+                for k, passed in enumerate(study.passed)
+            )
     save(lambda: plot_robustness(studies), folder / "robustness")

@@ -18,7 +18,7 @@ from framework.crossing.plan import reported_crossings
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import path_of
 from framework.dynamics.inverse_dynamics import inverse_dynamics
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, NoAnswer
 from framework.model import ParallelRobot
 from framework.model.description import FLEXIBILITIES
 from framework.model.readers.recognise import read_any
@@ -57,7 +57,12 @@ def load_plan(folder: str | FilePath) -> CrossingPlan:
         ) from None
     if law.coefficients.ndim != 1 or not np.all(np.isfinite(law.coefficients)):
         raise InvalidInput(f"{file}: law: chebyshev must be a list of finite numbers")
-    dynamics = inverse_dynamics(robot, path, law, geometry=geometry)
+    try:
+        dynamics = inverse_dynamics(robot, path, law, geometry=geometry)
+    except NoAnswer as error:
+        raise InvalidInput(
+            f"{file}: the robot has changed since, its law fits no more; plan again ({error})"
+        ) from None
     crossings = reported_crossings(dynamics, law)
     certificate = replace(dynamics.certificate, monotone=bool(saved["certificate"]["monotone"]))
     plan = CrossingPlan(robot, path, law, crossings, dynamics, certificate, time.perf_counter() - started)

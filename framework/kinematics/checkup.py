@@ -130,7 +130,7 @@ def _advice(
         )
     if redundant:
         found.append(
-            f"{', '.join(redundant)} repeat other loop equations at the reference: as it should be in a "
+            f"{', '.join(redundant)}: other loop equations say the same at the reference, as it should be in a "
             f"planar or overconstrained mechanism; where they are needed elsewhere, lock only what it takes "
             f"(axes: [...])"
         )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from framework.control.study import Study
 from framework.show.style import figure, line_style
@@ -28,5 +28,7 @@ def plot_robustness(studies: Sequence[Study], axes: Sequence[Axes] | None = None
         ax.xaxis.set_minor_formatter(NullFormatter())
         ax.set_ylabel("share of the runs")
         ax.set_ylim(0.0, 1.05)
+    axes[1].xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes[1].xaxis.set_major_formatter(FormatStrFormatter("%g"))
     axes[0].legend(loc="lower center", bbox_to_anchor=(0.45, 1.0))
     return axes[0]
