@@ -52,11 +52,6 @@ def robot_file(name_or_path: str) -> Path:
     if name_or_path in known:
         return known[name_or_path].file
     path = Path(name_or_path)
-    if path.is_dir():
-        raise InvalidInput(
-            f"{name_or_path} is a folder without a plan.json; give a folder of `crossing plan --out`, or the "
-            f"path of a robot file (.yaml)"
-        )
     if path.suffix in (".yaml", ".yml", ".urdf", ".xml", ".mjcf", ".sdf") or path.exists():
         return path
     raise InvalidInput(

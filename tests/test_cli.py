@@ -103,7 +103,7 @@ def test_check_examines_a_robot(document, flexibility):
     assert found["working_mode"] in (-1, 1)
     assert found["assembly_mode"] in (-1, 1)
     assert [advice.split()[0] for advice in found["advice"]] == [
-        "tip.z"
+        "tip.z:"
     ]  # redundant, as in all planar robots
 
 

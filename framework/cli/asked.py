@@ -107,7 +107,8 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
     if not is_plan_folder(options.robot):
         return None
     for key in _OF_A_MOTION:
-        if getattr(options, key, None) not in (None, "rigid"):
+        value = getattr(options, key, None)
+        if value is not None and (key, value) != ("flexibility", "rigid"):  # rigid may be its default
             name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key)
             raise InvalidInput(
                 f"--{name}: the plan in {options.robot} has its own; leave it out, or plan again"

@@ -67,8 +67,8 @@ def add(commands: Any) -> None:
         ("places", 0.0, "[m] standard deviation of each joint's place"),
         ("friction", 0.0, "Coulomb friction of each motor, share of the peak torque, uniform from 0"),
         ("delay", 0.0, "[s] from measurement to torque, uniform from 0"),
-        ("noise", 0.0, "[rad] standard deviation of the encoders, joint side"),
-        ("speed-noise", 0.0, "[rad/s] the same of measured speeds"),
+        ("noise", 0.0, "[rad, robot lengths] standard deviation of the encoders, joint side"),
+        ("speed-noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
     ):
         spread.add_argument(
             f"--{name}", type=float, default=default, metavar="X", help=f"{text} (default: {default:g})"
@@ -102,6 +102,8 @@ def run(options: argparse.Namespace) -> Report:
     )
     limit = None if options.limit is None else tuple(options.limit)
     loop = Loop(band=options.band, end=options.band, limit=limit, sensors=options.sensors)
+    if options.out == "":
+        raise InvalidInput("--out: needs the name of a folder, got an empty text")
     if options.runs < 1:
         raise InvalidInput(f"--runs: needs at least 1, got {options.runs}")
     plan = asked.planned(options)

@@ -15,11 +15,14 @@ from framework.control.reference import Reference
 from framework.control.variation import Spread, Variation, noise_of, varied
 from framework.dynamics.simulation import Stepper
 from framework.errors import InvalidInput, NotAssembled, choose_from
+from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import move
+from framework.kinematics.platform import counted_on
 from framework.model import ParallelRobot
 
 SENSORS = ("motors", "joints")
 LOST = 1.0  # [robot lengths, rad] from the plan: the run is over
+FASTEST = 3.0  # [rad, robot lengths] that a joint may move in one sampling period: more is a runaway
 LOOK = 5  # sampling periods between two looks at where the platform really is
 STICKING = 0.02  # Coulomb friction is smoothed below this share of the largest planned motor speed
 
@@ -90,14 +93,15 @@ def run_closed_loop(
     """
     ref, limit = controller.reference, torque_limit(controller, loop)
     nominal, last = ref.robot, len(ref.times) - 1
-    stepper, q, v = _started(controller, variations)
+    stepper, *start = _started(controller, variations)
+    q, v = start
     noise = noise_of(nominal, spread, [variation.seed for variation in variations], last + 1)
     friction = _Friction.of(controller, variations)
     line = _DelayLine.of(controller, variations)
     watch = _Watch.of(len(variations), nominal)
     for k in range(last + 1):
         if k % LOOK == 0 or k == last:
-            watch.look(ref.times[k], stepper.platform(q, v)[0], ref.x[k])
+            watch.look(ref.times[k], counted_on(nominal, stepper.platform(q, v)[0], ref.x[k]), ref.x[k])
         seen = _measured(ref, k, stepper, q, v, None if noise is None else noise[k], loop.sensors)
         with np.errstate(all="ignore"):
             asked = controller.torque(k, seen)
@@ -108,6 +112,10 @@ def run_closed_loop(
         if k == last or not watch.alive.any():
             break
         q, v = stepper.step(q, v, given - friction.torque(v), ref.period)
+        # one run without numbers would leave none in stacked solves: runs that are over stand at their start
+        slow = np.abs(v) * ref.period < FASTEST * column_scale(nominal)
+        watch.lose(ref.times[k + 1], np.asarray(~(np.isfinite(q).all(axis=1) & slow.all(axis=1))))
+        q, v = (np.where(watch.alive[:, None], now, first) for now, first in zip((q, v), start, strict=True))
     return watch.verdict(loop, variations)
 
 
@@ -116,8 +124,8 @@ def _started(controller: Controller, variations: Sequence[Variation]) -> tuple[S
     ref = controller.reference
     real = [varied(ref.robot, variation) for variation in variations]
     count = len(real)
-    stepper = Stepper.of(real)
     try:
+        stepper = Stepper.of(real)
         q, v = stepper.start(np.tile(ref.motion.q[0], (count, 1)), None, np.tile(ref.torque[0], (count, 1)))
     except NotAssembled as error:
         raise InvalidInput(f"places: with so large a spread a robot cannot be assembled: {error}") from None
@@ -136,7 +144,7 @@ def _measured(
     if sensors == "motors":
         return Measurement(angle, speed, None)
     back = np.linalg.pinv(ref.N[k])  # (n, nv)
-    x = stepper.platform(q, v)[0] + turned @ back.T
+    x = counted_on(robot, stepper.platform(q, v)[0], ref.x[k]) + turned @ back.T
     return Measurement(
         angle, speed, State(move(robot, q, turned), seen, x, ref.dx[k] + (seen - ref.motion.v[k]) @ back.T)
     )
@@ -178,8 +186,9 @@ class _DelayLine:
 
     @staticmethod
     def of(controller: Controller, variations: Sequence[Variation]) -> _DelayLine:
-        period = controller.reference.period
-        delays = np.array([round(variation.delay / period) for variation in variations], dtype=np.intp)
+        ref = controller.reference
+        periods = np.rint([variation.delay / ref.period for variation in variations])
+        delays = np.minimum(periods, len(ref.times)).astype(np.intp)  # longer: never in this motion
         return _DelayLine(delays, deque(maxlen=int(delays.max(initial=0)) + 1))
 
     def delayed(self, torque: Array) -> Array:
@@ -215,12 +224,15 @@ class _Watch:
         """Compare platforms x (R, n) with the plan (n,); lose those that are far off or not finite."""
         size = np.where(self.robot.platform_axes >= 3, 1.0, self.robot.length)
         self.error = np.nan_to_num(np.abs((x - planned) / size), nan=LOST).max(axis=1)
-        lost = self.alive & ~(self.error < LOST)
-        for run in np.flatnonzero(lost):
-            self.why[run] = f"lost at t = {time:.4g} s"
-        self.alive = self.alive & ~lost
+        self.lose(time, ~(self.error < LOST))
         self.worst = np.where(self.alive, np.maximum(self.worst, self.error), np.maximum(self.worst, LOST))
-        self.seen.append(x)
+        self.seen.append(np.where(self.alive[:, None], x, np.nan))
+
+    def lose(self, time: float, which: NDArray[np.bool_]) -> None:
+        """End the runs of which (R,) says so, those that are not over yet."""
+        for run in np.flatnonzero(self.alive & which):
+            self.why[run] = f"lost at t = {time:.4g} s"
+        self.alive = self.alive & ~which
 
     def record(self, torque: Array) -> None:
         """Keep the torques (R, n_a) of one sampling period."""

@@ -11,6 +11,7 @@ import pinocchio as pin
 from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import loop_rows
+from framework.kinematics.closures import column_scale
 from framework.model import ParallelRobot
 
 
@@ -71,7 +72,7 @@ def noise_of(
     shape = (samples, 2, robot.model.nv)
     sequences = [np.random.SeedSequence((*seed, 1)) for seed in seeds]
     runs = [np.random.default_rng(sequence).standard_normal(shape) for sequence in sequences]
-    return np.asarray(np.stack(runs, axis=1) * size)
+    return np.asarray(np.stack(runs, axis=1) * size * column_scale(robot))
 
 
 def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:

@@ -22,7 +22,7 @@ from framework.errors import InvalidInput, NoAnswer
 from framework.model import ParallelRobot
 from framework.model.description import FLEXIBILITIES
 from framework.model.readers.recognise import read_any
-from framework.motion.law import Law
+from framework.motion.law import Law, check_duration
 from framework.motion.path import Path
 
 SAME = 1e-6  # peak torques of the file and of the plan computed anew may differ by this share
@@ -47,15 +47,16 @@ def load_plan(folder: str | FilePath) -> CrossingPlan:
         robot = _robot(saved)
         path = _path(file, saved)
         law = Law(np.array(saved["law"]["chebyshev"], dtype=float), float(saved["duration"]))
+        check_duration(law.duration)
         geometry, peaks = saved["geometry"], {k: float(v) for k, v in saved["peak_torque"].items()}
     except InvalidInput:
         raise
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise InvalidInput(
             f"{file}: not a plan that `crossing plan --out` wrote ({type(error).__name__}: {error}); "
             f"plan again"
         ) from None
-    if law.coefficients.ndim != 1 or not np.all(np.isfinite(law.coefficients)):
+    if law.coefficients.ndim != 1 or law.coefficients.size < 2 or not np.all(np.isfinite(law.coefficients)):
         raise InvalidInput(f"{file}: law: chebyshev must be a list of finite numbers")
     try:
         dynamics = inverse_dynamics(robot, path, law, geometry=geometry)
@@ -64,10 +65,12 @@ def load_plan(folder: str | FilePath) -> CrossingPlan:
             f"{file}: the robot has changed since, its law fits no more; plan again ({error})"
         ) from None
     crossings = reported_crossings(dynamics, law)
-    certificate = replace(dynamics.certificate, monotone=bool(saved["certificate"]["monotone"]))
+    smoothness = (law.degree + 1 - 3 * len(crossings)) // 2 - 1  # the degree counts the conditions
+    certificate = replace(dynamics.certificate, monotone=law.advance(max(smoothness, 0)) > 0)
     plan = CrossingPlan(robot, path, law, crossings, dynamics, certificate, time.perf_counter() - started)
+    largest = max(plan.peak_torque.values())
     for joint, peak in plan.peak_torque.items():
-        if not abs(peak - peaks.get(joint, np.inf)) <= SAME * max(peaks.values(), default=0.0):
+        if not abs(peak - peaks.get(joint, np.inf)) <= SAME * largest:
             raise InvalidInput(
                 f"{file}: peak torque of {joint}: the file says {peaks.get(joint)}, the robot now needs "
                 f"{peak:.9g}: the robot has changed since; plan again"
@@ -82,7 +85,7 @@ def _read(file: FilePath) -> dict[str, Any]:
         raise InvalidInput(
             f"{file}: cannot be read ({error.strerror}); give a folder of `crossing plan --out`"
         ) from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{file}: not JSON ({error})") from None
     if not isinstance(saved, dict):
         raise InvalidInput(f"{file}: must be one JSON object, got {type(saved).__name__}")

@@ -130,9 +130,9 @@ def _advice(
         )
     if redundant:
         found.append(
-            f"{', '.join(redundant)}: other loop equations say the same at the reference, as it should be in a "
-            f"planar or overconstrained mechanism; where they are needed elsewhere, lock only what it takes "
-            f"(axes: [...])"
+            f"{', '.join(redundant)}: other loop equations say the same at the reference, as it should be in "
+            f"a planar or overconstrained mechanism; where they are needed elsewhere, lock only what it "
+            f"takes (axes: [...])"
         )
     alone = rows_of_springs_alone(robot)
     if alone:

@@ -64,6 +64,18 @@ def platform_residual(robot: ParallelRobot, at: FrameStack, x: Array) -> Array:
     return difference
 
 
+def counted_on(robot: ParallelRobot, x: Array, near: Array) -> Array:
+    """Coordinates x (T, n) with turns counted on through full ones, those next to `near` (n,) or (T, n)."""
+    turning = _axes(robot).turning
+    vector = x[:, turning]
+    angle = np.linalg.norm(vector, axis=1, keepdims=True)
+    about = vector / np.where(angle > 0, angle, 1.0)
+    missing = np.sum(about * near[..., turning], axis=1, keepdims=True) - angle
+    x = x.copy()
+    x[:, turning] = vector + 2 * np.pi * np.round(missing / (2 * np.pi)) * about
+    return x
+
+
 def platform_jacobian(robot: ParallelRobot, at: FrameStack) -> Array:
     """Derivative (T, n, nv) of the platform's twist on its axes along pinocchio's velocity vector."""
     only = at._replace(position=at.position[:, :1], carried=at.carried[:1])

@@ -57,6 +57,7 @@ def _termination_interrupts() -> Iterator[None]:
 
 class _Handler(BaseHTTPRequestHandler):
     server: PageServer
+    timeout = 10.0  # [s] for a request to arrive
 
     def do_GET(self) -> None:
         if not self._is_ours():

@@ -111,7 +111,11 @@ class Drive:
             raise InvalidInput(f"torque: takes (t) or (t, q, v), this one asks for {asked} arguments")
 
         def single(*arguments: Any) -> Array:
-            torque = np.atleast_1d(np.asarray(source(*arguments[:asked]), dtype=float))
+            answer = source(*arguments[:asked])
+            try:
+                torque = np.atleast_1d(np.asarray(answer, dtype=float))
+            except (TypeError, ValueError):
+                raise InvalidInput(f"torque: needs {robot.n_a} numbers, got {answer!r}") from None
             if torque.shape != (robot.n_a,):
                 raise InvalidInput(f"torque: needs {robot.n_a} numbers, got shape {torque.shape}")
             return torque
@@ -123,8 +127,10 @@ class Drive:
 
 
 def _asked(function: Callable[..., Any]) -> int:
-    """How many arguments a callable cannot do without."""
+    """How many arguments a callable cannot do without; a builtin does not tell: none."""
+    try:
+        parameters = signature(function).parameters.values()
+    except ValueError:
+        return 0
     places = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
-    return sum(
-        p.kind in places and p.default is Parameter.empty for p in signature(function).parameters.values()
-    )
+    return sum(p.kind in places and p.default is Parameter.empty for p in parameters)

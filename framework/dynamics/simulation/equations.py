@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
+from framework.arrays import Array, ArrayLike
 from framework.dynamics.simulation.frame_geometry import FrameGeometry
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import idle_columns, independent_rows, rows_of_springs_alone
@@ -54,7 +54,7 @@ class Equations:
     scratch: pin.Data  # working memory of pinocchio: one object does not serve two threads at once
 
     @staticmethod
-    def of(robot: ParallelRobot, damping: Array | None = None) -> Equations:
+    def of(robot: ParallelRobot, damping: ArrayLike | None = None) -> Equations:
         """The equations of a robot.
 
         Raises:
@@ -62,11 +62,13 @@ class Equations:
             NotAssembled: the loops do not close at the reference.
         """
         nv = robot.model.nv
-        damping = np.zeros(nv) if damping is None else np.asarray(damping, dtype=float)
+        given = np.zeros(nv) if damping is None else damping
+        try:
+            damping = np.asarray(given, dtype=float)
+        except (TypeError, ValueError):
+            damping = np.array(np.nan)  # refused below
         if damping.shape not in ((), (nv,)) or not (np.all(np.isfinite(damping)) and np.all(damping >= 0)):
-            raise InvalidInput(
-                f"damping: needs {nv} numbers (or one for all), none negative, got {damping.tolist()!r}"
-            )
+            raise InvalidInput(f"damping: needs {nv} numbers (or one for all), none negative, got {given!r}")
         alone = rows_of_springs_alone(robot)
         if alone:
             raise InvalidInput(

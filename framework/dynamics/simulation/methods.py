@@ -19,10 +19,11 @@ from framework.dynamics.simulation.explicit import CLOSING, explicit_steps
 from framework.dynamics.simulation.schemes import State
 from framework.dynamics.simulation.stepper import Stepper
 from framework.dynamics.simulation.trajectory import Cubics, Polynomials, Trajectory
-from framework.errors import NotConverged
+from framework.errors import InvalidInput, NotConverged
 from framework.model import ParallelRobot
 
 EXPLICIT_STEPS = 256  # by default
+MOST_STEPS = 1_000_000  # of one length
 
 
 class Settings(NamedTuple):
@@ -60,7 +61,7 @@ class Run:
 def by_collocation(task: Task, settings: Settings) -> Run:
     """Radau IIA steps of variable length; see `collocate`."""
     equations, steps, found, supplied, exchanged = task.equations, [], [], [0.0], 0.0
-    weights = equations.damping
+    weights, seen = equations.damping, dict[Event, float]()
     for step in collocate(
         equations,
         task.drive,
@@ -78,7 +79,7 @@ def by_collocation(task: Task, settings: Settings) -> Run:
         exchanged += float(share @ np.abs(power))
         if task.events:
             piece = Polynomials(equations.robot, (step,))
-            found += occurrences(task.events, piece, step.time, float(step.times[-1]), settings.looks)
+            found += occurrences(task.events, piece, (step.time, float(step.times[-1])), settings.looks, seen)
             if found and found[-1].terminal:
                 break
     return Run(
@@ -96,10 +97,11 @@ def by_fixed_steps(task: Task, settings: Settings) -> Run:
     equations, drive = task.equations, task.drive
     robot = equations.robot
     stepper = Stepper.of(robot, damping=equations.damping)
-    count = max(1, int(np.ceil(task.duration / settings.step - 1e-9)))
+    count = _count(task.duration, settings.step)
     h = task.duration / count
     edges = np.linspace(0.0, task.duration, count + 1)
     states, work, exchanged, found = [task.start], [0.0], 0.0, []
+    seen: dict[Event, float] = {}
     known = None if drive.feedback else drive(edges[:-1] + 0.5 * h, *(np.empty((count, 0)),) * 2)
     for k in range(count):
         q, v = states[-1]
@@ -116,7 +118,7 @@ def by_fixed_steps(task: Task, settings: Settings) -> Run:
             piece = Cubics(
                 robot, edges[k : k + 2], *(np.array(part) for part in zip(*states[-2:], strict=True))
             )
-            found += occurrences(task.events, piece, float(edges[k]), float(edges[k + 1]), 1)
+            found += occurrences(task.events, piece, (float(edges[k]), float(edges[k + 1])), 1, seen)
             if found and found[-1].terminal:
                 break
         if task.advanced is not None:
@@ -133,6 +135,7 @@ def by_explicit_steps(task: Task, settings: Settings) -> Run:
     dynamics = ContactDynamics.of(task.equations, CLOSING * float(np.diff(edges).max()))
     state = np.concatenate(task.start)
     states, work, exchanged, found, missed = [state], [0.0], 0.0, [], 0.0
+    seen: dict[Event, float] = {}
     with np.errstate(over="ignore", invalid="ignore"):  # a runaway is told below
         for step in explicit_steps(task.equations, dynamics, task.drive, state, edges):
             if not np.all(np.isfinite(step.end)):
@@ -144,7 +147,9 @@ def by_explicit_steps(task: Task, settings: Settings) -> Run:
             if task.events:
                 ends = np.array([step.time, step.time + step.length])
                 piece = Cubics(robot, ends, *np.split(np.array(states[-2:]), 2, axis=1))
-                found += occurrences(task.events, piece, float(ends[0]), float(ends[1]), settings.looks)
+                found += occurrences(
+                    task.events, piece, (float(ends[0]), float(ends[1])), settings.looks, seen
+                )
                 if found and found[-1].terminal:
                     break
             if task.advanced is not None:
@@ -158,8 +163,20 @@ def by_explicit_steps(task: Task, settings: Settings) -> Run:
 def _edges(task: Task, step: float) -> Array:
     """Ends of steps no longer than `step`, with one on every break."""
     marks = [0.0, *(t for t in task.drive.breaks if 0 < t < task.duration), task.duration]
-    pieces = [np.linspace(a, b, max(1, int(np.ceil((b - a) / step - 1e-9))) + 1) for a, b in pairwise(marks)]
+    pieces = [np.linspace(a, b, _count(b - a, step) + 1) for a, b in pairwise(marks)]
     return np.unique(np.concatenate(pieces))
+
+
+def _count(length: float, step: float) -> int:
+    """How many steps no longer than `step` [s] make `length` [s].
+
+    Raises:
+        InvalidInput: more than can be kept.
+    """
+    count = length / step
+    if not count <= MOST_STEPS:
+        raise InvalidInput(f"step: {step!r} s makes more than {MOST_STEPS} steps of {length:g} s")
+    return max(1, int(np.ceil(count - 1e-9)))
 
 
 def _runaway(robot: ParallelRobot, time: float, step: float) -> NotConverged:

@@ -120,7 +120,9 @@ def summary(
     kinetic = equations.energy(at_edges[0], at_edges[1]) - equations.energy(
         at_edges[0], np.zeros_like(at_edges[1])
     )
-    scale = max(run.exchanged, float(np.ptp(energy)), float(kinetic.max()))
+    # at rest all is rounding, of the work that lifts the robot by its length
+    lifted = float(sum(i.mass for i in robot.model.inertias)) * 9.81 * robot.length
+    scale = max(run.exchanged, float(np.ptp(energy)), float(kinetic.max()), np.finfo(float).eps * lifted)
     gaps = [
         float(np.abs(loop_equations(equations.rows, frames_at(robot, some)).residual).max(initial=0.0))
         for some in (q, at_edges[0])

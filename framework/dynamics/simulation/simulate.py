@@ -19,13 +19,15 @@ from framework.dynamics.simulation.events import Event
 from framework.dynamics.simulation.methods import METHODS, Method, Settings, Task
 from framework.dynamics.simulation.result import Simulation, summary
 from framework.dynamics.simulation.schemes import State
-from framework.errors import InvalidInput, choose_from
+from framework.errors import InvalidInput, choose_from, finite_numbers
 from framework.kinematics.assembly import reference_configuration
 from framework.kinematics.tracking import assemble
 from framework.model import ParallelRobot
 
 SAMPLES = 501
+SAMPLED = (2, 10_000_000)
 STAGES = (3, 30)
+DURATIONS = (1e-30, 1e30)  # [s] as for laws
 
 
 def simulate(
@@ -75,9 +77,8 @@ def simulate(
     began = clock.perf_counter()
     chosen = _method(method)
     settings = _settings(chosen, method, tolerance, step, stages)
-    if samples < 2:
-        raise InvalidInput(f"samples: needs at least 2, got {samples!r}")
-    equations = Equations.of(robot, None if damping is None else np.asarray(damping, dtype=float))
+    _whole("samples", samples, SAMPLED)
+    equations = Equations.of(robot, None if damping is None else damping)
     source = Drive.of(robot, drive, breaks)
     planned = planned_motion(drive)
     span = _duration(duration, planned)
@@ -100,20 +101,24 @@ def _settings(
     if tolerance is not None:
         if not settings.stages:
             raise InvalidInput(f"tolerance: method {name} has none; its step [s] sets how exact it is")
-        if not 1e-14 <= tolerance < 1:
+        if not 1e-14 <= float(finite_numbers("tolerance", [tolerance], 1)[0]) < 1:
             raise InvalidInput(f"tolerance: must lie in [1e-14, 1), got {tolerance!r}")
-        settings = settings._replace(tolerance=tolerance)
+        settings = settings._replace(tolerance=float(tolerance))
     if stages is not None:
         if not settings.stages:
             raise InvalidInput(f"stages: method {name} has none")
-        if not STAGES[0] <= stages <= STAGES[1]:
-            raise InvalidInput(f"stages: {STAGES[0]} to {STAGES[1]}, got {stages!r}")
+        _whole("stages", stages, STAGES)
         settings = settings._replace(stages=stages, looks=2 * stages)
     if step is not None:
-        if not (np.isfinite(step) and step > 0):
+        if not finite_numbers("step", [step], 1)[0] > 0:
             raise InvalidInput(f"step: must be positive [s], got {step!r}")
-        settings = settings._replace(step=step)
+        settings = settings._replace(step=float(step))
     return settings
+
+
+def _whole(name: str, given: object, limits: tuple[int, int]) -> None:
+    if not (isinstance(given, (int, np.integer)) and limits[0] <= given <= limits[1]):
+        raise InvalidInput(f"{name}: needs a whole number, {limits[0]} to {limits[1]}, got {given!r}")
 
 
 def _duration(given: float | None, planned: PlannedMotion | None) -> float:
@@ -121,8 +126,9 @@ def _duration(given: float | None, planned: PlannedMotion | None) -> float:
         if planned is None:
             raise InvalidInput("duration: required [s] when the drive is a function")
         return planned.duration
-    if not (np.isfinite(given) and given > 0):
-        raise InvalidInput(f"duration: must be positive [s], got {given!r}")
+    if not DURATIONS[0] <= finite_numbers("duration", [given], 1)[0] <= DURATIONS[1]:
+        raise InvalidInput(f"duration: must lie in [{DURATIONS[0]:g}, {DURATIONS[1]:g}] s, got {given!r}")
+    given = float(given)
     if planned is not None and given > planned.duration * (1 + 1e-12):
         raise InvalidInput(f"duration: the planned motion ends at {planned.duration:g} s, got {given!r}")
     return given
@@ -138,13 +144,13 @@ def _start(
     """The consistent state at t = 0."""
     robot, model = equations.robot, equations.robot.model
     if start is not None:
-        q, v = _vector("start", start, model.nq), np.zeros(model.nv)
+        q, v = finite_numbers("start", start, model.nq), np.zeros(model.nv)
     elif planned is not None:
         q, v = _planned_start(robot, planned)
     else:
         q, v = reference_configuration(robot).q, np.zeros(model.nv)
     if start_velocity is not None:
-        v = _vector("start_velocity", start_velocity, model.nv)
+        v = finite_numbers("start_velocity", start_velocity, model.nv)
     torque = drive(np.zeros(1), q[None], v[None])[0]
     return State(*consistent_state(equations, q, v, torque))
 
@@ -152,22 +158,20 @@ def _start(
 def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array, Array]:
     """Where the plan starts; for a plan of the same robot with other springs, assembled there at rest."""
     q, v = planned.configuration(0.0)[0], planned.velocity(0.0)[0]
+    owner = getattr(planned, "robot", robot)
+    if (owner.axis_names, owner.actuator_names) != (robot.axis_names, robot.actuator_names):
+        raise InvalidInput(
+            f"the plan is for {owner.name} ({', '.join(owner.axis_names)}), the robot is {robot.name} "
+            f"({', '.join(robot.axis_names)}), of another build; plan for it"
+        )
     if len(q) == robot.model.nq:
         return q, v
-    owner = getattr(planned, "robot", robot)
     moving = np.abs(v).max(initial=0.0) > 1e-9 * np.abs(planned.velocity(planned.duration / 2)).max(
         initial=0.0
     )
-    if owner.name != robot.name or moving:
+    if moving:
         raise InvalidInput(
-            f"the plan is for {owner.name}, {owner.flexibility}, which differs from {robot.name}, "
-            f"{robot.flexibility}{', and starts in motion' if moving else ''}; give start and start_velocity"
+            f"the plan is for {owner.name}, {owner.flexibility}, and starts in motion, the robot has other "
+            f"springs ({robot.flexibility}); give start and start_velocity"
         )
     return assemble(robot, planned.platform(0.0)).q, np.zeros(robot.model.nv)
-
-
-def _vector(name: str, given: ArrayLike, length: int) -> Array:
-    vector = np.asarray(given, dtype=float)
-    if vector.shape != (length,) or not np.all(np.isfinite(vector)):
-        raise InvalidInput(f"{name}: needs {length} finite numbers, got {np.asarray(given).tolist()!r}")
-    return vector

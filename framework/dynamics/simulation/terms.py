@@ -20,7 +20,7 @@ from framework.dynamics.simulation.equations import Equations
 from framework.dynamics.simulation.frame_geometry import FrameGeometry
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frames import FrameMotions, FrameStack, cross
+from framework.kinematics.frames import FrameMotions, FrameStack, cross, scratch_of
 from framework.model import ParallelRobot
 from framework.model.parallel_robot import LoopRows
 
@@ -50,7 +50,6 @@ class RobotStack:
     stiffness: Array  # (R, nv)
     rest: Array  # (R, nv) where the springs are at rest, as an offset from the neutral configuration
     damping: Array  # (R, nv)
-    scratch: pin.Data  # working memory of pinocchio: one stack does not serve two threads at once
     contacts: tuple[ContactDynamics, ...] = ()  # for the scheme of that name, else empty
 
     @staticmethod
@@ -91,7 +90,6 @@ class RobotStack:
             stiffness=stiffness,
             rest=np.array([robot.joint_rest for robot in robots]),
             damping=np.broadcast_to(given, shape),
-            scratch=first.scratch,
         )
 
     def equations(self, run: int) -> Equations:
@@ -115,7 +113,7 @@ class RobotStack:
         placed = np.empty((runs, len(self.geometry.joints), 4, 4))
         J, dJ = tree
         joints = tuple(enumerate(self.geometry.joints))
-        model, data = self.robots[0].model, self.scratch
+        model, data = self.robots[0].model, scratch_of(self.robots[0]).data
         several = len(self.robots) > 1
         for k in range(runs):
             if several:
@@ -135,7 +133,7 @@ class RobotStack:
     def at_other_velocities(self, at: Terms, q: Array, v: Array) -> Terms:
         """The terms `at` configurations q (R, nq) for other velocities v (R, nv)."""
         bias, dJ = np.empty_like(at.bias), np.empty_like(at.tree_rate)
-        model, data = self.robots[0].model, self.scratch
+        model, data = self.robots[0].model, scratch_of(self.robots[0]).data
         several = len(self.robots) > 1
         for k in range(len(q)):
             if several:

@@ -175,7 +175,8 @@ def _pair_in(folder: Path) -> Path:
     for path in found:
         if path.is_file():
             return path
-    raise RobotFileError(f"{folder}: a folder without {' or '.join(path.name for path in found)}")
+    names = " or ".join(path.name for path in found)
+    raise RobotFileError(f"{folder}: a folder without {names}, and without the plan.json of a plan")
 
 
 def _text(path: Path) -> str:
