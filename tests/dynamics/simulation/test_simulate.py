@@ -176,7 +176,7 @@ def test_a_plan_for_stiff_legs_drives_soft_ones_off_the_path():
     assert 1e-7 < result.tracking_error < 1e-3
     with pytest.raises(InvalidInput, match="drives 2 motors, four_bar has 1"):
         simulate(robots.load("four_bar"), rigid)
-    with pytest.raises(InvalidInput, match="the plan is for three_rrr .* of another build"):
+    with pytest.raises(InvalidInput, match=r"the plan is for three_rrr .* of another build"):
         simulate(robots.load("delta"), plan_scene(robots.load("three_rrr"), "clear"))
 
 
