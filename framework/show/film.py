@@ -94,7 +94,7 @@ def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
     closed = close_loops(plan.robot, plan.platform(times), plan.dynamics.configuration(times))
     rates = [along(plan.path, [plan.law(times, k) for k in range(order + 1)])[order] for order in (1, 2)]
     deflection = [plan.deflection(times, order) for order in range(3)]
-    g, t_s, W_p = _singularity_along(plan.robot, closed, *rates, *deflection[1:])
+    g, t_s, W_p = _singularity_along(plan.robot, closed, rates=rates, deflection=deflection[1:])
     return Film(
         robot=plan.robot,
         name=name,
@@ -125,7 +125,7 @@ def _film_unproved(
     x, dx, ddx = along(path, [law(raw.time, order) for order in range(3)])
     closed = close_loops(rigid, x, track_path(rigid, path).guess(law(raw.time)))
     still = np.zeros((FRAMES, 0))
-    g, t_s, W_p = _singularity_along(rigid, closed, dx, ddx, still, still)
+    g, t_s, W_p = _singularity_along(rigid, closed, rates=(dx, ddx), deflection=(still, still))
     return Film(
         robot=rigid,
         name=name,
@@ -159,19 +159,22 @@ def _frame_times(duration: float, instants: list[float]) -> Array:
 
 
 def _singularity_along(
-    robot: ParallelRobot, closed: ClosedStack, dx: Array, ddx: Array, dq_e: Array, ddq_e: Array
+    robot: ParallelRobot, closed: ClosedStack, *, rates: Sequence[Array], deflection: Sequence[Array]
 ) -> tuple[Array, Array, Array]:
-    """g (F,), t_s (F, n) and W_p (F, n) along a motion; g is not a number where every joint has a motor."""
-    motion = motion_at(robot, closed, dx, ddx, dq_e, ddq_e)
+    """g (F,), t_s (F, n) and W_p (F, n) along a motion; g is not a number where every joint has a motor.
+
+    `rates` are dx, ddx (F, n), `deflection` the first two time derivatives of q_e (F, n_e).
+    """
+    motion = motion_at(robot, closed, *rates, *deflection)
     forces = tree_forces(robot, motion)
-    still = np.zeros((len(dx), robot.n_e))
-    W_p = np.empty((len(dx), robot.n))
+    still = np.zeros((len(forces), robot.n_e))
+    W_p = np.empty((len(forces), robot.n))
     for k in range(robot.n):
         unit = np.zeros_like(W_p)
         unit[:, k] = 1.0
         W_p[:, k] = np.sum(joint_rates(robot, closed.system, unit, still) * forces, axis=1)
     if not len(passive_columns(robot)):
-        return np.full(len(dx), np.nan), np.zeros_like(W_p), W_p
+        return np.full(len(forces), np.nan), np.zeros_like(W_p), W_p
     measure = singularity_measure(robot, closed.system)
     twist = np.einsum("tnv,tv->tn", closed.system.platform, measure.motion)
     size = unit_twist(robot, twist[int(np.argmin(np.abs(measure.g)))]) or 1.0

@@ -51,7 +51,17 @@ def collocate(
         while time < end:
             length = pace.fitted(end - time)
             guess = _guess(equations, table, before, length)
-            step = solve_step(equations, drive, table, time, length, q, v, guess, 0.01 * tolerance)
+            step = solve_step(
+                equations,
+                drive,
+                table,
+                time=time,
+                length=length,
+                q0=q,
+                v0=v,
+                guess=guess,
+                accuracy=0.01 * tolerance,
+            )
             if isinstance(step, Failure):
                 before, reason = None, step.reason
                 pace.refused(length, FAILED, end - time)

@@ -54,11 +54,6 @@ class Step:
     def times(self) -> Array:
         return self.time + self.length * self.table.nodes
 
-    @property
-    def work(self) -> float:
-        """Of the motors [J]."""
-        return float(self.length * self.table.once[-1] @ self.power)
-
 
 @dataclass(frozen=True, eq=False)
 class Failure:
@@ -72,6 +67,7 @@ def solve_step(
     equations: Equations,
     drive: Drive,
     table: Collocation,
+    *,
     time: float,
     length: float,
     q0: Array,
@@ -92,7 +88,7 @@ def solve_step(
     held = None if drive.feedback else drive(times, a[:, :0], a[:, :0])  # a torque of time alone
     for iteration in range(1, ITERATIONS + 1):
         v = v0 + h * table.once @ a
-        slope = _slope(equations, q0, v, h, table, slope)
+        slope = _slope(equations, table, h, q0=q0, v=v, near=slope)
         q = move(robot, q0, h * table.once @ slope)
         torque = drive(times, q, v) if held is None else held
         at = equations.tangent(q, v, a)
@@ -101,7 +97,9 @@ def solve_step(
         if not np.all(np.isfinite(wrong)):
             return Failure("not finite", np.inf)
         if factors is None:
-            *factors, singular = dgetrf(_matrix(equations, table, h, at, multipliers, gains))
+            *factors, singular = dgetrf(
+                _matrix(equations, table, h, at, multipliers=multipliers, gains=gains)
+            )
             if singular:
                 return Failure("singular equations", np.inf)
         change = -dgetrs(*factors, wrong)[0].reshape(len(a), -1)
@@ -112,7 +110,7 @@ def solve_step(
         rate = moved / before if before > 0 else 0.0
         if moved <= accuracy or (iteration > 1 and rate < 0.5 and moved * rate / (1 - rate) <= accuracy):
             v = v0 + h * table.once @ a
-            slope = _slope(equations, q0, v, h, table, slope)
+            slope = _slope(equations, table, h, q0=q0, v=v, near=slope)
             q = move(robot, q0, h * table.once @ slope)
             power = np.sum(robot.gear_ratio * torque * v[:, robot.actuated], axis=1)
             left = _unresolved(equations, table, h, slope)
@@ -125,7 +123,7 @@ def solve_step(
     return Failure("Newton does not converge", moved)
 
 
-def _slope(equations: Equations, q0: Array, v: Array, h: float, table: Collocation, near: Array) -> Array:
+def _slope(equations: Equations, table: Collocation, h: float, *, q0: Array, v: Array, near: Array) -> Array:
     """Rate (s, nv) of the tangent offset from q0 for velocities v at the nodes."""
     model = equations.robot.model
     if model.nq == model.nv:
@@ -142,7 +140,13 @@ def _slope(equations: Equations, q0: Array, v: Array, h: float, table: Collocati
 
 
 def _matrix(
-    equations: Equations, table: Collocation, h: float, at: Tangent, multipliers: Array, gains: Gains | None
+    equations: Equations,
+    table: Collocation,
+    h: float,
+    at: Tangent,
+    *,
+    multipliers: Array,
+    gains: Gains | None,
 ) -> Array:
     """Newton's matrix (s (nv + m), s (nv + m)), rows and columns node by node."""
     nv, m, s = equations.robot.model.nv, len(equations.rows.names), table.stages

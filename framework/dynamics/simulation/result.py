@@ -104,6 +104,7 @@ def summary(
     method: str,
     run: Run,
     planned: PlannedMotion | None,
+    *,
     samples: int,
     seconds: float,
 ) -> Simulation:

@@ -84,7 +84,7 @@ def simulate(
     span = _duration(duration, planned)
     state = _start(equations, source, planned, start, start_velocity)
     run = chosen.run(Task(equations, source, state, span, tuple(events), progress), settings)
-    return summary(equations, method, run, planned, samples, clock.perf_counter() - began)
+    return summary(equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began)
 
 
 def _method(name: str) -> Method:
