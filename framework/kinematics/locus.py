@@ -12,7 +12,9 @@ from framework.errors import NotConverged, Type1Singularity, point
 from framework.kinematics.assembly import loop_rows, passive_columns
 from framework.kinematics.bordering import Border, bordered
 from framework.kinematics.closures import loop_equations, scaled
-from framework.kinematics.contacts import (
+from framework.kinematics.inverse_kinematics import moving_columns, system_at
+from framework.kinematics.platform import path_twist
+from framework.kinematics.rank_loss import (
     CLOSE,
     NARROWEST,
     Contact,
@@ -25,8 +27,6 @@ from framework.kinematics.contacts import (
     contacts,
     panels,
 )
-from framework.kinematics.inverse_kinematics import moving_columns, system_at
-from framework.kinematics.platform import path_twist
 from framework.kinematics.singularity import (
     VANISHED,
     escaping,

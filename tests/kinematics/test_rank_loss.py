@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from framework.errors import SingularPath
 from framework.kinematics.bordering import Border, bordered
-from framework.kinematics.contacts import Measured, Samples, contacts, panels
+from framework.kinematics.rank_loss import Measured, Samples, contacts, panels
 
 SIZE = 6
 
