@@ -11,7 +11,7 @@ import robots
 from framework import ParallelRobot, plan_scene
 from framework.dynamics.simulation import Event, simulate
 from framework.errors import InvalidInput, NotConverged
-from tests.forward_simulation import forward_simulate
+from tests.forward_simulation import simulate_robot
 
 
 @pytest.fixture(scope="module")
@@ -84,39 +84,14 @@ def test_every_plan_of_the_catalogue_comes_back(name, flexibility):
 
 
 def test_another_integrator_on_other_equations_agrees():
-    """tests/forward_simulation.py: accelerations from a KKT system, DOP853, shares nothing with ours."""
+    """tests/forward_simulation.py: closures, springs and rotors written anew, a KKT system, DOP853."""
     heavy = robots.load("five_bar_heavy", flexibility="flexible_joints")
     plan = plan_scene(heavy, "C")
-    start = plan.dynamics.configuration(0.0)[0]
+    start, times = plan.dynamics.configuration(0.0)[0], np.linspace(0, 0.2, 9)
     ours = simulate(heavy, plan, start=start, duration=0.2)
-    model = heavy.model
-    armature, stiffness = np.zeros(model.nv), np.zeros(model.nv)
-    armature[heavy.actuated] = heavy.gear_ratio**2 * heavy.rotor_inertia
-    stiffness[heavy.elastic] = heavy.stiffness
-    tips = tuple(model.getFrameId(name) for name in ("left_tip", "right_tip"))
-    # springs enter there as torques of time: those of our own run, which must then be consistent
-    every = np.arange(model.nv)
-
-    def forces(t):
-        total = -stiffness * ours.configuration(t)[0]
-        total[heavy.actuated] += heavy.gear_ratio * plan.torque(t)
-        return total
-
-    q, v = forward_simulate(
-        model,
-        closure_frames=[tips],
-        closure_rows=[(0, 1)],
-        actuated=every,
-        armature=armature,
-        torque=forces,
-        q0=start,
-        v0=np.zeros(model.nv),
-        times=np.linspace(0, 0.2, 9),
-        rtol=1e-11,
-        atol=1e-13,
-    )
-    np.testing.assert_allclose(ours.configuration(np.linspace(0, 0.2, 9)), q, atol=1e-9)
-    np.testing.assert_allclose(ours.velocity(np.linspace(0, 0.2, 9)), v, atol=1e-7)
+    q, v = simulate_robot(heavy, plan.torque, q0=start, times=times, rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(ours.configuration(times), q, atol=1e-9)
+    np.testing.assert_allclose(ours.velocity(times), v, atol=1e-7)
 
 
 @pytest.mark.parametrize(
