@@ -102,7 +102,9 @@ def run_closed_loop(
     for k in range(last + 1):
         if k % LOOK == 0 or k == last:
             watch.look(ref.times[k], counted_on(nominal, stepper.platform(q, v)[0], ref.x[k]), ref.x[k])
-        seen = _measured(ref, k, stepper, q, v, None if noise is None else noise[k], loop.sensors)
+        seen = _measured(
+            ref, k, stepper, q, v, noise=None if noise is None else noise[k], sensors=loop.sensors
+        )
         with np.errstate(all="ignore"):
             asked = controller.torque(k, seen)
         given = line.delayed(np.clip(np.nan_to_num(asked, nan=0.0), -limit, limit))
@@ -133,7 +135,7 @@ def _started(controller: Controller, variations: Sequence[Variation]) -> tuple[S
 
 
 def _measured(
-    ref: Reference, k: int, stepper: Stepper, q: Array, v: Array, noise: Array | None, sensors: str
+    ref: Reference, k: int, stepper: Stepper, q: Array, v: Array, *, noise: Array | None, sensors: str
 ) -> Measurement:
     """What the encoders say, `noise` (R, 2, nv) included."""
     robot = ref.robot
