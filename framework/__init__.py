@@ -5,14 +5,13 @@ from framework.control.controllers import tuned_controller
 from framework.control.reference import reference_of
 from framework.control.study import run_study
 from framework.control.variation import Spread
-from framework.crossing.plan import plan_crossing, unproved_law
+from framework.crossing.plan import plan_crossing, uncertified_law
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene, scene_path
+from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.inverse_dynamics import inverse_dynamics
-from framework.dynamics.raw import raw_sampling
 from framework.dynamics.result import InverseDynamics
-from framework.dynamics.simulation import Event, Simulation, Stepper, simulate
 from framework.errors import (
     InvalidInput,
     NoAnswer,
@@ -24,13 +23,14 @@ from framework.errors import (
     Type1Singularity,
     UnboundedTorque,
 )
-from framework.kinematics.checkup import check_robot
-from framework.kinematics.locus import SingularPoint, locate_singularities
+from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.tracking import assemble, track_path
 from framework.kinematics.velocity_matrices import VelocityMatrices, velocity_matrices
 from framework.model import ParallelRobot
 from framework.motion.law import Condition, Law
 from framework.motion.path import Arc, Line, Spline
+from framework.simulation import Event, Simulation, Stepper, simulate
+from framework.singularity.points_on_path import SingularPoint, locate_singularities
 
 __all__ = [
     "Arc",
@@ -59,12 +59,12 @@ __all__ = [
     "VelocityMatrices",
     "assemble",
     "check_robot",
+    "finite_difference_torques",
     "inverse_dynamics",
     "load_plan",
     "locate_singularities",
     "plan_crossing",
     "plan_scene",
-    "raw_sampling",
     "reference_of",
     "run_closed_loop",
     "run_study",
@@ -72,6 +72,6 @@ __all__ = [
     "simulate",
     "track_path",
     "tuned_controller",
-    "unproved_law",
+    "uncertified_law",
     "velocity_matrices",
 ]

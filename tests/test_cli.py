@@ -282,8 +282,8 @@ def test_raw_shows_the_spike_and_says_that_it_proves_nothing(document, tmp_path,
     command = [*PLAN, "--scene", "B", "--flexibility", flexibility, "--raw", "--out", tmp_path]
     found = document(*command, *options)
     assert (found["raw"], found["proved"], found["samples"]) == (True, False, samples)
-    (passage,) = found["passages"]
-    assert abs(passage["wrench"]) > 1.0  # [N]
+    (crossing,) = found["crossings"]
+    assert abs(crossing["wrench"]) > 1.0  # [N]
     assert {path.name for path in tmp_path.iterdir()} == {
         *("raw.csv", "raw.json", "raw_torques.pdf", "raw_torques.png"),
     }
@@ -297,7 +297,7 @@ def test_raw_shows_the_spike_and_says_that_it_proves_nothing(document, tmp_path,
         assert found["largest_sample"][joint] == torque.max()
         assert torque.max() > 20 * peak
         # the spike stands at the pole; differences smear it over the next samples
-        assert rows[np.argmax(torque), 0] == pytest.approx(passage["time"], abs=3 * 1.5 / samples)
+        assert rows[np.argmax(torque), 0] == pytest.approx(crossing["time"], abs=3 * 1.5 / samples)
 
 
 def test_raw_spikes_grow_with_the_samples_and_certified_peaks_do_not(document, tmp_path):

@@ -1,6 +1,7 @@
 """Imports run one way.
 
-errors <- motion, model <- kinematics <- dynamics <- crossing <- show, cli <- robots <- tests
+errors <- linalg, motion, model <- kinematics <- singularity | simulation <- dynamics <- crossing <- control
+<- show, cli <- robots <- tests
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ ROOT = Path(__file__).parents[1]
 FLOORS = (
     ("arrays",),
     ("errors",),
-    ("output", "motion"),
+    ("output", "linalg", "motion"),
     ("model",),
-    ("kinematics", "catalogue", "virtual_joints"),
+    ("kinematics", "catalogue"),
+    ("singularity", "simulation"),  # neither knows the other: simulation is the witness
     ("dynamics",),
     ("crossing",),
     ("control",),

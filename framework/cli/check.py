@@ -6,10 +6,10 @@ import argparse
 from dataclasses import asdict
 from typing import Any
 
-from framework.cli import asked
-from framework.cli.parser import Report, add_flexibility, add_robot, add_unsaid, command
+from framework.cli import arguments
+from framework.cli.parser import Report, add_flexibility, add_missing_fields, add_robot, command
 from framework.errors import point
-from framework.kinematics.checkup import check_robot
+from framework.kinematics.diagnostics import check_robot
 
 
 def add(commands: Any) -> None:
@@ -17,13 +17,13 @@ def add(commands: Any) -> None:
     text = "mobility, rank, redundant rows, masses, closure error, mode"
     parser = command(commands, "check", run, text)
     add_robot(parser, "catalogue name, or path of a robot file or of a file of a foreign dialect")
-    add_unsaid(parser)
+    add_missing_fields(parser)
     add_flexibility(parser)
 
 
 def run(options: argparse.Namespace) -> Report:
     """What `check_robot` finds."""
-    found = check_robot(asked.load(options))
+    found = check_robot(arguments.load(options))
     rank = f"{found.rank} of {found.loop_equations} loop equations independent"
     if found.redundant_rows:
         rank += f"; redundant: {', '.join(found.redundant_rows)}"

@@ -6,8 +6,8 @@ import argparse
 from typing import Any
 
 from framework.catalogue import robot_file
-from framework.cli import asked
-from framework.cli.parser import Report, add_robot, add_unsaid, command
+from framework.cli import arguments
+from framework.cli.parser import Report, add_missing_fields, add_robot, command
 from framework.model.readers.recognise import DIALECTS, dialect_of
 from framework.model.readers.writer import write_robot_file
 
@@ -22,12 +22,12 @@ def add(commands: Any) -> None:
     parser = command(commands, "convert", run, TEXT)
     add_robot(parser, "path of a file of a foreign dialect, or catalogue name")
     parser.add_argument("--out", metavar="DIR", required=True, help="write NAME.yaml and NAME.urdf there")
-    add_unsaid(parser)
+    add_missing_fields(parser)
 
 
 def run(options: argparse.Namespace) -> Report:
     """Write NAME.yaml and NAME.urdf into --out."""
-    dialect, description = dialect_of(robot_file(options.robot)), asked.describe(options)
+    dialect, description = dialect_of(robot_file(options.robot)), arguments.describe(options)
     written = write_robot_file(description, options.out)
     document = {
         "robot": description.name,

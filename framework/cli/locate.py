@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from framework.cli import asked
+from framework.cli import arguments
 from framework.cli.parser import Report, add_path, add_robot, command
 from framework.errors import point
-from framework.kinematics.locus import locate_singularities
+from framework.singularity.points_on_path import locate_singularities
 
 
 def add(commands: Any) -> None:
@@ -20,8 +20,8 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """The singular points in the order of the path."""
-    robot = asked.load(options)
-    path = asked.path(options, robot)
+    robot = arguments.load(options)
+    path = arguments.path(options, robot)
     points = locate_singularities(robot, path)
     document = {
         "robot": robot.name,

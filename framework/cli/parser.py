@@ -42,7 +42,7 @@ def add_robot(parser: argparse.ArgumentParser, text: str = "catalogue name, or p
     parser.add_argument("robot", metavar="ROBOT", help=text)
 
 
-def add_unsaid(parser: argparse.ArgumentParser) -> None:
+def add_missing_fields(parser: argparse.ArgumentParser) -> None:
     """What a file of a foreign dialect may leave unsaid."""
     group = parser.add_argument_group("what the file does not say, or says otherwise")
     group.add_argument("--platform", metavar="FRAME", help="frame of the platform")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.cli import asked
+from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command
 from framework.cli.raw import report_raw
 from framework.crossing.plan import plan_crossing
@@ -40,8 +40,8 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
-    robot = asked.load(options)
-    path, given = asked.path(options, robot), asked.motion_options(options, robot)
+    robot = arguments.load(options)
+    path, given = arguments.path(options, robot), arguments.motion_options(options, robot)
     if options.samples < 2:
         raise InvalidInput(f"--samples: needs at least 2, got {options.samples}")
     if options.out == "":

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from framework.cli.parser import Report
-from framework.crossing.plan import unproved_law
-from framework.dynamics.raw import raw_sampling
+from framework.crossing.plan import uncertified_law
+from framework.dynamics.finite_differences import finite_difference_torques
 from framework.model import ParallelRobot
 from framework.motion.path import Path
 
@@ -24,8 +24,8 @@ def report_raw(
     folder: FilePath | None,
 ) -> Report:
     """The law without its proof: torques sampled as they come."""
-    law, passages = unproved_law(robot, path, **{k: v for k, v in given.items() if k != "geometry"})
-    raw = raw_sampling(robot, path, law, samples=options.samples, geometry=given["geometry"])
+    law, crossings = uncertified_law(robot, path, **{k: v for k, v in given.items() if k != "geometry"})
+    raw = finite_difference_torques(robot, path, law, samples=options.samples, geometry=given["geometry"])
     largest = dict(zip(robot.actuator_names, map(float, np.abs(raw.torque).max(axis=0)), strict=True))
     document = {
         "robot": robot.name,
@@ -33,20 +33,20 @@ def report_raw(
         "proved": False,
         "samples": options.samples,
         "largest_sample": largest,
-        "passages": [
-            {"s": passage.s, "time": passage.time, "wrench": passage.wrench} for passage in passages
+        "crossings": [
+            {"s": crossing.s, "time": crossing.time, "wrench": crossing.wrench} for crossing in crossings
         ],
     }
     if folder is not None:
-        _write_raw(raw, robot, [passage.time for passage in passages], document, folder)
+        _write_raw(raw, robot, [crossing.time for crossing in crossings], document, folder)
     lines = [
         f"{robot.name}: raw sampling, proves nothing: {options.samples} samples, largest "
         + ", ".join(f"{joint} {value:.6g} N m" for joint, value in largest.items())
     ]
     lines += [
-        f"  singular          t = {passage.time:.9g} s, s = {passage.s:.12g}, t_s . W_p = "
-        f"{passage.wrench:.6g}"
-        for passage in passages
+        f"  singular          t = {crossing.time:.9g} s, s = {crossing.s:.12g}, t_s . W_p = "
+        f"{crossing.wrench:.6g}"
+        for crossing in crossings
     ]
     return document, "\n".join(lines)
 

@@ -22,8 +22,8 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Read the plan back, prove it anew, and write the page."""
+    from framework.show.captions import plan_name
     from framework.show.report import report_page
-    from framework.show.words import plan_name
 
     if options.html == "":
         raise InvalidInput("--html: needs the name of a file, got an empty text")

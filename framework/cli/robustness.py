@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.cli import asked
+from framework.cli import arguments
 from framework.cli.parser import (
     Report,
     add_flexibility,
@@ -26,7 +26,7 @@ from framework.cli.parser import (
 )
 from framework.control.closed_loop import SENSORS, Loop
 from framework.control.controllers import CONTROLLERS, tuned_controller
-from framework.control.measurement import Controller
+from framework.control.estimation import Controller
 from framework.control.reference import reference_of
 from framework.control.study import Study, run_study
 from framework.control.variation import Spread
@@ -106,7 +106,7 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     if options.runs < 1:
         raise InvalidInput(f"--runs: needs at least 1, got {options.runs}")
-    plan = asked.planned(options)
+    plan = arguments.planned(options)
     reference = reference_of(plan, period=options.period)
     controllers = {name: tuned_controller(name, reference) for name in options.controller}
     if options.out is None:

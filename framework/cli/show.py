@@ -9,7 +9,7 @@ import webbrowser
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
-from framework.cli import asked
+from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_motion, add_robot, command
 from framework.errors import InvalidInput, NoAnswer, OutputError
 from framework.model import ParallelRobot
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> Report:
         return _report_file(options.html, film_page(shown), shown, chosen=not films)
     if films:
         return _served(options, film_page(films), None)
-    robot = asked.load(options)
+    robot = arguments.load(options)
     return _served(options, hand_page(robot), robot)
 
 
@@ -73,7 +73,7 @@ def write_page(file: str, page: str) -> FilePath:
 
 def _report_file(file: str, page: str, films: list[Film], *, chosen: bool) -> Report:
     """What was filmed and where it is; `chosen` if nobody said which scene."""
-    from framework.show.words import parts, said
+    from framework.show.captions import parts, said
 
     path = write_page(file, page)
     size = path.stat().st_size
@@ -89,10 +89,10 @@ def _report_file(file: str, page: str, films: list[Film], *, chosen: bool) -> Re
 
 def _films(options: argparse.Namespace) -> list[Film]:
     """The motions asked for; none when the robot is to be moved by hand."""
+    from framework.show.captions import plan_name
     from framework.show.film import film_plan
-    from framework.show.words import plan_name
 
-    saved = asked.saved_plan(options)
+    saved = arguments.saved_plan(options)
     if saved is not None:
         return [film_plan(saved, name=plan_name(saved, FilePath(options.robot).resolve().name))]
     line = options.start is not None or options.end is not None
@@ -101,7 +101,7 @@ def _films(options: argparse.Namespace) -> list[Film]:
             if getattr(options, option) is not None:
                 raise InvalidInput(f"--{option}: needs a motion; give --scene, or --from and --to")
         return []
-    robot = asked.load(options)
+    robot = arguments.load(options)
     return [_film(options, robot, name) for name in options.scenes or [None]]
 
 
@@ -110,12 +110,12 @@ def _film(options: argparse.Namespace, robot: ParallelRobot, scene: str | None) 
 
     one = argparse.Namespace(**{**vars(options), "scene": scene})
     name = "" if scene is None else f"Scene {scene}"
-    return film_motion(robot, asked.path(one, robot), name=name, **asked.motion_options(one, robot))
+    return film_motion(robot, arguments.path(one, robot), name=name, **arguments.motion_options(one, robot))
 
 
 def _telling_film(options: argparse.Namespace) -> Film:
     """For a file without sliders: the first scene that crosses, or else the first that moves."""
-    robot = asked.load(options)
+    robot = arguments.load(options)
     first: Film | None = None
     refusal: NoAnswer | None = None
     for name in robot.description.scenes:
@@ -133,7 +133,7 @@ def _telling_film(options: argparse.Namespace) -> Film:
 
 
 def _served(options: argparse.Namespace, page: str, robot: ParallelRobot | None) -> Report:
-    from framework.show.hand import move_by_hand
+    from framework.show.jogging import move_by_hand
     from framework.show.server import PageServer
 
     server = PageServer(page, None if robot is None else lambda given: move_by_hand(robot, given))

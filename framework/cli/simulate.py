@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.cli import asked
+from framework.cli import arguments
 from framework.cli.parser import (
     Report,
     add_flexibility,
@@ -20,10 +20,10 @@ from framework.cli.parser import (
     progress_bar,
 )
 from framework.crossing.result import CrossingPlan
-from framework.dynamics.simulation import Simulation, simulate
-from framework.dynamics.simulation.methods import METHODS
 from framework.errors import InvalidInput, NoAnswer
 from framework.output import written_together
+from framework.simulation import Simulation, simulate
+from framework.simulation.methods import METHODS
 
 OFF = 1e-3  # [robot lengths, rad] from the path: farther, and the torques do not bring the robot along it
 
@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> Report:
     """Plan, or read the plan; simulate it; say how far it comes off."""
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
-    plan = asked.planned(options)
+    plan = arguments.planned(options)
     with progress_bar(1.0, "of the motion", silent=options.json) as progress:
         result = simulate(
             plan.robot,
@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> Report:
             (folder / "simulation.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
             _write_csv(result, plan, folder / "simulation.csv")
         text += f"\n  written to        {options.out}"
-    _refuse_off_path(result)
+    _check_on_path(result)
     return document, text
 
 
@@ -85,7 +85,7 @@ def _unit(result: Simulation) -> tuple[str, float]:
     return ("m", OFF * result.robot.length) if moves else ("rad", OFF)
 
 
-def _refuse_off_path(result: Simulation) -> None:
+def _check_on_path(result: Simulation) -> None:
     unit, allowed = _unit(result)
     tracking, turning = result.tracking_error or 0.0, result.turning_error or 0.0
     if tracking <= allowed and turning <= OFF:

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
-from framework.control.measurement import Controller, Measurement, State
+from framework.control.estimation import Controller, Measurement, State
 from framework.control.reference import Reference
 from framework.control.variation import Spread, Variation, noise_of, varied
-from framework.dynamics.simulation import Stepper
 from framework.errors import InvalidInput, NotAssembled, choose_from
 from framework.kinematics.closures import column_scale
-from framework.kinematics.frames import move
-from framework.kinematics.platform import counted_on
+from framework.kinematics.frames import integrate
+from framework.kinematics.platform import unwrap
 from framework.model import ParallelRobot
+from framework.simulation import Stepper
 
 SENSORS = ("motors", "joints")
 LOST = 1.0  # [robot lengths, rad] from the plan: the run is over
@@ -101,7 +101,7 @@ def run_closed_loop(
     watch = _Watch.of(len(variations), nominal)
     for k in range(last + 1):
         if k % LOOK == 0 or k == last:
-            watch.look(ref.times[k], counted_on(nominal, stepper.platform(q, v)[0], ref.x[k]), ref.x[k])
+            watch.look(ref.times[k], unwrap(nominal, stepper.platform(q, v)[0], ref.x[k]), ref.x[k])
         seen = _measured(
             ref, k, stepper, q, v, noise=None if noise is None else noise[k], sensors=loop.sensors
         )
@@ -146,9 +146,11 @@ def _measured(
     if sensors == "motors":
         return Measurement(angle, speed, None)
     back = np.linalg.pinv(ref.N[k])  # (n, nv)
-    x = counted_on(robot, stepper.platform(q, v)[0], ref.x[k]) + turned @ back.T
+    x = unwrap(robot, stepper.platform(q, v)[0], ref.x[k]) + turned @ back.T
     return Measurement(
-        angle, speed, State(move(robot, q, turned), seen, x, ref.dx[k] + (seen - ref.motion.v[k]) @ back.T)
+        angle,
+        speed,
+        State(integrate(robot, q, turned), seen, x, ref.dx[k] + (seen - ref.motion.v[k]) @ back.T),
     )
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array
-from framework.control.measurement import Measurement, concluded_state, consistent_inverse
+from framework.control.estimation import Measurement, consistent_inverse, estimated_state
 from framework.control.reference import Reference
 from framework.dynamics.forces import tree_forces
 from framework.errors import InvalidInput
@@ -55,7 +55,7 @@ class ComputedTorque:
     def torque(self, k: int, seen: Measurement) -> Array:
         """Motor torques (R, n_a) [N m]; infinite where the naive law divides by zero."""
         ref, robot = self.reference, self.reference.robot
-        state = concluded_state(ref, k, seen, aware=self.multipliers is not None)
+        state = estimated_state(ref, k, seen, aware=self.multipliers is not None)
         asked = (
             ref.ddx[k]
             + 2 * self.damping * self.frequency * (ref.dx[k] - state.dx)

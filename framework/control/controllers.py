@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from framework.control.computed_torque import ComputedTorque
+from framework.control.estimation import Controller
 from framework.control.feedforward import FeedforwardPD
 from framework.control.lqr import TimeVaryingLQR
-from framework.control.measurement import Controller
 from framework.control.reference import Reference
 from framework.errors import InvalidInput, choose_from
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array
-from framework.control.measurement import Measurement
+from framework.control.estimation import Measurement
 from framework.control.platform_dynamics import platform_dynamics
 from framework.control.reference import Reference
 

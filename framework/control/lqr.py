@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array
-from framework.control.measurement import Measurement, concluded_state
+from framework.control.estimation import Measurement, estimated_state
 from framework.control.platform_dynamics import platform_dynamics
 from framework.control.reference import Reference
 from framework.errors import InvalidInput
@@ -58,7 +58,7 @@ class TimeVaryingLQR:
     def torque(self, k: int, seen: Measurement) -> Array:
         """Motor torques (R, n_a) [N m]."""
         ref = self.reference
-        state = concluded_state(ref, k, seen, aware=True)
+        state = estimated_state(ref, k, seen, aware=True)
         error = np.concatenate([ref.x[k] - state.x, ref.dx[k] - state.dx], axis=1)
         return np.asarray(ref.held[k] + error @ self.gain[k].T)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array
 from framework.control.closed_loop import Loop, Run, run_closed_loop
-from framework.control.measurement import Controller
+from framework.control.estimation import Controller
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
 

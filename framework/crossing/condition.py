@@ -15,14 +15,15 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.errors import NoLaw, NotConverged, point
-from framework.kinematics.bordering import Border, bordered
-from framework.kinematics.frames import move, offset
+from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, motion_at, system_at
-from framework.kinematics.locus import SingularPoint
+from framework.kinematics.loop_matrices import measured_matrix
 from framework.kinematics.platform import path_twist
-from framework.kinematics.singularity import measured_matrix, uncontrolled_motion
-from framework.kinematics.tracking import Track
+from framework.kinematics.tracking import Branch
 from framework.motion.path import along
+from framework.singularity.bordered_system import Border, bordered
+from framework.singularity.classification import uncontrolled_motion
+from framework.singularity.points_on_path import SingularPoint
 
 # |alpha| against the size of its own terms: below, s" has no hold on t_s . W_p beyond rounding
 NO_HOLD = 1e-9
@@ -70,7 +71,7 @@ class CrossingPoint(NamedTuple):
 
 
 def crossing_point(
-    track: Track, at: SingularPoint, deflection: Deflection | None, near: float
+    branch: Branch, at: SingularPoint, deflection: Deflection | None, near: float
 ) -> CrossingPoint:
     """The singular point of the path; with a deflection, the one it has moved to,
     found from path coordinate `near`.
@@ -80,60 +81,60 @@ def crossing_point(
     """
     if deflection is None or not len(deflection.value):
         return CrossingPoint(at.s, at.kind, at.twist, at.motion, at.q)
-    robot, s, h = track.robot, near, 1e-5
+    robot, s, h = branch.robot, near, 1e-5
     guess: Array | None = None
     for _ in range(20):
         span = np.clip([s - h, s, s + h], 0.0, 1.0)
-        closed = _deflected(track, span, deflection, guess)
+        closed = _deflected(branch, span, deflection, guess)
         P = measured_matrix(robot, closed.system)
         g = bordered(P, Border.of(P[1])).g
         step = -g[1] * (span[2] - span[0]) / (g[2] - g[0])
-        along_path = offset(robot, closed.q[0], closed.q[2:]) / (span[2] - span[0])
+        along_path = difference(robot, closed.q[0], closed.q[2:]) / (span[2] - span[0])
         s = float(np.clip(s + step, 0.0, 1.0))
         if abs(step) < LAST_STEP:
-            q = move(robot, closed.q[1:2], step * along_path)
-            x = track.path(np.array([s]))
-            return _oriented(track, s, ClosedStack(q, x, system_at(robot, q, x)))
-        guess = move(robot, closed.q, np.repeat(step * along_path, 3, axis=0))
+            q = integrate(robot, closed.q[1:2], step * along_path)
+            x = branch.path(np.array([s]))
+            return _oriented(branch, s, ClosedStack(q, x, system_at(robot, q, x)))
+        guess = integrate(robot, closed.q, np.repeat(step * along_path, 3, axis=0))
     raise NoLaw(
         f"{robot.name}: the deflected robot has no singular point near s = {at.s:.6g}; the deflections "
         f"are too large for the path to cross the locus there"
     )
 
 
-def imposed_point(track: Track, s: float) -> CrossingPoint:
+def imposed_point(branch: Branch, s: float) -> CrossingPoint:
     """A point of the path treated as singular whether it is or not, as rounded data would have it."""
-    return _oriented(track, s, track.closed(s))
+    return _oriented(branch, s, branch.closed(s))
 
 
-def _oriented(track: Track, s: float, closed: ClosedStack) -> CrossingPoint:
+def _oriented(branch: Branch, s: float, closed: ClosedStack) -> CrossingPoint:
     """The uncontrolled motion there, its twist pointing along the path."""
-    found = uncontrolled_motion(track.robot, closed.system)
-    sign = -1.0 if np.dot(found.twist, path_twist(track.robot, track.path, s)) < 0 else 1.0
+    found = uncontrolled_motion(branch.robot, closed.system)
+    sign = -1.0 if np.dot(found.twist, path_twist(branch.robot, branch.path, s)) < 0 else 1.0
     return CrossingPoint(s, found.kind, sign * found.twist, sign * found.motion, closed.q[0])
 
 
-def _deflected(track: Track, s: Array, deflection: Deflection, guess: Array | None) -> ClosedStack:
+def _deflected(branch: Branch, s: Array, deflection: Deflection, guess: Array | None) -> ClosedStack:
     if guess is None:
-        step = np.zeros((len(s), track.robot.model.nv))
-        step[:, track.robot.elastic] = deflection.value
-        guess = move(track.robot, track.guess(s), step)
-    return close_loops(track.robot, track.path(s), guess)
+        step = np.zeros((len(s), branch.robot.model.nv))
+        step[:, branch.robot.elastic] = deflection.value
+        guess = integrate(branch.robot, branch.guess(s), step)
+    return close_loops(branch.robot, branch.path(s), guess)
 
 
-def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | None) -> Condition8:
+def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | None) -> Condition8:
     """Coefficients of condition (8) at a crossing point.
 
     Raises:
         NoLaw: the path's tangent leaves t_s . W_p untouched by s", so no law can meet the condition.
         NotConverged: the same, but only with these deflections.
     """
-    robot = track.robot
+    robot = branch.robot
     speed, acceleration = np.array([0.0, 0.0, 1.0, -1.0]), np.array([0.0, 1.0, 0.0, 0.0])
     q = np.repeat(here.q[None], 4, axis=0)
-    x = np.repeat(track.path(here.s)[None], 4, axis=0)
+    x = np.repeat(branch.path(here.s)[None], 4, axis=0)
     closed = ClosedStack(q, x, system_at(robot, q, x))
-    _, dx, ddx = along(track.path, [np.full(4, here.s), speed, acceleration])
+    _, dx, ddx = along(branch.path, [np.full(4, here.s), speed, acceleration])
     rates: tuple[Array, ...] = ()
     if deflection is not None and robot.n_e:
         rates = (np.tile(deflection.rate, (4, 1)), np.tile(deflection.acceleration, (4, 1)))
@@ -141,7 +142,7 @@ def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | Non
     rest, pushed, forth, back = forces @ here.motion
     alpha = pushed - rest
     # what s" = 1 asks for at most; on massless legs the forces of a payload cancel before they get here
-    moved = np.abs(path_twist(robot, track.path, here.s)) * np.where(
+    moved = np.abs(path_twist(robot, branch.path, here.s)) * np.where(
         robot.platform_axes < 3, 1.0, robot.length
     )
     mass = sum(inertia.mass for inertia in robot.model.inertias)
@@ -156,7 +157,7 @@ def condition_at(track: Track, here: CrossingPoint, deflection: Deflection | Non
     )
     if condition.holds_anyway or abs(condition.alpha) > NO_HOLD * own:
         return condition
-    where = f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = {point(track.path(here.s))}"
+    where = f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = {point(branch.path(here.s))}"
     if rates:
         raise NotConverged(
             f'{where} s" has no effect on t_s . W_p once the robot deflects (alpha = '

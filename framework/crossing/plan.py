@@ -17,17 +17,17 @@ from framework.crossing.condition import (
     imposed_point,
 )
 from framework.crossing.result import Crossing, CrossingPlan
-from framework.crossing.schedule import Milestone, refuse_wandering, schedule
+from framework.crossing.timing import CrossingTime, check_advance, choose_timing
+from framework.dynamics.crossings import check_kind, rigid_crossings
 from framework.dynamics.inverse_dynamics import TOLERANCE, checked_geometry, resolve
-from framework.dynamics.passages import refuse_other_kinds, rigid_passages
-from framework.dynamics.result import InverseDynamics, Passage
+from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import InvalidInput, NoLaw
-from framework.kinematics.locus import SingularPoint, locate_singularities
-from framework.kinematics.tracking import Track, track_path
+from framework.kinematics.tracking import Branch, track_path
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import Condition, Law, MotionLaw, check_duration, is_number
 from framework.motion.path import Path
+from framework.singularity.points_on_path import SingularPoint, locate_singularities
 
 LARGEST_SPEED = 1e6  # whole paths in the duration; what a law can keep is a few
 SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends: elastic, rigid
@@ -72,66 +72,68 @@ def plan_crossing(
     started = time.perf_counter()
     geometry = checked_geometry(robot, geometry)
     task = _task(robot, path, duration, times, speeds, at, smoothness)
-    track, points, targets, choice = task.track, task.points, task.targets, task.milestones
+    branch, points, targets, choice = task.branch, task.points, task.targets, task.crossing_times
     smoothness = task.smoothness
 
     def crossings(
         deflections: TimeFunction | None, before: MotionLaw | None
     ) -> list[tuple[CrossingPoint, Condition8]]:
         found = []
-        for target, milestone in zip(targets, choice, strict=True):
-            here = _deflection(deflections, milestone.time) if geometry == "deformed" else None
+        for target, crossing_time in zip(targets, choice, strict=True):
+            here = _deflection(deflections, crossing_time.time) if geometry == "deformed" else None
             if isinstance(target, SingularPoint):
-                near = target.s if before is None else float(before(milestone.time))
-                place = crossing_point(track, target, here, near)
+                near = target.s if before is None else float(before(crossing_time.time))
+                place = crossing_point(branch, target, here, near)
             else:
                 place = target
-            found.append((place, condition_at(track, place, here)))
+            found.append((place, condition_at(branch, place, here)))
         return found
 
     def choose_law(deflections: TimeFunction | None, before: MotionLaw | None) -> Law:
         law = _law(crossings(deflections, before), choice, duration, smoothness)
         if before is None:
-            refuse_wandering(law, [point.s for point in points], robot.name)
+            check_advance(law, [point.s for point in points], robot.name)
         return law
 
-    dynamics = resolve(track, points, choose_law, geometry=geometry, tolerance=tolerance)
+    dynamics = resolve(branch, points, choose_law, geometry=geometry, tolerance=tolerance)
     law = dynamics.law
     assert isinstance(law, Law)
     certificate = replace(dynamics.certificate, monotone=law.advance(smoothness) > 0)
-    refuse_wandering(law, [passage.s for passage in dynamics.passages], robot.name)
+    check_advance(law, [found.s for found in dynamics.crossings], robot.name)
     met = {
-        milestone: condition
-        for (_, condition), milestone in zip(crossings(dynamics.deflections, law), choice, strict=True)
+        crossing_time: condition
+        for (_, condition), crossing_time in zip(crossings(dynamics.deflections, law), choice, strict=True)
     }
-    reported = tuple(_crossing(passage, law, met, duration) for passage in dynamics.passages)
+    reported = tuple(_crossing(found, law, met, duration) for found in dynamics.crossings)
     return CrossingPlan(robot, path, law, reported, dynamics, certificate, time.perf_counter() - started)
 
 
 def reported_crossings(dynamics: InverseDynamics, law: Law) -> tuple[Crossing, ...]:
-    """What a finished motion does at its passages, whoever chose its law."""
-    return tuple(_crossing(passage, law, {}, law.duration) for passage in dynamics.passages)
+    """What a finished motion does at its singular instants, whoever chose its law."""
+    return tuple(_crossing(found, law, {}, law.duration) for found in dynamics.crossings)
 
 
-def _crossing(passage: Passage, law: Law, met: dict[Milestone, Condition8], duration: float) -> Crossing:
-    """What the finished motion does at a passage; `met` holds the conditions imposed, by milestone."""
-    near = [milestone for milestone in met if abs(milestone.time - passage.time) < 1e-9 * duration]
-    found = Milestone(passage.time, float(law(passage.time, 1)))
+def _crossing(
+    at: SingularityCrossing, law: Law, met: dict[CrossingTime, Condition8], duration: float
+) -> Crossing:
+    """What the finished motion does at a singular instant; `met` holds the conditions imposed, by timing."""
+    near = [timing for timing in met if abs(timing.time - at.time) < 1e-9 * duration]
+    found = CrossingTime(at.time, float(law(at.time, 1)))
     time, speed = near[0] if near else found
     return Crossing(
-        s=passage.s,
+        s=at.s,
         time=time,
         speed=speed,
         acceleration=met[near[0]].acceleration(speed) if near else float(law(time, 2)),
-        kind=passage.kind,
-        twist=passage.twist,
-        platform=passage.platform,
-        residual=passage.residual,
+        kind=at.kind,
+        twist=at.twist,
+        platform=at.platform,
+        residual=at.residual,
         condition=met[near[0]] if near else None,
     )
 
 
-def unproved_law(
+def uncertified_law(
     robot: ParallelRobot,
     path: Path,
     *,
@@ -140,29 +142,29 @@ def unproved_law(
     speeds: Sequence[float] | None = None,
     at: Sequence[float] | None = None,
     smoothness: int | None = None,
-) -> tuple[Law, tuple[Passage, ...]]:
+) -> tuple[Law, tuple[SingularityCrossing, ...]]:
     """The law of `plan_crossing` on the undeformed robot before anything is proved, for raw sampling.
 
-    With it the passages through singular points and t_s . W_p there, zero or not.
+    With it the instants at singular points and t_s . W_p there, zero or not.
 
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
     task = _task(robot, path, duration, times, speeds, at, smoothness)
-    crossings = [(place, condition_at(task.track, place, None)) for place in _at_rest(task)]
-    law = _law(crossings, task.milestones, duration, task.smoothness)
-    refuse_wandering(law, [point.s for point in task.points], robot.name)
-    return law, rigid_passages(task.track, task.points, law)
+    crossings = [(place, condition_at(task.branch, place, None)) for place in _at_rest(task)]
+    law = _law(crossings, task.crossing_times, duration, task.smoothness)
+    check_advance(law, [point.s for point in task.points], robot.name)
+    return law, rigid_crossings(task.branch, task.points, law)
 
 
 @dataclass(frozen=True)
 class _Task:
     """What is asked, checked, with the path followed and its singular points located."""
 
-    track: Track
+    branch: Branch
     points: tuple[SingularPoint, ...]
     targets: list[SingularPoint | CrossingPoint]  # where condition (8) is to hold
-    milestones: tuple[Milestone, ...]  # one for each target
+    crossing_times: tuple[CrossingTime, ...]  # one for each target
     smoothness: int
 
 
@@ -177,17 +179,17 @@ def _task(
 ) -> _Task:
     smoothness = _checked_smoothness(robot, smoothness)
     _check_numbers(duration, times, speeds, at)
-    track = track_path(robot, path)
-    points = locate_singularities(robot, path, track=track)
-    targets = _targets(track, points, times, speeds, at)
-    milestones = _choose_milestones(track, targets, duration, times, speeds, smoothness)
-    return _Task(track, points, targets, milestones, smoothness)
+    branch = track_path(robot, path)
+    points = locate_singularities(robot, path, branch=branch)
+    targets = _targets(branch, points, times, speeds, at)
+    crossing_times = _choose_timing(branch, targets, duration, times, speeds, smoothness)
+    return _Task(branch, points, targets, crossing_times, smoothness)
 
 
 def _at_rest(task: _Task) -> list[CrossingPoint]:
     """The crossing points of the undeformed robot."""
     return [
-        crossing_point(task.track, target, None, target.s) if isinstance(target, SingularPoint) else target
+        crossing_point(task.branch, target, None, target.s) if isinstance(target, SingularPoint) else target
         for target in task.targets
     ]
 
@@ -200,29 +202,31 @@ def _deflection(deflections: TimeFunction | None, t: float) -> Deflection | None
 
 def _law(
     crossings: list[tuple[CrossingPoint, Condition8]],
-    milestones: Sequence[Milestone],
+    crossing_times: Sequence[CrossingTime],
     duration: float,
     smoothness: int,
 ) -> Law:
     inner = [
-        Condition(milestone.time, order, value)
-        for (place, condition), milestone in zip(crossings, milestones, strict=True)
-        for order, value in enumerate((place.s, milestone.speed, condition.acceleration(milestone.speed)))
+        Condition(crossing_time.time, order, value)
+        for (place, condition), crossing_time in zip(crossings, crossing_times, strict=True)
+        for order, value in enumerate(
+            (place.s, crossing_time.speed, condition.acceleration(crossing_time.speed))
+        )
     ]
     return Law.rest_to_rest(duration, smoothness, inner)
 
 
 def _targets(
-    track: Track,
+    branch: Branch,
     points: tuple[SingularPoint, ...],
     times: Sequence[float] | None,
     speeds: Sequence[float] | None,
     at: Sequence[float] | None,
 ) -> list[SingularPoint | CrossingPoint]:
     """Where condition (8) is to hold; refuses what no law can cross."""
-    robot = track.robot
+    robot = branch.robot
     if at is not None:
-        targets: list[SingularPoint | CrossingPoint] = [imposed_point(track, s) for s in at]
+        targets: list[SingularPoint | CrossingPoint] = [imposed_point(branch, s) for s in at]
         what = f"{len(at)} imposed by `at`"
     else:
         targets = [*points]
@@ -240,13 +244,13 @@ def _targets(
                 f"{'is' if len(targets) == 1 else 'are'} {what}"
             )
     for target in points if at is None else ():
-        _refuse_uncrossable(robot, target)
+        _check_crossable(robot, target)
     return targets
 
 
-def _refuse_uncrossable(robot: ParallelRobot, at: SingularPoint) -> None:
+def _check_crossable(robot: ParallelRobot, at: SingularPoint) -> None:
     where = f"{robot.name}: at s = {at.s:.6g} the path"
-    refuse_other_kinds(robot, at)
+    check_kind(robot, at)
     if at.s < 1e-9 or at.s > 1 - 1e-9:
         end = "starts" if at.s < 0.5 else "ends"
         raise NoLaw(
@@ -260,14 +264,14 @@ def _refuse_uncrossable(robot: ParallelRobot, at: SingularPoint) -> None:
         )
 
 
-def _choose_milestones(
-    track: Track,
+def _choose_timing(
+    branch: Branch,
     targets: list[SingularPoint | CrossingPoint],
     duration: float,
     times: Sequence[float] | None,
     speeds: Sequence[float] | None,
     smoothness: int,
-) -> tuple[Milestone, ...]:
+) -> tuple[CrossingTime, ...]:
     """Times and speeds of the crossings on the undeformed robot, those left open chosen."""
     if not targets:
         return ()
@@ -278,14 +282,16 @@ def _choose_milestones(
             )
     crossings = []
     for target in targets:
-        place = crossing_point(track, target, None, target.s) if isinstance(target, SingularPoint) else target
-        crossings.append((place, condition_at(track, place, None)))
+        place = (
+            crossing_point(branch, target, None, target.s) if isinstance(target, SingularPoint) else target
+        )
+        crossings.append((place, condition_at(branch, place, None)))
 
-    def build(milestones: Sequence[Milestone]) -> Law:
-        return _law(crossings, milestones, duration, smoothness)
+    def build(crossing_times: Sequence[CrossingTime]) -> Law:
+        return _law(crossings, crossing_times, duration, smoothness)
 
-    return schedule(
-        [place.s for place, _ in crossings], duration, times, speeds, smoothness, build, track.robot.name
+    return choose_timing(
+        [place.s for place, _ in crossings], duration, times, speeds, smoothness, build, branch.robot.name
     )
 
 

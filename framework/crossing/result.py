@@ -23,7 +23,7 @@ from framework.motion.path import Arc, Line, Path, Spline
 
 @dataclass(frozen=True, eq=False)
 class Crossing:
-    """One passage through a Type 2 singularity, measured on the finished motion.
+    """One way through a Type 2 singularity, measured on the finished motion.
 
     The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`. `condition` holds the
     coefficients of condition (8) that the law was made to meet there, None when nothing was asked and it

@@ -17,10 +17,10 @@ from framework.arrays import Array
 from framework.dynamics.forces import Forces, loop_forces
 from framework.errors import NotConverged
 from framework.kinematics.closures import column_scale
-from framework.kinematics.frames import move
+from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import Motion, close_loops, joint_rates, motion_at
 from framework.kinematics.platform import platform_residual
-from framework.kinematics.tracking import Track
+from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw
 from framework.motion.path import along
@@ -46,7 +46,7 @@ class Deflected:
 
 
 def settle(
-    track: Track,
+    branch: Branch,
     grid: TimeGrid,
     choose_law: LawChoice,
     geometry: str,
@@ -62,22 +62,22 @@ def settle(
     Raises:
         NotConverged: the deflections do not settle; NotAssembled: they tear the loops.
     """
-    robot = track.robot
+    robot = branch.robot
     zero = np.zeros((len(grid.times), robot.n_e))
     q_e = zero if start is None else start(grid.times)
     law = before if start is None else choose_law(start, before)
-    motion = _motion(track, grid, law, q_e, None, zero)
+    motion = _motion(branch, grid, law, q_e, None, zero)
     forces = loop_forces(robot, motion)
     changes: list[float] = []
     rounding_grows = False
     if geometry == "rigid":
         if robot.n_e:
-            q_e = _deflections(track, forces)
+            q_e = _deflections(branch, forces)
             changes.append(float(np.abs(q_e).max()))
-            motion = _motion(track, grid, law, q_e, motion, zero)
+            motion = _motion(branch, grid, law, q_e, motion, zero)
         return Deflected(grid, law, motion, forces, q_e, tuple(changes))
     while True:
-        new = _deflections(track, forces)
+        new = _deflections(branch, forces)
         if rounding_grows:
             new = grid.smooth(new)
         changes.append(float(np.abs(new - q_e).max()))
@@ -101,18 +101,18 @@ def settle(
         if remaining <= SETTLED * largest or stalled or changes[-1] <= 1e-18 * robot.length:
             return Deflected(grid, law, motion, forces, new, tuple(changes))
         law = choose_law(grid.fit(new), law)
-        motion = _motion(track, grid, law, new, motion, q_e)
+        motion = _motion(branch, grid, law, new, motion, q_e)
         q_e = new
         forces = loop_forces(robot, motion)
 
 
-def _deflections(track: Track, forces: Forces) -> Array:
+def _deflections(branch: Branch, forces: Forces) -> Array:
     """-K^-1 (force on the elastic coordinates), Eq. (3b) with linear springs."""
-    return -forces.spring_force / track.robot.stiffness
+    return -forces.spring_force / branch.robot.stiffness
 
 
 def _motion(
-    track: Track,
+    branch: Branch,
     grid: TimeGrid,
     law: MotionLaw,
     q_e: Array,
@@ -120,16 +120,16 @@ def _motion(
     q_e_before: Array,
 ) -> Motion:
     """All coordinates at the nodes for these deflections; `before` is a motion near it, if any."""
-    robot, times = track.robot, grid.times
+    robot, times = branch.robot, grid.times
     s = [law(times, order) for order in range(3)]
-    x, dx, ddx = along(track.path, s)
+    x, dx, ddx = along(branch.path, s)
     if before is None:
         step = np.zeros((len(times), robot.model.nv))
         step[:, robot.elastic] = q_e - q_e_before
-        near = move(robot, track.guess(s[0]), step)
+        near = integrate(robot, branch.guess(s[0]), step)
     else:  # along the tangent, by the factors that are there already
         ahead = -platform_residual(robot, before.system.frames, x)
-        near = move(robot, before.q, joint_rates(robot, before.system, ahead, q_e - q_e_before))
+        near = integrate(robot, before.q, joint_rates(robot, before.system, ahead, q_e - q_e_before))
     closed = close_loops(robot, x, near)
     if not robot.n_e:
         return motion_at(robot, closed, dx, ddx)

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.kinematics.frames import offset, scratch_of
+from framework.kinematics.frames import difference, scratch_of
 from framework.kinematics.inverse_kinematics import Motion, moving_columns
 from framework.model import ParallelRobot
 
@@ -37,7 +37,7 @@ def tree_forces(robot: ParallelRobot, motion: Motion) -> Array:
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         forces[k] = pin.rnea(model, data, q, v, a)
     if robot.joint_stiffness.any():
-        turned = offset(robot, pin.neutral(model), motion.q)
+        turned = difference(robot, pin.neutral(model), motion.q)
         forces = forces + np.asarray(robot.joint_stiffness * (turned - robot.joint_rest), dtype=float)
     return forces
 

@@ -15,16 +15,16 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.dynamics.certificate import Certificate
+from framework.dynamics.crossings import (
+    check_bounded,
+    check_crossings,
+    deformed_crossing,
+    panel_edges,
+    rigid_crossings,
+)
 from framework.dynamics.elasticity import Deflected, LawChoice, settle
 from framework.dynamics.forces import motor_torque
-from framework.dynamics.passages import (
-    check_passages,
-    deformed_passage,
-    panel_edges,
-    refuse_pole,
-    rigid_passages,
-)
-from framework.dynamics.result import InverseDynamics, Passage
+from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import (
     InvalidInput,
     NotAssembled,
@@ -32,20 +32,20 @@ from framework.errors import (
     choose_from,
 )
 from framework.kinematics.closures import column_scale
-from framework.kinematics.frames import offset
+from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import system_at
-from framework.kinematics.locus import SingularPoint, locate_singularities
-from framework.kinematics.tracking import Track, track_path
+from framework.kinematics.tracking import Branch, track_path
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import OVERSHOOT, Law, MotionLaw, is_number
 from framework.motion.path import Path
+from framework.singularity.points_on_path import SingularPoint, locate_singularities
 
 GEOMETRIES = ("rigid", "deformed")
 LOOSEST = 1e-6  # tolerance that still tells a resolved torque from a pole
 TOLERANCE = 1e-10  # tail of the torques that counts as resolved
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
-# |t_s . W_p| at a passage over the largest sum of its terms:
+# |t_s . W_p| at a crossing over the largest sum of its terms:
 PROVED = 1e-11  # no more than this is rounding, and condition (8) holds
 POLE = 1e-6  # more than this is a pole for sure, resolved or not
 SAME_DERIVATIVE = 1e-4  # of its largest value; differentiating values twice loses up to ten digits
@@ -77,9 +77,9 @@ def inverse_dynamics(
     """
     geometry = checked_geometry(robot, geometry)
     _check_law(law)
-    track = track_path(robot, path)
-    points = locate_singularities(robot, path, track=track)
-    return resolve(track, points, lambda *_: law, geometry=geometry, tolerance=tolerance)
+    branch = track_path(robot, path)
+    points = locate_singularities(robot, path, branch=branch)
+    return resolve(branch, points, lambda *_: law, geometry=geometry, tolerance=tolerance)
 
 
 def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
@@ -92,7 +92,7 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
 
 
 def resolve(
-    track: Track,
+    branch: Branch,
     points: tuple[SingularPoint, ...],
     choose_law: LawChoice,
     *,
@@ -103,44 +103,44 @@ def resolve(
     if not (is_number(tolerance) and 0 < tolerance <= LOOSEST):
         raise InvalidInput(f"tolerance: must lie in (0, {LOOSEST:g}], got {tolerance!r}")
     law = choose_law(None, None)
-    passages = rigid_passages(track, points, law)
+    crossings = rigid_crossings(branch, points, law)
     fixed_geometry = geometry == "rigid"
     if fixed_geometry:
-        refuse_pole(track.robot, passages, PROVED)
-    instants = np.array([passage.time for passage in passages])
+        check_bounded(branch.robot, crossings, PROVED)
+    instants = np.array([crossing.time for crossing in crossings])
     start: TimeFunction | None = None
     tail = np.inf
     for size in SIZES:
-        grid = TimeGrid.clear_of(instants, panel_edges(track.path, law), size)
+        grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law), size)
         try:
-            state = settle(track, grid, choose_law, geometry, start, law)
+            state = settle(branch, grid, choose_law, geometry, start, law)
         except NotAssembled as failure:
-            refuse_pole(track.robot, passages, POLE)
+            check_bounded(branch.robot, crossings, POLE)
             raise NotConverged(
-                f"{track.robot.name}: the deflections tear the loops open: the springs are too soft for this "
-                f"motion; stiffen them, take more time, or use geometry rigid ({failure})",
+                f"{branch.robot.name}: the deflections tear the loops open: the springs are too soft for "
+                f"this motion; stiffen them, take more time, or use geometry rigid ({failure})",
                 residual=failure.residual,
             ) from None
         except NotConverged:
-            refuse_pole(track.robot, passages, POLE)
+            check_bounded(branch.robot, crossings, POLE)
             raise
         law = state.law
-        result = _result(track, state, geometry, passages)
+        result = _result(branch, state, geometry, crossings)
         tail = result.certificate.tail
         start = result.deflections if geometry == "deformed" else None
         if not fixed_geometry:
-            passages = tuple(deformed_passage(result, passage) for passage in passages)
-        closed = result.certificate.max_closure_error <= CLOSED_BETWEEN * max(track.robot.length, 1.0)
+            crossings = tuple(deformed_crossing(result, crossing) for crossing in crossings)
+        closed = result.certificate.max_closure_error <= CLOSED_BETWEEN * max(branch.robot.length, 1.0)
         if tail <= tolerance and closed and _law_is_resolved(law, grid):
-            refuse_pole(track.robot, passages, PROVED)
-            check_passages(track.robot, state, geometry, passages)
-            return replace(result, passages=passages)
-    refuse_pole(track.robot, passages, POLE)
+            check_bounded(branch.robot, crossings, PROVED)
+            check_crossings(branch.robot, state, geometry, crossings)
+            return replace(result, crossings=crossings)
+    check_bounded(branch.robot, crossings, POLE)
     gap = result.certificate.max_closure_error
     open_between = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
     pole = f"the torques are not resolved (tail {tail:.2g}, tolerance {tolerance:.2g})"
     raise NotConverged(
-        f"{track.robot.name}: {pole if tail > tolerance else open_between} by {grid.size} nodes a panel: is "
+        f"{branch.robot.name}: {pole if tail > tolerance else open_between} by {grid.size} nodes a panel: is "
         f"the law smooth, is the path far from other singularities?",
         residual=tail,
     )
@@ -173,26 +173,28 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
     return True
 
 
-def _result(track: Track, state: Deflected, geometry: str, passages: tuple[Passage, ...]) -> InverseDynamics:
-    robot, grid = track.robot, state.grid
+def _result(
+    branch: Branch, state: Deflected, geometry: str, crossings: tuple[SingularityCrossing, ...]
+) -> InverseDynamics:
+    robot, grid = branch.robot, state.grid
     torques = grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque))
-    u = offset(robot, track.origin, state.motion.q)
+    u = difference(robot, branch.origin, state.motion.q)
     offsets = grid.fit(u)
-    turned = offset(robot, pin.neutral(robot.model), track.origin[None]) + u
+    turned = difference(robot, pin.neutral(robot.model), branch.origin[None]) + u
     motor = grid.fit(robot.gear_ratio * turned[:, robot.actuated])
     deflections = grid.fit(state.q_e)
     s = state.law(grid.times)
     result = InverseDynamics(
         robot=robot,
-        path=track.path,
+        path=branch.path,
         law=state.law,
         geometry=geometry,
         torques=torques,
         motor_angles=motor,
         deflections=deflections,
         offsets=offsets,
-        origin=track.origin,
-        passages=passages,
+        origin=branch.origin,
+        crossings=crossings,
         certificate=Certificate(
             nodes=len(grid.times),
             tail=max(
@@ -237,4 +239,4 @@ def _closure_error_between(result: InverseDynamics, grid: TimeGrid) -> float:
     return float(np.abs(system.residual).max())
 
 
-__all__ = ["InverseDynamics", "Passage", "inverse_dynamics"]
+__all__ = ["InverseDynamics", "SingularityCrossing", "inverse_dynamics"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.certificate import Certificate
-from framework.kinematics.frames import move
+from framework.kinematics.frames import integrate
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import MotionLaw
@@ -16,7 +16,7 @@ from framework.motion.path import Path, along
 
 
 @dataclass(frozen=True, eq=False)
-class Passage:
+class SingularityCrossing:
     """An instant at which the motion is in a Type 2 singularity.
 
     `wrench` is t_s . W_p there [N, or N m for a pure turn], the inertia of all bodies included; `scale`
@@ -51,13 +51,13 @@ class InverseDynamics:
     deflections: TimeFunction  # (n_e) [m, rad]
     offsets: TimeFunction  # (nv) all coordinates as tangent offset from `origin`
     origin: Array  # (nq,)
-    passages: tuple[Passage, ...]
+    crossings: tuple[SingularityCrossing, ...]
     certificate: Certificate
 
     def __repr__(self) -> str:
         return (
             f"InverseDynamics({self.robot.name}, {self.robot.flexibility}, {self.geometry}: "
-            f"{self.duration:g} s, passages at {[round(p.time, 6) for p in self.passages]} s, tail "
+            f"{self.duration:g} s, crossings at {[round(p.time, 6) for p in self.crossings]} s, tail "
             f"{self.certificate.tail:.1e})"
         )
 
@@ -84,7 +84,7 @@ class InverseDynamics:
 
     def configuration(self, t: ArrayLike) -> Array:
         """All joint coordinates q (T, nq) at t (T,), deflections included."""
-        return move(self.robot, self.origin, self.offsets(np.atleast_1d(t)))
+        return integrate(self.robot, self.origin, self.offsets(np.atleast_1d(t)))
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Joint velocities (order 1) or accelerations (order 2), (T, nv)."""

@@ -8,14 +8,14 @@ from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.inverse_kinematics import close_loops, motion_at
-from framework.kinematics.singularity import singularity_measure, unit_twist
+from framework.singularity.classification import singularity_measure, unit_twist
 
 
 def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
     """g (T,) and t_s . W_p (T,) [N, or N m for a pure turn] at ascending instants t (T,).
 
     t_s is continued smoothly away from the singularity and has unit size where |g| is least; there
-    t_s . W_p is what `Passage.wrench` is, up to sign.
+    t_s . W_p is what `SingularityCrossing.wrench` is, up to sign.
     """
     robot = result.robot
     closed = close_loops(robot, result.platform(t), result.configuration(t))

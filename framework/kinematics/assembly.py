@@ -11,7 +11,7 @@ import numpy as np
 from framework.arrays import Array, IntArray
 from framework.errors import NotAssembled
 from framework.kinematics.closures import column_scale, loop_equations, scaled
-from framework.kinematics.frames import frames_at, move, offset
+from framework.kinematics.frames import difference, frames_at, integrate
 from framework.kinematics.platform import platform_coordinates, platform_jacobian
 from framework.model import ParallelRobot
 from framework.model.parallel_robot import LoopRows
@@ -71,7 +71,7 @@ def reference_configuration(robot: ParallelRobot) -> Configuration:
             q=closing.q,
             residual=float(residual[row]),
         )
-    _refuse_far(robot, closing.q, float(residual.max()), given)
+    _check_near(robot, closing.q, float(residual.max()), given)
     x = platform_coordinates(robot, at)[0]
     return Configuration(closing.q, x, float(residual.max()), closing.iterations)
 
@@ -100,18 +100,18 @@ def _close(robot: ParallelRobot, start: Array, free: IntArray) -> _Closing:
         step = np.zeros((1, robot.model.nv))
         step[0, free] = joint * min(1.0, LONGEST_STEP / max(np.abs(joint).max(), 1e-300)) * lengths
         fraction = 1.0
-        while (after := mismatch(move(robot, q, fraction * step))) > now and fraction > 1e-4:
+        while (after := mismatch(integrate(robot, q, fraction * step))) > now and fraction > 1e-4:
             fraction *= 0.5
         if after >= now:
             break
-        q, now = move(robot, q, fraction * step), after
+        q, now = integrate(robot, q, fraction * step), after
     worst = np.abs(weights * loop_equations(rows, frames_at(robot, q)).residual[0]).max()
     return _Closing(q[0], float(worst), iterations)
 
 
-def _refuse_far(robot: ParallelRobot, q: Array, residual: float, given: list[int]) -> None:
+def _check_near(robot: ParallelRobot, q: Array, residual: float, given: list[int]) -> None:
     """Refuse an assembled configuration in which a joint is far from what the file gives."""
-    moved = offset(robot, robot.q_near, q[None])[0]
+    moved = difference(robot, robot.q_near, q[None])[0]
     for column in sorted(given, key=lambda column: -abs(moved[column] / column_scale(robot)[column])):
         if abs(moved[column]) > FAR * column_scale(robot)[column]:
             value = robot.description.reference[robot.joint_of(column)]

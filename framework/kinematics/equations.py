@@ -9,9 +9,9 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.kinematics.assembly import loop_rows, passive_columns
-from framework.kinematics.band import Band
 from framework.kinematics.frames import scratch_of
-from framework.kinematics.pattern import Part, Pattern
+from framework.linalg.banded_lu import Band
+from framework.linalg.sparsity import Part, Sparsity
 from framework.model import ParallelRobot
 from framework.model.parallel_robot import LoopRows
 
@@ -22,7 +22,7 @@ class Equations(NamedTuple):
     loops: LoopRows  # the m independent ones
     bodies: IntArray  # (n + m,) the frame that the wrench of each equation acts on
     platform: Array  # (n, 6) unit forces and couples along the platform's axes
-    pattern: Pattern  # (n + m, nv)
+    pattern: Sparsity  # (n + m, nv)
     columns: IntArray  # those that follow when x and q_e are given: actuated, then passive
     moving: Part  # all rows, these columns: square if planning is possible
     elastic: Part  # all rows, the columns of the springs
@@ -36,7 +36,7 @@ def equations_of(robot: ParallelRobot) -> Equations:
     """The table of a robot's equations. Memoised: a pure function of a frozen robot."""
     loops, carried = loop_rows(robot), scratch_of(robot).carried
     platform = np.repeat(carried[:1], robot.n, axis=0)
-    pattern = Pattern.of(np.concatenate([platform, carried[loops.second] - carried[loops.first]]))
+    pattern = Sparsity.of(np.concatenate([platform, carried[loops.second] - carried[loops.first]]))
     rows = np.arange(pattern.shape[0])
     columns = np.concatenate([robot.actuated, passive_columns(robot)])
     columns.flags.writeable = False

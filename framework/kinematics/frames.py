@@ -167,7 +167,7 @@ def _carried(model: pin.Model, bodies: IntArray) -> Array:
     return carried
 
 
-def move(robot: ParallelRobot, q: Array, step: Array) -> Array:
+def integrate(robot: ParallelRobot, q: Array, step: Array) -> Array:
     """q (..., nq) moved by tangent vectors (..., nv): pinocchio's integrate, stacked."""
     model = robot.model
     if model.nq == model.nv:  # every joint a line: integrating is adding
@@ -180,7 +180,7 @@ def move(robot: ParallelRobot, q: Array, step: Array) -> Array:
     return np.array(flat).reshape(*step.shape[:-1], model.nq)
 
 
-def offset(robot: ParallelRobot, start: Array, q: Array) -> Array:
+def difference(robot: ParallelRobot, start: Array, q: Array) -> Array:
     """Tangent vectors (T, nv) from one configuration `start` (nq,) to q (T, nq)."""
     model = robot.model
     if model.nq == model.nv:

@@ -20,11 +20,11 @@ from framework.kinematics.assembly import (
     reference_configuration,
     rows_of_springs_alone,
 )
-from framework.kinematics.band import Factors
 from framework.kinematics.closures import closure_drift, column_scale, loop_wrenches, scaled
 from framework.kinematics.equations import Equations, equations_of
-from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at, move
+from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at, integrate
 from framework.kinematics.platform import platform_residual, platform_twist
+from framework.linalg.banded_lu import Factors
 from framework.model import ParallelRobot
 
 # A Newton step this small leaves an error of its square: rounding. In radians and robot lengths.
@@ -163,7 +163,7 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
             newton /= np.maximum(np.abs(newton).max(axis=1, keepdims=True) / LONGEST_STEP, 1.0)
         step = np.zeros((len(q), robot.model.nv))
         step[:, columns] = newton * lengths
-        q = move(robot, q, step)
+        q = integrate(robot, q, step)
     worst = int(np.argmax(np.nan_to_num(np.abs(system.residual), nan=np.inf).max(axis=1)))
     residual = float(np.abs(system.residual[worst]).max())
     raise NotAssembled(

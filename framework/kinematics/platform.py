@@ -64,7 +64,7 @@ def platform_residual(robot: ParallelRobot, at: FrameStack, x: Array) -> Array:
     return difference
 
 
-def counted_on(robot: ParallelRobot, x: Array, near: Array) -> Array:
+def unwrap(robot: ParallelRobot, x: Array, near: Array) -> Array:
     """Coordinates x (T, n) with turns counted on through full ones, those next to `near` (n,) or (T, n)."""
     turning = _axes(robot).turning
     vector = x[:, turning]

@@ -20,8 +20,9 @@ from framework.errors import (
     point,
 )
 from framework.kinematics.assembly import Configuration, reference_configuration
+from framework.kinematics.branch import Branch as Branch
 from framework.kinematics.closures import column_scale
-from framework.kinematics.frames import move, offset
+from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import (
     System,
     close_loops,
@@ -31,9 +32,8 @@ from framework.kinematics.inverse_kinematics import (
     require_square,
     system_at,
 )
+from framework.kinematics.loop_matrices import lost_equations, mobile_matrix
 from framework.kinematics.platform import platform_twist
-from framework.kinematics.singularity import escaping, lost_equations, mobile_matrix
-from framework.kinematics.track import Track as Track
 from framework.model import ParallelRobot
 from framework.motion.path import Line, Path
 
@@ -68,13 +68,13 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
         closed = close_loops(robot, target[None], reference.q[None])
         return Configuration(closed.q[0], target, float(np.abs(closed.system.residual).max()), 1)
     segment = Line(reference.x, target)
-    track = _follow(robot, segment, reference.q, "the way from the reference to the point")
-    closed = track.closed(1.0)  # on the last knot: one evaluation
+    branch = _follow(robot, segment, reference.q, "the way from the reference to the point")
+    closed = branch.closed(1.0)  # on the last knot: one evaluation
     residual = float(np.abs(closed.system.residual).max())
-    return Configuration(closed.q[0], target, residual, len(track.s))
+    return Configuration(closed.q[0], target, residual, len(branch.s))
 
 
-def track_path(robot: ParallelRobot, path: Path) -> Track:
+def track_path(robot: ParallelRobot, path: Path) -> Branch:
     """Follow the path from s = 0 to 1 on the branch of the reference.
 
     Raises:
@@ -96,7 +96,7 @@ def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
     return finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
 
 
-def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Track:
+def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Branch:
     """Predictor and corrector along the path from a configuration on its first point."""
     lengths = column_scale(robot)
     q, s, step = q0[None], 0.0, FIRST_STEP
@@ -111,14 +111,14 @@ def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Track:
             if step < SHORTEST_STEP:
                 raise _end_of_reach(robot, path, s, q[0], system, what)
             following = 1.0 if s + step > 1.0 - 1e-12 else s + step
-            predicted = move(robot, q, rate * (following - s))
+            predicted = integrate(robot, q, rate * (following - s))
             try:
                 closed = close_loops(robot, path(np.array([following])), predicted)
                 arriving = _rates(robot, path, following, closed.system)
             except NotAssembled:
                 step *= 0.5
                 continue
-            correction = np.abs(offset(robot, predicted[0], closed.q) / lengths).max()
+            correction = np.abs(difference(robot, predicted[0], closed.q) / lengths).max()
             advance = np.abs(rate * (following - s) / lengths).max()
             turned = np.abs((arriving - rate) * (following - s) / lengths).max()
             same_branch = turned <= LARGEST_TURN * correction + 0.25 * advance
@@ -134,7 +134,7 @@ def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Track:
         step *= 2.0 if correction < 0.2 * LARGEST_CORRECTION else 1.0
         step = min(step, 2 * FIRST_STEP)
     stacked = np.concatenate(configurations)
-    return Track(robot, path, q0, np.array(at), offset(robot, q0, stacked), np.concatenate(rates))
+    return Branch(robot, path, q0, np.array(at), difference(robot, q0, stacked), np.concatenate(rates))
 
 
 def _rates(robot: ParallelRobot, path: Path, s: float, system: System) -> Array:
@@ -188,8 +188,20 @@ def _reachable_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> b
             nudge = np.zeros((1, robot.model.nv))
             nudge[0, moving_columns(robot)] = side * 0.02
             try:
-                close_loops(robot, path(np.array([s + ahead])), move(robot, q[None], nudge))
+                close_loops(robot, path(np.array([s + ahead])), integrate(robot, q[None], nudge))
             except NotAssembled:
                 continue
             return True
     return False
+
+
+def escaping(robot: ParallelRobot, s: float, x: Array, count: int, what: str) -> UncontrolledMotions:
+    """The error to raise where `count` motions escape the motors at path coordinate s, platform x (n,)."""
+    words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
+    return UncontrolledMotions(
+        f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "
+        f"{', '.join(robot.axis_names)} = {point(x)}: {what}",
+        s=s,
+        platform=x,
+        count=count,
+    )

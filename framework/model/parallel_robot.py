@@ -15,7 +15,7 @@ from framework.arrays import Array, IntArray
 from framework.errors import RobotFileError
 from framework.model.description import AXES, Closure, RobotDescription
 from framework.model.robot_file import read_robot_file
-from framework.model.virtual_joints import count_turns, insert_springs
+from framework.model.spring_joints import count_turns, insert_springs
 
 
 class LoopRows(NamedTuple):

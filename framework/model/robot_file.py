@@ -26,8 +26,8 @@ from framework.model.description import (
     Spring,
     locked_axes,
 )
+from framework.model.spring_joints import virtual_link
 from framework.model.urdf import locate_urdf, parse_urdf, read_text
-from framework.model.virtual_joints import virtual_link
 
 T = TypeVar("T")
 VERSION = 1

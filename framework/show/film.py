@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.plan import plan_crossing, unproved_law
+from framework.crossing.plan import plan_crossing, uncertified_law
 from framework.crossing.result import CrossingPlan
+from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.forces import tree_forces
-from framework.dynamics.raw import raw_sampling
-from framework.dynamics.result import Passage
+from framework.dynamics.result import SingularityCrossing
 from framework.errors import UnboundedTorque
 from framework.kinematics.assembly import passive_columns
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, joint_rates, motion_at
-from framework.kinematics.singularity import singularity_measure, unit_twist
 from framework.kinematics.tracking import track_path
 from framework.model import ParallelRobot
 from framework.motion.law import Law
 from framework.motion.path import Path, along
+from framework.singularity.classification import singularity_measure, unit_twist
 
 FRAMES = 481
 
@@ -90,7 +90,7 @@ def film_motion(robot: ParallelRobot, path: Path, *, name: str = "", **options: 
 
 def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
     """The film of a proven plan; each crossing is a frame of its own."""
-    times = _frame_times(plan.duration, [passage.time for passage in plan.dynamics.passages])
+    times = _frame_times(plan.duration, [crossing.time for crossing in plan.dynamics.crossings])
     closed = close_loops(plan.robot, plan.platform(times), plan.dynamics.configuration(times))
     rates = [along(plan.path, [plan.law(times, k) for k in range(order + 1)])[order] for order in (1, 2)]
     deflection = [plan.deflection(times, order) for order in range(3)]
@@ -110,7 +110,7 @@ def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
         g=g,
         t_s=t_s,
         W_p=W_p,
-        instants=_instants(plan.dynamics.passages),
+        instants=_instants(plan.dynamics.crossings),
     )
 
 
@@ -119,9 +119,9 @@ def _film_unproved(
 ) -> Film:
     """The law as it is, on the rigid robot: at the pole an elastic one's loops would tear."""
     known = ("duration", "times", "speeds", "at", "smoothness")
-    law, passages = unproved_law(robot, path, **{key: options[key] for key in known if key in options})
+    law, crossings = uncertified_law(robot, path, **{key: options[key] for key in known if key in options})
     rigid = ParallelRobot.from_description(robot.description, "rigid")
-    raw = raw_sampling(rigid, path, law, samples=FRAMES)
+    raw = finite_difference_torques(rigid, path, law, samples=FRAMES)
     x, dx, ddx = along(path, [law(raw.time, order) for order in range(3)])
     closed = close_loops(rigid, x, track_path(rigid, path).guess(law(raw.time)))
     still = np.zeros((FRAMES, 0))
@@ -141,13 +141,13 @@ def _film_unproved(
         g=g,
         t_s=t_s,
         W_p=W_p,
-        instants=_instants(passages),
+        instants=_instants(crossings),
         drawn_rigid=robot.n_e > 0,
     )
 
 
-def _instants(passages: Sequence[Passage]) -> tuple[Instant, ...]:
-    return tuple(Instant(found.time, found.s, found.platform, found.wrench) for found in passages)
+def _instants(crossings: Sequence[SingularityCrossing]) -> tuple[Instant, ...]:
+    return tuple(Instant(found.time, found.s, found.platform, found.wrench) for found in crossings)
 
 
 def _frame_times(duration: float, instants: list[float]) -> Array:

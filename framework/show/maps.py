@@ -12,8 +12,8 @@ from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput
 from framework.kinematics.tracking import assemble
 from framework.model import ParallelRobot
-from framework.show.locus import locus_curves
 from framework.show.style import COLORS, CROSSING, figure, line_style
+from framework.singularity.locus import locus_curves
 
 LOCUS = COLORS[3]
 

@@ -17,12 +17,12 @@ from typing import Any
 
 from framework.errors import MissingPackage
 from framework.model import ParallelRobot
+from framework.show.captions import said
 from framework.show.film import Film
-from framework.show.hand import hand_document
+from framework.show.jogging import hand_document
 from framework.show.scene import film_document
-from framework.show.words import said
 
-SCRIPTS = ("shapes.js", "view.js", "curves.js", "film.js", "hand.js", "main.js")
+SCRIPTS = ("shapes.js", "view.js", "curves.js", "film.js", "jogging.js", "main.js")
 
 FILM_LEAD = (
     "The motors of a parallel robot move its <b>platform</b> together. At a <b>Type 2 singularity</b> "

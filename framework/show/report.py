@@ -20,12 +20,12 @@ from framework.errors import point
 from framework.model import ParallelRobot
 from framework.motion.path import Line
 from framework.show import plots
+from framework.show.captions import asked, how, parts, said, why
 from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page
-from framework.show.places import joint_axis
+from framework.show.placements import joint_axis
 from framework.show.scene import film_document
 from framework.show.style import styled
-from framework.show.words import asked, how, parts, said, why
 
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
 

@@ -14,9 +14,9 @@ import numpy as np
 from framework.arrays import Array, ArrayLike
 from framework.errors import point
 from framework.model import ParallelRobot
+from framework.show.captions import asked, how, proof, said, subtitle, summary, unit, why
 from framework.show.film import Film
-from framework.show.locus import locus_curves, locus_patch, straight_axes
-from framework.show.places import (
+from framework.show.placements import (
     carried,
     frame_positions,
     joint_axis,
@@ -26,7 +26,7 @@ from framework.show.places import (
     rotated,
 )
 from framework.show.shapes import Shape, body_shapes, turned_onto
-from framework.show.words import asked, how, proof, said, subtitle, summary, unit, why
+from framework.singularity.locus import locus_curves, locus_patch, straight_axes
 
 CLIPPED = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
 MOTOR = 0.06  # radius of a motor, over the radius of the picture

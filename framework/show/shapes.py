@@ -17,8 +17,8 @@ import pinocchio as pin
 from framework.arrays import Array, IntArray
 from framework.errors import RobotFileError
 from framework.model import ParallelRobot
+from framework.model.spring_joints import count_turns, insert_springs
 from framework.model.urdf import PACKAGE, locate_urdf
-from framework.model.virtual_joints import count_turns, insert_springs
 
 Color = tuple[float, float, float, float]
 

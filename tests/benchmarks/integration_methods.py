@@ -17,17 +17,17 @@ import pinocchio as pin
 
 import robots
 from framework import CrossingPlan, plan_scene
-from framework.dynamics.simulation.consistent import consistent_state
-from framework.dynamics.simulation.contacts import ContactDynamics
-from framework.dynamics.simulation.drive import Drive
-from framework.dynamics.simulation.equations import Equations
-from framework.dynamics.simulation.explicit import explicit_steps
-from framework.dynamics.simulation.methods import Settings, Task, by_collocation
-from framework.dynamics.simulation.schemes import State
-from framework.dynamics.simulation.stepper import Stepper
 from framework.errors import NotConverged
 from framework.kinematics.frames import frames_at
 from framework.kinematics.platform import platform_coordinates
+from framework.simulation.consistent import consistent_state
+from framework.simulation.contacts import ContactDynamics
+from framework.simulation.drive import Drive
+from framework.simulation.equations import Equations
+from framework.simulation.explicit import explicit_steps
+from framework.simulation.methods import Settings, Task, by_collocation
+from framework.simulation.schemes import State
+from framework.simulation.stepper import Stepper
 
 LOOKS = 151  # equidistant instants at which the payload is compared with its path
 

@@ -46,12 +46,12 @@ def test_growth_with_the_number_of_loops(tmp_path, capsys):
     for loops in LOOPS:
         robot = ParallelRobot.from_file(generator.write(tmp_path / str(loops), loops))
         path = scene_path(robot.description.scenes["swing"])
-        track = track_path(robot, path)
-        motion = settle(track, grid, lambda *_: law, "rigid", None, law).motion
+        branch = track_path(robot, path)
+        motion = settle(branch, grid, lambda *_: law, "rigid", None, law).motion
         model, data = robot.model, robot.model.createData()
 
-        def nodes(track=track) -> object:
-            return settle(track, grid, lambda *_: law, "rigid", None, law)
+        def nodes(branch=branch) -> object:
+            return settle(branch, grid, lambda *_: law, "rigid", None, law)
 
         def bare(model=model, data=data, motion=motion) -> None:
             for q, v, a in zip(motion.q, motion.v, motion.a, strict=True):

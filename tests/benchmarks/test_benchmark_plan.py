@@ -15,7 +15,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import plan_scene, raw_sampling
+from framework import finite_difference_torques, plan_scene
 from tests.robots import five_bar_oracle as oracle
 
 pytestmark = pytest.mark.benchmark
@@ -81,7 +81,7 @@ def test_plan_of_the_deformed_five_bar(capsys):
             pin.rnea(model, data, q[k], v[k], a[k])
 
     def naive() -> object:
-        return raw_sampling(robot, plan.path, plan.law)
+        return finite_difference_torques(robot, plan.path, plan.law)
 
     ours, floor, one_pass, raw = (
         milliseconds(run) for run in (lambda: plan_scene(robot, "C"), bare, once, naive)

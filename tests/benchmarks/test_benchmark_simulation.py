@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 import robots
-from framework.dynamics.simulation import Stepper
 from framework.show.maps import plot_work_precision
 from framework.show.plots import save
+from framework.simulation import Stepper
 from tests.benchmarks.integration_methods import Method, methods
 
 pytestmark = pytest.mark.benchmark

@@ -15,7 +15,7 @@ from framework.errors import NoAnswer
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack
 from framework.show.film import Film, film_motion
-from framework.show.hand import move_by_hand
+from framework.show.jogging import move_by_hand
 from framework.show.page import film_page, hand_page
 from framework.show.server import PageServer
 from tests.browser.conftest import wait_until

@@ -12,8 +12,8 @@ import robots
 from framework import InvalidInput, plan_scene
 from framework.control.computed_torque import ComputedTorque
 from framework.control.controllers import CONTROLLERS, tuned_controller
+from framework.control.estimation import Measurement, State, consistent_inverse, estimated_state
 from framework.control.lqr import riccati
-from framework.control.measurement import Measurement, State, concluded_state, consistent_inverse
 from framework.control.platform_dynamics import platform_dynamics
 from framework.control.reference import reference_of
 
@@ -77,7 +77,7 @@ def test_motor_encoders_tell_the_platform_to_second_order():
         dx = size * np.array([0.6, -0.8])
         closed = platform_state(ref, k, dx)
         for aware in (True, False):
-            found = concluded_state(ref, k, closed, aware=aware)
+            found = estimated_state(ref, k, closed, aware=aware)
             assert np.abs(found.x[0] - ref.x[k] - dx).max() < 20 * size**2
 
 
@@ -97,8 +97,8 @@ def test_beside_the_crossing_the_naive_conclusion_is_noise_over_nothing():
     noisy = Measurement(
         ref.motor_angle[k][None] + 50 * 2e-5 * np.array([1.0, -1.0]), ref.motor_speed[k][None], None
     )
-    naive = concluded_state(ref, k, noisy, aware=False)
-    aware = concluded_state(ref, k, noisy, aware=True)
+    naive = estimated_state(ref, k, noisy, aware=False)
+    aware = estimated_state(ref, k, noisy, aware=True)
     assert np.abs(naive.x[0] - ref.x[k]).max() > 1e-3  # m
     assert np.abs(aware.x[0] - ref.x[k]).max() < 5e-5
 

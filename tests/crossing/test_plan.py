@@ -25,8 +25,8 @@ from framework.dynamics.forces import tree_forces
 from framework.errors import InvalidInput, NoLaw, NotConverged, UnboundedTorque
 from framework.kinematics.inverse_kinematics import motion_at
 from framework.kinematics.tracking import track_path
-from tests.kinematics.test_locus import locus, locus_tangent
 from tests.robots import five_bar_oracle as oracle
+from tests.singularity.test_points_on_path import locus, locus_tangent
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 CLEAR = Line([0.1, 0.345], [-0.05, 0.295])
@@ -123,7 +123,7 @@ def test_a_law_of_the_users_own_is_judged_by_condition_8(robot):
     )
     result = inverse_dynamics(robot, LINE, right)
     assert result.certificate.tail < 1e-10
-    assert [passage.time for passage in result.passages] == [pytest.approx(0.9, abs=1e-12)]
+    assert [crossing.time for crossing in result.crossings] == [pytest.approx(0.9, abs=1e-12)]
     with pytest.raises(UnboundedTorque) as caught:
         inverse_dynamics(robot, LINE, Law.rest_to_rest(1.5, 4))
     assert 0 < caught.value.time < 1.5
@@ -269,14 +269,14 @@ def test_duration_only_rescales_a_rigid_plan(robot):
 def test_condition_8_is_affine_in_the_acceleration_and_quadratic_in_the_speed():
     """alpha, beta, gamma come from four evaluations; any other evaluation must agree with them."""
     robot = robots.load("five_bar_heavy")
-    track = track_path(robot, CURVED[0])
+    branch = track_path(robot, CURVED[0])
     (point,) = locate_singularities(robot, CURVED[0])
-    place = condition_module.crossing_point(track, point, None, point.s)
-    found = condition_module.condition_at(track, place, None)
+    place = condition_module.crossing_point(branch, point, None, point.s)
+    found = condition_module.condition_at(branch, place, None)
     for speed, acceleration in ((0.7, -2.0), (3.0, 11.0)):
         first, second = CURVED[0](np.array([point.s]), 1), CURVED[0](np.array([point.s]), 2)
         motion = motion_at(
-            robot, track.closed(point.s), first * speed, first * acceleration + second * speed**2
+            robot, branch.closed(point.s), first * speed, first * acceleration + second * speed**2
         )
         direct = tree_forces(robot, motion)[0] @ point.motion
         formula = found.alpha * acceleration + found.beta * speed**2 + found.delta * speed + found.gamma

@@ -15,10 +15,10 @@ from framework import (
     Line,
     ParallelRobot,
     Spline,
+    finite_difference_torques,
     inverse_dynamics,
     locate_singularities,
     plan_crossing,
-    raw_sampling,
 )
 from framework.dynamics.elasticity import settle
 from framework.dynamics.forces import motor_torque
@@ -38,11 +38,11 @@ def robot():
 
 def tails(robot, law) -> list[float]:
     """Tail of the torques on 64, 128 and 256 nodes, whatever the law."""
-    track = track_path(robot, LINE)
+    branch = track_path(robot, LINE)
     found = []
     for size in (64, 128, 256):
         grid = TimeGrid.clear_of(np.array([1.0]), np.array([0.0, 1.5]), size)
-        state = settle(track, grid, lambda *_: law, "rigid", None, law)
+        state = settle(branch, grid, lambda *_: law, "rigid", None, law)
         found.append(grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque)).tail)
     return found
 
@@ -95,7 +95,7 @@ def test_knots_of_a_spline_get_panels_of_their_own(robot):
     edges = plan.dynamics.torques.edges
     np.testing.assert_allclose(plan.law(edges[1:-1]), path.knots, atol=1e-12)
     assert plan.certificate.tail < 1e-10
-    raw = raw_sampling(robot, path, plan.law, samples=3001)
+    raw = finite_difference_torques(robot, path, plan.law, samples=3001)
     # second differences of motor angles of 50 rad at steps of 0.5 ms: h^2 and eps / h^2
     np.testing.assert_allclose(plan.torque(raw.time)[5:-5], raw.torque[5:-5], atol=1e-4)
 
@@ -105,7 +105,7 @@ def test_raw_sampling_agrees_with_closed_forms_away_from_the_crossing():
     plan = plan_crossing(robot, CLEAR, duration=1.5)
     exact = oracle.solve("A", "flexible_links", "deformed")
     few = slice(100, 2901, 100)
-    raw = raw_sampling(robot, CLEAR, plan.law, samples=3001)
+    raw = finite_difference_torques(robot, CLEAR, plan.law, samples=3001)
     np.testing.assert_allclose(raw.torque[few], oracle.torques(exact, raw.time[few]), atol=2e-6)
 
 

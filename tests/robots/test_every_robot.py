@@ -14,7 +14,7 @@ import pytest
 import robots
 from framework import ParallelRobot, locate_singularities, scene_path, velocity_matrices
 from framework.kinematics.closures import closure_drift, column_scale, loop_equations
-from framework.kinematics.frames import frame_motions, frames_at, move
+from framework.kinematics.frames import frame_motions, frames_at, integrate
 from framework.kinematics.inverse_kinematics import close_loops, motion_at
 from framework.kinematics.platform import platform_twist
 from framework.kinematics.tracking import track_path
@@ -32,7 +32,7 @@ def closed_with_deflections(robot: ParallelRobot, x, q_e, near):
     """Assembled configurations at x (T, n) and deflections q_e (T, n_e), near one configuration."""
     step = np.zeros((len(x), robot.model.nv))
     step[:, robot.elastic] = q_e
-    return close_loops(robot, x, move(robot, np.repeat(near[None], len(x), axis=0), step))
+    return close_loops(robot, x, integrate(robot, np.repeat(near[None], len(x), axis=0), step))
 
 
 def test_loop_jacobian_and_drift_are_derivatives_of_the_loop_equations(robot):
@@ -42,7 +42,8 @@ def test_loop_jacobian_and_drift_are_derivatives_of_the_loop_equations(robot):
     at = frames_at(robot, q)
     h = 1e-5
     ahead, here, back = (
-        loop_equations(robot.rows, frames_at(robot, move(robot, q, k * h * v))).residual for k in (1, 0, -1)
+        loop_equations(robot.rows, frames_at(robot, integrate(robot, q, k * h * v))).residual
+        for k in (1, 0, -1)
     )
     rate = np.einsum("tmv,tv->tm", loop_equations(robot.rows, at).jacobian, v)
     drift = closure_drift(robot.rows, at, frame_motions(robot, at, q, v))
@@ -52,10 +53,10 @@ def test_loop_jacobian_and_drift_are_derivatives_of_the_loop_equations(robot):
 
 def test_velocity_matrices_relate_rates_on_the_manifold(robot):
     rng = np.random.default_rng(2)
-    track = track_path(robot, first_path(robot))
+    branch = track_path(robot, first_path(robot))
     h = 1e-5
     for s in (0.1, 0.5, 0.9):
-        x, near = track.path(s), track.closed(s).q[0]
+        x, near = branch.path(s), branch.closed(s).q[0]
         q_e = 1e-4 * rng.standard_normal(robot.n_e)
         dx, dq_e = rng.standard_normal(robot.n), rng.standard_normal(robot.n_e)
         dq_e *= column_scale(robot)[robot.elastic]  # metres in lengths of the robot, however small it is
@@ -69,16 +70,16 @@ def test_velocity_matrices_relate_rates_on_the_manifold(robot):
 
 
 def test_velocities_and_accelerations_are_time_derivatives_of_positions(robot):
-    track = track_path(robot, first_path(robot))
+    branch = track_path(robot, first_path(robot))
     grid = TimeGrid(np.array([0.0, 1.0]), 48)
     t = grid.times[:, None]
     s = 0.05 + 0.1 * t + 0.1 * t**2
-    x = track.path(s[:, 0])
-    slope, curve = track.path(s[:, 0], 1), track.path(s[:, 0], 2)
+    x = branch.path(s[:, 0])
+    slope, curve = branch.path(s[:, 0], 1), branch.path(s[:, 0], 2)
     ds, dds = 0.1 + 0.2 * t, 0.2
     phase = np.arange(robot.n_e)
     q_e, dq_e, ddq_e = (1e-3 * np.sin(t + phase + k * np.pi / 2) * np.ones(robot.n_e) for k in range(3))
-    closed = closed_with_deflections(robot, x, q_e, track.closed(0.1).q[0])
+    closed = closed_with_deflections(robot, x, q_e, branch.closed(0.1).q[0])
     motion = motion_at(robot, closed, slope * ds, curve * ds**2 + slope * dds, dq_e, ddq_e)
     v, a = grid.differentiate(closed.q - closed.q[0])
     # differentiation adds up the rounding of all nodes, up to 4e-15 where levers are short (delta: 3e-15);

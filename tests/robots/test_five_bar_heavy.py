@@ -14,10 +14,10 @@ from framework import (
     Condition,
     Law,
     assemble,
+    finite_difference_torques,
     inverse_dynamics,
     locate_singularities,
     plan_scene,
-    raw_sampling,
     scene_path,
 )
 from framework.errors import UnboundedTorque
@@ -65,7 +65,7 @@ def test_the_condition_without_leg_inertia_is_refused_and_fails_the_same_test():
     with pytest.raises(UnboundedTorque):
         inverse_dynamics(robot, path, law)
     # the best that can be done with its torques: leave the spike out and carry smoothly over it
-    raw = raw_sampling(robot, path, law, samples=3001)
+    raw = finite_difference_torques(robot, path, law, samples=3001)
     keep = np.abs(raw.time - 1.0) > 0.01
     torque = CubicSpline(raw.time[keep], raw.torque[keep])
     assert tracking_error(robot, torque, path, law).max() > 1e4 * ON_THE_PATH

@@ -237,12 +237,12 @@ def test_residual_is_the_way_between_two_attitudes(robot):
     ],
 )
 def test_rates_along_a_path_with_large_rotations(robot, start, end):
-    track = track_path(robot, Line(start, end))
+    branch = track_path(robot, Line(start, end))
     grid = TimeGrid(np.array([0.0, 1.0]), 96)
     t = grid.times
     s, ds, dds = 0.1 + 0.5 * t + 0.2 * t**2, 0.5 + 0.4 * t, np.full_like(t, 0.4)
-    closed = track.closed(s)
-    x, dx, ddx = along(track.path, [s, ds, dds])
+    closed = branch.closed(s)
+    x, dx, ddx = along(branch.path, [s, ds, dds])
     motion = motion_at(robot, closed, dx, ddx)
     v, a = grid.differentiate(closed.q - closed.q[0])
     np.testing.assert_allclose(motion.v, v, atol=3e-10 * np.abs(v).max())

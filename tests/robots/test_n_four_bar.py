@@ -23,8 +23,8 @@ from framework import (
 from framework.errors import NoLaw
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import reference_system, system_at
+from framework.kinematics.loop_matrices import instantaneous_motions
 from framework.kinematics.platform import platform_coordinates
-from framework.kinematics.singularity import instantaneous_motions
 from framework.model.description import FLEXIBILITIES
 from robots.files import URDF
 from robots.generators import n_four_bar as generator

@@ -12,7 +12,7 @@ import pytest
 import robots
 from framework import locate_singularities, plan_scene, scene_path
 from framework.kinematics.assembly import loop_rows
-from framework.kinematics.checkup import check_robot
+from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.platform import platform_coordinates, platform_twist

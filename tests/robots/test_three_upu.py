@@ -23,9 +23,10 @@ from framework import (
 from framework.errors import UncontrolledMotions
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import System, system_at
-from framework.kinematics.singularity import instantaneous_motions, passive_matrix, uncontrolled_motion
+from framework.kinematics.loop_matrices import instantaneous_motions, passive_matrix
 from framework.kinematics.tracking import track_path
 from framework.model.description import FLEXIBILITIES
+from framework.singularity.classification import uncontrolled_motion
 from robots.files import URDF
 from robots.generators import three_upu as generator
 
@@ -272,11 +273,11 @@ def test_the_track_keeps_the_platform_level_beside_the_axis():
     robot = robots.load("three_upu")
     s = np.linspace(0.0, 1.0, 41)
     for distance in (0.0, 1e-7, 1e-5, 1e-3):
-        track = track_path(robot, Line(START + distance * SIDEWAYS, END + distance * SIDEWAYS))
-        for knot, u in zip(track.s, track.u, strict=True):
-            q = {robot.joint_of(k): track.origin[k] + u[k] for k in range(robot.model.nv)}
-            assert q == pytest.approx(joints(track.path(knot)), abs=1e-10)
-        assert np.abs(track.guess(s)).max() < 1.0
+        branch = track_path(robot, Line(START + distance * SIDEWAYS, END + distance * SIDEWAYS))
+        for knot, u in zip(branch.s, branch.u, strict=True):
+            q = {robot.joint_of(k): branch.origin[k] + u[k] for k in range(robot.model.nv)}
+            assert q == pytest.approx(joints(branch.path(knot)), abs=1e-10)
+        assert np.abs(branch.guess(s)).max() < 1.0
 
 
 @pytest.mark.parametrize("times", [None, [], [0.6]])

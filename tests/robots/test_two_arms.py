@@ -11,7 +11,7 @@ import pytest
 
 import robots
 from framework import locate_singularities, plan_scene, scene_path
-from framework.kinematics.checkup import check_robot
+from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.platform import platform_coordinates, platform_twist

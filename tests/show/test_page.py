@@ -11,9 +11,9 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework.show.hand import hand_document
+from framework.show.jogging import hand_document
 from framework.show.page import film_page, hand_page
-from framework.show.places import joint_poses
+from framework.show.placements import joint_poses
 from framework.show.scene import film_document, floats
 from framework.show.shapes import body_shapes, thinned
 from tests.show.test_film import filmed

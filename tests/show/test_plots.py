@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import plan_scene, raw_sampling
+from framework import finite_difference_torques, plan_scene
 from framework.show import plots
 from framework.show.style import figure
 
@@ -118,7 +118,7 @@ def test_the_wrench_is_drawn_over_time_and_vanishes_at_the_crossings(plan):
 
 def test_raw_torques_are_drawn_sample_by_sample_with_their_poles(crossing_plan):
     robot, plan = crossing_plan.robot, crossing_plan
-    raw = raw_sampling(robot, plan.path, plan.law, samples=101)
+    raw = finite_difference_torques(robot, plan.path, plan.law, samples=101)
     ax = plots.plot_raw_torques(raw, robot, [0.7, 1.0])
     for curve, torque in zip(curves(ax), raw.torque.T, strict=True):
         np.testing.assert_array_equal(curve.get_data(), [raw.time, torque])

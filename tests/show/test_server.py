@@ -10,7 +10,7 @@ import pytest
 
 import robots
 from framework import assemble
-from framework.show.hand import move_by_hand
+from framework.show.jogging import move_by_hand
 from framework.show.server import LARGEST_REQUEST, PageServer
 
 ROBOT = robots.load("five_bar")

@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 
-from framework import UnboundedTorque, plan_crossing, unproved_law
+from framework import UnboundedTorque, plan_crossing, uncertified_law
 from tests.stability import naive
 from tests.stability.planar import (
     CROSSING_SPEED,
@@ -62,7 +62,7 @@ def naive_peaks(samples: int = 1501) -> np.ndarray:
     robot = without_rotors()
     peaks = []
     for offset in (0.0, *OFFSETS):
-        law, _ = unproved_law(robot, LINE, at=[true_point() + offset], **ASKED)
+        law, _ = uncertified_law(robot, LINE, at=[true_point() + offset], **ASKED)
         peaks.append(naive.peak_torque(law, samples))
     return np.array(peaks[1:]) / peaks[0]
 

@@ -15,8 +15,8 @@ import pytest
 
 import robots
 from framework import Condition, Law, Line, NoLaw, assemble, locate_singularities, plan_crossing
-from framework.crossing import schedule as schedule_module
-from framework.crossing.schedule import MOST_CROSSINGS, TRIALS, schedule
+from framework.crossing import timing
+from framework.crossing.timing import MOST_CROSSINGS, TRIALS, choose_timing
 
 COUNTS = (1, 2, 4, 8, 16, 32)
 
@@ -43,14 +43,14 @@ def trials(count: int) -> int:
     """How many laws our search tries before it gives up on points that no law can pass in good order."""
     tried = 0
 
-    def build(milestones):
+    def build(crossing_times):
         nonlocal tried
         tried += 1
         return Law(np.array([0.5, -0.5]), 1.0)  # runs backwards, whatever is asked
 
     s = np.arange(1, count + 1) / (count + 1)
     with pytest.raises(NoLaw):
-        schedule(list(s), 1.0, None, None, 2, build, "robot")
+        choose_timing(list(s), 1.0, None, None, 2, build, "robot")
     return tried
 
 
@@ -62,7 +62,7 @@ def test_one_polynomial_swings_between_many_points():
 
 @pytest.mark.parametrize("count", COUNTS)
 def test_the_search_is_bounded(count):
-    starts = len(list(schedule_module._starts([0.5], 1.0, None, None, 2)))
+    starts = len(list(timing._starts([0.5], 1.0, None, None, 2)))
     assert trials(count) <= (0 if count > MOST_CROSSINGS else TRIALS + starts + 2 * count + 2)
 
 

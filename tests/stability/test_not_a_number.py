@@ -27,9 +27,9 @@ from framework import (
     ParallelRobot,
     Spline,
     assemble,
+    finite_difference_torques,
     inverse_dynamics,
     plan_crossing,
-    raw_sampling,
     velocity_matrices,
 )
 from tests.stability.planar import LINE
@@ -79,7 +79,7 @@ ENTRIES = {
     "law of a plan": lambda bad: plan().law(bad),
     "platform": lambda bad: plan().platform(bad),
     "samples": lambda bad: plan().samples(bad),
-    "raw samples": lambda bad: raw_sampling(robot(), LINE, plan().law, samples=bad),
+    "raw samples": lambda bad: finite_difference_torques(robot(), LINE, plan().law, samples=bad),
 }
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from framework import Arc, Line, NoAnswer, NoLaw, locate_singularities, plan_crossing
-from tests.kinematics.test_locus import locus
+from tests.singularity.test_points_on_path import locus
 from tests.stability.planar import without_rotors
 
 PLACE = locus(1.6)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from framework import Law, Line, NoAnswer, NoLaw, plan_crossing
-from tests.kinematics.test_locus import locus
+from tests.singularity.test_points_on_path import locus
 from tests.stability import planar
 from tests.stability.planar import exact, mp, without_rotors
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from framework import Line, NoAnswer, NoLaw, locate_singularities, plan_crossing
-from tests.kinematics.test_locus import locus, locus_tangent
+from tests.singularity.test_points_on_path import locus, locus_tangent
 from tests.stability import naive
 from tests.stability.planar import exact, mp, rods_cross, without_rotors
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 import robots
-from framework import CrossingPlan, plan_scene, raw_sampling, scene_path, unproved_law
+from framework import CrossingPlan, finite_difference_torques, plan_scene, scene_path, uncertified_law
 
 ROBOTS = ("five_bar", "five_bar_heavy")
 DURATION = 1.5  # [s] of every scene of the 5R
@@ -44,8 +44,8 @@ def wrong_law(name: str, flexibility: str, scene: str, samples: int = 3001) -> W
     robot = robots.load(name, flexibility=flexibility)
     said = robot.description.scenes[scene]
     path = scene_path(said)
-    law, _ = unproved_law(
+    law, _ = uncertified_law(
         robot, path, duration=said.duration, times=said.times, speeds=said.speeds, at=said.at
     )
-    raw = raw_sampling(robot, path, law, samples=samples)
+    raw = finite_difference_torques(robot, path, law, samples=samples)
     return Wrong(law, path, (raw.time, raw.torque))

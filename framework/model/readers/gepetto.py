@@ -20,8 +20,8 @@ from typing import Any
 
 from framework.errors import RobotFileError, choose_from
 from framework.model.description import Actuator, Closure, RobotDescription, locked_axes
+from framework.model.readers.missing_fields import Options, names_list
 from framework.model.readers.placement import short
-from framework.model.readers.unsaid import Options, names_list
 from framework.model.readers.urdf_tree import UrdfTree
 
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")

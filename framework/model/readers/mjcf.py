@@ -23,6 +23,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
 from framework.model.description import Actuator, Closure, JointSpring, RobotDescription, locked_axes
+from framework.model.readers.missing_fields import Options
 from framework.model.readers.placement import (
     about,
     from_quaternion,
@@ -31,7 +32,6 @@ from framework.model.readers.placement import (
     placement,
     short,
 )
-from framework.model.readers.unsaid import Options
 from framework.model.readers.urdf_tree import UrdfTree, joint_element, origin_element
 
 WORLD = "world"

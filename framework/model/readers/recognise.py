@@ -14,11 +14,11 @@ import yaml
 from framework.errors import RobotFileError, choose_from
 from framework.model.description import RobotDescription
 from framework.model.readers import gepetto, ros_constraint, urdf_plus
+from framework.model.readers.missing_fields import Options, checked_reference, settle
 from framework.model.readers.mjcf import read_mjcf
 from framework.model.readers.placement import short
 from framework.model.readers.ros_constraint import read_ros_constraint
-from framework.model.readers.sdf import refuse_sdf
-from framework.model.readers.unsaid import Options, checked_reference, settle
+from framework.model.readers.sdf import raise_for_sdf
 from framework.model.readers.urdf_plus import read_urdf_plus
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_file import read_robot_file
@@ -100,7 +100,7 @@ def dialect_of(file: str | Path) -> str:
 
 def _dialect_of_xml(root: ElementTree.Element) -> str:
     if root.tag == "sdf":
-        refuse_sdf()
+        raise_for_sdf()
     if root.tag == "mujoco":
         return "mjcf"
     if root.tag != "robot":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from framework.errors import RobotFileError
 
 
-def refuse_sdf() -> None:
+def raise_for_sdf() -> None:
     """Point to a converter.
 
     Raises:

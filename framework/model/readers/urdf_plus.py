@@ -25,8 +25,8 @@ import numpy as np
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
 from framework.model.description import Actuator, Closure, RobotDescription, locked_axes
+from framework.model.readers.missing_fields import Options
 from framework.model.readers.placement import numbers, placement, turning
-from framework.model.readers.unsaid import Options
 from framework.model.readers.urdf_tree import UrdfTree, attribute, axis_of, only, origin_of, required
 
 ELEMENTS = ("loop", "coupling")

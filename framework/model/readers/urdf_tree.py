@@ -19,6 +19,7 @@ from framework.model.description import (
     Platform,
     RobotDescription,
 )
+from framework.model.readers.missing_fields import Options, checked_reference, settle
 from framework.model.readers.placement import (
     about,
     from_rpy,
@@ -29,7 +30,6 @@ from framework.model.readers.placement import (
     to_rpy,
     turning,
 )
-from framework.model.readers.unsaid import Options, checked_reference, settle
 
 MOVING = ("revolute", "continuous", "prismatic")
 LARGEST = 5000  # links; more is no robot, and names are compared pairwise further on

@@ -1,0 +1,79 @@
+"""What a controller sees of R runs at one sampling instant, and what it concludes about the platform.
+
+With encoders on the motors alone, the platform's coordinates follow from the motor angles by the inverse
+of G = d(motor angles)/dx, and G is singular at Type 2 like A: close to it the naive conclusion is noise
+divided by nearly zero. The aware one takes from the plan what the motors cannot tell.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.control.reference import Reference
+from framework.kinematics.frames import integrate
+
+NEAR = 0.1  # singular values below this share of the largest count as near the singularity
+
+
+class State(NamedTuple):
+    """Configuration and platform of R runs, measured or concluded."""
+
+    q: Array  # (R, nq)
+    v: Array  # (R, nv)
+    x: Array  # (R, n) [m, rad]
+    dx: Array  # (R, n)
+
+
+class Measurement(NamedTuple):
+    """What the encoders say; `state` is None when there are encoders on the motors alone."""
+
+    motor_angle: Array  # (R, n_a) [rad], motor side
+    motor_speed: Array  # (R, n_a)
+    state: State | None
+
+
+class Controller(Protocol):
+    """A control law, prepared for one reference; it keeps no state between two calls."""
+
+    @property
+    def reference(self) -> Reference: ...
+
+    def torque(self, k: int, seen: Measurement) -> Array:
+        """Motor torques (R, n_a) [N m], motor side, asked for at sampling instant k."""
+        ...
+
+
+def estimated_state(reference: Reference, k: int, seen: Measurement, *, aware: bool) -> State:
+    """The state at sampling instant k: as measured, or by one Newton step from the plan."""
+    if seen.state is not None:
+        return seen.state
+    robot, N = reference.robot, reference.N[k]
+    G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
+    angle, speed = seen.motor_angle - reference.motor_angle[k], seen.motor_speed - reference.motor_speed[k]
+    inverse = consistent_inverse(G[None])[0] if aware else _inverse(G)
+    step, rate = angle @ inverse.T, speed @ inverse.T
+    return State(
+        q=integrate(robot, reference.motion.q[k], step @ N.T),
+        v=reference.motion.v[k] + rate @ N.T,
+        x=reference.x[k] + step,
+        dx=reference.dx[k] + rate,
+    )
+
+
+def consistent_inverse(matrices: Array) -> Array:
+    """Pseudo-inverses (R, k, m) of matrices (R, m, k); directions fade out as their singular value does."""
+    u, sigma, v = np.linalg.svd(matrices, full_matrices=False)
+    near = NEAR * sigma[:, :1]
+    inverse = np.where(sigma > near, 1.0 / np.maximum(sigma, near), sigma / near**2)
+    return np.asarray(v.transpose(0, 2, 1) @ (inverse[:, :, None] * u.transpose(0, 2, 1)))
+
+
+def _inverse(matrix: Array) -> Array:
+    """The inverse as a program would take it that knows no better; infinite where there is none."""
+    try:
+        return np.asarray(np.linalg.inv(matrix))
+    except np.linalg.LinAlgError:
+        return np.full(matrix.T.shape, np.inf)

@@ -1,0 +1,88 @@
+"""Raw sampling: the torque formula evaluated instant by instant, with no proof of anything.
+
+This is what one gets without the method of this package: finite differences in time and a division by
+whatever is small. Near a Type 2 singularity that is met without condition (8) it shows spikes whose
+height depends on how near a sample happens to fall, as Fig. 3(b) of Briot and Arakelian 2010 does.
+For looking and for comparison only; `inverse_dynamics` gives torques that can be used.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.dynamics.forces import loop_forces
+from framework.dynamics.inverse_dynamics import checked_geometry
+from framework.errors import InvalidInput
+from framework.kinematics.frames import difference, integrate
+from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
+from framework.kinematics.tracking import Branch, track_path
+from framework.model import ParallelRobot
+from framework.motion.law import MotionLaw, is_number
+from framework.motion.path import Path, along
+
+
+class FiniteDifferenceTorques(NamedTuple):
+    """Samples of an uncertified motion."""
+
+    time: Array  # (T,) [s]
+    torque: Array  # (T, n_a) [N m], motor side
+    motor_angle: Array  # (T, n_a) [rad], motor side
+    deflection: Array  # (T, n_e) [m, rad]
+
+
+def finite_difference_torques(
+    robot: ParallelRobot,
+    path: Path,
+    law: MotionLaw,
+    *,
+    samples: int = 1501,
+    geometry: str | None = None,
+    passes: int = 4,
+) -> FiniteDifferenceTorques:
+    """Torques at equidistant instants; velocities of motors and springs by finite differences.
+
+    Args:
+        passes: how often forces and deflections are computed in turn (deformed geometry only).
+
+    Raises:
+        InvalidInput: fewer than 5 samples, geometry unknown, path does not fit the robot.
+        NotAssembled: the loops do not close at some sample.
+    """
+    if not (is_number(samples) and int(samples) == samples >= 5):
+        raise InvalidInput(f"samples: raw sampling needs a whole number of at least 5, got {samples!r}")
+    geometry = checked_geometry(robot, geometry)
+    branch = track_path(robot, path)
+    times = np.linspace(0.0, law.duration, samples)
+    q_e = np.zeros((samples, robot.n_e))
+    motion = _motion(branch, law, times, q_e)
+    forces = loop_forces(robot, motion)
+    for done in range(passes if robot.n_e and geometry == "deformed" else min(robot.n_e, 1)):
+        q_e = -forces.spring_force / robot.stiffness
+        motion = _motion(branch, law, times, q_e)
+        if geometry == "deformed" and done < passes - 1:
+            forces = loop_forces(robot, motion)
+    turned = difference(robot, pin.neutral(robot.model), motion.q)[:, robot.actuated]
+    angle = robot.gear_ratio * turned
+    _, acceleration = _differences(angle, times)
+    torque = robot.rotor_inertia * acceleration + forces.joint_torque / robot.gear_ratio
+    return FiniteDifferenceTorques(times, torque, angle, q_e)
+
+
+def _motion(branch: Branch, law: MotionLaw, times: Array, q_e: Array) -> Motion:
+    robot = branch.robot
+    s = [law(times, order) for order in range(3)]
+    x, dx, ddx = along(branch.path, s)
+    step = np.zeros((len(times), robot.model.nv))
+    step[:, robot.elastic] = q_e
+    closed = close_loops(robot, x, integrate(robot, branch.guess(s[0]), step))
+    return motion_at(robot, closed, dx, ddx, *_differences(q_e, times))
+
+
+def _differences(values: Array, times: Array) -> tuple[Array, Array]:
+    first = np.gradient(values, times, axis=0, edge_order=2) if values.size else values
+    second = np.gradient(first, times, axis=0, edge_order=2) if values.size else values
+    return first, second

@@ -1,0 +1,1 @@
+"""Linear algebra that numpy and scipy lack, and that knows no robot."""

@@ -1,0 +1,78 @@
+"""The entries of a Jacobian that are not zero by construction, and products with them.
+
+A loop equation feels only the joints between its two bodies. Everything here costs in proportion to
+the number of such entries; only `dense` writes the zeros too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Sparsity:
+    """E entries of matrices (m, nv): equation `row`, joint column `column`, each (E,).
+
+    `sign` is 1 where the joint carries the second body of the equation, -1 where it carries the first.
+    """
+
+    shape: tuple[int, int]
+    row: IntArray
+    column: IntArray
+    sign: Array
+
+    @staticmethod
+    def of(signs: Array) -> Sparsity:
+        """The pattern of a matrix of signs (m, nv), 0 where there is no entry."""
+        row, column = np.nonzero(signs)
+        return Sparsity((signs.shape[0], signs.shape[1]), row, column, signs[row, column])
+
+    def entries(self, wrench: Array, screws: Array) -> Array:
+        """Entries (T, E) of the Jacobians for wrenches (T, m, 6) and screws of the joints (T, nv, 6)."""
+        if self.shape[0] * self.shape[1] <= 8 * len(self.row):  # so full that all products are quicker
+            everywhere = wrench @ screws.swapaxes(1, 2)
+            return np.asarray(everywhere[:, self.row, self.column] * self.sign)
+        return np.einsum("tei,tei->te", wrench[:, self.row], screws[:, self.column]) * self.sign
+
+    def dense(self, values: Array) -> Array:
+        """The matrices (T, m, nv) with these entries (T, E)."""
+        matrices = np.zeros((len(values), *self.shape))
+        matrices[:, self.row, self.column] = values
+        return matrices
+
+    def part(self, rows: IntArray, columns: IntArray) -> Part:
+        """The entries in some rows and columns, in their order."""
+        place_of_row, place_of_column = (np.full(size, -1) for size in self.shape)
+        place_of_row[rows], place_of_column[columns] = np.arange(len(rows)), np.arange(len(columns))
+        row, column = place_of_row[self.row], place_of_column[self.column]
+        inside = np.flatnonzero((row >= 0) & (column >= 0))
+        return Part((len(rows), len(columns)), inside, row[inside], column[inside])
+
+
+class Part(NamedTuple):
+    """The part of a pattern in some of its rows and columns."""
+
+    shape: tuple[int, int]
+    entry: IntArray  # (K,) entries of the whole pattern
+    row: IntArray  # (K,) places among the chosen rows
+    column: IntArray  # (K,) places among the chosen columns
+
+    def times(self, values: Array, right: Array) -> Array:
+        """Products (T, rows) of the part of matrices with entries `values` (T, E) with (T, columns)."""
+        return _sums(values[:, self.entry] * right[:, self.column], self.row, self.shape[0])
+
+    def transposed_times(self, values: Array, right: Array) -> Array:
+        """Products (T, columns) of the part, transposed, with (T, rows)."""
+        return _sums(values[:, self.entry] * right[:, self.row], self.column, self.shape[1])
+
+
+def _sums(terms: Array, place: IntArray, size: int) -> Array:
+    """Sums (T, size) of terms (T, K) that belong to the same place."""
+    where = np.arange(len(terms))[:, None] * size + place
+    sums = np.bincount(where.ravel(), weights=terms.ravel(), minlength=len(terms) * size)
+    return np.asarray(sums.reshape(len(terms), size), dtype=float)

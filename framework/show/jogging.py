@@ -1,0 +1,92 @@
+"""What the page asks and gets while a robot is moved by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import InvalidInput
+from framework.kinematics.assembly import reference_configuration
+from framework.model import ParallelRobot
+from framework.show.placements import joint_poses, platform_positions
+from framework.show.scene import floats, locus_about, robot_document
+from framework.singularity.jogging import Pose, motors_are_free, move_motor, move_platform, pose_at
+
+
+def hand_document(robot: ParallelRobot) -> dict[str, Any]:
+    """All that the page needs to show a robot at its reference, with sliders."""
+    reference = reference_configuration(robot)
+    poses = joint_poses(robot, reference.q[None])
+    platform = platform_positions(robot, poses)
+    return robot_document(robot, poses) | {
+        "kind": "hand",
+        "poses": floats(poses),
+        "locus": locus_about(robot, reference.q, reference.x, platform, beside=1.2),
+        "free_motors": motors_are_free(robot),
+        "sliders": _sliders(robot, pose_at(robot, reference.q)),
+        "start": _told(robot, pose_at(robot, reference.q)),
+    }
+
+
+def move_by_hand(robot: ParallelRobot, asked: dict[str, Any]) -> dict[str, Any]:
+    """Answer one movement of a slider: {q, part, index, value}; `part` is platform or motor.
+
+    Raises:
+        InvalidInput: what is asked cannot be right.
+    """
+    try:
+        q = np.array(asked["q"], dtype=float)
+        part, index, value = asked["part"], int(asked["index"]), float(asked["value"])
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise InvalidInput("a movement needs q, part, index and value") from None
+    if part not in ("platform", "motor"):
+        raise InvalidInput(f"part: needs platform or motor, got {part!r}")
+    pose = (move_platform if part == "platform" else move_motor)(robot, q, index, value)
+    return _told(robot, pose)
+
+
+def _told(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
+    poses = joint_poses(robot, pose.q[None])
+    twist = np.zeros(6)
+    twist[robot.platform_axes] = pose.twist
+    return {
+        "q": pose.q.tolist(),
+        "poses": floats(poses),
+        "origin": platform_positions(robot, poses)[0].tolist(),
+        "platform": pose.x.tolist(),
+        "motor": pose.motors.tolist(),
+        "g": pose.g,
+        "smallest": pose.smallest,
+        "level": pose.level,
+        "legs": pose.legs,
+        "verdict": pose.verdict,
+        "t_s": [twist[:3].tolist(), twist[3:].tolist()],
+        "stopped": pose.stopped,
+    }
+
+
+def _sliders(robot: ParallelRobot, start: Pose) -> dict[str, list[dict[str, Any]]]:
+    """Names, units and ranges: about a robot's length to either side, or what a turn allows."""
+
+    def slider(name: str, unit: str, value: float, reach: float) -> dict[str, Any]:
+        return {"name": name, "unit": unit, "low": value - reach, "high": value + reach}
+
+    whole = np.sum(robot.platform_axes >= 3) > 1  # a rotation vector ends at half a turn
+    turns: list[float] = [1.5 if whole else np.pi] * robot.n
+    platform = [
+        slider(name, "rad" if axis >= 3 else "m", value, turn if axis >= 3 else 0.8 * robot.length)
+        for name, axis, value, turn in zip(robot.axis_names, robot.platform_axes, start.x, turns, strict=True)
+    ]
+    motor = [
+        slider(name, "m" if slides else "rad", value, 0.8 * robot.length if slides else np.pi)
+        for name, slides, value in zip(robot.actuator_names, _slides(robot), start.motors, strict=True)
+    ]
+    return {"platform": platform, "motor": motor}
+
+
+def _slides(robot: ParallelRobot) -> Array:
+    """Whether each motor moves a slide, (n_a,)."""
+    joints = [robot.model.joints[robot.model.getJointId(name)] for name in robot.actuator_names]
+    return np.array([joint.shortname().startswith("JointModelP") for joint in joints])

@@ -1,0 +1,116 @@
+"""States that the loops and the coordinates without mass allow.
+
+Motions that the loops allow but that move no mass, M Z = 0 and J Z = 0 (a rod's stretch next to the gear's
+twist, when the legs are massless), have no initial value of their own: gravity and inertia vanish along
+them, and they stand where the springs balance, Z' (S' n tau - K (q - rest) - D v) = 0.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import InvalidInput, NotAssembled, NotConverged
+from framework.kinematics.closures import column_scale, scaled
+from framework.kinematics.frames import integrate
+from framework.simulation.curvature import loop_curvature
+from framework.simulation.equations import Equations, Tangent
+
+MASSLESS = 1e-11  # inertia of a motion over the largest one, lengths of the robot as unit: less is rounding
+SLACK = 1e-12  # stiffness of such a motion over the largest one: less holds nothing
+PASSES = 60
+
+
+def free_motions(equations: Equations, at: Tangent) -> tuple[Array, Array]:
+    """Bases (nv, d) of the motions with mass, and (nv, k) of those without, that the loops allow."""
+    robot = equations.robot
+    scale = column_scale(robot)
+    loops = scaled(robot, at.jacobian, equations.rows)[0]
+    # redundant rows are gone; what else loses rank is a singularity of the closures and no free motion
+    allowed = np.linalg.svd(loops)[2][len(loops) :].T if len(loops) else np.eye(robot.model.nv)
+    mass = at.mass[0] * scale[:, None] * scale
+    values, vectors = np.linalg.eigh(allowed.T @ mass @ allowed)
+    light = values <= MASSLESS * max(values.max(initial=0.0), np.diag(mass).max(initial=0.0))
+    basis = scale[:, None] * (allowed @ vectors)
+    return basis[:, ~light], basis[:, light]
+
+
+def consistent_state(equations: Equations, q: Array, v: Array, torque: Array) -> tuple[Array, Array]:
+    """The state (q, v) next to the given one on which the loops close and massless parts are in balance.
+
+    Raises:
+        InvalidInput: a motion has neither mass nor stiffness nor damping; names its joints.
+        NotAssembled: the loops do not close from q.
+        NotConverged: the springs of massless parts find no balance.
+    """
+    robot, nv = equations.robot, equations.robot.model.nv
+    scale = column_scale(robot)
+    rest = np.zeros((1, nv))
+    driven = equations.applied(torque[None])[0]
+    size = np.inf
+    for _ in range(PASSES):
+        at = equations.tangent(q[None], rest, rest)
+        massive, light = free_motions(equations, at)
+        step = -np.linalg.lstsq(at.jacobian[0] * scale, at.residual[0], rcond=1e-12)[0] * scale
+        unbalanced = at.force[0] + equations.damping * v - driven  # gravity and springs less the motors
+        if light.shape[1]:
+            step = step + light @ _balancing(equations, at, massive, light, unbalanced)
+        size = float(np.abs(step / scale).max(initial=0.0))
+        if not size < 1.0:
+            break
+        q = integrate(robot, q[None], step[None])[0]
+        if size < 1e-14:
+            break
+    at = equations.tangent(q[None], rest, rest)
+    gap = float(np.abs(at.residual).max(initial=0.0))
+    if not gap <= 1e-10 * max(robot.length, 1.0):
+        raise NotAssembled(
+            f"{robot.name}: the start is not assembled: a loop stays {gap:.3g} m or rad apart",
+            q=q,
+            residual=gap,
+        )
+    if not size < 1e-10:
+        raise NotConverged(
+            f"{robot.name}: the springs of the massless parts find no balance at the start (last change "
+            f"{size:.3g} rad or lengths of the robot)",
+            residual=size,
+        )
+    return q, allowed_velocity(equations, at, v)
+
+
+def _balancing(equations: Equations, at: Tangent, massive: Array, light: Array, unbalanced: Array) -> Array:
+    """Step along the massless motions towards the balance of their springs."""
+    multipliers = np.linalg.lstsq(at.jacobian[0].T, unbalanced, rcond=None)[0]
+    curved = loop_curvature(equations.rows, at.frames, equations.geometry.before, multipliers[None])[0]
+    held = light.T @ np.diag(equations.stiffness) @ light
+    strength = np.linalg.eigvalsh(held + light.T @ np.diag(equations.damping) @ light)
+    stiffest = max(float((equations.stiffness * column_scale(equations.robot) ** 2).max(initial=0.0)), 1e-300)
+    if strength[0] <= SLACK * stiffest:
+        vector = np.linalg.eigh(held)[1][:, 0]
+        moved = np.abs(light @ vector) / column_scale(equations.robot)
+        joints = [
+            equations.robot.joint_of(int(k)) for k in np.argsort(-moved) if moved[k] > 0.1 * moved.max()
+        ]
+        raise InvalidInput(
+            f"{equations.robot.name}, {equations.robot.flexibility}: a motion of {', '.join(joints[:4])} has "
+            f"neither mass nor stiffness, its acceleration would be anything; give these links an "
+            f"<inertial>, the rotor an inertia, or a spring"
+        )
+    if np.linalg.eigvalsh(held)[0] <= SLACK * stiffest:
+        return np.zeros(light.shape[1])  # held by damping alone: it has an initial value, the one given
+    slope = held - light.T @ curved @ light
+    return -np.linalg.lstsq(slope, light.T @ unbalanced, rcond=None)[0]
+
+
+def allowed_velocity(equations: Equations, at: Tangent, v: Array) -> Array:
+    """The velocity next to v (nv,) that the loops allow, with the same momentum along what they allow."""
+    nv, rows = equations.robot.model.nv, len(equations.rows.names)
+    if not rows:
+        return v
+    scale = column_scale(equations.robot)
+    J = scaled(equations.robot, at.jacobian, equations.rows)[0]
+    mass = at.mass[0] * scale[:, None] * scale
+    size = max(float(np.diag(mass).max()), 1e-300)
+    whole = np.block([[mass / size, J.T], [J, np.zeros((rows, rows))]])
+    wrong = np.concatenate([np.zeros(nv), -J @ (v / scale)])
+    return np.asarray(v + scale * np.linalg.lstsq(whole, wrong, rcond=1e-13)[0][:nv], dtype=float)

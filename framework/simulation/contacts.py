@@ -1,0 +1,124 @@
+"""Pinocchio's own constrained dynamics, where it applies: the quickest way to an acceleration.
+
+It knows loops that are points (spherical) or welds (fixed), and factorises the mass matrix of the tree, which
+must be definite: every joint has to move some mass or a rotor. Redundant rows are left to its proximal
+iterations. Nothing is shared with `equations` but the robot's numbers, so it is a witness as well.
+Source: Carpentier, Budhiraja and Mansard 2021, "Proximal and sparse resolution of constrained dynamic
+equations", Robotics: Science and Systems.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.errors import InvalidInput
+from framework.kinematics.assembly import reference_configuration
+from framework.model.description import AXES
+from framework.simulation.equations import Equations
+
+CONTACTS = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CONTACT_6D}
+DEFINITE = 1e-9  # smallest over largest inertia of the tree's joints, lengths of the robot as unit
+# its defaults give NaN where rows are redundant, as in a planar loop written in 3D
+PROXIMAL = {"accuracy": 1e-12, "mu": 1e-8, "iterations": 20}
+
+
+@dataclass(frozen=True, eq=False)
+class ContactDynamics:
+    """A robot as pinocchio's contact solver wants it. One object does not serve two threads at once."""
+
+    model: pin.Model  # with rotors as armature
+    data: pin.Data
+    contacts: Any  # pin.StdVec_RigidConstraintModel
+    contact_data: Any
+    settings: pin.ProximalSettings
+    stiffness: Array | None  # (nv,), None without springs
+    rest: Array  # (nv,)
+    damping: Array | None  # (nv,), None without
+
+    def acceleration(self, q: Array, v: Array, force: Array) -> Array:
+        """Joint accelerations (nv,) under the motors' generalised forces (nv,), springs and damping."""
+        if self.stiffness is not None:
+            force = force - self.stiffness * (q - self.rest)
+        if self.damping is not None:
+            force = force - self.damping * v
+        return np.asarray(
+            pin.constraintDynamics(
+                self.model, self.data, q, v, force, self.contacts, self.contact_data, self.settings
+            )
+        )
+
+    @staticmethod
+    def of(equations: Equations, closing: float) -> ContactDynamics:
+        """The robot's contact dynamics; open loops close, critically damped, in `closing` seconds.
+
+        Raises:
+            InvalidInput: a loop that is neither spherical nor fixed, a joint that moves no mass, or one of
+                several degrees of freedom.
+        """
+        robot = equations.robot
+        _check(equations)
+        model = robot.model.copy()
+        model.armature[:] = equations.rotors
+        contacts, contact_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
+        row_of = {name.rpartition(".")[0]: row for row, name in enumerate(robot.rows.names)}
+        for closure in robot.description.closures:
+            row = row_of[closure.name]
+            first, second = (
+                model.frames[robot.frames[ends[row]]] for ends in (robot.rows.first, robot.rows.second)
+            )
+            contact = pin.RigidConstraintModel(
+                CONTACTS[closure.axes],
+                model,
+                first.parentJoint,
+                first.placement,
+                second.parentJoint,
+                second.placement,
+                pin.ReferenceFrame.LOCAL,
+            )
+            gains = contact.m_baumgarte_parameters
+            gains.Kp, gains.Kd = 1 / closing**2, 2 / closing
+            contacts.append(contact)
+            contact_data.append(contact.createData())
+        data = model.createData()
+        pin.initConstraintDynamics(model, data, contacts, contact_data)
+        accuracy = PROXIMAL["accuracy"]
+        settings = pin.ProximalSettings(accuracy, accuracy, PROXIMAL["mu"], int(PROXIMAL["iterations"]))
+        return ContactDynamics(
+            model=model,
+            data=data,
+            contacts=contacts,
+            contact_data=contact_data,
+            settings=settings,
+            stiffness=equations.stiffness if equations.stiffness.any() else None,
+            rest=robot.joint_rest,
+            damping=equations.damping if equations.damping.any() else None,
+        )
+
+
+def _check(equations: Equations) -> None:
+    """Refuse what pinocchio's solver cannot do."""
+    robot = equations.robot
+    others = [c.name for c in robot.description.closures if c.axes not in CONTACTS]
+    if others:
+        raise InvalidInput(
+            f"{robot.name}: pinocchio's contact dynamics knows loops of kind spherical and fixed, "
+            f"not {', '.join(others)}; use another method"
+        )
+    if robot.model.nq != robot.model.nv:
+        raise InvalidInput(
+            f"{robot.name}: pinocchio's contact dynamics is for joints of one degree of freedom"
+        )
+    rest = np.zeros((1, robot.model.nv))
+    mass = equations.tangent(reference_configuration(robot).q[None], rest, rest).mass[0]
+    values, vectors = np.linalg.eigh(mass)
+    if values[0] <= DEFINITE * values[-1]:
+        joint = robot.joint_of(int(np.argmax(np.abs(vectors[:, 0]))))
+        raise InvalidInput(
+            f"{robot.name}, {robot.flexibility}: {joint} moves no mass, and pinocchio's contact dynamics "
+            f"divides by the mass matrix of the tree; use another method"
+        )

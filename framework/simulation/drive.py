@@ -1,0 +1,136 @@
+"""What drives a simulated robot: a planned motion, a torque of time, or a feedback, all asked alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from inspect import Parameter, signature
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike
+from framework.errors import InvalidInput
+from framework.kinematics.frames import integrate
+from framework.model import ParallelRobot
+
+
+@runtime_checkable
+class PlannedMotion(Protocol):
+    """What `inverse_dynamics` gives: torques with the motion that they belong to."""
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+
+    def torque(self, t: ArrayLike, order: int = 0) -> Array:
+        """Motor torques (T, n_a), motor side."""
+
+    def platform(self, t: ArrayLike, order: int = 0) -> Array:
+        """Platform coordinates (T, n)."""
+
+    def configuration(self, t: ArrayLike) -> Array:
+        """All coordinates (T, nq)."""
+
+    def velocity(self, t: ArrayLike, order: int = 1) -> Array:
+        """All rates (T, nv)."""
+
+
+def planned_motion(source: Any) -> PlannedMotion | None:
+    """The planned motion in `source`: itself, or the inverse dynamics that a plan carries, or none."""
+    for candidate in (source, getattr(source, "dynamics", None)):
+        if isinstance(candidate, PlannedMotion):
+            return candidate
+    return None
+
+
+class Gains(NamedTuple):
+    """Derivatives of the torque (n_a,) by the tangent of q and by v, each (n_a, nv)."""
+
+    by_q: Array
+    by_v: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Motor torques (T, n_a) [N m] at times (T,), states q (T, nq) and v (T, nv)."""
+
+    robot: ParallelRobot
+    function: Callable[[Array, Array, Array], Array]
+    feedback: bool
+    breaks: tuple[float, ...]  # instants inside where the torque or a derivative of it jumps [s]
+
+    def __call__(self, t: Array, q: Array, v: Array) -> Array:
+        torque = self.function(t, q, v)
+        if not np.all(np.isfinite(torque)):
+            when = t[~np.isfinite(torque).all(axis=1)][0]
+            raise InvalidInput(f"torque: not finite at t = {when:.9g} s")
+        return torque
+
+    def before_breaks(self, t: Array) -> Array:
+        """Times (T,), those on a break moved to just before it: there a step ends that began before."""
+        for instant in self.breaks:
+            near = np.abs(t - instant) <= 4 * np.spacing(instant)
+            t = np.where(near, instant - 8 * np.spacing(instant), t)
+        return t
+
+    def gains(self, t: float, q: Array, v: Array) -> Gains | None:
+        """What the feedback answers to small changes of one state, by differences; None without feedback."""
+        if not self.feedback:
+            return None
+        nv = self.robot.model.nv
+        steps = 1e-7 * np.vstack([np.eye(nv), -np.eye(nv)])
+        qs = np.vstack([integrate(self.robot, q, steps), np.repeat(q[None], 2 * nv, axis=0)])
+        vs = np.vstack([np.repeat(v[None], 2 * nv, axis=0), v + steps])
+        answers = self(np.full(4 * nv, t), qs, vs).reshape(4, nv, -1)
+        by_q, by_v = (answers[0] - answers[1]) / 2e-7, (answers[2] - answers[3]) / 2e-7
+        return Gains(by_q.T, by_v.T)
+
+    @staticmethod
+    def of(robot: ParallelRobot, source: Any, breaks: Sequence[float] = ()) -> Drive:
+        """The drive in a planned motion or a callable torque(t) or torque(t, q, v).
+
+        Raises:
+            InvalidInput: it is none of these; its first answer comes with the wrong number of torques.
+        """
+        motion = planned_motion(source)
+        if motion is not None:
+            motors = np.shape(motion.torque(0.0))[-1]
+            if motors != robot.n_a:
+                raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
+            edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
+            inner = (*map(float, edges[1:-1]), *breaks)
+            return Drive(robot, lambda t, q, v: motion.torque(t), False, tuple(sorted(inner)))
+        if not callable(source):
+            raise InvalidInput(
+                f"torque: needs a plan, a result of inverse_dynamics, torque(t) or torque(t, q, v), got "
+                f"{type(source).__name__}"
+            )
+        asked = _asked(source)
+        if asked not in (1, 3):
+            raise InvalidInput(f"torque: takes (t) or (t, q, v), this one asks for {asked} arguments")
+
+        def single(*arguments: Any) -> Array:
+            answer = source(*arguments[:asked])
+            try:
+                torque = np.atleast_1d(np.asarray(answer, dtype=float))
+            except (TypeError, ValueError):
+                raise InvalidInput(f"torque: needs {robot.n_a} numbers, got {answer!r}") from None
+            if torque.shape != (robot.n_a,):
+                raise InvalidInput(f"torque: needs {robot.n_a} numbers, got shape {torque.shape}")
+            return torque
+
+        def stacked(t: Array, q: Array, v: Array) -> Array:
+            return np.array([single(float(t[k]), q[k], v[k]) for k in range(len(t))])
+
+        return Drive(robot, stacked, asked == 3, tuple(sorted(map(float, breaks))))
+
+
+def _asked(function: Callable[..., Any]) -> int:
+    """How many arguments a callable cannot do without; a builtin does not tell: none."""
+    try:
+        parameters = signature(function).parameters.values()
+    except ValueError:
+        return 0
+    places = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+    return sum(p.kind in places and p.default is Parameter.empty for p in parameters)

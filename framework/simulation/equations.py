@@ -1,0 +1,158 @@
+"""The equations of motion of a robot with closed loops, in all its coordinates, for a stack of states.
+
+    M(q) dv/dt + c(q, v) + g(q) + K (q - rest) + D v = S' n tau + J(q)' lambda,        F(q) = 0
+
+M carries the rotors, n^2 I_a on the actuated columns; K the springs of the robot and those on joints of
+its URDF; D a viscous damping that the caller may add; n tau is the motor torque on the joint side; F are
+the independent loop equations and J their Jacobian. Nothing is divided by what vanishes at a Type 2
+singularity: there the passive columns of J lose rank, J itself does not.
+
+One call of pinocchio a state gives all; what follows is stacked numpy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array, ArrayLike
+from framework.errors import InvalidInput
+from framework.kinematics.assembly import idle_columns, independent_rows, rows_of_springs_alone
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.frames import FrameStack, difference
+from framework.model import ParallelRobot
+from framework.model.parallel_robot import LoopRows
+from framework.simulation.frame_geometry import FrameGeometry
+
+
+class Tangent(NamedTuple):
+    """The left side of the equations at T states and its derivatives; closures beside it."""
+
+    force: Array  # (T, nv) M a + c + g + K (q - rest) + D v
+    by_q: Array  # (T, nv, nv)
+    by_v: Array  # (T, nv, nv)
+    mass: Array  # (T, nv, nv) with rotors
+    frames: FrameStack
+    residual: Array  # (T, m) F [m, rad]
+    jacobian: Array  # (T, m, nv) J
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """A robot made ready for simulation; `damping` [N m s/rad, N s/m] acts on every joint rate."""
+
+    robot: ParallelRobot
+    damping: Array  # (nv,)
+    rows: LoopRows
+    rotors: Array  # (nv,) [kg m^2], joint side; 1 on massless joints that move nothing and are held
+    stiffness: Array  # (nv,)
+    geometry: FrameGeometry
+    scratch: pin.Data  # working memory of pinocchio: one object does not serve two threads at once
+
+    @staticmethod
+    def of(robot: ParallelRobot, damping: ArrayLike | None = None) -> Equations:
+        """The equations of a robot.
+
+        Raises:
+            InvalidInput: damping of the wrong length or negative; loops that only springs can close.
+            NotAssembled: the loops do not close at the reference.
+        """
+        nv = robot.model.nv
+        given = np.zeros(nv) if damping is None else damping
+        try:
+            damping = np.asarray(given, dtype=float)
+        except (TypeError, ValueError):
+            damping = np.array(np.nan)  # refused below
+        if damping.shape not in ((), (nv,)) or not (np.all(np.isfinite(damping)) and np.all(damping >= 0)):
+            raise InvalidInput(f"damping: needs {nv} numbers (or one for all), none negative, got {given!r}")
+        alone = rows_of_springs_alone(robot)
+        if alone:
+            raise InvalidInput(
+                f"{robot.name}, {robot.flexibility}: {', '.join(alone)} can only be closed by springs, and "
+                f"would be left out of the loop equations; lock fewer axes there"
+            )
+        rotors, stiffness = np.zeros(nv), robot.joint_stiffness.copy()
+        rotors[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
+        stiffness[robot.elastic] += robot.stiffness
+        rows = robot.rows.take(independent_rows(robot))
+        plain = Equations(
+            robot=robot,
+            damping=damping * np.ones(nv),
+            rows=rows,
+            rotors=rotors,
+            stiffness=stiffness,
+            geometry=FrameGeometry.of(robot),
+            scratch=robot.model.createData(),
+        )
+        return plain._holding_idle_joints()
+
+    def _holding_idle_joints(self) -> Equations:
+        """Give a unit inertia to idle joints that carry no mass: nothing drives them, so they stay still."""
+        idle = idle_columns(self.robot)
+        if not len(idle):
+            return self
+        mass = self.tangent(self.robot.q_near[None], *np.zeros((2, 1, self.robot.model.nv))).mass[0]
+        held = idle[np.diag(mass)[idle] <= 1e-14 * np.diag(mass).max()]
+        rotors = self.rotors.copy()
+        rotors[held] = 1.0
+        return replace(self, rotors=rotors)
+
+    def spring_force(self, q: Array) -> Array:
+        """K (q - rest), (T, nv)."""
+        if not self.stiffness.any():
+            return np.zeros((len(q), self.robot.model.nv))
+        turned = difference(self.robot, _neutral(self.robot), q)
+        return np.asarray(self.stiffness * (turned - self.robot.joint_rest), dtype=float)
+
+    def applied(self, torque: Array) -> Array:
+        """S' n tau (T, nv): what motor torques (T, n_a) do on the joint side."""
+        force = np.zeros((len(torque), self.robot.model.nv))
+        force[:, self.robot.actuated] = self.robot.gear_ratio * torque
+        return force
+
+    def tangent(self, q: Array, v: Array, a: Array) -> Tangent:
+        """All terms and derivatives at q (T, nq), v and a (T, nv)."""
+        model, nv, data = self.robot.model, self.robot.model.nv, self.scratch
+        tree = np.empty((len(q), 6, nv))
+        force, by_q, by_v, mass = (np.empty((len(q), nv, *rest)) for rest in ((), (nv,), (nv,), (nv,)))
+        placed = np.empty((len(q), len(self.geometry.joints), 4, 4))
+        for k in range(len(q)):
+            pin.computeRNEADerivatives(model, data, q[k], v[k], a[k])
+            force[k], by_q[k], by_v[k], mass[k], tree[k] = (
+                data.tau,
+                data.dtau_dq,
+                data.dtau_dv,
+                data.M,
+                data.J,
+            )
+            for j, joint in enumerate(self.geometry.joints):
+                placed[k, j] = data.oMi[joint].homogeneous
+        mass[:, range(nv), range(nv)] += self.rotors
+        by_q[:, range(nv), range(nv)] += self.stiffness
+        by_v[:, range(nv), range(nv)] += self.damping
+        force += self.rotors * a + self.damping * v + self.spring_force(q)
+        frames = self.geometry.frames(placed, tree)
+        loops = loop_equations(self.rows, frames)
+        return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
+
+    def energy(self, q: Array, v: Array) -> Array:
+        """Kinetic, gravitational and elastic energy together, (T,) [J]; gravity from the URDF's origin."""
+        model, data = self.robot.model, self.scratch
+        tree = [
+            pin.computeKineticEnergy(model, data, a, b) + pin.computePotentialEnergy(model, data, a)
+            for a, b in zip(q, v, strict=True)
+        ]
+        turned = difference(self.robot, _neutral(self.robot), q) - self.robot.joint_rest
+        rotors = np.zeros(model.nv)
+        rotors[self.robot.actuated] = self.rotors[self.robot.actuated]
+        stored = 0.5 * (v**2 @ rotors) + 0.5 * (turned**2 @ self.stiffness)
+        return np.asarray(np.array(tree) + stored, dtype=float)
+
+
+@lru_cache(maxsize=128)
+def _neutral(robot: ParallelRobot) -> Array:
+    return np.asarray(pin.neutral(robot.model))

@@ -1,0 +1,85 @@
+"""Instants at which a function of the state passes through zero."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import InvalidInput
+from framework.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """A function of (t, q, v) to watch: its zeros are reported, and end the simulation if `terminal`.
+
+    `direction` +1 counts only zeros at which the function grows, -1 those at which it falls, 0 both.
+    """
+
+    function: Callable[[float, Array, Array], float]
+    name: str = "event"
+    terminal: bool = False
+    direction: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Occurrence:
+    """An event that happened: when, and the state q (nq,), v (nv,)."""
+
+    name: str
+    time: float
+    q: Array
+    v: Array
+    terminal: bool
+
+
+def occurrences(
+    events: Sequence[Event],
+    trajectory: Trajectory,
+    edges: tuple[float, float],
+    looks: int,
+    seen: dict[Event, float],
+) -> list[Occurrence]:
+    """Events between two instants in order of time, up to the first terminal one.
+
+    `seen` carries the last values from one call to the next: rounding must not lose a zero between two steps.
+    The function is looked at `looks` times on the way: two zeros between neighbouring looks go unseen.
+    """
+    from scipy.optimize import brentq
+
+    found: list[Occurrence] = []
+    times = np.linspace(*edges, looks + 1)
+    states = trajectory(times)
+    for event in events:
+
+        def value(t: float, event: Event = event) -> float:
+            q, v = trajectory(np.array([t]))
+            return _number(event, t, q[0], v[0])
+
+        values = [_number(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
+        values.insert(0, seen.get(event, values[0]))
+        seen[event] = values[-1]
+        for before, after, t0, t1 in zip(values, values[1:], [times[0], *times], times, strict=False):
+            # a zero on a look belongs to the interval that it ends
+            if before == 0.0 or before * after > 0 or event.direction * (after - before) < 0:
+                continue
+            t = float(t1) if after == 0.0 or t0 == t1 else float(brentq(value, t0, t1, xtol=1e-15))
+            q, v = trajectory(np.array([t]))
+            found.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
+    found.sort(key=lambda one: one.time)
+    ends = [k for k, one in enumerate(found) if one.terminal]
+    return found[: ends[0] + 1] if ends else found
+
+
+def _number(event: Event, t: float, q: Array, v: Array) -> float:
+    given = event.function(t, q, v)
+    try:
+        number = float(given)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if np.isnan(number):
+        raise InvalidInput(f"event {event.name}: needs one number, got {given!r} at t = {t:.9g} s")
+    return number

@@ -1,0 +1,202 @@
+"""The integrators of `simulate`, as data: each turns a start into a trajectory and the energy spent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import InvalidInput, NotConverged
+from framework.model import ParallelRobot
+from framework.simulation.collocate import collocate
+from framework.simulation.contacts import ContactDynamics
+from framework.simulation.drive import Drive
+from framework.simulation.equations import Equations
+from framework.simulation.events import Event, Occurrence, occurrences
+from framework.simulation.explicit import CLOSING, explicit_steps
+from framework.simulation.schemes import State
+from framework.simulation.stepper import Stepper
+from framework.simulation.trajectory import Cubics, Polynomials, Trajectory
+
+EXPLICIT_STEPS = 256  # by default
+MOST_STEPS = 1_000_000  # of one length
+
+
+class Settings(NamedTuple):
+    """Numbers of a method; those that do not concern it are ignored."""
+
+    stages: int = 0  # of collocation
+    tolerance: float = 0.0  # what a step may leave unresolved [rad, robot lengths]
+    step: float = 0.0  # fixed step, or the longest one [s]
+    looks: int = 1  # how often a step is looked at for events
+
+
+class Task(NamedTuple):
+    """What to simulate, made ready."""
+
+    equations: Equations
+    drive: Drive
+    start: State
+    duration: float
+    events: Sequence[Event]
+    advanced: Callable[[float], None] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a method gives: the motion and the energy balance at the ends of its steps."""
+
+    trajectory: Trajectory
+    supplied: Array  # (K + 1,) work of motors less that of damping, from the start [J]
+    exchanged: float  # all of it counted positive [J]
+    occurrences: tuple[Occurrence, ...]
+    unresolved: float
+    iterations: int
+
+
+def by_collocation(task: Task, settings: Settings) -> Run:
+    """Radau IIA steps of variable length; see `collocate`."""
+    equations, steps, found, supplied, exchanged = task.equations, [], [], [0.0], 0.0
+    weights, seen = equations.damping, dict[Event, float]()
+    for step in collocate(
+        equations,
+        task.drive,
+        *task.start,
+        task.duration,
+        stages=settings.stages,
+        tolerance=settings.tolerance,
+        longest=settings.step or task.duration,
+        advanced=task.advanced,
+    ):
+        steps.append(step)
+        power = step.power - step.v**2 @ weights
+        share = step.length * step.table.once[-1]
+        supplied.append(supplied[-1] + float(share @ power))
+        exchanged += float(share @ np.abs(power))
+        if task.events:
+            piece = Polynomials(equations.robot, (step,))
+            found += occurrences(task.events, piece, (step.time, float(step.times[-1])), settings.looks, seen)
+            if found and found[-1].terminal:
+                break
+    return Run(
+        Polynomials(equations.robot, tuple(steps)),
+        np.array(supplied),
+        exchanged,
+        tuple(found),
+        max(step.unresolved for step in steps),
+        sum(step.iterations for step in steps),
+    )
+
+
+def by_fixed_steps(task: Task, settings: Settings) -> Run:
+    """Steps of one length with the torque of their middle; see `Stepper`."""
+    equations, drive = task.equations, task.drive
+    robot = equations.robot
+    stepper = Stepper.of(robot, damping=equations.damping)
+    count = _count(task.duration, settings.step)
+    h = task.duration / count
+    edges = np.linspace(0.0, task.duration, count + 1)
+    states, work, exchanged, found = [task.start], [0.0], 0.0, []
+    seen: dict[Event, float] = {}
+    known = None if drive.feedback else drive(edges[:-1] + 0.5 * h, *(np.empty((count, 0)),) * 2)
+    for k in range(count):
+        q, v = states[-1]
+        torque = drive(edges[k : k + 1], q[None], v[None])[0] if known is None else known[k]
+        state = stepper.step(q, v, torque, h)
+        if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.v))):
+            raise _runaway(robot, float(edges[k]), h)
+        states.append(state)
+        mean = 0.5 * (v + state.v)
+        power = float((robot.gear_ratio * torque) @ mean[robot.actuated] - mean**2 @ equations.damping)
+        work.append(work[-1] + h * power)
+        exchanged += h * abs(power)
+        if task.events:
+            piece = Cubics(
+                robot, edges[k : k + 2], *(np.array(part) for part in zip(*states[-2:], strict=True))
+            )
+            found += occurrences(task.events, piece, (float(edges[k]), float(edges[k + 1])), 1, seen)
+            if found and found[-1].terminal:
+                break
+        if task.advanced is not None:
+            task.advanced(float(edges[k + 1] / task.duration))
+    q, v = (np.array(part) for part in zip(*states, strict=True))
+    trajectory = Cubics(robot, edges[: len(q)], q, v)
+    return Run(trajectory, np.array(work), exchanged, tuple(found), float("nan"), len(q) - 1)
+
+
+def by_explicit_steps(task: Task, settings: Settings) -> Run:
+    """Steps of one length, of order 8; see `explicit`. Breaks of the torque end a step."""
+    robot = task.equations.robot
+    edges = _edges(task, settings.step or task.duration / EXPLICIT_STEPS)
+    dynamics = ContactDynamics.of(task.equations, CLOSING * float(np.diff(edges).max()))
+    state = np.concatenate(task.start)
+    states, work, exchanged, found, missed = [state], [0.0], 0.0, [], 0.0
+    seen: dict[Event, float] = {}
+    with np.errstate(over="ignore", invalid="ignore"):  # a runaway is told below
+        for step in explicit_steps(task.equations, dynamics, task.drive, state, edges):
+            if not np.all(np.isfinite(step.end)):
+                raise _runaway(robot, step.time, step.length)
+            states.append(step.end)
+            work.append(work[-1] + step.length * step.power)
+            exchanged += step.length * abs(step.power)
+            missed = max(missed, step.error)
+            if task.events:
+                ends = np.array([step.time, step.time + step.length])
+                piece = Cubics(robot, ends, *np.split(np.array(states[-2:]), 2, axis=1))
+                found += occurrences(
+                    task.events, piece, (float(ends[0]), float(ends[1])), settings.looks, seen
+                )
+                if found and found[-1].terminal:
+                    break
+            if task.advanced is not None:
+                task.advanced((step.time + step.length) / task.duration)
+    q, v = np.split(np.array(states), 2, axis=1)
+    return Run(
+        Cubics(robot, edges[: len(q)], q, v), np.array(work), exchanged, tuple(found), missed, len(q) - 1
+    )
+
+
+def _edges(task: Task, step: float) -> Array:
+    """Ends of steps no longer than `step`, with one on every break."""
+    marks = [0.0, *(t for t in task.drive.breaks if 0 < t < task.duration), task.duration]
+    pieces = [np.linspace(a, b, _count(b - a, step) + 1) for a, b in pairwise(marks)]
+    return np.unique(np.concatenate(pieces))
+
+
+def _count(length: float, step: float) -> int:
+    """How many steps no longer than `step` [s] make `length` [s].
+
+    Raises:
+        InvalidInput: more than can be kept.
+    """
+    count = length / step
+    if not count <= MOST_STEPS:
+        raise InvalidInput(f"step: {step!r} s makes more than {MOST_STEPS} steps of {length:g} s")
+    return max(1, int(np.ceil(count - 1e-9)))
+
+
+def _runaway(robot: ParallelRobot, time: float, step: float) -> NotConverged:
+    return NotConverged(
+        f"{robot.name}: the simulation runs away at t = {time:.9g} s; take a shorter step than "
+        f"{step:.3g} s, or method stiff",
+        residual=time,
+    )
+
+
+class Method(NamedTuple):
+    """An integrator with the settings that it has by default."""
+
+    run: Callable[[Task, Settings], Run]
+    settings: Settings
+
+
+METHODS: dict[str, Method] = {
+    "reference": Method(by_collocation, Settings(stages=16, tolerance=1e-12, looks=32)),
+    "fast": Method(by_fixed_steps, Settings(step=1e-3)),
+    "explicit": Method(by_explicit_steps, Settings(looks=4)),
+    "stiff": Method(by_collocation, Settings(stages=5, tolerance=1e-7, looks=10)),
+}

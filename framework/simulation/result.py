@@ -1,0 +1,158 @@
+"""What `simulate` gives: the motion, and the numbers by which it proves itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike
+from framework.errors import InvalidInput
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.frames import frames_at
+from framework.kinematics.platform import platform_coordinates, platform_jacobian, platform_residual
+from framework.model import ParallelRobot
+from framework.simulation.drive import PlannedMotion
+from framework.simulation.equations import Equations
+from framework.simulation.events import Occurrence
+from framework.simulation.methods import Run
+from framework.simulation.trajectory import Cubics, Trajectory
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Simulation:
+    """A simulated motion and the numbers by which it proves itself.
+
+    tracking_error: largest distance of the platform from the planned path at the same instant [m]; of a
+        platform that only turns, the largest angle [rad]. None when nothing was planned.
+    turning_error: largest turn from the planned one, of a platform that moves and turns [rad].
+    closure_error: largest loop equation at `times` and at the ends of all steps [m or rad].
+    energy_error: change of kinetic, elastic and gravitational energy less the work of motors and damping,
+        the largest of all steps, over the energy exchanged.
+    unresolved: largest part of the motion that a step leaves out, estimated [rad, robot lengths]; above the
+        tolerance only where the loops lose rank in passing. NaN for method fast, which has no estimate.
+    """
+
+    robot: ParallelRobot
+    method: str
+    times: Array  # (T,) [s]
+    q: Array  # (T, nq)
+    v: Array  # (T, nv)
+    tracking_error: float | None
+    turning_error: float | None
+    closure_error: float
+    energy_error: float
+    unresolved: float
+    steps: int
+    iterations: int  # of Newton's method; of fixed steps, their number
+    seconds: float  # time it took
+    occurrences: tuple[Occurrence, ...]
+    trajectory: Trajectory
+
+    @property
+    def duration(self) -> float:
+        """Simulated time [s]; shorter than asked when a terminal event ended it."""
+        return float(self.times[-1])
+
+    def configuration(self, t: ArrayLike) -> Array:
+        """All coordinates (T, nq) at t (T,)."""
+        return self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))[0]
+
+    def velocity(self, t: ArrayLike) -> Array:
+        """All rates (T, nv)."""
+        return self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))[1]
+
+    def platform(self, t: ArrayLike, order: int = 0) -> Array:
+        """Platform coordinates (T, n) [m, rad]; order 1 gives its twist on its axes."""
+        if order not in (0, 1):
+            raise InvalidInput(f"order: 0 or 1, got {order!r}")
+        q, v = self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))
+        at = frames_at(self.robot, q)
+        if order == 1:
+            return (platform_jacobian(self.robot, at) @ v[..., None])[..., 0]
+        return platform_coordinates(self.robot, at)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers, for JSON."""
+        return {
+            "robot": self.robot.name,
+            "flexibility": self.robot.flexibility,
+            "method": self.method,
+            "duration": self.duration,
+            "tracking_error": self.tracking_error,
+            "turning_error": self.turning_error,
+            "closure_error": self.closure_error,
+            "energy_error": self.energy_error,
+            "unresolved": self.unresolved if np.isfinite(self.unresolved) else None,
+            "steps": self.steps,
+            "events": [{"name": one.name, "time": one.time} for one in self.occurrences],
+            "seconds": self.seconds,
+        }
+
+    def __repr__(self) -> str:
+        off = "" if self.tracking_error is None else f", tracking error {self.tracking_error:.1e}"
+        return (
+            f"Simulation({self.robot.name}, {self.robot.flexibility}, {self.method}: {self.duration:g} s in "
+            f"{self.steps} steps{off}, closure error {self.closure_error:.1e}, energy error "
+            f"{self.energy_error:.1e})"
+        )
+
+
+def summary(
+    equations: Equations,
+    method: str,
+    run: Run,
+    planned: PlannedMotion | None,
+    *,
+    samples: int,
+    seconds: float,
+) -> Simulation:
+    """What a run shows: its states at the asked instants, and by how much it fails its laws."""
+    robot, trajectory = equations.robot, run.trajectory
+    edges = trajectory.edges
+    ended = run.occurrences[-1].time if run.occurrences and run.occurrences[-1].terminal else edges[-1]
+    fixed = isinstance(trajectory, Cubics)
+    times = np.append(edges[edges < ended], ended) if fixed else np.linspace(edges[0], ended, samples)
+    q, v = trajectory(times)
+    at_edges = trajectory(edges)
+    energy = equations.energy(*at_edges)
+    balance = np.abs(energy - energy[0] - run.supplied)
+    kinetic = equations.energy(at_edges[0], at_edges[1]) - equations.energy(
+        at_edges[0], np.zeros_like(at_edges[1])
+    )
+    # at rest all is rounding, of the work that lifts the robot by its length
+    lifted = float(sum(i.mass for i in robot.model.inertias)) * 9.81 * robot.length
+    scale = max(run.exchanged, float(np.ptp(energy)), float(kinetic.max()), np.finfo(float).eps * lifted)
+    gaps = [
+        float(np.abs(loop_equations(equations.rows, frames_at(robot, some)).residual).max(initial=0.0))
+        for some in (q, at_edges[0])
+    ]
+    tracking, turning = (None, None) if planned is None else _off_path(robot, planned, times, q)
+    return Simulation(
+        robot=robot,
+        method=method,
+        times=times,
+        q=q,
+        v=v,
+        tracking_error=tracking,
+        turning_error=turning,
+        closure_error=max(gaps),
+        energy_error=float(balance.max()) / scale if scale > 0 else 0.0,
+        unresolved=run.unresolved,
+        steps=len(edges) - 1,
+        iterations=run.iterations,
+        seconds=seconds,
+        occurrences=run.occurrences,
+        trajectory=trajectory,
+    )
+
+
+def _off_path(
+    robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array
+) -> tuple[float, float | None]:
+    """Largest distance [m] and largest turn [rad] from the planned platform."""
+    off = platform_residual(robot, frames_at(robot, q), planned.platform(np.minimum(times, planned.duration)))
+    turning = robot.platform_axes >= 3
+    sizes = [float(np.linalg.norm(off[:, part], axis=1).max()) for part in (~turning, turning) if part.any()]
+    return sizes[0], sizes[1] if len(sizes) > 1 else None

@@ -1,0 +1,139 @@
+"""One step of fixed length, for a stack of runs, and three ways to make it.
+
+Springs and damping enter implicitly, so stiff ones cost no small steps; loops enter by their rates, with
+a correction that takes what is open a share nearer each step. The first two are of order 2 and solve
+
+    [ M + h^2 K' + h D'   J' ] [    a    ]   [ forces ]
+    [        J            0  ] [ -lambda ] = [ rates  ]
+
+midpoint: the linear implicit midpoint rule. One mass matrix a step. No numerical damping.
+extrapolated: twice the result of two half steps less that of one whole step of the linear implicit Euler
+    method. A coordinate without mass finds its balance in one step, and vibrations too quick for the step die
+    out, where the midpoint rule would let them ring.
+contacts: explicit, of order 4, on pinocchio's own contact dynamics, where that applies. The quickest for
+    one run; its step must resolve the springs.
+Source: Hairer, Lubich and Roche, The Numerical Solution of Differential-Algebraic Systems by Runge-Kutta
+Methods, Springer 1989; Deuflhard, Hairer and Zugck 1987, DOI 10.1007/BF01400352, for the extrapolation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.errors import NotConverged
+from framework.kinematics.frames import difference, integrate
+from framework.simulation.terms import RobotStack
+
+# Share of an open loop that one step closes: the largest without overshoot, 6 - sqrt(32).
+CLOSING = 0.343
+
+
+class State(NamedTuple):
+    """Configuration q (nq,) and velocity v (nv,), or (R, nq) and (R, nv)."""
+
+    q: Array
+    v: Array
+
+
+def _solve(stack: RobotStack, mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
+    """Accelerations (R, nv)."""
+    runs, m, nv = jacobian.shape
+    whole = np.zeros((runs, nv + m, nv + m))
+    whole[:, :nv, :nv] = mass
+    whole[:, :nv, nv:] = jacobian.transpose(0, 2, 1)
+    whole[:, nv:, :nv] = jacobian
+    right = np.concatenate([forces, rates], axis=1)[..., None]
+    try:
+        return np.asarray(np.linalg.solve(whole, right)[:, :nv, 0])
+    except np.linalg.LinAlgError:
+        raise NotConverged(
+            f"{stack.robots[0].name}: the equations of motion are singular in one of the runs: its loops "
+            f"lock, or a part has neither mass nor stiffness",
+            residual=np.inf,
+        ) from None
+
+
+def _springs(stack: RobotStack, q: Array) -> Array:
+    """K (q - rest), (R, nv)."""
+    if not stack.stiffness.any():
+        return np.zeros_like(stack.rest)
+    robot = stack.robots[0]
+    return np.asarray(stack.stiffness * (difference(robot, pin.neutral(robot.model), q) - stack.rest))
+
+
+def _implicit(mass: Array, stack: RobotStack, by_spring: float, by_damping: float) -> Array:
+    whole = mass.copy()
+    diagonal = range(mass.shape[1])
+    whole[:, diagonal, diagonal] += by_spring * stack.stiffness + by_damping * stack.damping
+    return whole
+
+
+def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
+    """The linear implicit midpoint rule; `driven` (R, nv) are the motors' generalised forces."""
+    robot = stack.robots[0]
+    middle = integrate(robot, q, 0.5 * h * v)
+    at = stack.terms(middle, v)
+    mass = _implicit(at.mass, stack, 0.25 * h**2, 0.5 * h)
+    rate = (at.jacobian @ v[..., None])[..., 0]
+    drift = stack.drift(at, v)
+    gap = at.residual - 0.5 * h * rate + 0.125 * h**2 * drift  # loop equations at q
+    steady = driven - _springs(stack, middle) - stack.damping * v
+    closing = -rate / h - CLOSING * gap / h**2
+    guess = _solve(stack, mass, at.jacobian, steady - at.bias, closing - 0.5 * drift)
+    halfway = v + 0.5 * h * guess
+    at = stack.at_other_velocities(at, middle, halfway)
+    a = _solve(stack, mass, at.jacobian, steady - at.bias, closing - 0.5 * stack.drift(at, halfway))
+    new = v + h * a
+    return State(integrate(robot, q, 0.5 * h * (v + new)), new)
+
+
+def extrapolated(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
+    """The linear implicit Euler method, extrapolated once."""
+    robot = stack.robots[0]
+
+    def euler(q: Array, v: Array, h: float, closing: Array | None) -> tuple[State, Array]:
+        ahead = integrate(robot, q, h * v)  # where massless parts are to be in balance
+        at = stack.terms(ahead, v)
+        if closing is None:
+            closing = -CLOSING * at.residual / h
+        mass = _implicit(at.mass, stack, h**2, h)
+        forces = driven - at.bias - _springs(stack, ahead) - stack.damping * v
+        rate = (at.jacobian @ v[..., None])[..., 0]
+        new = v + h * _solve(stack, mass, at.jacobian, forces, (closing - rate) / h)
+        return State(integrate(robot, q, h * new), new), closing
+
+    whole, closing = euler(q, v, h, None)
+    half, _ = euler(q, v, 0.5 * h, closing)
+    halves, _ = euler(half.q, half.v, 0.5 * h, closing)
+    if robot.model.nq == robot.model.nv:
+        return State(2 * halves.q - whole.q, 2 * halves.v - whole.v)
+    back = np.array([difference(robot, a, b[None])[0] for a, b in zip(whole.q, halves.q, strict=True)])
+    return State(integrate(robot, halves.q, back), 2 * halves.v - whole.v)
+
+
+def contacts(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
+    """The classical Runge-Kutta method of order 4 on pinocchio's contact dynamics, run by run."""
+    new = State(np.empty_like(q), np.empty_like(v))
+    several = len(stack.contacts) > 1
+    for k in range(len(q)):
+        acceleration = stack.contacts[k if several else 0].acceleration
+        q1, v1, force = q[k], v[k], driven[k]
+        a1 = acceleration(q1, v1, force)
+        v2 = v1 + 0.5 * h * a1
+        a2 = acceleration(q1 + 0.5 * h * v1, v2, force)
+        v3 = v1 + 0.5 * h * a2
+        a3 = acceleration(q1 + 0.5 * h * v2, v3, force)
+        v4 = v1 + h * a3
+        a4 = acceleration(q1 + h * v3, v4, force)
+        new.q[k] = q1 + h / 6 * (v1 + 2 * (v2 + v3) + v4)
+        new.v[k] = v1 + h / 6 * (a1 + 2 * (a2 + a3) + a4)
+    return new
+
+
+Scheme = Callable[[RobotStack, Array, Array, Array, float], State]
+SCHEMES: dict[str, Scheme] = {"midpoint": midpoint, "extrapolated": extrapolated, "contacts": contacts}

@@ -1,0 +1,177 @@
+"""`simulate`: drive a robot with torques and see where it goes.
+
+The second witness of a plan: nothing is shared with the inverse dynamics but the robot's own numbers. All
+coordinates move, loops and springs included, and at a Type 2 singularity nothing happens at all.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike
+from framework.errors import InvalidInput, choose_from, finite_numbers
+from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.tracking import assemble
+from framework.model import ParallelRobot
+from framework.simulation.consistent import consistent_state
+from framework.simulation.drive import Drive, PlannedMotion, planned_motion
+from framework.simulation.equations import Equations
+from framework.simulation.events import Event
+from framework.simulation.methods import METHODS, Method, Settings, Task
+from framework.simulation.result import Simulation, summary
+from framework.simulation.schemes import State
+
+SAMPLES = 501
+SAMPLED = (2, 10_000_000)
+STAGES = (3, 30)
+DURATIONS = (1e-30, 1e30)  # [s] as for laws
+
+
+def simulate(
+    robot: ParallelRobot,
+    drive: PlannedMotion | Callable[..., ArrayLike],
+    *,
+    method: str = "reference",
+    start: ArrayLike | None = None,
+    start_velocity: ArrayLike | None = None,
+    duration: float | None = None,
+    tolerance: float | None = None,
+    step: float | None = None,
+    stages: int | None = None,
+    damping: ArrayLike | None = None,
+    breaks: Sequence[float] = (),
+    events: Sequence[Event] = (),
+    samples: int = SAMPLES,
+    progress: Callable[[float], None] | None = None,
+) -> Simulation:
+    """Forward dynamics of a robot under motor torques.
+
+    Args:
+        drive: a plan or a result of `inverse_dynamics`, or motor torques (n_a,) [N m] as torque(t) or as
+            feedback torque(t, q, v), motor side.
+        method: reference (to `tolerance`, 1e-12); stiff (the same with fewer stages, 1e-7: quick vibrations
+            that nobody excites cost nothing); fast (fixed steps of order 2, 1e-3 s, the torque held in each
+            as control loops hold it); explicit (fixed steps of order 8 by pinocchio's contact dynamics, the
+            quickest where all joints move some mass and loops are points or welds).
+        start, start_velocity: q (nq,) and v (nv,) at t = 0; of a planned motion by default its own (of a plan
+            for other springs: its first point, at rest), else the assembled reference and rest. Loops are
+            closed and massless parts balanced from there.
+        duration: [s]; of a planned motion its own.
+        tolerance: what a step of reference or stiff may leave unresolved [rad, lengths of the robot].
+        step: fixed step of fast and explicit, longest step of the others [s].
+        stages: collocation points a step, 3 to 30.
+        damping: viscous, on every joint rate [N m s/rad, N s/m], one number or (nv,).
+        breaks: instants at which torque(t) jumps or has a kink [s]; planned motions know theirs.
+        events: zeros to report; see `Event`.
+        samples: equidistant instants of the result, of reference and stiff; the others keep their steps.
+        progress: called with the share that is done, 0 to 1.
+
+    Raises:
+        InvalidInput: method, option or start that cannot be; a motion with neither mass nor stiffness.
+        NotAssembled: the loops do not close from the start.
+        NotConverged: no step can be solved from some instant on.
+    """
+    began = clock.perf_counter()
+    chosen = _method(method)
+    settings = _settings(chosen, method, tolerance, step, stages)
+    _whole("samples", samples, SAMPLED)
+    equations = Equations.of(robot, None if damping is None else damping)
+    source = Drive.of(robot, drive, breaks)
+    planned = planned_motion(drive)
+    span = _duration(duration, planned)
+    state = _start(equations, source, planned, start, start_velocity)
+    run = chosen.run(Task(equations, source, state, span, tuple(events), progress), settings)
+    return summary(equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began)
+
+
+def _method(name: str) -> Method:
+    if name not in METHODS:
+        raise InvalidInput(choose_from("method", name, METHODS))
+    return METHODS[name]
+
+
+def _settings(
+    method: Method, name: str, tolerance: float | None, step: float | None, stages: int | None
+) -> Settings:
+    """The method's settings with what the caller says."""
+    settings = method.settings
+    if tolerance is not None:
+        if not settings.stages:
+            raise InvalidInput(f"tolerance: method {name} has none; its step [s] sets how exact it is")
+        if not 1e-14 <= float(finite_numbers("tolerance", [tolerance], 1)[0]) < 1:
+            raise InvalidInput(f"tolerance: must lie in [1e-14, 1), got {tolerance!r}")
+        settings = settings._replace(tolerance=float(tolerance))
+    if stages is not None:
+        if not settings.stages:
+            raise InvalidInput(f"stages: method {name} has none")
+        _whole("stages", stages, STAGES)
+        settings = settings._replace(stages=stages, looks=2 * stages)
+    if step is not None:
+        if not finite_numbers("step", [step], 1)[0] > 0:
+            raise InvalidInput(f"step: must be positive [s], got {step!r}")
+        settings = settings._replace(step=float(step))
+    return settings
+
+
+def _whole(name: str, given: object, limits: tuple[int, int]) -> None:
+    if not (isinstance(given, (int, np.integer)) and limits[0] <= given <= limits[1]):
+        raise InvalidInput(f"{name}: needs a whole number, {limits[0]} to {limits[1]}, got {given!r}")
+
+
+def _duration(given: float | None, planned: PlannedMotion | None) -> float:
+    if given is None:
+        if planned is None:
+            raise InvalidInput("duration: required [s] when the drive is a function")
+        return planned.duration
+    if not DURATIONS[0] <= finite_numbers("duration", [given], 1)[0] <= DURATIONS[1]:
+        raise InvalidInput(f"duration: must lie in [{DURATIONS[0]:g}, {DURATIONS[1]:g}] s, got {given!r}")
+    given = float(given)
+    if planned is not None and given > planned.duration * (1 + 1e-12):
+        raise InvalidInput(f"duration: the planned motion ends at {planned.duration:g} s, got {given!r}")
+    return given
+
+
+def _start(
+    equations: Equations,
+    drive: Drive,
+    planned: PlannedMotion | None,
+    start: ArrayLike | None,
+    start_velocity: ArrayLike | None,
+) -> State:
+    """The consistent state at t = 0."""
+    robot, model = equations.robot, equations.robot.model
+    if start is not None:
+        q, v = finite_numbers("start", start, model.nq), np.zeros(model.nv)
+    elif planned is not None:
+        q, v = _planned_start(robot, planned)
+    else:
+        q, v = reference_configuration(robot).q, np.zeros(model.nv)
+    if start_velocity is not None:
+        v = finite_numbers("start_velocity", start_velocity, model.nv)
+    torque = drive(np.zeros(1), q[None], v[None])[0]
+    return State(*consistent_state(equations, q, v, torque))
+
+
+def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array, Array]:
+    """Where the plan starts; for a plan of the same robot with other springs, assembled there at rest."""
+    q, v = planned.configuration(0.0)[0], planned.velocity(0.0)[0]
+    owner = getattr(planned, "robot", robot)
+    if (owner.axis_names, owner.actuator_names) != (robot.axis_names, robot.actuator_names):
+        raise InvalidInput(
+            f"the plan is for {owner.name} ({', '.join(owner.axis_names)}), the robot is {robot.name} "
+            f"({', '.join(robot.axis_names)}), of another build; plan for it"
+        )
+    if len(q) == robot.model.nq:
+        return q, v
+    moving = np.abs(v).max(initial=0.0) > 1e-9 * np.abs(planned.velocity(planned.duration / 2)).max(
+        initial=0.0
+    )
+    if moving:
+        raise InvalidInput(
+            f"the plan is for {owner.name}, {owner.flexibility}, and starts in motion, the robot has other "
+            f"springs ({robot.flexibility}); give start and start_velocity"
+        )
+    return assemble(robot, planned.platform(0.0)).q, np.zeros(robot.model.nv)

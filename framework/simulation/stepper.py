@@ -1,0 +1,115 @@
+"""Fixed steps for control loops and for many runs at once: a step is a pure function of the state.
+
+The motor torque is held over the step, as a digital controller holds it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike
+from framework.errors import InvalidInput, choose_from
+from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.platform import platform_coordinates, platform_jacobian
+from framework.model import ParallelRobot
+from framework.simulation.consistent import consistent_state, free_motions
+from framework.simulation.contacts import ContactDynamics
+from framework.simulation.equations import Equations
+from framework.simulation.schemes import SCHEMES, State
+from framework.simulation.terms import RobotStack
+
+CLOSING_TIME = 0.05  # [s] in which the scheme contacts closes open loops
+
+
+@dataclass(frozen=True, eq=False)
+class Stepper:
+    """Advances one robot, one robot in many runs, or as many robots as runs. Make it with `Stepper.of`."""
+
+    stack: RobotStack
+    scheme: str  # midpoint, extrapolated or contacts
+
+    @staticmethod
+    def of(
+        robots: ParallelRobot | Sequence[ParallelRobot],
+        *,
+        damping: ArrayLike | None = None,
+        scheme: str | None = None,
+    ) -> Stepper:
+        """A stepper for one robot (any number of runs) or for a sequence of R robots of one structure.
+
+        Args:
+            damping: viscous damping of every joint rate, one number, (nv,) or (R, nv) [N m s/rad, N s/m].
+            scheme: midpoint, extrapolated or contacts, see `schemes`; by default midpoint, extrapolated where
+                parts have no mass.
+
+        Raises:
+            InvalidInput: unknown scheme, one that does not suit the robot, robots of different structure.
+        """
+        stack = RobotStack.of(robots, None if damping is None else np.asarray(damping, dtype=float))
+        massless = _has_massless_motions(stack.first)
+        if scheme is None:
+            scheme = "extrapolated" if massless else "midpoint"
+        if scheme not in SCHEMES:
+            raise InvalidInput(choose_from("scheme", scheme, SCHEMES))
+        if massless and scheme == "midpoint":
+            raise InvalidInput(f"{stack.robots[0].name}: parts without mass need the scheme extrapolated")
+        if scheme == "contacts":
+            each = (stack.equations(k) for k in range(len(stack.robots)))
+            stack = replace(stack, contacts=tuple(ContactDynamics.of(one, CLOSING_TIME) for one in each))
+        return Stepper(stack, scheme)
+
+    def start(self, q: ArrayLike, v: ArrayLike | None = None, torque: ArrayLike | None = None) -> State:
+        """The nearest state on which the loops close and massless parts are in balance.
+
+        q (nq,) or (R, nq); v of zeros and torque (n_a,) of zeros by default.
+
+        Raises:
+            NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
+        """
+        robots = self.stack.robots
+        q = np.asarray(q, dtype=float)
+        v = np.zeros((*q.shape[:-1], robots[0].model.nv)) if v is None else np.asarray(v, dtype=float)
+        tau = np.zeros((*q.shape[:-1], robots[0].n_a)) if torque is None else np.asarray(torque, dtype=float)
+        if q.ndim == 1:
+            return State(*consistent_state(self.stack.equations(0), q, v, tau))
+        states = [consistent_state(self.stack.equations(k), q[k], v[k], tau[k]) for k in range(len(q))]
+        return State(np.array([state[0] for state in states]), np.array([state[1] for state in states]))
+
+    def step(self, q: Array, v: Array, torque: Array, h: float) -> State:
+        """The state h [s] later under torques (n_a,) or (R, n_a) [N m], motor side, held meanwhile.
+
+        A run that diverges comes out as NaN or infinite; the others of the stack do not notice.
+
+        Raises:
+            NotConverged: the equations of a run are singular.
+        """
+        if q.ndim == 1:
+            new = self.step(q[None], v[None], torque[None], h)
+            return State(new.q[0], new.v[0])
+        with np.errstate(over="ignore", invalid="ignore"):
+            return SCHEMES[self.scheme](self.stack, q, v, _applied(self.stack, torque), h)
+
+    def platform(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Coordinates x and twist of the platform on its axes, (n,) or (R, n)."""
+        if q.ndim == 1:
+            x, twist = self.platform(q[None], v[None])
+            return x[0], twist[0]
+        robot, frames = self.stack.robots[0], self.stack.terms(q, v).frames
+        return platform_coordinates(robot, frames), (platform_jacobian(robot, frames) @ v[..., None])[..., 0]
+
+
+def _has_massless_motions(equations: Equations) -> bool:
+    robot = equations.robot
+    rest = np.zeros((1, robot.model.nv))
+    at = equations.tangent(reference_configuration(robot).q[None], rest, rest)
+    return bool(free_motions(equations, at)[1].shape[1])
+
+
+def _applied(stack: RobotStack, torque: Array) -> Array:
+    """Generalised forces (R, nv) of the motors."""
+    force = np.zeros((len(torque), stack.rotors.shape[1]))
+    force[:, stack.actuated] = stack.gear_ratio * torque
+    return force

@@ -1,0 +1,177 @@
+"""Mass matrix, bias forces and closures for a stack of runs, one call of pinocchio each.
+
+Each run may have a robot of its own (another payload, other lengths, other springs) as long as joints and
+loops are the same. For the fixed-step integrators; `equations` has the derivatives that Newton's method asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array, IntArray
+from framework.errors import InvalidInput
+from framework.kinematics.closures import closure_drift, loop_equations
+from framework.kinematics.frames import FrameMotions, FrameStack, cross, scratch_of
+from framework.model import ParallelRobot
+from framework.model.parallel_robot import LoopRows
+from framework.simulation.contacts import ContactDynamics
+from framework.simulation.equations import Equations
+from framework.simulation.frame_geometry import FrameGeometry
+
+
+class Terms(NamedTuple):
+    """At R states: M, c + g and the loop equations with their drift."""
+
+    mass: Array  # (R, nv, nv) with rotors
+    bias: Array  # (R, nv) c + g
+    frames: FrameStack
+    residual: Array  # (R, m)
+    jacobian: Array  # (R, m, nv)
+    tree_rate: Array  # (R, 6, nv) time derivative of the tree's Jacobian on world axes
+
+
+@dataclass(frozen=True, eq=False)
+class RobotStack:
+    """R robots of one structure, with their numbers stacked; one robot may serve any number of runs."""
+
+    robots: tuple[ParallelRobot, ...]
+    first: Equations  # of the first robot
+    rows: LoopRows
+    geometry: FrameGeometry  # rotation (R, F, 3, 3) and translation (R, F, 3)
+    actuated: IntArray
+    gear_ratio: Array  # (R, n_a)
+    rotors: Array  # (R, nv)
+    stiffness: Array  # (R, nv)
+    rest: Array  # (R, nv) where the springs are at rest, as an offset from the neutral configuration
+    damping: Array  # (R, nv)
+    contacts: tuple[ContactDynamics, ...] = ()  # for the scheme of that name, else empty
+
+    @staticmethod
+    def of(robots: ParallelRobot | Sequence[ParallelRobot], damping: Array | None = None) -> RobotStack:
+        """Stack one robot or several.
+
+        Raises:
+            InvalidInput: no robot, or joints, motors, springs or loops differ; see `Equations.of`.
+        """
+        robots = (robots,) if isinstance(robots, ParallelRobot) else tuple(robots)
+        if not robots:
+            raise InvalidInput("robots: needs at least one robot")
+        first = Equations.of(robots[0])
+        for robot in robots[1:]:
+            _check_same_structure(robots[0], robot)
+        geometries = [FrameGeometry.of(robot) for robot in robots]
+        held = first.rotors * ~np.isin(np.arange(robots[0].model.nv), robots[0].actuated)
+        rotors = np.repeat(held[None], len(robots), axis=0)
+        stiffness = np.array([robot.joint_stiffness for robot in robots])
+        gear = np.array([robot.gear_ratio for robot in robots])
+        rotors[:, robots[0].actuated] = gear**2 * np.array([robot.rotor_inertia for robot in robots])
+        stiffness[:, robots[0].elastic] += np.array([robot.stiffness for robot in robots])
+        shape = (len(robots), robots[0].model.nv)
+        given = np.zeros(shape) if damping is None else np.asarray(damping, dtype=float)
+        if given.shape not in ((), shape[1:], shape) or not np.all(np.isfinite(given) & (given >= 0)):
+            raise InvalidInput(f"damping: needs {shape[1]} numbers, none negative (or {shape} of them)")
+        return RobotStack(
+            robots=robots,
+            first=first,
+            rows=first.rows,
+            geometry=first.geometry._replace(
+                rotation=np.array([g.rotation for g in geometries]),
+                translation=np.array([g.translation for g in geometries]),
+            ),
+            actuated=robots[0].actuated,
+            gear_ratio=gear,
+            rotors=rotors,
+            stiffness=stiffness,
+            rest=np.array([robot.joint_rest for robot in robots]),
+            damping=np.broadcast_to(given, shape),
+        )
+
+    def equations(self, run: int) -> Equations:
+        """The equations of one run; what all robots share is not looked for again."""
+        k = run if len(self.robots) > 1 else 0
+        place = self.geometry
+        return replace(
+            self.first,
+            robot=self.robots[k],
+            damping=self.damping[k],
+            rotors=self.rotors[k],
+            stiffness=self.stiffness[k],
+            geometry=place._replace(rotation=place.rotation[k], translation=place.translation[k]),
+        )
+
+    def terms(self, q: Array, v: Array) -> Terms:
+        """All terms at q (R, nq) and v (R, nv)."""
+        runs, nv = len(q), v.shape[1]
+        mass, tree = np.empty((runs, nv, nv)), np.empty((2, runs, 6, nv))
+        bias = np.empty((runs, nv))
+        placed = np.empty((runs, len(self.geometry.joints), 4, 4))
+        J, dJ = tree
+        joints = tuple(enumerate(self.geometry.joints))
+        model, data = self.robots[0].model, scratch_of(self.robots[0]).data
+        several = len(self.robots) > 1
+        for k in range(runs):
+            if several:
+                model = self.robots[k].model
+            pin.computeAllTerms(model, data, q[k], v[k])
+            mass[k], bias[k], J[k], dJ[k] = data.M, data.nle, data.J, data.dJ
+            placements = data.oMi
+            for j, joint in joints:
+                placed[k, j] = placements[joint].homogeneous
+        rows, columns = _lower_half(nv)
+        mass[:, rows, columns] = mass[:, columns, rows]  # pinocchio fills the upper half
+        mass[:, range(nv), range(nv)] += self.rotors
+        frames = self.geometry.frames(placed, J)
+        loops = loop_equations(self.rows, frames)
+        return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
+
+    def at_other_velocities(self, at: Terms, q: Array, v: Array) -> Terms:
+        """The terms `at` configurations q (R, nq) for other velocities v (R, nv)."""
+        bias, dJ = np.empty_like(at.bias), np.empty_like(at.tree_rate)
+        model, data = self.robots[0].model, scratch_of(self.robots[0]).data
+        several = len(self.robots) > 1
+        for k in range(len(q)):
+            if several:
+                model = self.robots[k].model
+            pin.computeJointJacobiansTimeVariation(model, data, q[k], v[k])
+            dJ[k] = data.dJ
+            bias[k] = pin.nonLinearEffects(model, data, q[k], v[k])
+        return at._replace(bias=bias, tree_rate=dJ)
+
+    def drift(self, at: Terms, v: Array) -> Array:
+        """Second derivative (R, m) of the loop equations when joint accelerations are zero."""
+        frames = at.frames
+        moved = frames.carried * v[:, None]  # (R, F, nv)
+        motions = np.stack([moved @ frames.screws, moved @ at.tree_rate.swapaxes(1, 2)])  # (2, R, F, 6)
+        motions[..., :3] += cross(motions[..., 3:], frames.position)  # from the base's origin to the frames
+        twist, drift = motions
+        drift[..., :3] += cross(twist[..., 3:], twist[..., :3])
+        return closure_drift(self.rows, frames, FrameMotions(twist, drift))
+
+
+@lru_cache(maxsize=128)
+def _lower_half(size: int) -> tuple[IntArray, IntArray]:
+    """Indices of a matrix below its diagonal."""
+    return np.tril_indices(size, -1)
+
+
+def _check_same_structure(one: ParallelRobot, other: ParallelRobot) -> None:
+    """Refuse robots that cannot be stacked."""
+    same = (
+        list(one.model.names) == list(other.model.names)
+        and one.model.nv == other.model.nv
+        and all(
+            np.array_equal(getattr(one, name), getattr(other, name))
+            for name in ("actuated", "elastic", "frames")
+        )
+        and all(np.array_equal(getattr(one.rows, n), getattr(other.rows, n)) for n in one.rows._fields)
+    )
+    if not same:
+        raise InvalidInput(
+            f"robots: {other!r} differs from {one!r} in more than numbers; a stack needs one structure"
+        )

@@ -1,0 +1,83 @@
+"""A simulated motion between its steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import InvalidInput
+from framework.kinematics.frames import difference, integrate
+from framework.model import ParallelRobot
+from framework.simulation.collocation_step import Step
+
+
+class Trajectory(Protocol):
+    """Configurations (T, nq) and velocities (T, nv) at any times (T,) [s]."""
+
+    @property
+    def edges(self) -> Array:
+        """Ends of the steps, (steps + 1,) [s]."""
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        """q and v."""
+
+
+@dataclass(frozen=True, eq=False)
+class Polynomials:
+    """Collocation steps: their own polynomials, of the degree of their stages; velocities are continuous."""
+
+    robot: ParallelRobot
+    steps: tuple[Step, ...]
+
+    @property
+    def edges(self) -> Array:
+        return np.array([self.steps[0].time, *(step.times[-1] for step in self.steps)])
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        which = _which(self.edges, t)
+        q, v = np.empty((len(t), self.robot.model.nq)), np.empty((len(t), self.robot.model.nv))
+        for k in np.unique(which):
+            step, inside = self.steps[k], which == k
+            at = (t[inside] - step.time) / step.length
+            turned = step.length * step.table.integral(step.table.series @ step.slope, at)
+            q[inside] = integrate(self.robot, step.start, turned)
+            rates = np.vstack([step.start_velocity, step.v])
+            v[inside] = step.table.values(step.table.series_with_start @ rates, at)
+        return q, v
+
+
+@dataclass(frozen=True, eq=False)
+class Cubics:
+    """Fixed steps: cubic polynomials through the states at their ends."""
+
+    robot: ParallelRobot
+    edges: Array  # (K + 1,) [s]
+    q: Array  # (K + 1, nq)
+    v: Array  # (K + 1, nv)
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        which = _which(self.edges, t)
+        h = np.diff(self.edges)[which][:, None]
+        at = (t - self.edges[which])[:, None] / h
+        start, end = self.q[which], self.q[which + 1]
+        turned = np.array([difference(self.robot, a, b[None])[0] for a, b in zip(start, end, strict=True)])
+        v0, v1 = h * self.v[which], h * self.v[which + 1]
+        # d(0) = 0, d(1) = turned, d'(0) = v0, d'(1) = v1
+        c2, c3 = 3 * turned - 2 * v0 - v1, v0 + v1 - 2 * turned
+        step = at * (v0 + at * (c2 + at * c3))
+        return integrate(self.robot, start, step), (v0 + at * (2 * c2 + 3 * at * c3)) / h
+
+
+def _which(edges: Array, t: Array) -> Array:
+    """Index of the step of each time.
+
+    Raises:
+        InvalidInput: a time lies outside.
+    """
+    slack = 1e-12 * (edges[-1] - edges[0])
+    if not np.all((t >= edges[0] - slack) & (t <= edges[-1] + slack)):
+        raise InvalidInput(f"time {t!r} is outside the simulation, [{edges[0]:g}, {edges[-1]:g}] s")
+    return np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(edges) - 2)

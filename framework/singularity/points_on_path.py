@@ -1,0 +1,220 @@
+"""Where a path meets a singularity: its singular points, classified, and the Type 1 ones refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import NotConverged, Type1Singularity, point
+from framework.kinematics.assembly import loop_rows, passive_columns
+from framework.kinematics.branch import Branch, with_continuation
+from framework.kinematics.closures import loop_equations, scaled
+from framework.kinematics.inverse_kinematics import moving_columns, system_at
+from framework.kinematics.loop_matrices import VANISHED, measured_matrix, mobile_matrix
+from framework.kinematics.platform import path_twist
+from framework.kinematics.tracking import escaping, track_path, weakest_leg
+from framework.model import ParallelRobot
+from framework.motion.path import Path
+from framework.singularity.bordered_system import Border, bordered
+from framework.singularity.classification import uncontrolled_motion
+from framework.singularity.rank_deficiency import (
+    CLOSE,
+    NARROWEST,
+    Contact,
+    Measured,
+    Panel,
+    Samples,
+    Unresolved,
+    block_slopes,
+    candidates,
+    contacts,
+    panels,
+)
+
+MOST_CONTINUATIONS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class SingularPoint:
+    """A place on the path where the motors lose hold of the robot, springs at rest.
+
+    `kind` is type_2, leg_passive, constraint or closure (see `uncontrolled_motion`); `contact` is
+    transversal or tangential. `corank` motions escape at once; `slope` is dg/ds, and for several of
+    them that of the one which is let go most slowly, without sign. `motion` are the joint rates of the twist.
+    """
+
+    s: float
+    kind: str
+    contact: str
+    corank: int
+    twist: Array  # (n,) t_s, unit, pointing along the path
+    platform: Array  # (n,)
+    slope: float
+    q: Array  # (nq,)
+    motion: Array  # (nv,)
+
+
+def locate_singularities(
+    robot: ParallelRobot, path: Path, *, branch: Branch | None = None
+) -> tuple[SingularPoint, ...]:
+    """All singular points on the path, ascending in s, each to rounding in s.
+
+    Args:
+        branch: the path as followed by `track_path`, if at hand.
+
+    Raises:
+        OutOfReach, Type1Singularity: the path cannot be followed, or meets a stretched or folded leg.
+        SingularPath: the path runs along the singular locus.
+        UncontrolledMotions: several motions escape so near one another that they cannot be told apart, or
+            where the path starts or ends.
+        NotConverged: g cannot be resolved, or needs loop equations that were dropped; says where.
+    """
+    samples, mobile, mobile_panels = _continued(track_path(robot, path) if branch is None else branch)
+    branch = samples.branch
+    if isinstance(mobile_panels, Unresolved):  # the branch has a kink, or another one meets it
+        type_1 = [_weakest_place(mobile, mobile_panels.s)]
+    else:
+        type_1 = [place.s for place in contacts(mobile, mobile_panels) if _is_type_1(mobile, place.s)]
+    if type_1:
+        raise _type_1(branch, type_1[0])
+    if not len(passive_columns(robot)):  # every joint has a motor: locked, nothing moves
+        return ()
+    power = 1 if len(loop_rows(robot).names) == len(passive_columns(robot)) else 2
+    passive = Measured(branch, partial(measured_matrix, robot), power)
+    try:
+        found = contacts(passive, panels(samples, passive))
+    except Unresolved as unresolved:
+        raise _too_near(passive, unresolved) from None
+    for contact in found:
+        _check_dropped_rows(branch, contact.s)
+    return tuple(_singular_point(passive, contact) for contact in found)
+
+
+def _continued(branch: Branch) -> tuple[Samples, Measured, list[Panel] | Unresolved]:
+    """The branch with a continuation wherever the inverse kinematics is singular and the branch yet smooth.
+
+    With it the matrix of the inverse kinematics and its panels, or where it cannot be resolved.
+    """
+    for _ in range(MOST_CONTINUATIONS):
+        samples, mobile = Samples(branch, {}), Measured(branch, partial(mobile_matrix, branch.robot))
+        found: list[Panel] | Unresolved
+        try:
+            found = panels(samples, mobile)
+            places = [s for _, s, _ in candidates(found)]
+        except Unresolved as unresolved:
+            found, places = unresolved, [unresolved.s]
+        continuations = (
+            with_continuation(branch, s) for s in places if not branch.continued(np.array([s]))[0]
+        )
+        wider = next((continuation for continuation in continuations if continuation is not None), None)
+        if wider is None:
+            break
+        branch = wider
+    return samples, mobile, found
+
+
+def _weakest_place(mobile: Measured, s: float) -> float:
+    """Where near s the matrix is nearest to singular: at a knot of the branch, or to three digits.
+
+    A knot on the very singularity, with whatever branch it fell on, spoils the guesses up to the next ones.
+    """
+    branch = mobile.branch
+    k = int(np.searchsorted(branch.s, s))
+    near = branch.s[np.abs(branch.s - s) < 10 * NARROWEST]
+    places = np.concatenate([near, branch.s[max(k - 1, 0) : k + 1], [round(s, 3)]])
+    system = system_at(branch.robot, branch.guess(places), branch.path(places))
+    return float(places[np.argmin(np.linalg.svd(mobile.matrix(system), compute_uv=False)[:, -1])])
+
+
+def _too_near(passive: Measured, unresolved: Unresolved) -> Exception:
+    """What to raise where g does not resolve: several motions that escape together, if it is that."""
+    branch, s = passive.branch, unresolved.s
+    system = system_at(branch.robot, branch.guess(np.array([s])), branch.path(np.array([s])))
+    values = np.linalg.svd(passive.matrix(system)[0], compute_uv=False)
+    count = int(np.sum(values < CLOSE**passive.power))
+    if count < 2:
+        return unresolved
+    what = "the path passes a singularity, or so near to one that it cannot be told from it"
+    return escaping(branch.robot, s, branch.path(s), count, what)
+
+
+def _check_dropped_rows(branch: Branch, s: float) -> None:
+    """Raise NotConverged if the loops keep their rank at s and only the rows chosen at the reference lose it.
+
+    An overconstrained robot repeats its loop equations in proportions that change as it moves; the rows
+    that say it all at the reference need not do so everywhere.
+    """
+    robot, system = branch.robot, branch.closed(s).system
+    columns = moving_columns(robot)
+    whole = scaled(robot, loop_equations(robot.rows, system.frames).jacobian, robot.rows)[0][:, columns]
+    kept = scaled(robot, system.closures, loop_rows(robot))[0][:, columns]
+    every, chosen = (np.linalg.svd(part, compute_uv=False) for part in (whole, kept))
+    if np.sum(chosen > VANISHED) < np.sum(every > VANISHED):
+        dropped = sorted(set(robot.rows.names) - set(loop_rows(robot).names))
+        raise NotConverged(
+            f"{robot.name}: the loops are sound at s = {s:.6g}, but the loop equations that were dropped as "
+            f"redundant at the reference ({', '.join(dropped)}) are needed there; give a reference nearer to "
+            f"this place",
+            residual=float(chosen[-1]),
+        )
+
+
+def _is_type_1(mobile: Measured, s: float) -> bool:
+    """Whether the platform stops following the joints at s; not that joints stop following the platform,
+    as they do where they move without it."""
+    robot, branch = mobile.branch.robot, mobile.branch
+    _check_dropped_rows(branch, s)
+    system = branch.closed(s).system
+    followed = float(np.linalg.svd(mobile.matrix(system)[0], compute_uv=False)[-1])
+    values = np.linalg.svd(measured_matrix(robot, system)[0], compute_uv=False)
+    smallest = values.min(initial=np.inf)
+    # where joints move without the platform, both matrices lose rank together
+    return (
+        bool(smallest > max(VANISHED, 1e2 * followed)) or uncontrolled_motion(robot, system).kind == "type_2"
+    )
+
+
+def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
+    branch, s = passive.branch, contact.s
+    robot, h = branch.robot, 1e-4
+    at = np.clip([s - h, s, s + h], 0.0, 1.0)
+    closed = branch.closed(at)
+    uncontrolled = uncontrolled_motion(robot, closed.system.at(1))
+    forward = np.dot(uncontrolled.twist, path_twist(robot, branch.path, s))
+    along = -1.0 if forward < 0 else 1.0
+    P = passive.matrix(closed.system)
+    if uncontrolled.corank > 1:
+        slopes = block_slopes(passive.at, s, uncontrolled.corank, h)[1]
+        slope = np.linalg.svd(slopes, compute_uv=False)[-1]
+    else:
+        g = bordered(P, Border.of(P[1])).g
+        # a border taken at the root knows no sign of det: give g the sign of det P beyond it
+        sign = np.sign(g[2]) * np.linalg.slogdet(P[2])[0] if at[2] > s else 1.0
+        slope = sign * (g[2] - g[0]) / (at[2] - at[0])
+    return SingularPoint(
+        s=s,
+        kind=uncontrolled.kind,
+        contact=contact.kind,
+        corank=uncontrolled.corank,
+        twist=along * uncontrolled.twist,
+        platform=branch.path(s),
+        slope=float(slope),
+        q=closed.q[1],
+        motion=along * uncontrolled.motion,
+    )
+
+
+def _type_1(branch: Branch, s: float) -> Type1Singularity:
+    robot = branch.robot
+    x = branch.path(s)
+    joint = weakest_leg(robot, system_at(robot, branch.guess(np.array([s])), x[None]))
+    return Type1Singularity(
+        f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, "
+        f"{', '.join(robot.axis_names)} = {point(x)}: the leg of {joint} is stretched or folded there",
+        s=s,
+        platform=x,
+        joint=joint,
+    )

@@ -1,0 +1,184 @@
+"""Springs from section and material against the closed-form deflections of a cantilever."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from framework.errors import InvalidInput
+from framework.model.beams import (
+    Material,
+    Section,
+    beam_spring,
+    beam_stiffness,
+    split_beam,
+    spring_entry,
+    tip_spring,
+)
+from framework.model.description import AXES, Spring
+from framework.model.robot_file import read_robot_file
+from framework.model.spring_joints import insert_springs
+
+STEEL = Material(E=210e9, G=81e9)
+BAR = Section(A=3.0e-4, Iy=2.0e-9, Iz=5.0e-9, J=4.0e-9)
+SHEARED = Section(A=3.0e-4, Iy=2.0e-9, Iz=5.0e-9, J=4.0e-9, shear_y=0.85, shear_z=0.6)
+LENGTH = 0.4
+
+
+def urdf(xyz: str = "0.4 0 0", rpy: str = "0 0 0") -> str:
+    """A clamped link and its tip."""
+    return (
+        '<robot name="beam"><link name="base"/><link name="tip"/><joint name="rod" type="fixed">'
+        f'<parent link="base"/><child link="tip"/><origin xyz="{xyz}" rpy="{rpy}"/></joint></robot>'
+    )
+
+
+def tip_compliance(urdf_text: str, spring: Spring) -> np.ndarray:
+    """Displacement and rotation of the tip (in its own axes, at rest) for unit forces and moments there."""
+    model = pin.buildModelFromXML(insert_springs(urdf_text, [spring]))
+    data = model.createData()
+    q = pin.neutral(model)
+    pin.computeJointJacobians(model, data, q)
+    pin.framesForwardKinematics(model, data, q)
+    jacobian = pin.getFrameJacobian(model, data, model.getFrameId("tip"), pin.ReferenceFrame.LOCAL)
+    return np.asarray(jacobian @ np.diag(1.0 / np.array(spring.stiffness)) @ jacobian.T)
+
+
+def cantilever(section: Section, material: Material, length: float) -> np.ndarray:
+    """The compliance (6, 6) at the end of a clamped beam along x, from the textbook."""
+    E, G, L = material.E, material.G, length
+    matrix = np.diag(
+        [
+            L / (E * section.A),
+            L**3 / (3 * E * section.Iz),
+            L**3 / (3 * E * section.Iy),
+            L / (G * section.J),
+            L / (E * section.Iy),
+            L / (E * section.Iz),
+        ]
+    )
+    matrix[1, 5] = matrix[5, 1] = L**2 / (2 * E * section.Iz)
+    matrix[2, 4] = matrix[4, 2] = -(L**2) / (2 * E * section.Iy)
+    if section.shear_y is not None and section.shear_z is not None:
+        matrix[1, 1] += L / (section.shear_y * G * section.A)
+        matrix[2, 2] += L / (section.shear_z * G * section.A)
+    return matrix
+
+
+@pytest.mark.parametrize("section", [BAR, SHEARED], ids=["Euler-Bernoulli", "Timoshenko"])
+def test_a_spring_in_the_middle_is_the_whole_cantilever(section):
+    split = split_beam(urdf(), "rod")
+    assert split.length == pytest.approx(LENGTH, rel=1e-15)
+    spring = beam_spring("flex", split.middle, section, STEEL, split.length)
+    expected = cantilever(section, STEEL, LENGTH)
+    found = tip_compliance(split.urdf_text, spring)
+    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13 * np.abs(expected).max())
+
+
+def test_a_beam_may_point_anywhere_and_its_tip_be_turned():
+    split = split_beam(urdf("0.1 -0.2 0.3", "0.4 -0.5 0.6"), "rod")
+    length = np.sqrt(0.14)
+    assert split.length == pytest.approx(length)
+    round_bar = Section.tube(0.01)
+    spring = beam_spring("flex", split.middle, round_bar, STEEL, split.length)
+    along = np.array([0.1, -0.2, 0.3]) / length
+    across = np.cross(along, [0, 0, 1])
+    across /= np.linalg.norm(across)
+    beam_axes = np.column_stack([along, across, np.cross(along, across)])
+    turn = np.kron(np.eye(2), pin.rpy.rpyToMatrix(0.4, -0.5, 0.6).T @ beam_axes)
+    expected = turn @ cantilever(round_bar, STEEL, float(length)) @ turn.T
+    found = tip_compliance(split.urdf_text, spring)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+
+
+def test_splitting_leaves_the_tip_where_it_was():
+    text = urdf("0.1 -0.2 0.3", "0.4 -0.5 0.6")
+    placements = []
+    for version in (text, split_beam(text, "rod").urdf_text):
+        model = pin.buildModelFromXML(version)
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, pin.neutral(model))
+        placements.append(data.oMf[model.getFrameId("tip")].homogeneous)
+    np.testing.assert_allclose(*placements, atol=1e-15)
+
+
+@pytest.mark.parametrize("section", [BAR, SHEARED], ids=["Euler-Bernoulli", "Timoshenko"])
+def test_a_spring_at_the_tip_keeps_the_direct_terms_alone(section):
+    found = tip_compliance(urdf(), tip_spring("flex", "rod", section, STEEL, LENGTH))
+    expected = np.diag(np.diag(cantilever(section, STEEL, LENGTH)))
+    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=0)
+
+
+def test_a_rod_of_the_paper_has_its_stiffness_along_x():
+    # E A / L = 350 kN/m: an aluminium rod of 0.25 m and 1.25 mm^2
+    section, metal = Section.tube(np.sqrt(1.25e-6 / np.pi)), Material.isotropic(70e9, 0.33)
+    spring = beam_spring("left_rod", "left_rod_tip", section, metal, 0.25, axes=("x",))
+    assert spring.motion == ("x",)
+    assert spring.stiffness == pytest.approx((350000.0,))
+
+
+def test_sections():
+    tube = Section.tube(0.02, 0.015)
+    assert pytest.approx(np.pi * (4e-4 - 2.25e-4)) == tube.A
+    assert pytest.approx(tube.Iy + tube.Iz) == tube.J
+    square = Section.rectangle(0.02, 0.02)
+    assert pytest.approx(0.1405770 * 0.02**4, rel=1e-6) == square.J  # Timoshenko and Goodier, table 11
+    flat = Section.rectangle(0.02, 0.01)
+    assert pytest.approx(0.2286820 * 0.02 * 0.01**3, rel=1e-5) == flat.J
+    assert (flat.Iy, flat.Iz) == pytest.approx((0.02 * 0.01**3 / 12, 0.01 * 0.02**3 / 12))
+    assert Section.rectangle(0.01, 0.02).J == flat.J
+    assert pytest.approx(210e9 / 2.6) == Material.isotropic(210e9, 0.3).G
+
+
+def test_the_entry_goes_into_a_robot_file(tmp_path):
+    import yaml
+
+    import robots
+
+    source = robots.CATALOGUE["five_bar"].file
+    document = yaml.safe_load(source.read_text())
+    split = split_beam(source.with_suffix(".urdf").read_text(), "left_rod_tip")
+    spring = beam_spring("left_beam", split.middle, BAR, STEEL, split.length, axes=("x", "y", "rz"))
+    document["springs"] = [spring_entry(spring)]
+    (tmp_path / "five_bar.urdf").write_text(split.urdf_text)
+    (tmp_path / "five_bar.yaml").write_text(yaml.safe_dump(document))
+    description = read_robot_file(tmp_path / "five_bar.yaml")
+    assert description.springs == (spring,)
+    from framework import ParallelRobot
+    from framework.kinematics.diagnostics import check_robot
+
+    found = check_robot(ParallelRobot.from_description(description, "flexible_links"))
+    assert found.springs == ("left_beam_x", "left_beam_y", "left_beam_rz")
+    assert found.mobility == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Material(0.0, 1.0), "E: must be a finite number greater than zero, got 0.0"),
+        (lambda: Material(1.0, float("nan")), "G: must be"),
+        (lambda: Material.isotropic(1.0, 0.5), "poisson: must be between"),
+        (lambda: Section(1.0, -1.0, 1.0, 1.0), "Iy: must be"),
+        (lambda: Section(1.0, 1.0, 1.0, 1.0, shear_y=0.0), "shear_y: must be"),
+        (lambda: Section.tube(0.01, 0.01), "inner: must be from 0 to below outer"),
+        (lambda: Section.rectangle(0.01, float("inf")), "height: must be"),
+        (lambda: beam_stiffness(BAR, STEEL, -1.0), "length: must be"),
+        (lambda: beam_spring("", "rod", BAR, STEEL, 1.0), "name and after: need names"),
+        (lambda: beam_spring("a", "rod", BAR, STEEL, 1.0, axes=("q",)), "axes: unknown axis 'q'"),
+        (lambda: beam_spring("a", "rod", BAR, STEEL, 1.0, axes=("x", "x")), "axes: needs different axes"),
+        (lambda: beam_spring("a", "rod", BAR, STEEL, 1.0, axes=()), "axes: needs different axes"),
+        (lambda: split_beam(urdf(), "arm"), "tip: unknown fixed joint 'arm'"),
+        (lambda: split_beam(urdf("0 0 0"), "rod"), "has no length"),
+        (lambda: split_beam(urdf("a b c"), "rod"), "needs finite numbers"),
+        (lambda: split_beam("<robot", "rod"), "not well-formed XML"),
+        (lambda: split_beam(split_beam(urdf(), "rod").urdf_text, "rod"), "already there"),
+    ],
+)
+def test_what_cannot_be_right_is_refused(call, message):
+    with pytest.raises(InvalidInput, match=message):
+        call()
+
+
+def test_all_six_axes_by_default():
+    assert beam_spring("flex", "rod", BAR, STEEL, LENGTH).motion == AXES

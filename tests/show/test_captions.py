@@ -1,0 +1,84 @@
+"""What is said about a film is what the film shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework import ParallelRobot
+from framework.show.captions import how, parts, plan_name, proof, subtitle, summary, why
+from tests.show.test_film import filmed
+
+
+@pytest.mark.parametrize(
+    ("name", "scene", "said"),
+    [
+        ("five_bar", "A", "keeps clear of the singularity"),
+        ("five_bar", "B", "goes through while it asks for force along t_s: fails"),
+        ("five_bar", "C", "goes through coasting: works"),
+        ("biglide", "bow", "goes through while it asks for no force along t_s: works"),
+        ("two_arms", "lift", "every joint has a motor: no Type 2 singularity"),
+    ],
+)
+def test_a_subtitle_tells_the_scenes_apart(name, scene, said):
+    assert subtitle(filmed(name, scene)) == said
+
+
+@pytest.mark.parametrize(
+    ("name", "scene", "how_so"),
+    [
+        ("five_bar", "C", "it coasts across"),
+        ("biglide", "bow", "W_p stands at a right angle to t_s"),
+        ("four_bar", "dead_point", "it needs none at all"),
+        ("gough_stewart", "turn", "W_p does no work along t_s"),
+    ],
+)
+def test_how_the_condition_is_met_is_how_the_motion_is_there(name, scene, how_so):
+    film = filmed(name, scene)
+    (instant,) = film.instants
+    assert how_so in how(film, instant)
+    k = int(np.argmin(np.abs(film.time - instant.time)))
+    acceleration = film.path(film.law(instant.time), 1) * film.law(instant.time, 2)
+    force, most = np.linalg.norm(film.W_p[k]), np.linalg.norm(film.W_p, axis=1).max()
+    still = np.abs(acceleration).max() < 1e-4
+    assert ("coasts" in how_so) == (still and force < 1e-4 * most)
+    assert ("right angle" in how_so or "work" in how_so) == (force > 1e-2 * most)
+
+
+def test_a_motion_without_proof_has_none_and_says_when_its_springs_are_left_out():
+    rigid, flexible = filmed("five_bar", "B"), filmed("five_bar", "B", "flexible_links")
+    assert proof(rigid) == how(rigid, rigid.instants[0]) == ""
+    assert "rigid" not in summary(rigid)
+    assert "drawn with rigid parts" in summary(flexible)
+
+
+def test_peak_torque_and_proof_are_said_with_their_flexibility():
+    film = filmed("five_bar", "C", "flexible_links")
+    assert parts(film) == "flexible links, deformed geometry"
+    assert f"{np.abs(film.torque).max():.3g} N m (flexible links, deformed geometry)" in summary(film)
+    assert f"on {film.plan.certificate.nodes} nodes" in proof(film)
+
+
+def test_why_is_told_of_the_catalogue_s_own_robot_only(write_robot):
+    assert "one line" in why(robots.load("five_bar"))
+    assert why(robots.load("gough_stewart")) == ""
+    assert why(ParallelRobot.from_file(write_robot())) == ""
+
+
+def test_an_unnamed_film_has_the_name_of_its_robot():
+    from framework.show.scene import film_document
+
+    assert film_document(replace(filmed("five_bar", "A"), name=""))["title"] == "five bar"
+
+
+def test_a_saved_plan_is_called_as_its_scene():
+    from framework import plan_scene
+
+    robot = robots.load("five_bar")
+    assert plan_name(plan_scene(robot, "C"), "folder") == "Scene C"
+    assert plan_name(plan_scene(robot, "A"), "folder") == "Scene A"
+    assert plan_name(plan_scene(robot, "C", speeds=[1.4]), "folder") == "Plan folder"
+    assert plan_name(plan_scene(robot, "A", duration=1.6), "folder") == "Plan folder"

@@ -1,0 +1,86 @@
+"""The equations of motion and their derivatives against differences, on robots with every kind of closure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework.errors import InvalidInput
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.frames import frames_at
+from framework.simulation.curvature import loop_curvature
+from framework.simulation.equations import Equations
+
+# points, hinges with turned axes, a weld, cardan joints; springs on, in and behind joints
+CASES = [
+    ("five_bar_heavy", "flexible_links"),
+    ("agile_eye", "flexible_links"),
+    ("bricard", "flexible_joints"),
+    ("three_upu", "rigid"),
+    ("gough_stewart", "rigid"),
+]
+
+
+@pytest.fixture(params=CASES, ids="-".join, scope="module")
+def equations(request) -> Equations:
+    name, flexibility = request.param
+    robot = robots.load(name, flexibility=flexibility)
+    return Equations.of(robot, 0.1 + np.arange(robot.model.nv))
+
+
+def state(equations, seed=1):
+    rng, model = np.random.default_rng(seed), equations.robot.model
+    q = np.asarray(pin.integrate(model, equations.robot.q_near, 0.1 * rng.standard_normal(model.nv)))
+    return q, rng.standard_normal(model.nv), rng.standard_normal(model.nv)
+
+
+def around(equations, q, h):
+    """q moved by +-h along each column, (2, nv, nq)."""
+    steps = np.eye(equations.robot.model.nv)
+    return np.array([[pin.integrate(equations.robot.model, q, s * h * e) for e in steps] for s in (1, -1)])
+
+
+def test_frames_are_those_that_pinocchio_gives(equations):
+    q, v, a = state(equations)
+    ours, theirs = equations.tangent(q[None], v[None], a[None]).frames, frames_at(equations.robot, q[None])
+    for one, other in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-14)
+
+
+def test_derivatives_of_the_forces_are_differences_of_the_forces(equations):
+    q, v, a = state(equations)
+    at, h = equations.tangent(q[None], v[None], a[None]), 1e-6
+    nv = len(v)
+
+    def many(x):
+        return np.repeat(x[None], nv, axis=0)
+
+    ahead, back = (equations.tangent(x, many(v), many(a)).force for x in around(equations, q, h))
+    scale = np.abs(at.by_q).max()
+    np.testing.assert_allclose(at.by_q[0], (ahead - back).T / (2 * h), atol=1e-8 * scale)
+    # quadratic in v and linear in a: differences of any width are exact
+    ahead, back = (equations.tangent(many(q), v + s * np.eye(nv), many(a)).force for s in (1, -1))
+    np.testing.assert_allclose(at.by_v[0], (ahead - back).T / 2, atol=1e-13 * scale)
+    ahead, back = (equations.tangent(many(q), many(v), a + s * np.eye(nv)).force for s in (1, -1))
+    np.testing.assert_allclose(at.mass[0], (ahead - back).T / 2, atol=1e-13 * scale)
+
+
+def test_loop_curvature_is_the_derivative_of_the_loop_forces(equations):
+    q, v, a = state(equations)
+    multipliers = np.random.default_rng(2).standard_normal(len(equations.rows.names))
+    at, h = equations.tangent(q[None], v[None], a[None]), 1e-6
+    ahead, back = (
+        multipliers @ loop_equations(equations.rows, frames_at(equations.robot, x)).jacobian
+        for x in around(equations, q, h)
+    )
+    curvature = loop_curvature(equations.rows, at.frames, equations.geometry.before, multipliers[None])[0]
+    np.testing.assert_allclose(curvature, (ahead - back).T / (2 * h), atol=1e-8)
+    np.testing.assert_allclose(curvature, curvature.T, atol=1e-12)  # all joints turn or slide about one axis
+
+
+@pytest.mark.parametrize("damping", [-1.0, np.nan, [1.0, 2.0]])
+def test_damping_that_cannot_be_is_refused(damping):
+    with pytest.raises(InvalidInput, match="damping"):
+        Equations.of(robots.load("five_bar"), np.asarray(damping))

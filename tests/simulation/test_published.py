@@ -1,0 +1,153 @@
+"""Problems that others have published, with the solution that they give or that can be written down."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.special import ellipj, ellipk
+
+import robots
+from framework import ParallelRobot
+from framework.errors import NotConverged
+from framework.simulation import simulate
+from robots.generators import n_four_bar as generator
+from tests.robots.test_bricard import energies
+
+SQUEEZER = Path(__file__).parents[1] / "data" / "andrews_squeezer" / "andrews_squeezer.yaml"
+GRAVITY = 9.81
+
+
+def no_torque(t: float) -> list[float]:
+    return [0.0]
+
+
+def without_motor(robot: ParallelRobot) -> ParallelRobot:
+    """The robot without the rotor of its drive, which the benchmarks do not have."""
+    return replace(robot, rotor_inertia=np.zeros(robot.n_a))
+
+
+def columns(robot: ParallelRobot, start: str) -> list[int]:
+    return [c for c in range(robot.model.nv) if robot.joint_of(c).startswith(start)]
+
+
+# ------------------------------------------------------------------ N-four-bar
+
+
+def leaning(loops: int, t: np.ndarray) -> np.ndarray:
+    """Angle of the rods from the vertical after a start upright at 1 rad/s.
+
+    x'^2 = 1 + 4 k sin^2(x / 2), k = g ((N + 1) / 2 + N) / ((N + 1) / 3 + N): a pendulum that turns over,
+    x = pi + 2 am(t sqrt(1 + 4 k) / 2 - K(m), m), m = 4 k / (1 + 4 k).
+    """
+    k = GRAVITY * ((loops + 1) / 2 + loops) / ((loops + 1) / 3 + loops)
+    m = 4 * k / (1 + 4 * k)
+    return np.pi + 2 * ellipj(t * np.sqrt(1 + 4 * k) / 2 - ellipk(m), m)[3]
+
+
+def four_bars(folder: Path, loops: int, duration: float, **options):
+    robot = without_motor(ParallelRobot.from_file(generator.write(folder, loops)))
+    rods = columns(robot, "pivot")
+    rates = np.full(robot.model.nv, -1.0)
+    rates[rods] = 1.0
+    result = simulate(
+        robot, no_torque, start=np.zeros(robot.model.nq), start_velocity=rates, duration=duration, **options
+    )
+    x = leaning(loops, result.times)[:, None]
+    return result, np.hypot(*(f(result.q[:, rods]) - f(x) for f in (np.sin, np.cos)))
+
+
+def test_closed_form_of_the_four_bars_is_a_solution():
+    k = GRAVITY * 3.5 / 3
+
+    def slope(t, y):
+        return y[1], k * np.sin(y[0])
+
+    other = solve_ivp(slope, (0, 10), [0.0, 1.0], "DOP853", rtol=1e-12, atol=1e-12, t_eval=[1, 5, 10])
+    np.testing.assert_allclose(leaning(2, other.t), other.y[0], atol=1e-8)
+
+
+def test_two_four_bars_for_ten_seconds(tmp_path):
+    """IFToMM A02: each loop loses a rank whenever the rods are level, some ten times here."""
+    result, off = four_bars(tmp_path, 2, 10.0)
+    level = np.abs(np.cos(leaning(2, result.times)))
+    assert np.sum((level[1:-1] < level[:-2]) & (level[1:-1] < level[2:])) >= 10  # passages
+    assert off.max() < 1e-7  # [m]; the goal is 1e-6
+    assert off[250:].max() < 100 * off[:250].max() + 1e-10  # no drift
+    assert result.closure_error < 1e-12
+    assert result.energy_error < 1e-9
+
+
+def test_a_minute_of_level_rods(tmp_path):
+    """Some seventy passages: short steps cannot be solved near one, so steps go over it."""
+    result, off = four_bars(tmp_path, 2, 60.0)
+    assert off.max() < 1e-6
+    assert result.unresolved < 1e-8
+
+
+@pytest.mark.slow
+def test_forty_four_bars_for_twenty_seconds(tmp_path):
+    result, off = four_bars(tmp_path, 40, 20.0, stages=8, tolerance=1e-9)
+    assert off.max() < 1e-6
+    assert result.closure_error < 1e-11
+
+
+# ------------------------------------------------------------------ Andrews' squeezing mechanism
+
+# F. Mazzia and C. Magherini, Test Set for Initial Value Problem Solvers, Andrews' squeezing mechanism:
+# angles at t = 0.03 s [rad].
+SQUEEZED = {
+    "beta": 0.1581077119629904e2,
+    "theta": -0.1575637105984298e2,
+    "gamma": 0.4082224013073101e-1,
+    "phi": -0.5347301163226948,
+    "delta": 0.5244099658805304,
+    "omega": 0.5347301163226948,
+    "epsilon": 0.1048080741042263e1,
+}
+
+
+@pytest.mark.parametrize(("method", "relative"), [("reference", 1e-9), ("stiff", 1e-6)])
+def test_andrews_squeezer(method, relative):
+    robot = ParallelRobot.from_file(SQUEEZER)
+    result = simulate(robot, lambda t: [0.033], duration=0.03, method=method)
+    end = {robot.joint_of(c): value for c, value in enumerate(result.q[-1])}
+    for joint, value in SQUEEZED.items():
+        assert end[joint] == pytest.approx(value, rel=relative), joint
+
+
+# ------------------------------------------------------------------ Bricard's mechanism
+
+
+def test_bricard_for_ten_seconds_keeps_its_energy():
+    """IFToMM A04: released at rest, one degree of freedom, so that M(x) x'^2 / 2 + V(x) = V(x_0) says all."""
+    robot = without_motor(robots.load("bricard"))
+    start = robot.q_near * 0.0
+    result = simulate(robot, no_torque, start=start, duration=10.0, samples=101)
+    assert result.energy_error < 1e-10
+    assert result.closure_error < 1e-12
+    x, rate = result.platform(result.times)[:, 0], result.platform(result.times, order=1)[:, 0]
+    inertia, height = np.array([energies(angle) for angle in x]).T
+    np.testing.assert_allclose(0.5 * inertia * rate**2 + height, energies(x[0])[1], atol=1e-8)
+    assert np.ptp(x) > 0.5
+
+
+# ------------------------------------------------------------------ a fall through a fourfold singularity
+
+
+@pytest.mark.slow
+def test_a_quadruped_falls_through_its_folded_legs():
+    """All four legs fold at once, foot against hip: all loops lose rank, and the motion may branch there.
+
+    To 1e-7 there is a way on that keeps the energy; to 1e-12 there is none, and this is said.
+    """
+    robot = robots.load("standing_quadruped")
+    limp = [0.0] * robot.n_a
+    result = simulate(robot, lambda t: limp, duration=0.3, method="stiff")
+    assert result.energy_error < 1e-6
+    assert np.abs(result.q[-1, robot.actuated]).max() > 3.5  # folded further than half a turn
+    with pytest.raises(NotConverged, match="loops lock or branch"):
+        simulate(robot, lambda t: limp, duration=0.3)

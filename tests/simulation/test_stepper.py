@@ -1,0 +1,145 @@
+"""Fixed steps: of second order, without drift, alike alone and in stacks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework import plan_scene
+from framework.errors import InvalidInput, NotConverged
+from framework.simulation import Stepper, simulate
+
+
+def held_torque(robot, plan, scheme, steps):
+    """End of a run under the planned torques of the middle of each step, and its largest open loop."""
+    stepper = Stepper.of(robot, scheme=scheme)
+    h = plan.duration / steps
+    state = stepper.start(plan.dynamics.configuration(0.0)[0], torque=plan.torque(0.0))
+    for torque in plan.torque((np.arange(steps) + 0.5) * h):
+        state = stepper.step(*state, torque, h)
+    gap = np.abs(stepper.stack.terms(state.q[None], state.v[None]).residual).max()
+    return stepper.platform(*state)[0], gap
+
+
+CASES = [
+    ("five_bar_heavy", "rigid", "midpoint"),
+    ("five_bar", "flexible_joints", "midpoint"),
+    ("five_bar", "flexible_joints", "extrapolated"),
+    ("five_bar", "flexible_links", "extrapolated"),
+]
+
+
+@pytest.mark.parametrize(("name", "flexibility", "scheme"), CASES)
+def test_halving_the_step_quarters_the_error(name, flexibility, scheme):
+    robot = robots.load(name, flexibility=flexibility)
+    plan = plan_scene(robot, "A")
+    end = plan.platform(plan.duration)
+    ends, gaps = zip(*(held_torque(robot, plan, scheme, steps) for steps in (250, 500)), strict=True)
+    coarse, fine = (np.abs(one - end).max() for one in ends)
+    assert fine < 1e-5
+    assert coarse / fine == pytest.approx(4.0, rel=0.3)
+    assert max(gaps) < 1e-9
+
+
+def test_a_stack_of_other_robots_is_each_of_them_alone():
+    robot = robots.load("five_bar_heavy")
+    plan = plan_scene(robot, "C")
+    others = []
+    for extra in (0.0, 0.5, 1.0):
+        model = robot.model.copy()
+        model.inertias[2].mass += extra
+        others.append(replace(robot, model=model, rotor_inertia=(1 + extra) * robot.rotor_inertia))
+    q, v = plan.dynamics.configuration([0.3, 0.5, 0.7]), plan.dynamics.velocity([0.3, 0.5, 0.7])
+    torque = plan.torque(np.array([0.3, 0.5, 0.7]))
+    together = Stepper.of(others, damping=0.1)
+    stacked = together.step(q, v, torque, 1e-3)
+    x, twist = together.platform(*stacked)
+    for k, other in enumerate(others):
+        alone = Stepper.of(other, damping=0.1)
+        state = alone.step(q[k], v[k], torque[k], 1e-3)
+        np.testing.assert_allclose(stacked.q[k], state.q, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(stacked.v[k], state.v, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(x[k], alone.platform(*state)[0], atol=1e-14)
+        np.testing.assert_allclose(twist[k], alone.platform(*state)[1], atol=1e-12)
+    assert np.abs(stacked.v[1] - stacked.v[0]).max() > 1e-3
+
+
+def test_pinocchio_s_contact_dynamics_steps_alike():
+    """Another solver, of order 4: what is left is the error of the midpoint rule."""
+    robot = robots.load("biglide", flexibility="flexible_joints")
+    plan = plan_scene(robot, "across")
+    times = np.array([0.3, 0.5])
+    q, v = plan.dynamics.configuration(times), plan.dynamics.velocity(times)
+    off = []
+    for h in (1e-3, 5e-4):
+        one, other = (
+            Stepper.of([robot, robot], scheme=scheme, damping=0.1).step(q, v, plan.torque(times), h)
+            for scheme in ("midpoint", "contacts")
+        )
+        off.append(np.abs(one.v - other.v).max())
+    assert off[1] < off[0] / 6  # h^3
+    single = Stepper.of(robot, scheme="contacts", damping=0.1).step(q[0], v[0], plan.torque(0.3), 5e-4)
+    np.testing.assert_allclose(single.v, other.v[0], atol=1e-12)
+
+
+def test_one_robot_serves_many_runs_and_one_that_is_lost_disturbs_none():
+    robot = robots.load("five_bar")
+    stepper = Stepper.of(robot)
+    start = stepper.start(np.repeat(robot.q_near[None], 3, axis=0))
+    torque = np.array([[0.1, 0.0], [np.nan, 0.0], [0.1, 0.0]])
+    state = stepper.step(*start, torque, 1e-3)
+    assert np.all(np.isnan(state.v[1]))
+    np.testing.assert_array_equal(state.q[0], state.q[2])
+    np.testing.assert_array_equal(state.q[0], stepper.step(start.q[0], start.v[0], torque[0], 1e-3).q)
+
+
+def test_open_loops_close_and_do_not_overshoot():
+    robot = robots.load("five_bar_heavy")
+    stepper = Stepper.of(robot)
+    q, v = stepper.start(robot.q_near)
+    q = q + np.array([0.0, 0.0, 0.0, 1e-4])
+    gaps = []
+    for _ in range(40):
+        q, v = stepper.step(q, v, np.zeros(2), 1e-3)
+        gaps.append(np.abs(stepper.stack.terms(q[None], v[None]).residual).max())
+    assert max(gaps) <= 3e-5
+    assert gaps[-1] < 1e-9
+
+
+def test_stiff_springs_cost_no_small_steps():
+    """Springs a million times stiffer than the 5R's: an explicit method would need h < 1e-6 s."""
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    stiff = replace(robot, stiffness=1e6 * robot.stiffness)
+    plan = plan_scene(stiff, "C")
+    for method, apart in (("fast", 1e-4), ("stiff", 1e-6)):
+        assert (
+            simulate(stiff, plan, method=method, step=2e-3 if method == "fast" else None).tracking_error
+            < apart
+        )
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Stepper.of([]), "at least one robot"),
+        (lambda: Stepper.of(robots.load("five_bar"), scheme="euler"), "scheme 'euler'"),
+        (
+            lambda: Stepper.of(robots.load("five_bar", flexibility="flexible_links"), scheme="midpoint"),
+            "extrapolated",
+        ),
+        (lambda: Stepper.of(robots.load("agile_eye"), scheme="contacts"), "spherical and fixed"),
+        (lambda: Stepper.of([robots.load("five_bar"), robots.load("four_bar")]), "one structure"),
+        (lambda: Stepper.of(robots.load("five_bar"), damping=[1.0]), "damping"),
+    ],
+)
+def test_misuse_is_named(make, message):
+    with pytest.raises(InvalidInput, match=message):
+        make()
+
+
+def test_running_away_is_told():
+    with pytest.raises(NotConverged, match="runs away"):
+        simulate(robots.load("five_bar"), lambda t, q, v: 1e6 * v[[0, 2]] + 1e3, duration=1.0, method="fast")

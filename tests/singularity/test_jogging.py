@@ -1,0 +1,120 @@
+"""A robot moved by hand keeps its loops closed, and stops where its geometry ends."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, assemble
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.frames import frames_at
+from framework.singularity.jogging import motors_are_free, move_motor, move_platform, pose_at
+from tests.singularity.test_locus import LINK, MOTORS, elbows
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("five_bar")
+
+
+def gap(robot, q) -> float:
+    return float(np.abs(loop_equations(robot.rows, frames_at(robot, q[None])).residual).max())
+
+
+def test_the_platform_goes_where_it_is_led_and_back(robot):
+    start = assemble(robot)
+    there = move_platform(robot, start.q, 0, -0.05)
+    assert there.stopped == ""
+    np.testing.assert_allclose(there.x, [-0.05, start.x[1]], atol=1e-12)
+    back = move_platform(robot, there.q, 0, float(start.x[0]))
+    np.testing.assert_allclose(back.q, start.q, atol=1e-9)
+    assert max(gap(robot, there.q), gap(robot, back.q)) < 1e-12
+
+
+def test_the_platform_is_led_across_a_singularity_and_g_changes_sign(robot):
+    above = move_platform(robot, assemble(robot).q, 0, 0.0)
+    on = move_platform(robot, above.q, 1, float(np.sqrt(0.06)))  # where the rods lie in line
+    below = move_platform(robot, on.q, 1, 0.22)
+    assert (above.level, on.level) == ("regular", "singular")
+    assert "Type 2" in on.verdict
+    assert abs(on.g) == pytest.approx(on.smallest, abs=1e-12)
+    assert abs(on.g) < 1e-9
+    assert above.g * below.g < 0
+    assert abs(on.twist[1]) == pytest.approx(1.0)  # t_s = (0, 1), the paper's case C
+    assert below.stopped == ""
+
+
+def test_the_platform_stops_where_a_leg_is_stretched(robot):
+    start = move_platform(robot, assemble(robot).q, 0, 0.0)
+    edge = move_platform(robot, start.q, 1, 2.0)
+    reach = np.linalg.norm(edge.x - MOTORS, axis=1).max()
+    assert reach == pytest.approx(2 * LINK, abs=1e-5)
+    assert "Type 1" in edge.stopped
+    assert "motor" in edge.stopped
+    assert edge.level != "regular"
+    assert edge.legs
+    assert gap(robot, edge.q) < 1e-9
+
+
+def test_a_motor_moves_alone(robot):
+    start = pose_at(robot, assemble(robot).q)
+    there = move_motor(robot, start.q, 0, float(start.motors[0]) + 0.1)
+    np.testing.assert_allclose(there.motors, start.motors + np.array([0.1, 0.0]), atol=1e-12)
+    assert gap(robot, there.q) < 1e-12
+
+
+def test_a_motor_stops_where_the_rods_lie_in_line(robot):
+    # outward, the elbows part until they are two rods apart: a Type 2 singularity, and no way on
+    start = pose_at(robot, assemble(robot).q)
+    apart = move_motor(robot, start.q, 0, float(start.motors[0]) + 3.0)
+    assert "Type 2" in apart.stopped
+    assert apart.level != "regular"
+    left, right = elbows(apart.x)
+    assert np.linalg.norm(left - right) == pytest.approx(2 * LINK, abs=1e-4)
+    assert gap(robot, apart.q) < 1e-9
+
+
+def test_a_step_that_is_far_leads_to_the_same_place_as_many_small_ones(robot):
+    start = pose_at(robot, assemble(robot).q)
+    far = move_motor(robot, start.q, 1, float(start.motors[1]) + 0.4)
+    assert far.stopped == ""
+    near = start
+    for part in range(1, 9):
+        near = move_motor(robot, near.q, 1, float(start.motors[1]) + 0.05 * part)
+    np.testing.assert_allclose(far.q, near.q, atol=1e-9)
+
+
+def test_redundant_motors_cannot_move_one_by_one():
+    robot = robots.load("standing_quadruped")
+    assert not motors_are_free(robot)
+    with pytest.raises(InvalidInput, match="12 motors drive 6 degrees of freedom"):
+        move_motor(robot, assemble(robot).q, 0, 0.1)
+
+
+@pytest.mark.parametrize("name", ["three_rpr", "delta", "gough_stewart", "agile_eye"])
+def test_other_robots_follow_each_of_their_sliders(name):
+    robot = robots.load(name)
+    start = pose_at(robot, assemble(robot).q)
+    for move, values in ((move_platform, start.x), (move_motor, start.motors)):
+        for index, value in enumerate(values):
+            pose = move(robot, start.q, index, float(value) + 0.02 * min(robot.length, 1.0))
+            assert pose.stopped == ""
+            assert gap(robot, pose.q) < 1e-9 * max(robot.length, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("index", "value", "complaint"),
+    [(2, 0.1, "index"), (-1, 0.1, "index"), (0, np.nan, "value"), (0, np.inf, "value")],
+)
+def test_what_cannot_be_right_is_refused(robot, index, value, complaint):
+    for move in (move_platform, move_motor):
+        with pytest.raises(InvalidInput, match=complaint):
+            move(robot, assemble(robot).q, index, value)
+
+
+def test_only_closed_loops_are_moved(robot):
+    open_loops = assemble(robot).q + 0.1
+    for q in (open_loops, open_loops[:-1], open_loops * np.nan):
+        with pytest.raises(InvalidInput, match="q: "):
+            move_platform(robot, q, 0, 0.1)

@@ -1,0 +1,219 @@
+"""Singular points on a path against the closed-form locus of the planar 5R."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Arc, Line, ParallelRobot, Spline, assemble, locate_singularities, scene_path
+from framework.errors import InvalidInput, NotAssembled, OutOfReach, SingularPath, Type1Singularity
+from framework.kinematics.tracking import track_path
+from framework.singularity.classification import singularity_measure
+from tests.robots import five_bar_oracle as oracle
+
+LEFT, RIGHT = np.array([-0.2, 0.0]), np.array([0.2, 0.0])
+LENGTH = 0.25
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("five_bar")
+
+
+def locus(crank: float) -> np.ndarray:
+    """Payload (2,) [m] when both rods lie on one line: the middle of the bar between the elbows."""
+    left = LEFT + LENGTH * np.array([np.cos(crank), np.sin(crank)])
+    # right elbow: 2 LENGTH from the left one, LENGTH from its motor, on the upper side
+    between = RIGHT - left
+    distance = np.linalg.norm(between)
+    along = (distance**2 + (2 * LENGTH) ** 2 - LENGTH**2) / (2 * distance)
+    normal = np.array([-between[1], between[0]]) / distance
+    right = left + along * between / distance + np.sqrt((2 * LENGTH) ** 2 - along**2) * normal
+    return 0.5 * (left + right)
+
+
+def locus_tangent(crank: float) -> np.ndarray:
+    """Direction of the locus by a central difference, good to 1e-10."""
+    h = 1e-5
+    return (locus(crank + h) - locus(crank - h)) / (2 * h)
+
+
+def rods_cross(x) -> float:
+    """Cross product of the rods of the undeformed 5R with the payload at x: zero on the locus."""
+    A = oracle.velocity_matrices(x)[0]
+    return float(A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0])
+
+
+PATHS = [
+    Line([0.1, 0.345], [-0.05, 0.195]),
+    Line([0.1, 0.345], [-0.2, -0.2]),  # crosses twice
+    Arc([0.1, 0.345], [0.0, 0.26], [-0.1, 0.2]),
+    Spline([[0.1, 0.345], [0.05, 0.3], [0.0, 0.26], [-0.02, 0.2], [-0.05, 0.22], [-0.1, 0.3], [-0.1, 0.2]]),
+    Line([0.1, 0.345], [-0.05, 0.295]),  # stays clear
+]
+
+
+@pytest.mark.parametrize("path", PATHS, ids=["line", "twice", "arc", "spline", "clear"])
+def test_all_crossings_are_found_to_rounding(robot, path):
+    found = locate_singularities(robot, path)
+    grid = np.linspace(0.0, 1.0, 401)
+    values = [rods_cross(path(s)) for s in grid]
+    changes = np.flatnonzero(np.diff(np.sign(values)))
+    assert len(found) == len(changes)
+    for point, k in zip(found, changes, strict=True):
+        assert grid[k] < point.s < grid[k + 1]
+        assert point.contact == "transversal"
+        h = 1e-12  # the closed form changes sign within 1e-12 of the root
+        assert rods_cross(path(point.s - h)) * rods_cross(path(point.s + h)) < 0
+
+
+@pytest.mark.parametrize("crank", [1.5, 1.7, 1.9])
+def test_a_tangential_touch_is_found_though_g_keeps_its_sign(robot, crank):
+    middle, tangent = locus(crank), locus_tangent(crank)
+    reach = 0.06 * tangent / np.linalg.norm(tangent)
+    # an arc that is nearly the tangent line: touches at its middle, s = 1/2
+    path = Line(middle - reach, middle + reach)
+    (point,) = locate_singularities(robot, path)
+    assert point.contact == "tangential"
+    assert point.s == pytest.approx(0.5, abs=1e-9)  # what the differenced tangent allows
+    g = singularity_measure(robot, track_path(robot, path).closed(np.linspace(0, 1, 101)).system).g
+    assert np.all(g[:45] * g[56:] > 0)
+
+
+@pytest.mark.parametrize(("depth", "count"), [(1e-5, 2), (-1e-5, 0)])
+def test_beside_a_touch_there_are_two_crossings_or_none(robot, depth, count):
+    middle, tangent = locus(1.7), locus_tangent(1.7)
+    reach = 0.06 * tangent / np.linalg.norm(tangent)
+    normal = np.array([-reach[1], reach[0]]) / np.linalg.norm(reach)
+    # the curve bends to one side of its tangent: shift towards it to cross twice, away to miss
+    inside = np.sign(normal @ (locus(1.7 + 1e-2) + locus(1.7 - 1e-2) - 2 * middle))
+    shift = depth * inside * normal
+    found = locate_singularities(robot, Line(middle - reach + shift, middle + reach + shift))
+    assert [point.contact for point in found] == ["transversal"] * count
+
+
+def test_tangential_touch_by_an_exact_arc_is_located_to_1e_12(robot):
+    # by symmetry the locus is horizontal on the axis x = 0; an arc symmetric to it touches there
+    top = locus(float(np.arccos(-0.2)))
+    assert top[0] == pytest.approx(0.0, abs=1e-15)
+    end = np.array([0.08, top[1] + 0.05])
+    path = Arc(end, top, end * [-1, 1])
+    (point,) = locate_singularities(robot, path)
+    assert point.contact == "tangential"
+    assert point.s == pytest.approx(0.5, abs=1e-12)
+
+
+def test_out_of_reach_names_the_leg_and_the_place(robot):
+    # straight up from x = 0.1: the left leg, longer stretched, ends first, at |C - A| = 0.5
+    with pytest.raises(OutOfReach, match="leg of left_motor") as caught:
+        locate_singularities(robot, Line([0.1, 0.345], [0.1, 0.6]))
+    assert caught.value.platform[1] == pytest.approx(0.4, abs=1e-6)
+    with pytest.raises(OutOfReach, match="leg of right_motor") as caught:
+        locate_singularities(robot, Line([-0.05, 0.345], [-0.1, 0.6]))
+    assert np.linalg.norm(caught.value.platform - RIGHT) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_start_out_of_reach_is_said_so(robot):
+    with pytest.raises(OutOfReach, match="way from the reference"):
+        locate_singularities(robot, Line([0.1, 0.7], [0.1, 0.345]))
+
+
+def test_a_path_that_stretches_a_leg_in_passing_is_a_type_1_singularity(robot):
+    angle = np.deg2rad(60)
+    spoke = np.array([np.cos(angle), np.sin(angle)])
+    touch = LEFT + 0.5 * spoke
+    centre, radius = touch - 0.1 * spoke, 0.1  # a circle that touches the reach from inside
+    around = [centre + radius * np.array([np.cos(angle + d), np.sin(angle + d)]) for d in (-0.6, 0.0, 0.9)]
+    with pytest.raises((Type1Singularity, OutOfReach), match="left_motor") as caught:
+        locate_singularities(robot, Arc(*around))
+    assert caught.value.s == pytest.approx(0.6 / 1.5, abs=1e-3)
+
+
+def test_a_path_that_folds_a_leg_in_passing_is_refused(robot):
+    # equal crank and rod: the payload over the left motor leaves the crank free to turn
+    with pytest.raises((Type1Singularity, OutOfReach), match="left_motor") as caught:
+        locate_singularities(robot, Line([-0.13, 0.07], [-0.27, -0.07]))
+    assert caught.value.s == pytest.approx(0.5, abs=1e-2)
+
+
+def test_assemble_keeps_the_working_mode(robot):
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        x = np.array([0.1, 0.345]) + rng.uniform(-0.1, 0.05, 2)
+        if max(np.linalg.norm(x - LEFT), np.linalg.norm(x - RIGHT)) > 0.49:
+            continue
+        cranks = assemble(robot, x).q[robot.actuated]
+        np.testing.assert_allclose(cranks, oracle.inverse_kinematics(x), atol=1e-13)
+
+
+def test_loops_that_cannot_close_report_residual_and_iterate(robot, tmp_path):
+    text = robot.description.urdf_text.replace('xyz="0.2 0 0"', 'xyz="1.4 0 0"')
+    assert text != robot.description.urdf_text
+    far = ParallelRobot.from_description(replace(robot.description, urdf_text=text))
+    with pytest.raises(NotAssembled, match=r"tip\.[xy] stays .* m apart") as caught:
+        assemble(far)
+    assert caught.value.residual > 0.1  # 1.6 m between the motors, links of 1 m in all
+    assert caught.value.q.shape == (4,)
+
+
+@pytest.mark.parametrize("x", [[0.1], [0.1, np.nan], [0.1, 0.2, 0.3]])
+def test_assemble_refuses_what_is_no_platform_point(robot, x):
+    with pytest.raises(InvalidInput, match="2 finite numbers"):
+        assemble(robot, x)
+
+
+def test_a_path_with_other_coordinates_than_the_platform_is_refused(robot):
+    with pytest.raises(InvalidInput, match="3 coordinates, the platform of five_bar has 2"):
+        locate_singularities(robot, Line([0.1, 0.3, 0.0], [0.0, 0.3, 0.0]))
+
+
+@pytest.mark.parametrize("depth", [-1e-11, -1e-12])
+def test_a_near_miss_is_no_singular_point(robot, depth):
+    middle, tangent = locus(1.7), locus_tangent(1.7)
+    reach = 0.06 * tangent / np.linalg.norm(tangent)
+    normal = np.array([-reach[1], reach[0]]) / np.linalg.norm(reach)
+    inside = np.sign(normal @ (locus(1.7 + 1e-2) + locus(1.7 - 1e-2) - 2 * middle))
+    shift = depth * inside * normal
+    assert locate_singularities(robot, Line(middle - reach + shift, middle + reach + shift)) == ()
+
+
+class AlongTheLocus:
+    """The singular curve itself as a path."""
+
+    n, knots = 2, np.empty(0)
+
+    def __call__(self, s, order=0):
+        cranks = 1.6 + 0.2 * np.atleast_1d(np.asarray(s, dtype=float))
+        points = [locus(c) if order == 0 else 0.2 * locus_tangent(c) for c in cranks]
+        return np.array(points).reshape(*np.shape(s), 2)
+
+
+def test_a_path_along_the_locus_is_told_as_such(robot):
+    with pytest.raises(SingularPath, match="runs along a singularity"):
+        locate_singularities(robot, AlongTheLocus())
+
+
+def test_an_assembled_configuration_cannot_be_changed_from_outside(robot):
+    with pytest.raises(ValueError, match="read-only"):
+        assemble(robot).q[0] += 0.5
+
+
+def test_a_reference_far_from_any_assembly_is_refused(robot):
+    vague = replace(robot.description, reference={"left_motor": 1.27, "right_motor": -1.9})
+    with pytest.raises(NotAssembled, match="not near an assembled configuration"):
+        assemble(ParallelRobot.from_description(vague))
+
+
+@pytest.mark.parametrize(("name", "scene"), [("biglide", "across"), ("delta", "cross"), ("five_bar", "C")])
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_singular_points_do_not_hang_on_what_counts_as_the_length_of_the_robot(name, scene, factor):
+    """A small mechanism on a long robot has a small g all along; its roots are roots all the same."""
+    robot = robots.load(name)
+    path = scene_path(robot.description.scenes[scene])
+    (point,) = locate_singularities(robot, path)
+    (other,) = locate_singularities(replace(robot, length=factor * robot.length), path)
+    assert other.s == pytest.approx(point.s, abs=1e-13)
+    np.testing.assert_allclose(other.twist, point.twist, atol=1e-9)

@@ -1,0 +1,124 @@
+"""Where a matrix loses rank along a path, against matrices Q(s) D(s) R(s)' with D known."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from framework.errors import SingularPath
+from framework.singularity.bordered_system import Border, bordered
+from framework.singularity.rank_deficiency import Measured, Samples, contacts, panels
+
+SIZE = 6
+
+
+def rotation(rng):
+    """Of SIZE dimensions, turning with s: (T,) -> (T, SIZE, SIZE)."""
+    skew = rng.normal(size=(SIZE, SIZE))
+    return lambda s: np.array([expm(0.4 * value * (skew - skew.T)) for value in s])
+
+
+def measured(*entries, power=1):
+    """The matrix with these functions of s, and ones, as singular values with a sign."""
+    rng = np.random.default_rng(5)
+    left, right = rotation(rng), rotation(rng)
+
+    def matrix(s):
+        values = np.ones((len(s), SIZE))
+        for k, entry in enumerate(entries):
+            values[:, k] = entry(s)
+        product = (left(s) * values[:, None, :]) @ right(s).transpose(0, 2, 1)
+        return product.transpose(0, 2, 1) @ product if power == 2 else product
+
+    branch = SimpleNamespace(
+        robot=SimpleNamespace(name="matrix"),
+        path=SimpleNamespace(knots=np.empty(0)),
+        closed=lambda s: SimpleNamespace(system=s),
+    )
+    return Measured(branch, matrix, power)
+
+
+def found(*entries, power=1):
+    matrix = measured(*entries, power=power)
+    return contacts(matrix, panels(Samples(matrix.branch, {}), matrix))
+
+
+def root(at, slope=1.0):
+    return lambda s: slope * (s - at)
+
+
+def touch(at, bend=2.0):
+    return lambda s: bend * (s - at) ** 2
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_det_G_has_the_roots_and_the_sign_of_the_determinant(count):
+    matrix = measured(*[root(0.3 + 0.2 * k) for k in range(count)])
+    s = np.linspace(0.0, 1.0, 41) + 1e-3
+    matrices = matrix.at(s)
+    solution = bordered(matrices, Border.of(matrices[20], count))
+    np.testing.assert_array_equal(np.sign(solution.g), np.linalg.slogdet(matrices)[0])
+    at = matrix.at(np.array([0.3]))
+    assert bordered(at, Border.of(at[0], count)).g[0] == pytest.approx(0.0, abs=1e-14)
+
+
+@pytest.mark.parametrize("others", [(), (0.4,), (0.4, 0.4), (0.4, 0.4, 0.4)])
+def test_values_that_vanish_together_are_one_contact(others):
+    (only,) = found(root(0.4), *[root(at, -0.6) for at in others])
+    assert only.s == pytest.approx(0.4, abs=1e-12)
+    assert only.kind == "transversal"
+
+
+def test_values_that_touch_together_are_tangential():
+    (only,) = found(touch(0.37), touch(0.37, 0.7))
+    assert only.s == pytest.approx(0.37, abs=1e-9)
+    assert only.kind == "tangential"
+
+
+def test_one_that_crosses_with_one_that_touches_is_tangential():
+    (only,) = found(root(0.37), touch(0.37, 0.7))
+    assert only.s == pytest.approx(0.37, abs=1e-9)
+    assert only.kind == "tangential"
+
+
+@pytest.mark.parametrize("gap", [0.1, 1e-2, 1e-3, 4e-4])
+def test_values_that_vanish_near_one_another_are_told_apart(gap):
+    places = found(root(0.4), root(0.4 + gap, -0.8))
+    assert [place.kind for place in places] == ["transversal"] * 2
+    np.testing.assert_allclose([place.s for place in places], [0.4, 0.4 + gap], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("distance", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
+def test_near_misses_of_two_values_are_no_contact(distance):
+    """As beside an axis on which two vanish: the block [[s, d], [-d, s]] never does."""
+    matrix = measured()
+
+    def pair(s):
+        matrices = matrix.at(s)
+        block = np.array([[[v - 0.4, distance], [-distance, v - 0.4]] for v in s])
+        left, right = matrices[:, :, :2], np.eye(SIZE)[:, :2]
+        return matrices - left @ right.T[None] + left @ block @ right.T[None]
+
+    beside = Measured(matrix.branch, pair)
+    assert contacts(beside, panels(Samples(matrix.branch, {}), beside)) == []
+
+
+def test_a_contact_on_the_edge_of_panels_or_of_the_path_is_found_once():
+    for at in (0.0, 0.5, 1.0):
+        (only,) = found(root(at), root(at, -0.7))
+        assert only.s == pytest.approx(at, abs=1e-12)
+
+
+def test_squares_touch():
+    """With redundant motors the matrix is P'P: what crosses in P touches there."""
+    (only,) = found(root(0.4), root(0.4, -0.6), power=2)
+    assert only.s == pytest.approx(0.4, abs=1e-9)
+    assert only.kind == "tangential"
+
+
+def test_a_path_along_the_locus_is_refused():
+    with pytest.raises(SingularPath, match="runs along a singularity"):
+        found(root(0.4), lambda s: 0.0 * s)
