@@ -55,7 +55,7 @@ format: $(VENV)/.dev  ## mend style, as far as it can be mended by itself
 	$(BIN)/ruff format .
 
 docs: $(VENV)/.dev  ## write the API reference from the docstrings to build/docs
-	$(BIN)/python -W error -W 'ignore:Error parsing type annotation' -m pdoc $(API) --math --output-directory build/docs
+	$(BIN)/python -W error -W 'ignore:Error parsing type annotation' -m pdoc $(API) --docformat google --math --output-directory build/docs
 
 ifeq ($(NOTEBOOKS),)
 notebooks:  ## execute the notebooks
