@@ -9,6 +9,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.certificate import Certificate
 from framework.kinematics.frames import integrate
+from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import MotionLaw
@@ -85,6 +86,17 @@ class InverseDynamics:
     def configuration(self, t: ArrayLike) -> Array:
         """All joint coordinates q (T, nq) at t (T,), deflections included."""
         return integrate(self.robot, self.origin, self.offsets(np.atleast_1d(t)))
+
+    def motion(self, t: ArrayLike) -> Motion:
+        """Positions, velocities and accelerations of all coordinates at t (T,), loops closed at each instant.
+
+        Raises:
+            NotAssembled: the loops do not close.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        closed = close_loops(self.robot, self.platform(times), self.configuration(times))
+        x, q_e = ([of(times, order) for order in (1, 2)] for of in (self.platform, self.deflection))
+        return motion_at(self.robot, closed, *x, *q_e)
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Joint velocities (order 1) or accelerations (order 2), (T, nv)."""

@@ -9,16 +9,14 @@ from scipy.spatial import ConvexHull
 import robots
 from framework import plan_scene
 from framework.dynamics.platform_wrench import motor_speeds, platform_wrench
-from framework.kinematics.inverse_kinematics import close_loops, motion_at
+from framework.kinematics.inverse_kinematics import close_loops
 
 
 def planned(name, scene, flexibility="rigid"):
     """A plan and its motion at a few instants, the crossing left out (there G' tau is 0 times a limit)."""
     plan = plan_scene(robots.load(name, flexibility=flexibility), scene)
     t = np.linspace(0.03, 0.97, 41) * plan.duration
-    closed = close_loops(plan.robot, plan.platform(t), plan.dynamics.configuration(t))
-    rates = (plan.deflection(t, 1), plan.deflection(t, 2))
-    return plan, t, motion_at(plan.robot, closed, plan.platform(t, 1), plan.platform(t, 2), *rates)
+    return plan, t, plan.dynamics.motion(t)
 
 
 @pytest.mark.parametrize(
