@@ -89,6 +89,11 @@ class ParallelRobot:
         return len(self.actuated)
 
     @property
+    def translations(self) -> NDArray[np.bool_]:
+        """Which of the platform's coordinates are translations, (n,) [m]; the others are turns [rad]."""
+        return np.asarray(self.platform_axes < 3)
+
+    @property
     def n_e(self) -> int:
         return len(self.elastic)
 
