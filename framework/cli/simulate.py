@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> Report:
 
 def _unit(result: Simulation) -> tuple[str, float]:
     """Unit of the tracking error, and how much of it is off the path."""
-    moves = bool((result.robot.platform_axes < 3).any())
+    moves = bool(result.robot.translations.any())
     return ("m", OFF * result.robot.length) if moves else ("rad", OFF)
 
 

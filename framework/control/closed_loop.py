@@ -226,7 +226,7 @@ class _Watch:
 
     def look(self, time: float, x: Array, planned: Array) -> None:
         """Compare platforms x (R, n) with the plan (n,); lose those that are far off or not finite."""
-        size = np.where(self.robot.platform_axes >= 3, 1.0, self.robot.length)
+        size = np.where(self.robot.translations, self.robot.length, 1.0)
         self.error = np.nan_to_num(np.abs((x - planned) / size), nan=LOST).max(axis=1)
         self.lose(time, ~(self.error < LOST))
         self.worst = np.where(self.alive, np.maximum(self.worst, self.error), np.maximum(self.worst, LOST))

@@ -142,9 +142,7 @@ def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | N
     rest, pushed, forth, back = forces @ here.motion
     alpha = pushed - rest
     # what s" = 1 asks for at most; on massless legs the forces of a payload cancel before they get here
-    moved = np.abs(path_twist(robot, branch.path, here.s)) * np.where(
-        robot.platform_axes < 3, 1.0, robot.length
-    )
+    moved = np.abs(path_twist(robot, branch.path, here.s)) * np.where(robot.translations, 1.0, robot.length)
     mass = sum(inertia.mass for inertia in robot.model.inertias)
     own = max(float(np.abs((forces[1] - forces[0]) * here.motion).sum()), mass * float(moved.max()))
     scale = max(float(np.abs(forces * here.motion).sum(axis=1).max()), own)

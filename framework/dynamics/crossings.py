@@ -143,7 +143,7 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
     worst = max(crossings, key=lambda crossing: crossing.residual, default=None)
     if worst is None or worst.residual <= allowed:
         return
-    unit = "N" if np.any(np.abs(worst.twist[robot.platform_axes < 3]) > 0) else "N m"
+    unit = "N" if np.any(np.abs(worst.twist[robot.translations]) > 0) else "N m"
     raise UnboundedTorque(
         f"{robot.name}: unbounded torque at t = {worst.time:.9g} s, s = {worst.s:.12g}, "
         f"{', '.join(robot.axis_names)} = {point(worst.platform)}: a Type 2 singularity with "

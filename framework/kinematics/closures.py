@@ -112,7 +112,7 @@ def scaled(robot: ParallelRobot, matrix: Array, rows: LoopRows | None) -> Array:
     `rows` is its table of loop equations, or None when its rows are the platform's coordinates.
     Conditioning and singularity are judged on this, so a robot drawn in millimetres is judged alike.
     """
-    turning = rows.rotation if rows is not None else robot.platform_axes >= 3
+    turning = rows.rotation if rows is not None else ~robot.translations
     row_scale = np.where(turning, 1.0, 1.0 / robot.length)
     return matrix * row_scale[:, None] * column_scale(robot)
 

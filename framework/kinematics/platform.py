@@ -32,7 +32,7 @@ class _Axes(NamedTuple):
 @lru_cache(maxsize=128)
 def _axes(robot: ParallelRobot) -> _Axes:
     axes = robot.platform_axes
-    sliding, turning = np.flatnonzero(axes < 3), np.flatnonzero(axes >= 3)
+    sliding, turning = np.flatnonzero(robot.translations), np.flatnonzero(~robot.translations)
     return _Axes(sliding, axes[sliding], turning, axes[turning] - 3)
 
 

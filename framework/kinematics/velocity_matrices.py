@@ -54,7 +54,7 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
     )[0]
     # left null space N of the passive columns, in balanced units; then back to metres and radians
     N = np.linalg.qr(balanced[:, passive], mode="complete")[0][:, len(passive) :]
-    turning = np.concatenate([robot.platform_axes >= 3, rows.rotation])
+    turning = np.concatenate([~robot.translations, rows.rotation])
     N = N * np.where(turning, 1.0, 1.0 / robot.length)[:, None]
     jacobian = system.jacobian[0]
     return VelocityMatrices(

@@ -89,6 +89,11 @@ class ParallelRobot:
         return len(self.actuated)
 
     @property
+    def translations(self) -> NDArray[np.bool_]:
+        """Which of the platform's coordinates are translations, (n,) [m]; the others are turns [rad]."""
+        return np.asarray(self.platform_axes < 3)
+
+    @property
     def n_e(self) -> int:
         return len(self.elastic)
 
@@ -204,15 +209,12 @@ def _loop_rows(closures: tuple[Closure, ...], frame_names: list[str]) -> LoopRow
     names: list[str] = []
     for closure in closures:
         first, second = (frame_names.index(name) for name in closure.frames)
-        if closure.length is not None:
-            table.append((first, second, True, False, 0, 0, 1.0, closure.length))
-            names.append(f"{closure.name}.distance")
         locked = {AXES.index(axis) - 3 for axis in closure.axes if axis.startswith("r")}
         for axis in closure.axes:
-            k = "xyz".index(axis[-1])
-            rotation = axis.startswith("r")
+            distance, rotation = axis == "distance", axis.startswith("r")
+            k = 0 if distance else "xyz".index(axis[-1])
             pair = _perpendicular_pair(k, locked) if rotation else (k, 0, 1.0)
-            table.append((first, second, False, rotation, *pair, 0.0))
+            table.append((first, second, distance, rotation, *pair, closure.length or 0.0))
             names.append(f"{closure.name}.{axis}")
     columns = np.array(table).T
     first_frame, second_frame, first_axis, second_axis = columns[[0, 1, 4, 5]].astype(np.intp)

@@ -123,9 +123,6 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
             raise RobotFileError(
                 f"{entry.where}frames: {pair[0]!r} and {pair[1]!r} are on one rigid body: nothing to close"
             )
-        if entry.has("kind") and entry.content["kind"] == "distance":
-            length = entry.required("length", _positive)
-            return Closure(entry.required("name", _text), (pair[0], pair[1]), (), length)
         if entry.has("kind") == entry.has("axes"):
             raise RobotFileError(f"{entry.where[:-1]}: needs either kind or axes, and not both")
         if entry.has("axes"):
@@ -137,7 +134,8 @@ def _description(path: Path, top: _Mapping) -> RobotDescription:
                 axes = locked_axes(kind, axis)
             except RobotFileError as error:
                 raise RobotFileError(f"{entry.where}kind: {error}") from None
-        return Closure(entry.required("name", _text), (pair[0], pair[1]), axes)
+        length = entry.required("length", _positive) if "distance" in axes else None
+        return Closure(entry.required("name", _text), (pair[0], pair[1]), axes, length)
 
     def spring(entry: _Mapping) -> Spring | JointSpring:
         if entry.has("joint"):

@@ -73,11 +73,11 @@ def _sliders(robot: ParallelRobot, start: Pose) -> dict[str, list[dict[str, Any]
     def slider(name: str, unit: str, value: float, reach: float) -> dict[str, Any]:
         return {"name": name, "unit": unit, "low": value - reach, "high": value + reach}
 
-    whole = np.sum(robot.platform_axes >= 3) > 1  # a rotation vector ends at half a turn
+    whole = np.sum(~robot.translations) > 1  # a rotation vector ends at half a turn
     turns: list[float] = [1.5 if whole else np.pi] * robot.n
     platform = [
-        slider(name, "rad" if axis >= 3 else "m", value, turn if axis >= 3 else 0.8 * robot.length)
-        for name, axis, value, turn in zip(robot.axis_names, robot.platform_axes, start.x, turns, strict=True)
+        slider(name, "m" if moves else "rad", value, 0.8 * robot.length if moves else turn)
+        for name, moves, value, turn in zip(robot.axis_names, robot.translations, start.x, turns, strict=True)
     ]
     motor = [
         slider(name, "m" if slides else "rad", value, 0.8 * robot.length if slides else np.pi)

@@ -107,7 +107,7 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     ax = figure()[1][0] if ax is None else ax
     times = np.linspace(0.0, plan.duration, SAMPLES)
     _, wrench = wrench_along(plan.dynamics, times)
-    turning = not np.any(plan.robot.platform_axes < 3)
+    turning = not np.any(plan.robot.translations)
     ax.plot(times, wrench, **line_style(0))
     ax.axhline(0.0, color="black", linewidth=0.5)
     ax.set_xlabel("time  [s]")

@@ -125,7 +125,7 @@ def _crossings(plan: CrossingPlan, film: Film) -> str:
 
 def _with_units(robot: ParallelRobot) -> str:
     """The platform's coordinates with their units: x, y [m], rz [rad]."""
-    groups = {"m": robot.platform_axes < 3, "rad": robot.platform_axes >= 3}
+    groups = {"m": robot.translations, "rad": ~robot.translations}
     named = {
         unit: ", ".join(name for name, there in zip(robot.axis_names, chosen, strict=True) if there)
         for unit, chosen in groups.items()

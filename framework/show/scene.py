@@ -26,7 +26,7 @@ from framework.show.placements import (
     rotated,
 )
 from framework.show.shapes import Shape, body_shapes, turned_onto
-from framework.singularity.locus import locus_curves, locus_patch, straight_axes
+from framework.singularity.locus import locus_curves, locus_patch
 
 CLIPPED = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
 MOTOR = 0.06  # radius of a motor, over the radius of the picture
@@ -94,7 +94,7 @@ def robot_document(robot: ParallelRobot, poses: Array) -> dict[str, Any]:
         "robot": robot.name,
         "flexibility": robot.flexibility,
         "axes": list(robot.axis_names),
-        "turning": [bool(axis >= 3) for axis in robot.platform_axes],
+        "turning": (~robot.translations).tolist(),
         "joints": robot.model.njoints,
         "length": 1.2 * view["radius"],
         "shapes": [
@@ -252,7 +252,7 @@ def locus_about(
         for piece in np.split(np.arange(len(line)), np.flatnonzero(np.diff(kept)) + 1):
             if kept[piece[0]] and len(piece) > 1:
                 pieces.append(floats(line[piece]))
-    whole = len(straight_axes(robot)) == robot.n
+    whole = bool(robot.translations.all())
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
 
 

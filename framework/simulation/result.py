@@ -153,6 +153,6 @@ def _off_path(
 ) -> tuple[float, float | None]:
     """Largest distance [m] and largest turn [rad] from the planned platform."""
     off = platform_residual(robot, frames_at(robot, q), planned.platform(np.minimum(times, planned.duration)))
-    turning = robot.platform_axes >= 3
+    turning = ~robot.translations
     sizes = [float(np.linalg.norm(off[:, part], axis=1).max()) for part in (~turning, turning) if part.any()]
     return sizes[0], sizes[1] if len(sizes) > 1 else None

@@ -42,11 +42,6 @@ class _Reached(NamedTuple):
     g: Array  # (T,) det P: it changes sign where g does, and needs no border
 
 
-def straight_axes(robot: ParallelRobot) -> list[int]:
-    """Which platform coordinates are translations."""
-    return [k for k, axis in enumerate(robot.platform_axes) if axis < 3]
-
-
 def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None:
     """Zero level of g about a configuration q (nq,) with the platform at x (n,), by inverse kinematics.
 
@@ -54,7 +49,7 @@ def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None
     robot without exactly two translations, without passive joints, or with redundant motors (whose g has
     no sign).
     """
-    straight = straight_axes(robot)
+    straight = _straight(robot)
     if len(straight) != 2 or not _has_signed_measure(robot):
         return None
     span = np.linspace(-REACH, REACH, GRID) * robot.length
@@ -81,7 +76,7 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
 
     None for a robot without exactly three translations, or where the surface cannot be followed.
     """
-    straight = straight_axes(robot)
+    straight = _straight(robot)
     if len(straight) != 3 or not _has_signed_measure(robot):
         return None
     step = 1e-4 * robot.length
@@ -104,13 +99,18 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     return (points + x[straight]).reshape(PATCH, PATCH, 3)
 
 
+def _straight(robot: ParallelRobot) -> list[int]:
+    """Which platform coordinates are translations."""
+    return np.flatnonzero(robot.translations).tolist()
+
+
 def _has_signed_measure(robot: ParallelRobot) -> bool:
     return len(passive_columns(robot)) > 0 and robot.n_a == robot.n
 
 
 def _filled(robot: ParallelRobot, q: Array, x: Array, span: Array) -> tuple[Array, Array]:
     """Configurations (GRID, GRID, nq) and det P on span x span about x, nan where the mode does not reach."""
-    straight = straight_axes(robot)
+    straight = _straight(robot)
     middle = GRID // 2
     grid = np.full((GRID, GRID, robot.model.nq), np.nan)
     g = np.full((GRID, GRID), np.nan)

@@ -15,6 +15,8 @@ from tests.conftest import FIVE_BAR, REMOVED
 
 PATHS = [[0.1, 0.345], [-0.05, 0.195]]
 ROD = {"name": "rod", "part": "link", "after": "left_rod_tip", "motion": "x", "stiffness": 350000}
+TIPS = ("left_tip", "right_tip")
+ROD_OF = {"name": "rod", "frames": [*TIPS], "kind": "distance", "length": 0.25}
 SOFT = {**ROD, "name": "soft", "motion": ["x", "rz"], "stiffness": [2, 3]}
 
 
@@ -53,6 +55,7 @@ def test_the_robot_file_of_the_5r_becomes_records():
         ("scenes.C.at", [0.5], lambda d: d.scenes["C"].at == (0.5,)),
         ("scenes.C", {"arc": [*PATHS, [0.1, 0]], "duration": 1}, lambda d: d.scenes["C"].kind == "arc"),
         ("scenes.C", {"spline": [*PATHS, *PATHS], "duration": 1}, lambda d: d.scenes["C"].kind == "spline"),
+        ("closures.0", ROD_OF, lambda d: d.closures == (Closure("rod", TIPS, ("distance",), 0.25),)),
         ("springs.2.motion", ["x"], lambda d: d.springs[2].coordinates == ("left_rod",)),
         ("springs.2", SOFT, lambda d: d.springs[2].coordinates == ("soft_x", "soft_rz")),
         ("springs.2", SOFT, lambda d: d.springs[2].stiffness == (2.0, 3.0)),
@@ -136,6 +139,9 @@ MALFORMED = [
     ("closures.0.kind", "weld", ["closures[0].kind", "unknown closure kind 'weld'", "revolute"]),
     ("closures.0.kind", REMOVED, ["closures[0]", "either kind or axes"]),
     ("closures.0.axes", ["x"], ["closures[0]", "either kind or axes"]),
+    ("closures.0.kind", "distance", ["closures[0].length: missing"]),
+    ("closures.0.length", 0.25, ["closures[0].length: unknown key"]),
+    ("closures.0", {**ROD_OF, "length": 0}, ["closures[0].length", "greater than zero"]),
     ("closures.0.axis", "w", ["closures[0]", "unknown closure axis 'w'", "x, y, z"]),
     ("closures.1", {"name": "tip", "frames": ["base", "left_rod"], "axes": "z"}, ["'tip'", "twice"]),
     ("springs", "soft", ["springs", "needs a list"]),

@@ -24,6 +24,6 @@ def misses(robot: ParallelRobot, plan: CrossingPlan, *, rtol: float) -> np.ndarr
     else:
         q, _ = simulate_robot(robot, torque, **options)
     off = platform_coordinates(robot, frames_at(robot, q)) - plan.platform(times)
-    turning = robot.platform_axes >= 3
+    turning = ~robot.translations
     off[:, turning] = (off[:, turning] + np.pi) % (2 * np.pi) - np.pi
     return off
