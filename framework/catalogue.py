@@ -29,7 +29,7 @@ class CatalogueEntry:
     def name(self) -> str:
         return self.file.stem
 
-    def load(self, flexibility: str = "rigid") -> ParallelRobot:
+    def load(self, *, flexibility: str = "rigid") -> ParallelRobot:
         """The robot with the springs of one flexibility; raises RobotFileError for an unknown one."""
         return ParallelRobot.from_file(self.file, flexibility=flexibility)
 

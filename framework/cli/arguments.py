@@ -22,7 +22,9 @@ from framework.motion.path import Line, Path
 
 def load(options: argparse.Namespace) -> ParallelRobot:
     """The robot, with the springs of --flexibility where the command has that option."""
-    return ParallelRobot.from_description(describe(options), getattr(options, "flexibility", "rigid"))
+    return ParallelRobot.from_description(
+        describe(options), flexibility=getattr(options, "flexibility", "rigid")
+    )
 
 
 def describe(options: argparse.Namespace) -> RobotDescription:

@@ -96,7 +96,7 @@ def _robot(saved: dict[str, Any]) -> ParallelRobot:
     flexibility = saved["flexibility"]
     if flexibility not in FLEXIBILITIES:
         raise ValueError(f"flexibility {flexibility!r}")
-    return ParallelRobot.from_description(read_any(robot_file(saved["robot_file"])), flexibility)
+    return ParallelRobot.from_description(read_any(robot_file(saved["robot_file"])), flexibility=flexibility)
 
 
 def _path(file: FilePath, saved: dict[str, Any]) -> Path:

@@ -133,16 +133,16 @@ class ParallelRobot:
         return str(self.model.names[int(np.searchsorted(_first_columns(self.model), column, "right"))])
 
     @staticmethod
-    def from_file(file: str | Path, flexibility: str = "rigid") -> ParallelRobot:
+    def from_file(file: str | Path, *, flexibility: str = "rigid") -> ParallelRobot:
         """The robot of a robot file with the springs of one flexibility.
 
         Raises:
             RobotFileError: see `read_robot_file`; or pinocchio refuses the URDF.
         """
-        return ParallelRobot.from_description(read_robot_file(file), flexibility)
+        return ParallelRobot.from_description(read_robot_file(file), flexibility=flexibility)
 
     @staticmethod
-    def from_description(description: RobotDescription, flexibility: str = "rigid") -> ParallelRobot:
+    def from_description(description: RobotDescription, *, flexibility: str = "rigid") -> ParallelRobot:
         """The robot of a description with the springs of one flexibility.
 
         Raises:

@@ -120,7 +120,7 @@ def _film_unproved(
     """The law as it is, on the rigid robot: at the pole an elastic one's loops would tear."""
     known = ("duration", "times", "speeds", "at", "smoothness")
     law, crossings = uncertified_law(robot, path, **{key: options[key] for key in known if key in options})
-    rigid = ParallelRobot.from_description(robot.description, "rigid")
+    rigid = ParallelRobot.from_description(robot.description, flexibility="rigid")
     raw = finite_difference_torques(rigid, path, law, samples=FRAMES)
     x, dx, ddx = along(path, [law(raw.time, order) for order in range(3)])
     closed = close_loops(rigid, x, track_path(rigid, path).guess(law(raw.time)))

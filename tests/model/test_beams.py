@@ -148,7 +148,7 @@ def test_the_entry_goes_into_a_robot_file(tmp_path):
     from framework import ParallelRobot
     from framework.kinematics.diagnostics import check_robot
 
-    found = check_robot(ParallelRobot.from_description(description, "flexible_links"))
+    found = check_robot(ParallelRobot.from_description(description, flexibility="flexible_links"))
     assert found.springs == ("left_beam_x", "left_beam_y", "left_beam_rz")
     assert found.mobility == 2
 

@@ -138,7 +138,7 @@ def test_stiff_springs_tend_to_the_rigid_robot_as_one_over_stiffness(name, flexi
             replace(spring, stiffness=tuple(factor * k for k in spring.stiffness))
             for spring in description.springs
         )
-        stiff = ParallelRobot.from_description(replace(description, springs=springs), flexibility)
+        stiff = ParallelRobot.from_description(replace(description, springs=springs), flexibility=flexibility)
         differences.append(np.abs(planned(stiff).torque(t) - rigid.torque(t)).max())
     soft, stiff, stiffer = differences
     assert stiffer < stiff < soft
