@@ -11,6 +11,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 import yaml
 
 from framework.errors import MissingPackage, RobotFileError, choose_from
@@ -26,6 +27,7 @@ from framework.model.description import (
     Spring,
     locked_axes,
 )
+from framework.model.inertia import check_inertia
 from framework.model.spring_joints import virtual_link
 from framework.model.urdf import locate_urdf, parse_urdf, read_text
 
@@ -411,11 +413,7 @@ def _vector3(where: str, value: Any) -> tuple[float, float, float]:
 
 def _moments(where: str, value: Any) -> tuple[float, float, float]:
     moments = _vector3(where, value)
-    if min(moments) < 0 or 2 * max(moments) > sum(moments):
-        raise RobotFileError(
-            f"{where}: must be principal moments of a body: not negative, none above the sum of the other "
-            f"two, got {value!r}"
-        )
+    check_inertia(where, np.diag(moments))
     return moments
 
 

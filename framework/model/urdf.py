@@ -14,6 +14,7 @@ from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 from framework.errors import MissingPackage, RobotFileError, choose_from
+from framework.model.inertia import ENTRIES, check_inertia, symmetric
 
 PACKAGE = "package://"
 JOINT_TYPES = ("fixed", "revolute", "continuous", "prismatic")
@@ -187,12 +188,11 @@ def _check_inertial(where: str, link: ElementTree.Element) -> None:
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
     if mass is None or inertia is None:
         raise RobotFileError(f"{where}: its <inertial> needs both <mass> and <inertia>")
-    if _number(f"{where}: mass", mass.get("value", "")) < 0:
+    kilograms = _number(f"{where}: mass", mass.get("value", ""))
+    if kilograms < 0:
         raise RobotFileError(f"{where}: mass: must not be negative, got {mass.get('value')!r}")
-    for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
-        value = _number(f"{where}: inertia {key}", inertia.get(key, ""))
-        if value < 0 and key[1] == key[2]:
-            raise RobotFileError(f"{where}: inertia {key}: must not be negative, got {value:g}")
+    entries = [_number(f"{where}: inertia {key}", inertia.get(key, "")) for key in ENTRIES]
+    check_inertia(f"{where}: inertia", symmetric(*entries), kilograms)
 
 
 def _check_origin(where: str, element: ElementTree.Element) -> None:

@@ -23,6 +23,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
 from framework.model.description import Actuator, Closure, JointSpring, RobotDescription, locked_axes
+from framework.model.inertia import check_inertia, symmetric
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.placement import (
     about,
@@ -384,10 +385,13 @@ class _Model:
             if any(key in element.attrib for key in (*_TURNS, "diaginertia")):
                 raise RobotFileError(f"{where}: fullinertia goes without an orientation and diaginertia")
             xx, yy, zz, xy, xz, yz = numbers(f"{where} fullinertia", element.get("fullinertia"), 6)
-            return mass, where_at[:3, 3], np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            matrix = symmetric(xx, yy, zz, xy, xz, yz)
+            check_inertia(f"{where} fullinertia", matrix, mass)
+            return mass, where_at[:3, 3], matrix
         if "diaginertia" not in element.attrib:
             raise RobotFileError(f"{where}: needs diaginertia or fullinertia")
         diagonal = np.diag(numbers(f"{where} diaginertia", element.get("diaginertia"), 3))
+        check_inertia(f"{where} diaginertia", diagonal, mass)
         turn = where_at[:3, :3]
         return mass, where_at[:3, 3], turn @ diagonal @ turn.T
 

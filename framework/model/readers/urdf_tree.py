@@ -19,6 +19,7 @@ from framework.model.description import (
     Platform,
     RobotDescription,
 )
+from framework.model.inertia import ENTRIES, check_inertia, symmetric
 from framework.model.readers.missing_fields import Options, checked_reference, settle
 from framework.model.readers.placement import (
     about,
@@ -436,13 +437,15 @@ def _check_link(link: ElementTree.Element) -> None:
         return
     origin_of(inertial.find("origin"), f"{where}: <inertial> <origin>")
     mass = required(inertial, f"{where}: <inertial>", "mass")
-    if numbers(f"{where}: <mass>", attribute(mass, f"{where}: <mass>", "value"), 1)[0] < 0:
+    (kilograms,) = numbers(f"{where}: <mass>", attribute(mass, f"{where}: <mass>", "value"), 1)
+    if kilograms < 0:
         raise RobotFileError(f"{where}: <mass>: must not be negative, got {short(mass.get('value'))}")
     inertia = required(inertial, f"{where}: <inertial>", "inertia")
-    for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
-        (value,) = numbers(f"{where}: <inertia> {key}", attribute(inertia, f"{where}: <inertia>", key), 1)
-        if value < 0 and key in ("ixx", "iyy", "izz"):
-            raise RobotFileError(f"{where}: <inertia> {key}: must not be negative, got {value:g}")
+    entries = [
+        numbers(f"{where}: <inertia> {key}", attribute(inertia, f"{where}: <inertia>", key), 1)[0]
+        for key in ENTRIES
+    ]
+    check_inertia(f"{where}: <inertia>", symmetric(*entries), kilograms)
 
 
 def _declared_motors(root: ElementTree.Element) -> list[str]:

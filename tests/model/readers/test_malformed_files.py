@@ -104,7 +104,7 @@ CHANGES = [
     ("pair", "<robot name", "<robot nam", "<robot>: attribute 'name' is missing"),
     ("pair", 'effort="1"', 'effort="-1"', "<limit>: needs lower <= upper, effort"),
     ("pair", 'effort="1"', 'lower="1" upper="0" effort="1"', "<limit>: needs lower <= upper"),
-    ("pair", 'ixx="0"', 'ixx="-1"', "link 'tip_A': <inertia> ixx: must not be negative"),
+    ("pair", 'ixx="0"', 'ixx="-1"', "link 'tip_A': <inertia>: has the principal moments -1, 0, 0 kg m^2"),
     ("pair", 'effort="1" ', "", "<limit>: attribute 'effort' is missing"),
     ("pair", '<mass value="10"/>', "", "link 'tip_A': <inertial>: <mass> is missing"),
     ("pair", '<mass value="10"/>', '<mass value="-1"/>', "<mass>: must not be negative"),
