@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import RobotFileError, choose_from
+from framework.model.urdf import MOVING
 
 GROUND = "ground"
-MOVABLE = ("revolute", "continuous", "prismatic")
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 
 
@@ -60,7 +60,7 @@ def lock_joints(urdf_text: str, locked: Mapping[str, float]) -> str:
     """
     root = ElementTree.fromstring(urdf_text)
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
-    movable = [name for name, joint in joints.items() if joint.get("type") in MOVABLE]
+    movable = [name for name, joint in joints.items() if joint.get("type") in MOVING]
     for name, value in locked.items():
         if name not in movable:
             raise RobotFileError(f"locked.{name}: {choose_from('joint', name, movable)}")

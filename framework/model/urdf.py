@@ -16,7 +16,8 @@ from pathlib import Path
 from framework.errors import MissingPackage, RobotFileError, choose_from
 
 PACKAGE = "package://"
-JOINT_TYPES = ("fixed", "revolute", "continuous", "prismatic")
+MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom
+JOINT_TYPES = ("fixed", *MOVING)
 
 
 @dataclass(frozen=True)

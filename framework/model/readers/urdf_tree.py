@@ -30,8 +30,8 @@ from framework.model.readers.placement import (
     to_rpy,
     turning,
 )
+from framework.model.urdf import JOINT_TYPES, MOVING
 
-MOVING = ("revolute", "continuous", "prismatic")
 LARGEST = 5000  # links; more is no robot, and names are compared pairwise further on
 PARALLEL = 1e-9  # how far two unit axes may differ and still be called parallel
 _PLAIN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
@@ -395,8 +395,8 @@ def _read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
     name = str(element.get("name"))
     where = f"joint {name!r}"
     kind = attribute(element, where, "type")
-    if kind not in (*MOVING, "fixed"):
-        raise RobotFileError(f"{where}: {choose_from('type', kind, (*MOVING, 'fixed'))}")
+    if kind not in JOINT_TYPES:
+        raise RobotFileError(f"{where}: {choose_from('type', kind, JOINT_TYPES)}")
     if element.find("mimic") is not None:
         raise RobotFileError(f"{where}: <mimic> is not supported; declare a loop instead")
     ends = []
