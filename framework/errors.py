@@ -9,6 +9,7 @@ Two families, told apart because the reader acts differently on them:
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
@@ -42,6 +43,11 @@ class MissingPackage(RobotFileError):
 
 class OutputError(InvalidInput):
     """The place where results should go cannot be written."""
+
+
+def short(value: object) -> str:
+    """What was given, cut to a length that fits a message of one line."""
+    return reprlib.repr(value)
 
 
 def choose_from(what: str, given: object, valid: Iterable[str]) -> str:

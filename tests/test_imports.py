@@ -60,6 +60,13 @@ def test_a_part_of_the_framework_imports_only_from_the_floors_below(module):
             assert other == part or FLOOR[other] < FLOOR[part], f"{module} imports {name}"
 
 
+def test_what_the_readers_of_dialects_are_made_of_stands_below_them():
+    for module in FRAMEWORK:
+        if module.startswith("framework.model.") and not module.startswith("framework.model.readers."):
+            found = {name for name in imports(module) if name.startswith("framework.model.readers")}
+            assert not found, f"{module} imports {found}"
+
+
 @pytest.mark.parametrize("module", FILES)
 def test_drawing_is_for_show_alone(module):
     drawing = {name for name in imports(module) if name.split(".")[0] in ("matplotlib", "meshcat")}

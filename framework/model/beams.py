@@ -31,9 +31,10 @@ import numpy as np
 
 from framework.errors import InvalidInput, choose_from
 from framework.model.description import AXES, Spring
-from framework.model.readers.placement import inverse, placement, turning
-from framework.model.readers.urdf_tree import joint_element, origin_element, origin_of
-from framework.model.readers.writer import spring_entry
+from framework.model.placement import inverse, placement, turning
+from framework.model.robot_file_writer import spring_entry
+from framework.model.urdf_writing import joint_element, origin_element
+from framework.model.xml_reading import origin_of
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,8 @@ def split_beam(urdf_text: str, tip: str) -> SplitBeam:
         raise InvalidInput(f"tip: joint {tip!r} has no length")
     half = placement(turning("x", span), 0.5 * span)
     root.append(ElementTree.Element("link", name=f"{middle}_link"))
-    root.append(joint_element(middle, "fixed", parent.get("link", ""), f"{middle}_link", half, None))
+    near = parent.get("link", "")
+    root.append(joint_element(middle, "fixed", near, f"{middle}_link", origin=origin_element(half)))
     parent.set("link", f"{middle}_link")
     if origin is not None:
         joint.remove(origin)

@@ -17,7 +17,8 @@ from framework.errors import MissingPackage, RobotFileError, choose_from
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
 
 PACKAGE = "package://"
-JOINT_TYPES = ("fixed", "revolute", "continuous", "prismatic")
+MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom
+JOINT_TYPES = ("fixed", *MOVING)
 
 
 @dataclass(frozen=True)

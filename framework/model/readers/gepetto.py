@@ -18,10 +18,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from framework.errors import RobotFileError, choose_from
+from framework.errors import RobotFileError, choose_from, short
 from framework.model.description import Actuator, Closure, RobotDescription, locked_axes
+from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options, names_list
-from framework.model.readers.placement import short
 from framework.model.readers.urdf_tree import UrdfTree
 
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
@@ -65,7 +65,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
             raise RobotFileError(f"name_mot[{i}]: {choose_from('movable joint', name, tree.movable)}")
         if motors.count(name) > 1:
             raise RobotFileError(f"name_mot: {name!r} is there twice")
-    return tree.describe(file, options, closures, actuators=[Actuator(name) for name in motors])
+    return describe(tree, file, options, closures, actuators=[Actuator(name) for name in motors])
 
 
 def _replace_joints(tree: UrdfTree, content: Mapping[Any, Any]) -> None:

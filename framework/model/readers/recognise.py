@@ -11,12 +11,11 @@ from typing import Any
 
 import yaml
 
-from framework.errors import RobotFileError, choose_from
+from framework.errors import RobotFileError, choose_from, short
 from framework.model.description import RobotDescription
 from framework.model.readers import gepetto, ros_constraint, urdf_plus
-from framework.model.readers.missing_fields import Options, checked_reference, settle
+from framework.model.readers.missing_fields import Options, checked_reference, resolve
 from framework.model.readers.mjcf import read_mjcf
-from framework.model.readers.placement import short
 from framework.model.readers.ros_constraint import read_ros_constraint
 from framework.model.readers.sdf import raise_for_sdf
 from framework.model.readers.urdf_plus import read_urdf_plus
@@ -156,7 +155,7 @@ def _own(path: Path, options: Options) -> RobotDescription:
     joints = [
         joint.get("name", "") for joint in root.findall("joint") if joint.get("type") not in ("fixed", None)
     ]
-    said = settle(
+    said = resolve(
         options,
         frames=[element.get("name", "") for tag in ("link", "joint") for element in root.findall(tag)],
         joints=joints,
