@@ -36,6 +36,7 @@ from framework.kinematics.loop_matrices import lost_equations, mobile_matrix
 from framework.kinematics.platform import platform_twist
 from framework.model import ParallelRobot
 from framework.motion.path import Line, Path
+from framework.motion.path_check import check_path
 
 BESIDE = 1e-6  # [lengths] from the reference: what a file's rounded angles leave
 FIRST_STEP = 1 / 8  # in s
@@ -78,7 +79,7 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
     """Follow the path from s = 0 to 1 on the branch of the reference.
 
     Raises:
-        InvalidInput: the path has not as many coordinates as the platform.
+        InvalidInput: the path has not as many coordinates as the platform, or see `check_path`.
         OutOfReach: a leg ends before the path does; names the leg and the place.
         Type1Singularity: the path runs into a pose where a leg is stretched or folded.
     """
@@ -88,6 +89,7 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
             f"({', '.join(robot.axis_names)})"
         )
     require_square(robot)
+    check_path(path)
     start = assemble(robot, path(0.0))
     return _follow(robot, path, start.q, "the path")
 
