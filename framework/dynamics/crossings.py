@@ -16,9 +16,9 @@ from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
 from framework.motion.law import MotionLaw
 from framework.motion.path import Path, along
-from framework.singularity.bordered_system import Border, bordered
 from framework.singularity.classification import UNCROSSABLE, uncontrolled_motion
 from framework.singularity.points_on_path import SingularPoint
+from framework.singularity.root_of_g import root_of_g
 
 STANDING = 1e-7  # speed at a crossing over the largest one: no more than that is a stop
 
@@ -102,18 +102,12 @@ def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, at: SingularPoint)
 
 def deformed_crossing(result: InverseDynamics, near: SingularityCrossing) -> SingularityCrossing:
     """The same crossing in the deformed robot: where and when g vanishes, and t_s . W_p there."""
-    robot, t = result.robot, near.time
-    h = 1e-4 * result.duration
-    for _ in range(4):
-        times = np.clip([t - h, t, t + h], 0.0, result.duration)
-        q = result.configuration(times)
-        system = system_at(robot, q, result.platform(times))
-        P = measured_matrix(robot, system)
-        g = bordered(P, Border.of(P[1])).g
-        step = -g[1] * (times[2] - times[0]) / (g[2] - g[0])
-        t = float(np.clip(t + step, 0.0, result.duration))
-        if abs(step) < 1e-15 * result.duration:
-            break
+    robot = result.robot
+
+    def passive(t: Array) -> Array:
+        return measured_matrix(robot, system_at(robot, result.configuration(t), result.platform(t)))
+
+    t = root_of_g(passive, near.time, high=result.duration).place
     closed = close_loops(robot, result.platform(np.array([t])), result.configuration(t))
     times = np.array([t])
     motion = motion_at(
