@@ -164,6 +164,16 @@ class UnboundedTorque(NoAnswer):
         self.wrench = wrench
 
 
+class LoadedJoint(NoAnswer):
+    """The motion would load `joint`, which nothing holds, with `torque` [N m or N] at `time` [s]."""
+
+    def __init__(self, message: str, *, joint: str, torque: float, time: float) -> None:
+        super().__init__(message)
+        self.joint = joint
+        self.torque = torque
+        self.time = time
+
+
 class NotConverged(NoAnswer):
     """A numerical method did not reach its tolerance; `residual` says how far it came."""
 

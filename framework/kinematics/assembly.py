@@ -277,7 +277,8 @@ def idle_columns(robot: ParallelRobot) -> IntArray:
     """Passive joints to hold still because their motion moves nothing, such as a rod about its axis.
 
     Passive motions that neither the loops nor the platform feel at the reference; one joint of each is
-    chosen by pivoting. They carry no load as long as the body that they turn is balanced about them.
+    chosen by pivoting. They carry no load as long as the body that they turn is balanced about them;
+    `dynamics.neglected` measures it.
 
     Raises:
         SingularReference: fewer are idle nearby.

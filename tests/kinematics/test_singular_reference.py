@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, ParallelRobot, check_robot, plan_crossing, simulate
+from framework import Line, ParallelRobot, check_robot, inverse_dynamics, plan_crossing, simulate
 from framework.cli import main
-from framework.errors import InvalidInput, NoAnswer, SingularReference
+from framework.errors import InvalidInput, NoAnswer, NotAssembled, SingularReference
 from framework.kinematics import assembly
 from framework.kinematics.assembly import independent_rows, nearby_configurations, reference_configuration
 from framework.model.readers import read_any, write_robot_file
+from framework.motion.law import Law
 from tests.closure_rows import closure_errors, closure_rows, independent
 from tests.forward_simulation import kinematics
 
@@ -119,6 +120,22 @@ def test_the_rank_at_the_reference_is_that_nearby(name):
         kinematics(model, data, q, np.zeros(model.nv))
         assert np.abs(closure_errors(model, data, closures)).max() < 1e-11 * max(robot.length, 1.0)
         assert len(independent(closure_rows(model, data, closures).jacobian)) == len(independent_rows(robot))
+
+
+# ------------------------------------------------------------------ the second net: certificate and simulator
+
+
+@pytest.fixture
+def unguarded(monkeypatch):
+    """A parallelogram whose reference, 3e-9 rad from flat or less, nobody looks at."""
+    monkeypatch.setattr(assembly, "singular_reference", lambda robot: None)
+    return lambda beside: four_bar(*(beside * np.array(PARALLELOGRAM)))
+
+
+@pytest.mark.parametrize("beside", [0.0, 1e-16, 1e-12, 3e-10])
+def test_the_certificate_finds_the_equation_that_was_dropped(unguarded, beside):
+    with pytest.raises(NotAssembled, match=r"loop\.x, .*, is open by 0\.1.* m at t = .* tears the loop"):
+        inverse_dynamics(unguarded(beside), UP, Law.rest_to_rest(1.0, 2))
 
 
 # ------------------------------------------------------------------ springs
