@@ -138,6 +138,11 @@ def test_the_certificate_finds_the_equation_that_was_dropped(unguarded, beside):
         inverse_dynamics(unguarded(beside), UP, Law.rest_to_rest(1.0, 2))
 
 
+def test_the_simulator_watches_the_equation_that_was_dropped(unguarded):
+    with pytest.raises(NotAssembled, match=r"tears a loop: loop\.x, .* open by .* at t = "):
+        simulate(unguarded(0.0), lambda t: [1.0], duration=1.0)
+
+
 # ------------------------------------------------------------------ springs
 
 
