@@ -10,7 +10,7 @@ Two families, told apart because the reader acts differently on them:
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 
 import numpy as np
@@ -39,6 +39,26 @@ class MissingPackage(RobotFileError):
     def __init__(self, message: str, *, package: str) -> None:
         super().__init__(message)
         self.package = package
+
+
+class SingularReference(InvalidInput):
+    """A robot's reference is on a singularity of its loops.
+
+    There the loop equations `rows` hold nothing, or the passive `joints` move nothing, unlike at the `poses`
+    nearby (joint: rad or m).
+    """
+
+    def __init__(
+        self, robot: str, *, rows: Sequence[str], joints: Sequence[str], poses: Sequence[Mapping[str, float]]
+    ) -> None:
+        what = [f"{name} holds nothing" for name in rows] + [f"{name} moves nothing" for name in joints]
+        shown = [", ".join(f"{joint}: {angle:.6g}" for joint, angle in pose.items()) for pose in poses]
+        super().__init__(
+            f"{robot}: the reference is on a singularity of the loops: {', '.join(what)} there, unlike "
+            f"nearby, and the robot can go on in several ways; give a reference beside it, such as "
+            f"{' or '.join(f'{{{angles}}}' for angles in shown)}"
+        )
+        self.rows, self.joints, self.poses = tuple(rows), tuple(joints), tuple(poses)
 
 
 class OutputError(InvalidInput):
@@ -148,6 +168,16 @@ class UnboundedTorque(NoAnswer):
         self.s = s
         self.platform = platform
         self.wrench = wrench
+
+
+class LoadedJoint(NoAnswer):
+    """The motion would load `joint`, which nothing holds, with `torque` [N m or N] at `time` [s]."""
+
+    def __init__(self, message: str, *, joint: str, torque: float, time: float) -> None:
+        super().__init__(message)
+        self.joint = joint
+        self.torque = torque
+        self.time = time
 
 
 class NotConverged(NoAnswer):

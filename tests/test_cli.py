@@ -27,7 +27,7 @@ PLAN_KEYS = [
     *("seconds", "robot_file", "path"),
 ]
 CROSSING_KEYS = ["s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual"]
-CERTIFICATE_KEYS = ["nodes", "tail", "passes", "max_closure_error", "monotone"]
+CERTIFICATE_KEYS = ["nodes", "tail", "passes", "max_closure_error", "max_residual_torque", "monotone"]
 
 
 @pytest.fixture

@@ -102,7 +102,8 @@ def plan_text(plan: CrossingPlan) -> str:
         f"  peak torque       {peaks}",
         f"  certificate       tail {certificate.tail:.1e} on {certificate.nodes} nodes, "
         f"{certificate.passes} pass{'es' * (certificate.passes != 1)}, loops closed to "
-        f"{certificate.max_closure_error:.1e}",
+        f"{certificate.max_closure_error:.1e}, joints in balance to {certificate.max_residual_torque:.1e} "
+        f"N m or N",
     ]
     for joint, excess in plan.exceeded.items():
         lines.append(f"  mind              {joint} exceeds its limits: {excess}")

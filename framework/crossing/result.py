@@ -190,6 +190,7 @@ class CrossingPlan:
                 "tail": certificate.tail,
                 "passes": certificate.passes,
                 "max_closure_error": certificate.max_closure_error,
+                "max_residual_torque": certificate.max_residual_torque,
                 "monotone": certificate.monotone,
             },
             "seconds": self.seconds,

@@ -8,10 +8,13 @@ import numpy as np
 
 from framework.kinematics.assembly import (
     idle_columns,
+    independent_at_reference,
     independent_rows,
+    nearby_configurations,
     passive_columns,
     reference_configuration,
     rows_of_springs_alone,
+    singular_reference,
 )
 from framework.kinematics.inverse_kinematics import mode_signs, moving_columns, reference_system
 from framework.kinematics.loop_matrices import passive_matrix
@@ -47,11 +50,15 @@ class Checkup:
 
 
 def check_robot(robot: ParallelRobot) -> Checkup:
-    """Examine a robot at its assembled reference.
+    """Examine a robot at its assembled reference, or beside it where that is on a singularity of its loops.
 
     Raises:
         NotAssembled: the loops do not close near the reference.
     """
+    singular = singular_reference(robot)
+    if singular is not None:
+        beside = check_robot(replace(robot, q_near=nearby_configurations(robot)[0]))
+        return replace(beside, advice=(f"said of a pose beside the reference: {singular}", *beside.advice))
     reference = reference_configuration(robot)
     kept = independent_rows(robot)
     names = robot.rows.names
@@ -164,7 +171,7 @@ def _suspects(robot: ParallelRobot, mobility: int) -> str:
     for closure in robot.description.closures:
         others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
         without = replace(robot, rows=robot.rows.take(np.array(others, dtype=np.intp)))
-        rank = len(independent_rows(without)) if others else 0
+        rank = len(independent_at_reference(without)) if others else 0
         if mobility + len(independent_rows(robot)) - rank >= robot.n:
             found.append(closure.name)
     return f" (look at {', '.join(found)} first: without one of them the freedom is there)" if found else ""

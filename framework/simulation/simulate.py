@@ -71,7 +71,7 @@ def simulate(
 
     Raises:
         InvalidInput: method, option or start that cannot be; a motion with neither mass nor stiffness.
-        NotAssembled: the loops do not close from the start.
+        NotAssembled: the loops do not close from the start, or one opens that was redundant at the reference.
         NotConverged: no step can be solved from some instant on.
     """
     began = clock.perf_counter()
