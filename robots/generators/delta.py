@@ -19,6 +19,9 @@ from robots.files import URDF
 FILE = URDF / "delta" / "delta.urdf"
 BASE, PLATFORM, ARM, ROD, WIDTH = 0.164, 0.044, 0.524, 1.244, 0.131  # [m]
 ARM_MASS, ROD_MASS, PLATFORM_MASS = 1.6, 0.18, 1.5  # [kg]; the platform with 1 kg of payload
+# A forearm may hang or lie level (1.6 rad either way) wherever its arm is, from -1.6 to 4.2 rad: its rods
+# pass beside the arm.
+SWING = 'lower="-5.8" upper="3.2" effort="0" velocity="30"'
 ARM_RADIUS, ROD_RADIUS, PLATE_RADIUS, PLATE = 0.03, 0.008, 0.08, 0.02  # of the shapes [m]
 
 
@@ -94,7 +97,7 @@ def _rod(leg: int, name: str, y: float) -> list[str]:
     across = ROD_MASS * (3 * ROD_RADIUS**2 + ROD**2) / 12
     along = ROD_MASS * ROD_RADIUS**2 / 2
     return [
-        *_joint(f"swing_{name}", f"arm_{leg}", f"cross_{name}", "0 1 0", (ARM, y, 0)),
+        *_joint(f"swing_{name}", f"arm_{leg}", f"cross_{name}", "0 1 0", (ARM, y, 0), limit=SWING),
         f'  <link name="cross_{name}">',
         *_shape('<sphere radius="0.018"/>', "steel", (0, 0, 0)),
         "  </link>",
