@@ -9,7 +9,7 @@ Two families, told apart because the reader acts differently on them:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 
 import numpy as np
@@ -142,6 +142,14 @@ class UnboundedTorque(NoAnswer):
         self.s = s
         self.platform = platform
         self.wrench = wrench
+
+
+class LimitsExceeded(NoAnswer):
+    """A motion is proved, but it leaves limits that it was asked to keep: `exceeded`, by joint."""
+
+    def __init__(self, message: str, *, exceeded: Mapping[str, str]) -> None:
+        super().__init__(message)
+        self.exceeded = dict(exceeded)
 
 
 class NotConverged(NoAnswer):
