@@ -29,6 +29,11 @@ def add(commands: Any) -> None:
     add_path(parser)
     add_flexibility(parser)
     add_motion(parser)
+    parser.add_argument(
+        "--keep-limits",
+        action="store_true",
+        help="refuse a plan beyond the limits of motors or of the URDF's joints, which is otherwise reported",
+    )
     parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
     parser.add_argument("--samples", type=int, default=1501, metavar="N", help="rows of motion.csv")
     parser.add_argument(
@@ -42,6 +47,10 @@ def run(options: argparse.Namespace) -> Report:
     """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
     robot = arguments.load(options)
     path, given = arguments.path(options, robot), arguments.motion_options(options, robot)
+    if options.keep_limits and options.raw:
+        raise InvalidInput("--keep-limits: goes with a plan; --raw proves nothing")
+    if not options.raw:
+        given["keep_limits"] = options.keep_limits
     if options.samples < 2:
         raise InvalidInput(f"--samples: needs at least 2, got {options.samples}")
     if options.out == "":
