@@ -24,7 +24,7 @@ PLAN = ["plan", "five_bar"]
 FREE = [*PLAN, *LINE, "--duration", "1.5"]
 PLAN_KEYS = [
     *("robot", "flexibility", "geometry", "duration", "law", "crossings", "peak_torque", "exceeded"),
-    *("certificate", "seconds", "robot_file", "path"),
+    *("certificate", "seconds", "robot_file", "path", "reason", "optimality"),
 ]
 CROSSING_KEYS = ["s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual"]
 CERTIFICATE_KEYS = ["nodes", "tail", "passes", "max_closure_error", "max_residual_torque", "monotone"]

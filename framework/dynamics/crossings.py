@@ -14,7 +14,7 @@ from framework.kinematics.loop_matrices import measured_matrix
 from framework.kinematics.tracking import Branch, escaping
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
-from framework.motion.law import MotionLaw
+from framework.motion.law import MotionLaw, PlannedLaw
 from framework.motion.path import Path, along
 from framework.singularity.classification import UNCROSSABLE, uncontrolled_motion
 from framework.singularity.points_on_path import SingularPoint
@@ -24,8 +24,10 @@ STANDING = 1e-7  # speed at a crossing over the largest one: no more than that i
 
 
 def panel_edges(path: Path, law: MotionLaw) -> Array:
-    """Ends of the motion and the instants at which the path has a knot."""
+    """Ends of the motion, of the law's panels, and the instants at which the path has a knot."""
     whole = np.array([0.0, law.duration])
+    if isinstance(law, PlannedLaw) and len(law.edges):
+        whole = law.edges
     inner = [_instants(law, whole, knot) for knot in path.knots]
     return np.unique(np.concatenate([whole, *inner])) if inner else whole
 

@@ -37,7 +37,7 @@ from framework.kinematics.frames import difference
 from framework.kinematics.tracking import Branch, track_path
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import OVERSHOOT, Law, MotionLaw, is_number
+from framework.motion.law import OVERSHOOT, MotionLaw, PlannedLaw, is_number
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
 
@@ -45,6 +45,7 @@ GEOMETRIES = ("rigid", "deformed")
 LOOSEST = 1e-6  # tolerance that still tells a resolved torque from a pole
 TOLERANCE = 1e-10  # tail of the torques that counts as resolved
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
+FEW = 32  # nodes of a panel that the law itself asks for, tried first
 # |t_s . W_p| at a crossing over the largest sum of its terms:
 PROVED = 1e-11  # no more than this is rounding, and condition (8) holds
 POLE = 1e-6  # more than this is a pole for sure, resolved or not
@@ -112,7 +113,8 @@ def resolve(
     instants = np.array([crossing.time for crossing in crossings])
     start: TimeFunction | None = None
     tail = np.inf
-    for size in SIZES:
+    own_panels = isinstance(law, PlannedLaw) and len(law.edges) > 0
+    for size in (FEW, *SIZES) if own_panels else SIZES:
         grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law), size)
         try:
             state = settle(branch, grid, choose_law, geometry, start, law)
@@ -162,8 +164,8 @@ def _check_law(law: MotionLaw) -> None:
 
 def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
     """Whether the law is what its values on the nodes say, looked at 16 times as finely."""
-    if isinstance(law, Law):
-        return True  # a polynomial of lower degree than there are nodes
+    if isinstance(law, PlannedLaw):
+        return True  # right by construction; between the nodes the closure error looks at it too
     times = np.linspace(0.0, law.duration, 16 * len(grid.times))
     values = np.asarray(law(grid.times))[:, None]
     through_nodes = grid.fit(values)(times)[:, 0]
