@@ -133,6 +133,18 @@ class Type1Singularity(NoAnswer):
         self.joint = joint
 
 
+class Type2Singularity(NotAssembled):
+    """The motors lead into a Type 2 singularity, at `platform`, after this `share` of their way.
+
+    `q` is the last configuration before it.
+    """
+
+    def __init__(self, message: str, *, q: Array, residual: float, share: float, platform: Array) -> None:
+        super().__init__(message, q=q, residual=residual)
+        self.share = share
+        self.platform = platform
+
+
 class SingularPath(NoAnswer):
     """The path runs along the singular locus instead of crossing it."""
 

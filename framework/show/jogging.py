@@ -9,10 +9,11 @@ import numpy as np
 from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.forward_kinematics import motors_are_free
 from framework.model import ParallelRobot
 from framework.show.placements import joint_poses, platform_positions
 from framework.show.scene import floats, locus_about, robot_document
-from framework.singularity.jogging import Pose, motors_are_free, move_motor, move_platform, pose_at
+from framework.singularity.jogging import Pose, move_motor, move_platform, pose_at
 
 
 def hand_document(robot: ParallelRobot) -> dict[str, Any]:
