@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 FLOORS = (
     ("arrays",),
     ("errors",),
-    ("output", "linalg", "motion"),
+    ("input", "output", "linalg", "motion"),
     ("model",),
     ("kinematics", "catalogue"),
     ("singularity", "simulation"),  # neither knows the other: simulation is the witness

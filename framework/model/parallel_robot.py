@@ -17,6 +17,8 @@ from framework.model.description import AXES, Closure, RobotDescription
 from framework.model.robot_file import read_robot_file
 from framework.model.spring_joints import count_turns, insert_springs
 
+MOST_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
+
 
 class LoopRows(NamedTuple):
     """The scalar loop equations of a robot as a table; m rows.
@@ -146,7 +148,7 @@ class ParallelRobot:
         """The robot of a description with the springs of one flexibility.
 
         Raises:
-            RobotFileError: unknown flexibility, or pinocchio refuses the URDF.
+            RobotFileError: unknown flexibility, pinocchio refuses the URDF, or too many joints.
         """
         springs = description.active_springs(flexibility)
         try:
@@ -155,6 +157,11 @@ class ParallelRobot:
             raise RobotFileError(
                 f"{description.file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}"
             ) from None
+        if model.nv > MOST_JOINTS:
+            raise RobotFileError(
+                f"{description.file}: {model.nv} joints that move, springs included; at most {MOST_JOINTS} "
+                f"are taken (pinocchio's working memory grows with their third power)"
+            )
         model.gravity.linear = np.array(description.gravity)
 
         def columns(names: list[str]) -> IntArray:
