@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
 from framework.errors import RobotFileError
+from framework.model.bare_urdf import bare_urdf
 from framework.model.description import AXES, Closure, RobotDescription
 from framework.model.robot_file import read_robot_file
 from framework.model.spring_joints import count_turns, insert_springs
@@ -152,7 +153,9 @@ class ParallelRobot:
         """
         springs = description.active_springs(flexibility)
         try:
-            model = pin.buildModelFromXML(insert_springs(count_turns(description.urdf_text), springs))
+            model = pin.buildModelFromXML(
+                insert_springs(count_turns(bare_urdf(description.urdf_text)), springs)
+            )
         except (ValueError, RuntimeError) as error:
             raise RobotFileError(
                 f"{description.file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}"
