@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> Report:
     out = None if options.out is None else FilePath(options.out)
     if out is None:
         return report_raw(options, robot, path, given, None) if options.raw else _planned(robot, path, given)
-    with written_together(out) as folder:
+    with written_together(out, document="raw.json" if options.raw else "plan.json") as folder:
         if options.raw:
             return report_raw(options, robot, path, given, folder)
         document, text = _planned(robot, path, given, lambda plan: _write_plan(plan, folder, options.samples))
