@@ -77,9 +77,11 @@ def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     hint = f"; did you mean {near!r}?" if near else ""
     listed = ", ".join(names[:_LISTED]) if names else "none"
     more = f", and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return f"unknown {what} {given!r}{hint} (valid: {listed}{more})"
+    return f"unknown {what} {_CUT.repr(given)}{hint} (valid: {listed}{more})"
 
 
+_CUT = reprlib.Repr()  # cuts what nobody reads to its end
+_CUT.maxstring = _CUT.maxother = 200
 _LISTED = 40  # valid names that a sentence lists
 _COMPARED = 1_000_000  # letters of the given name times those of the valid ones: 0.1 s
 

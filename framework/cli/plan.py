@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command
+from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command, whole
 from framework.cli.raw import report_raw
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
@@ -19,6 +19,8 @@ from framework.errors import InvalidInput, point
 from framework.model import ParallelRobot
 from framework.motion.path import Path
 from framework.output import written_together
+
+MOST_SAMPLES = 1_000_000
 
 
 def add(commands: Any) -> None:
@@ -30,7 +32,9 @@ def add(commands: Any) -> None:
     add_flexibility(parser)
     add_motion(parser)
     parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
-    parser.add_argument("--samples", type=int, default=1501, metavar="N", help="rows of motion.csv")
+    parser.add_argument(
+        "--samples", type=whole(2, MOST_SAMPLES), default=1501, metavar="N", help="rows of motion.csv"
+    )
     parser.add_argument(
         "--raw",
         action="store_true",
@@ -42,8 +46,6 @@ def run(options: argparse.Namespace) -> Report:
     """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
     robot = arguments.load(options)
     path, given = arguments.path(options, robot), arguments.motion_options(options, robot)
-    if options.samples < 2:
-        raise InvalidInput(f"--samples: needs at least 2, got {options.samples}")
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     out = None if options.out is None else FilePath(options.out)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import threading
 import webbrowser
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 from framework.cli import arguments
+from framework.cli.console import tell
 from framework.cli.parser import Report, add_flexibility, add_motion, add_robot, command
 from framework.errors import InvalidInput, NoAnswer
 from framework.model import ParallelRobot
@@ -125,8 +125,7 @@ def _served(options: argparse.Namespace, page: str, robot: ParallelRobot | None)
 
     server = PageServer(page, None if robot is None else lambda given: move_by_hand(robot, given))
     # with --json, stdout is for the one object at the end
-    stream = sys.stderr if options.json else sys.stdout
-    print(f"{server.address}  (Ctrl-C ends)", file=stream, flush=True)
+    tell(f"{server.address}  (Ctrl-C ends)", aside=options.json)
     if not options.no_open:
         threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
     server.serve_until_interrupted()
