@@ -194,6 +194,14 @@ class LoadedJoint(NoAnswer):
         self.time = time
 
 
+class LimitsExceeded(NoAnswer):
+    """A motion is proved, but it leaves limits that it was asked to keep: `exceeded`, by joint."""
+
+    def __init__(self, message: str, *, exceeded: Mapping[str, str]) -> None:
+        super().__init__(message)
+        self.exceeded = dict(exceeded)
+
+
 class NotConverged(NoAnswer):
     """A numerical method did not reach its tolerance; `residual` says how far it came."""
 

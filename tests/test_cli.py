@@ -23,8 +23,8 @@ CLEAR = ["--from", "0.1", "0.345", "--to", "-0.05", "0.295"]  # past it
 PLAN = ["plan", "five_bar"]
 FREE = [*PLAN, *LINE, "--duration", "1.5"]
 PLAN_KEYS = [
-    *("robot", "flexibility", "geometry", "duration", "law", "crossings", "peak_torque", "certificate"),
-    *("seconds", "robot_file", "path"),
+    *("robot", "flexibility", "geometry", "duration", "law", "crossings", "peak_torque", "exceeded"),
+    *("certificate", "seconds", "robot_file", "path"),
 ]
 CROSSING_KEYS = ["s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual"]
 CERTIFICATE_KEYS = ["nodes", "tail", "passes", "max_closure_error", "max_residual_torque", "monotone"]
@@ -252,6 +252,22 @@ def test_out_writes_the_motion(document, tmp_path, flexibility, samples, springs
 
 
 # ------------------------------------------------------------------ the answer is no
+
+
+LONG_LEGS = ["plan", "three_rpr", "--from", -0.2, 0.25, 0.4, "--to", -0.2, 1.9, 0.4, "--duration", 1.5]
+
+
+def test_positions_beyond_the_limits_are_said_or_on_request_refused(document, crossing, refusal, tmp_path):
+    found = document(*LONG_LEGS)["exceeded"]
+    assert set(found) == {"motor_1", "motor_2", "motor_3"}
+    code, text, _ = crossing(*LONG_LEGS)
+    assert code == 0
+    assert all(f"{joint} exceeds its limits: {said}" in text for joint, said in found.items())
+    assert f"motor_2: {found['motor_2']}" in refusal(
+        1, *LONG_LEGS, "--keep-limits", "--out", tmp_path / "out"
+    )
+    assert list(tmp_path.iterdir()) == []
+    assert "--keep-limits" in refusal(2, *LONG_LEGS, "--keep-limits", "--raw")
 
 
 POLE = re.compile(r"unbounded torque at t = ([\d.]+) s, .*x, y = \(\S+, \S+\).* t_s \. W_p = (\S+) N ")

@@ -31,6 +31,11 @@ def add(commands: Any) -> None:
     add_path(parser)
     add_flexibility(parser)
     add_motion(parser)
+    parser.add_argument(
+        "--keep-limits",
+        action="store_true",
+        help="refuse a plan beyond the limits of motors or of the URDF's joints, which is otherwise reported",
+    )
     parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
     parser.add_argument(
         "--samples", type=whole(2, MOST_SAMPLES), default=1501, metavar="N", help="rows of motion.csv"
@@ -46,6 +51,10 @@ def run(options: argparse.Namespace) -> Report:
     """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
     robot = arguments.load(options)
     path, given = arguments.path(options, robot), arguments.motion_options(options, robot)
+    if options.keep_limits and options.raw:
+        raise InvalidInput("--keep-limits: goes with a plan; --raw proves nothing")
+    if not options.raw:
+        given["keep_limits"] = options.keep_limits
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     out = None if options.out is None else FilePath(options.out)

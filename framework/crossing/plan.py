@@ -21,7 +21,7 @@ from framework.crossing.timing import CrossingTime, check_advance, choose_timing
 from framework.dynamics.crossings import check_kind, rigid_crossings
 from framework.dynamics.inverse_dynamics import TOLERANCE, checked_geometry, resolve
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
-from framework.errors import InvalidInput, NoLaw
+from framework.errors import InvalidInput, LimitsExceeded, NoLaw
 from framework.kinematics.tracking import Branch, track_path
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
@@ -44,6 +44,7 @@ def plan_crossing(
     geometry: str | None = None,
     smoothness: int | None = None,
     tolerance: float = TOLERANCE,
+    keep_limits: bool = False,
 ) -> CrossingPlan:
     """A rest-to-rest law along the path that crosses its singular points with finite torques.
 
@@ -58,6 +59,8 @@ def plan_crossing(
             are elsewhere.
         smoothness: derivatives of s that vanish at both ends; 2 for rigid, 4 for elastic robots.
         tolerance: tail of the torques that counts as resolved.
+        keep_limits: refuse a plan that leaves the limits of its motors or of the URDF's joints, which is
+            otherwise returned and says so (`CrossingPlan.exceeded`).
 
     Raises:
         InvalidInput: an argument that cannot be right; says what is valid.
@@ -65,6 +68,7 @@ def plan_crossing(
             a singularity that is not of Type 2), or none that always advances was found.
         UncontrolledMotions: two motions or more are uncontrolled at once.
         UnboundedTorque: the law meets a singularity without condition (8); no torque is returned.
+        LimitsExceeded: only with `keep_limits`.
         NotConverged, OutOfReach, Type1Singularity, SingularPath: see `inverse_dynamics`.
 
     Source: Briot and Arakelian 2010, condition (8) and Eqs. (19)-(31).
@@ -105,7 +109,12 @@ def plan_crossing(
         for (_, condition), crossing_time in zip(crossings(dynamics.deflections, law), choice, strict=True)
     }
     reported = tuple(_crossing(found, law, met, duration) for found in dynamics.crossings)
-    return CrossingPlan(robot, path, law, reported, dynamics, certificate, time.perf_counter() - started)
+    plan = CrossingPlan(robot, path, law, reported, dynamics, certificate, time.perf_counter() - started)
+    exceeded = plan.exceeded if keep_limits else {}
+    if exceeded:
+        listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
+        raise LimitsExceeded(f"{robot.name}: the motion leaves limits: {listed}", exceeded=exceeded)
+    return plan
 
 
 def reported_crossings(dynamics: InverseDynamics, law: Law) -> tuple[Crossing, ...]:

@@ -16,6 +16,7 @@ from framework.crossing.condition import Condition8
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput
+from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.model import ParallelRobot
 from framework.motion.law import Law, is_number
 from framework.motion.path import Arc, Line, Path, Spline
@@ -95,7 +96,9 @@ class CrossingPlan:
 
     @property
     def exceeded(self) -> dict[str, str]:
-        """Limits of the robot file that the plan does not keep: what is asked of each such motor."""
+        """Limits that the plan does not keep, by joint: those of the robot file's motors (torque and speed),
+        and the positions that the URDF allows its joints.
+        """
         times = np.linspace(0.0, self.duration, 2001)
         torques = np.abs(self.torque(times)).max(axis=0)
         speeds = np.abs(self.motor_angle(times, 1)).max(axis=0)
@@ -109,6 +112,10 @@ class CrossingPlan:
                 asked.append(f"speed {speeds[k]:.4g} rad/s of {motor.speed_limit:.4g}")
             if asked:
                 found[motor.joint] = ", ".join(asked)
+        for joint, position in positions_beyond_limits(
+            self.robot, self.dynamics.configuration(times)
+        ).items():
+            found[joint] = f"{found[joint]}, {position}" if joint in found else position
         return found
 
     def __repr__(self) -> str:
@@ -185,6 +192,7 @@ class CrossingPlan:
                 for crossing in self.crossings
             ],
             "peak_torque": self.peak_torque,
+            "exceeded": self.exceeded,
             "certificate": {
                 "nodes": certificate.nodes,
                 "tail": certificate.tail,

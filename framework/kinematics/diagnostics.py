@@ -17,6 +17,7 @@ from framework.kinematics.assembly import (
     singular_reference,
 )
 from framework.kinematics.inverse_kinematics import mode_signs, moving_columns, reference_system
+from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.loop_matrices import passive_matrix
 from framework.model import ParallelRobot
 
@@ -75,6 +76,10 @@ def check_robot(robot: ParallelRobot) -> Checkup:
     idle = tuple(robot.joint_of(int(column)) for column in idle_columns(robot))
     redundant = tuple(name for i, name in enumerate(names) if i not in kept)
     advice = _advice(robot, mobility, idle, redundant, masses)
+    beyond = positions_beyond_limits(robot, reference.q[None])
+    if beyond:
+        listed = "; ".join(f"{joint}: {position}" for joint, position in beyond.items())
+        advice.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
     if smallest is not None and smallest < 1e-6:
         advice.append("the reference is itself singular: give one away from the locus")
     return Checkup(
