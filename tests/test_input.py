@@ -6,6 +6,7 @@ import os
 
 import pytest
 
+import robots
 from framework.errors import InvalidInput, RobotFileError
 from framework.input import LARGEST_FILE, read_text
 from framework.model import ParallelRobot, read_robot_file
@@ -164,6 +165,16 @@ def test_a_yaml_text_as_long_as_may_be_is_read_soon():
     with bounded(QUICK):
         assert len(parse_yaml(text)) == 2200
     assert parse_yaml("") is None
+
+
+@pytest.mark.parametrize("before", ["\n", "\ufeff", "\ufeff \r\n"])
+def test_a_urdf_is_read_behind_blanks_before_its_declaration(write_robot, before):
+    file = write_robot()
+    urdf = file.with_name("five_bar.urdf")
+    text = urdf.read_text(encoding="utf-8")
+    assert text.startswith("<?xml")
+    urdf.write_text(before + text, encoding="utf-8")
+    assert ParallelRobot.from_file(file).model == robots.load("five_bar").model
 
 
 def test_xml_is_read_behind_a_byte_order_mark_and_a_doctype_in_a_comment_is_none():

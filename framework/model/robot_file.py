@@ -16,7 +16,7 @@ from framework.errors import MissingPackage, RobotFileError
 from framework.input import read_text
 from framework.model.additions import AddedFrame, add_frames, free_root, lock_joints
 from framework.model.description import JointSpring, RobotDescription, Spring
-from framework.model.documents import parse_yaml
+from framework.model.documents import BLANK, parse_yaml
 from framework.model.fields import (
     Reader,
     Table,
@@ -102,7 +102,7 @@ _TREE: Table = {
 def _urdf(folder: Path, tree: Mapping[str, Any]) -> tuple[str, Urdf]:
     """The URDF with what the robot file changes in it, and its names."""
     path = locate_urdf(folder, tree["urdf"])
-    urdf_text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError)
+    urdf_text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(BLANK)
     if tree["locked"]:
         parse_urdf(path, urdf_text, tree["locked"])
         urdf_text = lock_joints(urdf_text, tree["locked"])
