@@ -73,10 +73,24 @@ def short(value: object) -> str:
 def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     """Sentence for a name that is not in a list: what was given, the nearest name, the valid ones."""
     names = sorted(valid)
-    near = get_close_matches(str(given), names, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    listed = ", ".join(names) if names else "none"
-    return f"unknown {what} {given!r}{hint} (valid: {listed})"
+    near = _nearest(str(given), names)
+    hint = f"; did you mean {near!r}?" if near else ""
+    listed = ", ".join(names[:_LISTED]) if names else "none"
+    more = f", and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return f"unknown {what} {_CUT.repr(given)}{hint} (valid: {listed}{more})"
+
+
+_CUT = reprlib.Repr()  # cuts what nobody reads to its end
+_CUT.maxstring = _CUT.maxother = 200
+_LISTED = 40  # valid names that a sentence lists
+_COMPARED = 1_000_000  # letters of the given name times those of the valid ones: 0.1 s
+
+
+def _nearest(given: str, names: Sequence[str]) -> str | None:
+    """The name most like the given one, if one is like it and there are not too many to compare."""
+    if len(given) * sum(map(len, names)) > _COMPARED:
+        return None
+    return next(iter(get_close_matches(given, names, n=1)), None)
 
 
 def finite_numbers(what: str, given: ArrayLike, count: int) -> Array:

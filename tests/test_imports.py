@@ -1,7 +1,7 @@
 """Imports run one way.
 
-errors <- linalg, motion, model <- kinematics <- singularity | simulation <- dynamics <- crossing <- control
-<- show, cli <- robots <- tests
+errors <- input <- output, linalg, motion <- model <- kinematics <- singularity | simulation <- dynamics <-
+crossing <- control <- show, cli <- robots <- tests
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[1]
 FLOORS = (
     ("arrays",),
     ("errors",),
+    ("input",),
     ("output", "linalg", "motion"),
     ("model",),
     ("kinematics", "catalogue"),

@@ -6,6 +6,7 @@ What was saved is the law; torques and proof are computed anew from it, and must
 from __future__ import annotations
 
 import json
+import os
 import time
 from dataclasses import replace
 from pathlib import Path as FilePath
@@ -19,6 +20,7 @@ from framework.crossing.result import CrossingPlan, Optimality
 from framework.crossing.scenes import path_of
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.errors import InvalidInput, NoAnswer, choose_from
+from framework.input import read_text
 from framework.model import ParallelRobot
 from framework.model.description import FLEXIBILITIES
 from framework.model.readers.recognise import read_any
@@ -31,7 +33,7 @@ SAME = 1e-6  # peak torques of the file and of the plan computed anew may differ
 
 def is_plan_folder(name: str) -> bool:
     """Whether this is a folder with a plan.json in it."""
-    return (FilePath(name) / "plan.json").is_file()
+    return os.path.isfile(os.path.join(name, "plan.json"))
 
 
 def load_plan(folder: str | FilePath) -> CrossingPlan:
@@ -98,12 +100,9 @@ def _law(saved: dict[str, Any], duration: float) -> PlannedLaw:
 
 
 def _read(file: FilePath) -> dict[str, Any]:
+    text = read_text(file, f"{file}: cannot be read; give a folder of `crossing plan --out`")
     try:
-        saved = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidInput(
-            f"{file}: cannot be read ({error.strerror}); give a folder of `crossing plan --out`"
-        ) from None
+        saved = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{file}: not JSON ({error})") from None
     if not isinstance(saved, dict):

@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
 from framework.errors import RobotFileError
+from framework.model.bare_urdf import bare_urdf
 from framework.model.description import AXES, Closure, RobotDescription
 from framework.model.robot_file import read_robot_file
 from framework.model.spring_joints import count_turns, insert_springs
+
+MOST_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
 
 
 class LoopRows(NamedTuple):
@@ -146,15 +149,22 @@ class ParallelRobot:
         """The robot of a description with the springs of one flexibility.
 
         Raises:
-            RobotFileError: unknown flexibility, or pinocchio refuses the URDF.
+            RobotFileError: unknown flexibility, pinocchio refuses the URDF, or too many joints.
         """
         springs = description.active_springs(flexibility)
         try:
-            model = pin.buildModelFromXML(insert_springs(count_turns(description.urdf_text), springs))
+            model = pin.buildModelFromXML(
+                insert_springs(count_turns(bare_urdf(description.urdf_text)), springs)
+            )
         except (ValueError, RuntimeError) as error:
             raise RobotFileError(
                 f"{description.file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}"
             ) from None
+        if model.nv > MOST_JOINTS:
+            raise RobotFileError(
+                f"{description.file}: {model.nv} joints that move, springs included; at most {MOST_JOINTS} "
+                f"are taken (pinocchio's working memory grows with their third power)"
+            )
         model.gravity.linear = np.array(description.gravity)
 
         def columns(names: list[str]) -> IntArray:

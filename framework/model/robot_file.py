@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from framework.errors import MissingPackage, RobotFileError
+from framework.input import read_text
 from framework.model.additions import AddedFrame, add_frames, free_root, lock_joints
 from framework.model.description import JointSpring, RobotDescription, Spring
+from framework.model.documents import BLANK, parse_yaml
 from framework.model.fields import (
     Reader,
     Table,
@@ -37,7 +38,7 @@ from framework.model.fields import (
 from framework.model.inertia import check_inertia
 from framework.model.robot_keys import robot_table
 from framework.model.spring_joints import virtual_link
-from framework.model.urdf import MOVING, Urdf, locate_urdf, parse_urdf, read_text
+from framework.model.urdf import MOVING, Urdf, locate_urdf, parse_urdf
 
 VERSION = 1
 
@@ -50,17 +51,15 @@ def read_robot_file(file: str | Path) -> RobotDescription:
             of the wrong type or length, not finite, or names something that the URDF does not have.
     """
     path = Path(file)
-    said = read_text(path, f"{path}: cannot read the robot file")
+    said = read_text(path, f"{path}: cannot read the robot file", error=RobotFileError)
     try:
-        content = yaml.load(said, Loader=_StrictLoader)
-    except yaml.YAMLError as error:
-        raise RobotFileError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
-    try:
-        return _description(path, content)
+        return _description(path, parse_yaml(said))
     except MissingPackage as error:
         raise MissingPackage(f"{path}: {error}", package=error.package) from None
     except RobotFileError as error:
         raise RobotFileError(f"{path}: {error}") from None
+    except RecursionError:
+        raise RobotFileError(f"{path}: nested too deeply") from None
 
 
 def _description(path: Path, content: Any) -> RobotDescription:
@@ -103,7 +102,7 @@ _TREE: Table = {
 def _urdf(folder: Path, tree: Mapping[str, Any]) -> tuple[str, Urdf]:
     """The URDF with what the robot file changes in it, and its names."""
     path = locate_urdf(folder, tree["urdf"])
-    urdf_text = read_text(path, f"urdf: cannot read {path}")
+    urdf_text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(BLANK)
     if tree["locked"]:
         parse_urdf(path, urdf_text, tree["locked"])
         urdf_text = lock_joints(urdf_text, tree["locked"])
@@ -181,16 +180,3 @@ def _check_names(description: RobotDescription, urdf: Urdf) -> None:
                 f"actuators: joint {actuator.joint!r} is {kind}; a motor needs a revolute, continuous or "
                 f"prismatic joint"
             )
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """SafeLoader that refuses a key given twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"the key {key!r} is there twice", node.start_mark
-                )
-        return super().construct_mapping(node, deep=deep)

@@ -27,7 +27,7 @@ from framework.model.inertia import check_inertia, symmetric
 from framework.model.placement import about, from_quaternion, inverse, placement
 from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options
-from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.readers.urdf_tree import MOST_LOOPS, UrdfTree
 from framework.model.urdf_writing import AXIS, joint_element, origin_element, vector_text
 from framework.model.xml_reading import numbers
 
@@ -453,6 +453,8 @@ class _Model:
     # -------------------------------------------------------------- loops, motors, pose
 
     def describe(self, file: Path, root: ElementTree.Element, options: Options) -> RobotDescription:
+        if sum(len(section) for section in root.findall("equality")) > MOST_LOOPS:
+            raise RobotFileError(f"<equality>: at most {MOST_LOOPS} equalities are read")
         tree = UrdfTree(self.root)
         frames = {name: tree.add_frame(name, link, at) for name, (link, at) in self.sites.items()}
         closures: list[Closure] = []
@@ -580,6 +582,8 @@ class _Model:
 
     def actuators(self, root: ElementTree.Element, tree: UrdfTree) -> list[Actuator]:
         found: dict[str, Actuator] = {}
+        movable = set(tree.movable)
+        valid = [name for name in self.coordinates if name in movable]
         for section in root.findall("actuator"):
             for element in section:
                 where = f"<actuator>: {element.tag} {element.get('name', '')!r}"
@@ -592,7 +596,6 @@ class _Model:
                     **self.settings.attributes(element, where, None),
                 }
                 joint = attributes.get("joint", attributes.get("jointinparent"))
-                valid = [name for name in self.coordinates if name in tree.movable]
                 if joint not in valid:
                     raise RobotFileError(f"{where} joint: {choose_from('hinge or slide', joint, valid)}")
                 if joint in found:

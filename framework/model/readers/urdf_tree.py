@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,10 +21,12 @@ from framework.model.readers.urdf_elements import (
     read_joint,
     unique_names,
 )
+from framework.model.urdf import DEEPEST_TREE, LARGEST_TREE, depths_below
 from framework.model.urdf_writing import AXIS, joint_element, origin_element
 from framework.model.xml_reading import attribute
 
-LARGEST = 5000  # links; more is no robot, and names are compared pairwise further on
+MOST_LOOPS = 1000  # loops in a file
+MOST_MOVING = 1000  # movable joints in a file
 PARALLEL = 1e-9  # how far two unit axes may differ and still be called parallel
 _PLAIN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 
@@ -55,23 +58,28 @@ class UrdfTree:
         self.links = unique_names(root, "link")
         unique_names(root, "joint")
         most = max(len(self.links), len(root.findall("joint")))
-        if most > LARGEST:
-            raise RobotFileError(f"<robot>: {most} links or joints; at most {LARGEST} are read")
+        if most > LARGEST_TREE:
+            raise RobotFileError(f"<robot>: {most} links or joints; at most {LARGEST_TREE} are read")
+        if len(self.extra) > MOST_LOOPS:
+            raise RobotFileError(f"<robot>: {len(self.extra)} loops; at most {MOST_LOOPS} are read")
         known = set(self.links)
         self.joints = {j.name: j for j in (read_joint(e, known) for e in root.findall("joint"))}
         for link in root.findall("link"):
             check_link(link)
+        if len(self.movable) > MOST_MOVING:
+            raise RobotFileError(
+                f"<robot>: {len(self.movable)} movable joints; at most {MOST_MOVING} are read"
+            )
         self.parent_joint = {joint.child: joint for joint in self.joints.values()}
         self.base = self._check_tree()
-        self._added: list[AddedFrame] = []
+        self._added: dict[str, AddedFrame] = {}
 
     # -------------------------------------------------------------- what is there
 
     @property
     def frames(self) -> list[str]:
         """Names of links, of joints and of added frames."""
-        added = [frame.name for frame in self._added]
-        return list(dict.fromkeys([*self.links, *self.joints, *added]))
+        return list(dict.fromkeys([*self.links, *self.joints, *self._added]))
 
     @property
     def movable(self) -> list[str]:
@@ -91,8 +99,7 @@ class UrdfTree:
         """The link that carries a frame of the tree."""
         if frame in self.links:
             return frame
-        added = {found.name: found.parent for found in self._added}
-        return added[frame] if frame in added else self.joints[frame].child
+        return self._added[frame].parent if frame in self._added else self.joints[frame].child
 
     def path_to_base(self, link: str) -> list[Joint]:
         """The joints from a link down to the base."""
@@ -132,13 +139,23 @@ class UrdfTree:
 
     def add_frame(self, name: str, link: str, where: Array) -> str:
         """A frame added to a link; its name, with underscores behind where that was taken."""
-        taken = {*self.frames, *(f"{frame.name}_mount" for frame in self._added)}
+        if len(self._added) >= LARGEST_TREE:
+            raise RobotFileError(f"more than {LARGEST_TREE} frames besides links and joints")
         free = name
-        while free in taken or f"{free}_mount" in taken:
+        while self._is_taken(free) or self._is_taken(f"{free}_mount"):
             free += "_"
         x, y, z = map(float, where[:3, 3])
-        self._added.append(AddedFrame(free, link, (x, y, z), to_rpy(where[:3, :3])))
+        self._added[free] = AddedFrame(free, link, (x, y, z), to_rpy(where[:3, :3]))
         return free
+
+    def _is_taken(self, name: str) -> bool:
+        """Whether a link, a joint, an added frame or its mount has the name."""
+        return (
+            name in self.joints
+            or name in self.links
+            or name in self._added
+            or name.removesuffix("_mount") in self._added
+        )
 
     def fix(self, joint: Joint, value: float) -> None:
         """Hold a joint at a value [rad, m]."""
@@ -202,29 +219,24 @@ class UrdfTree:
 
     def text(self) -> str:
         """The URDF with its added frames."""
-        return add_frames(ElementTree.tostring(self.root, encoding="unicode"), self._added)
+        return add_frames(ElementTree.tostring(self.root, encoding="unicode"), [*self._added.values()])
 
     def _check_tree(self) -> str:
-        children = [joint.child for joint in self.joints.values()]
-        for child in children:
+        children = Counter(joint.child for joint in self.joints.values())
+        for child, count in children.items():
             if child == self.parent_joint[child].parent:
                 raise RobotFileError(f"joint {self.parent_joint[child].name!r}: joins {child!r} with itself")
-            if children.count(child) > 1:
+            if count > 1:
                 raise RobotFileError(
                     f"link {child!r} has two parents; a URDF is a tree: cut the loop there and declare it"
                 )
         roots = [link for link in self.links if link not in self.parent_joint]
         if len(roots) != 1:
             raise RobotFileError(f"needs exactly one root link, got {', '.join(roots[:5]) or 'none'}")
-        below: dict[str, list[str]] = {}
-        for joint in self.joints.values():
-            below.setdefault(joint.parent, []).append(joint.child)
-        reached, waiting = set(roots), list(roots)
-        while waiting:
-            for child in below.get(waiting.pop(), []):
-                reached.add(child)
-                waiting.append(child)
-        lost = [link for link in self.links if link not in reached]
+        depths = depths_below(roots[0], {joint.child: joint.parent for joint in self.joints.values()})
+        lost = [link for link in self.links if link not in depths]
         if lost:
             raise RobotFileError(f"link {lost[0]!r} hangs in a circle of joints without a root")
+        if max(depths.values()) > DEEPEST_TREE:
+            raise RobotFileError(f"<robot>: more than {DEEPEST_TREE} joints in a row")
         return roots[0]
