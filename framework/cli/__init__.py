@@ -43,8 +43,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options = _parser().parse_args(given)
+        options.warnings = []
         with np.errstate(all="ignore"):  # what is not finite is told as an error, not as a warning
             document, text = options.run(options)
+        if options.warnings:
+            document = {**document, "warnings": options.warnings}
+            text = "\n".join([text, *(f"  warning           {warning}" for warning in options.warnings)])
         tell(json.dumps(document, allow_nan=False) if options.json else text)
     except (FrameworkError, Misuse) as error:
         return _refused(error, one_line(str(error)), 1 if isinstance(error, NoAnswer) else 2, given)

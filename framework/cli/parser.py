@@ -46,9 +46,11 @@ def whole(least: int, most: int) -> Callable[[str], int]:
     return read
 
 
-def command(commands: Any, name: str, run: Callable[[argparse.Namespace], Report], text: str) -> Any:
-    """A new command with --json; `run` gives its report."""
-    parser = commands.add_parser(name, help=text, description=text)
+def command(
+    commands: Any, name: str, run: Callable[[argparse.Namespace], Report], text: str, more: str = ""
+) -> Any:
+    """A new command with --json; `run` gives its report. Its own help has `more` to say than the list."""
+    parser = commands.add_parser(name, help=text, description=f"{text}. {more}" if more else text)
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
     parser.set_defaults(run=run)
     return parser

@@ -61,7 +61,7 @@ class ParallelRobot:
     """
 
     description: RobotDescription
-    flexibility: str
+    flexibility: str  # the least one with these springs, whatever was asked for
     model: pin.Model
     actuated: IntArray
     elastic: IntArray
@@ -183,7 +183,7 @@ class ParallelRobot:
         )
         return ParallelRobot(
             description=description,
-            flexibility=flexibility,
+            flexibility=description.least_flexibility(flexibility),
             model=model,
             actuated=actuated,
             elastic=elastic,
