@@ -111,14 +111,19 @@ class ParallelRobot:
     @property
     def torque_units(self) -> tuple[str, ...]:
         """Unit of each motor's torque: N for a slide without a gear (gear ratio 1), N m for all others."""
-        slides = [
-            self.model.joints[self.model.getJointId(name)].shortname().startswith("JointModelP")
-            for name in self.actuator_names
-        ]
+        slides = self.sliding[self.actuated]
         return tuple(
             "N" if slide and gear == 1.0 else "N m"
             for slide, gear in zip(slides, self.gear_ratio, strict=True)
         )
+
+    @property
+    def sliding(self) -> NDArray[np.bool_]:
+        """Which coordinates of pinocchio's velocity vector slide [m], (nv,); the others turn [rad]."""
+        sliding = np.zeros(self.model.nv, dtype=bool)
+        for joint in self.model.joints[1:]:
+            sliding[joint.idx_v] = joint.shortname().startswith("JointModelP")
+        return sliding
 
     def __repr__(self) -> str:
         return (
