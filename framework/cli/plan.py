@@ -17,6 +17,7 @@ from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, point
 from framework.model import ParallelRobot
+from framework.motion.law import Law, PlannedLaw
 from framework.motion.path import Path
 from framework.output import written_together
 
@@ -75,13 +76,20 @@ def _write_plan(plan: CrossingPlan, folder: FilePath, samples: int) -> None:
     save_figures(plan, folder)
 
 
+def named(law: PlannedLaw) -> str:
+    """A law by its kind and degree."""
+    return f"law of degree {law.degree}" if law.kind == Law.kind else f"{law.kind} law"
+
+
 def plan_text(plan: CrossingPlan) -> str:
     """A plan for people."""
     robot, certificate = plan.robot, plan.certificate
     lines = [
-        f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: law of degree {plan.law.degree} over "
+        f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {named(plan.law)} over "
         f"{plan.duration:g} s"
     ]
+    if plan.law.kind != Law.kind:
+        lines.append(f"  law               {plan.reason}")
     for crossing in plan.crossings:
         lines.append(
             f"  crossing          t = {crossing.time:.6g} s at s = {crossing.s:.15f}, "
