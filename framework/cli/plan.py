@@ -13,6 +13,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command
 from framework.cli.raw import report_raw
+from framework.crossing.bound import estimated_best
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, point
@@ -81,6 +82,18 @@ def named(law: PlannedLaw) -> str:
     return f"law of degree {law.degree}" if law.kind == Law.kind else f"{law.kind} law"
 
 
+def _best(plan: CrossingPlan) -> list[str]:
+    """How far an optimal law may be from the best there is, as far as that can be estimated."""
+    best = estimated_best(plan)
+    if best is None or plan.optimality is None:
+        return []
+    peak = np.array(list(plan.peak_torque.values())) / plan.optimality.reference
+    quickest = plan.optimality.wish.goal == "time"
+    over = (plan.duration if quickest else float(peak.max())) / best - 1.0
+    least = f"{best:.4g} s" if quickest else f"a peak of {best * plan.optimality.reference.max():.4g} N m"
+    return [f"  estimate          any law needs about {least} at least, this one {100 * over:.1f} % more"]
+
+
 def plan_text(plan: CrossingPlan) -> str:
     """A plan for people."""
     robot, certificate = plan.robot, plan.certificate
@@ -90,6 +103,7 @@ def plan_text(plan: CrossingPlan) -> str:
     ]
     if plan.law.kind != Law.kind:
         lines.append(f"  law               {plan.reason}")
+        lines += _best(plan)
     for crossing in plan.crossings:
         lines.append(
             f"  crossing          t = {crossing.time:.6g} s at s = {crossing.s:.15f}, "

@@ -18,6 +18,7 @@ from framework import (
     plan_crossing,
     simulate,
 )
+from framework.crossing.bound import estimated_best
 from framework.errors import InvalidInput, NoAnswer, NoLaw
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
@@ -52,6 +53,20 @@ def test_the_crossing_is_certified_and_brings_the_robot_along_the_path(robot, qu
     (crossing,) = quickest.crossings
     assert crossing.residual < 1e-11
     assert simulate(robot, quickest).tracking_error < 1e-8
+
+
+def test_the_quickest_law_is_within_a_percent_of_the_phase_plane(quickest):
+    best = estimated_best(quickest)
+    assert best == pytest.approx(0.7340, abs=2e-4)  # [s], by an independent trial with splines
+    assert 1.0 < quickest.duration / best < 1.01
+
+
+def test_the_estimate_does_not_hang_on_its_cells(quickest):
+    assert estimated_best(quickest, 80) == pytest.approx(estimated_best(quickest, 160), rel=1e-3)
+
+
+def test_there_is_no_estimate_for_a_polynomial(robot):
+    assert estimated_best(plan_crossing(robot, LINE, duration=1.5)) is None
 
 
 def test_the_least_peak_at_the_papers_duration_is_a_quarter_of_its_own(robot):
