@@ -10,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from numpy.polynomial import chebyshev
 
 import robots
 from framework import plan_scene
 from framework.cli import main
 from framework.model.description import FLEXIBILITIES
+from tests.conftest import FIVE_BAR, REMOVED
 from tests.robots import five_bar_oracle as oracle
 
 LINE = ["--from", "0.1", "0.345", "--to", "-0.05", "0.195"]  # through the singularity
@@ -23,11 +25,11 @@ CLEAR = ["--from", "0.1", "0.345", "--to", "-0.05", "0.295"]  # past it
 PLAN = ["plan", "five_bar"]
 FREE = [*PLAN, *LINE, "--duration", "1.5"]
 PLAN_KEYS = [
-    *("robot", "flexibility", "geometry", "duration", "law", "crossings", "peak_torque", "certificate"),
-    *("seconds", "robot_file", "path"),
+    *("robot", "flexibility", "geometry", "duration", "law", "crossings", "peak_torque", "exceeded"),
+    *("certificate", "seconds", "robot_file", "path", "reason", "optimality"),
 ]
 CROSSING_KEYS = ["s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual"]
-CERTIFICATE_KEYS = ["nodes", "tail", "passes", "max_closure_error", "monotone"]
+CERTIFICATE_KEYS = ["nodes", "tail", "passes", "max_closure_error", "max_residual_torque", "monotone"]
 
 
 @pytest.fixture
@@ -252,6 +254,22 @@ def test_out_writes_the_motion(document, tmp_path, flexibility, samples, springs
 
 
 # ------------------------------------------------------------------ the answer is no
+
+
+LONG_LEGS = ["plan", "three_rpr", "--from", -0.2, 0.25, 0.4, "--to", -0.2, 1.9, 0.4, "--duration", 1.5]
+
+
+def test_positions_beyond_the_limits_are_said_or_on_request_refused(document, crossing, refusal, tmp_path):
+    found = document(*LONG_LEGS)["exceeded"]
+    assert set(found) == {"motor_1", "motor_2", "motor_3"}
+    code, text, _ = crossing(*LONG_LEGS)
+    assert code == 0
+    assert all(f"{joint} exceeds its limits: {said}" in text for joint, said in found.items())
+    assert f"motor_2: {found['motor_2']}" in refusal(
+        1, *LONG_LEGS, "--keep-limits", "--out", tmp_path / "out"
+    )
+    assert list(tmp_path.iterdir()) == []
+    assert "--keep-limits" in refusal(2, *LONG_LEGS, "--keep-limits", "--raw")
 
 
 POLE = re.compile(r"unbounded torque at t = ([\d.]+) s, .*x, y = \(\S+, \S+\).* t_s \. W_p = (\S+) N ")
@@ -490,3 +508,47 @@ def test_a_reader_that_has_seen_enough_gets_no_traceback():
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
         running.stdout.close()  # as `| head -1` does, long before the program writes
         assert running.stderr.read() == ""
+
+
+# ------------------------------------------------------------------ springs that there are, or not
+
+
+def test_locate_says_how_the_springs_move_the_singular_points(document, crossing):
+    options = ["locate", "five_bar", "--scene", "C", "--flexibility"]
+    rigid, links = document(*options, "rigid"), document(*options, "flexible_links")
+    (at_rest,), (point,) = rigid["singularities"], links["singularities"]
+    assert (rigid["flexibility"], links["flexibility"]) == ("rigid", "flexible_links")
+    assert point["s"] == pytest.approx(at_rest["s"], abs=1e-12)  # springs at rest
+    assert at_rest["shift"] == {}
+    assert list(point["shift"]) == ["left_drive", "right_drive", "left_rod", "right_rod"]
+    assert [abs(rate) > 0.1 for rate in point["shift"].values()] == [False, False, True, True]
+    assert "springs at rest" in crossing(*options, "flexible_links")[1]
+
+
+@pytest.mark.parametrize(
+    ("kept", "asked", "label"),
+    [
+        ((), "flexible_links", "rigid"),
+        ((), "flexible_joints", "rigid"),
+        (("link",), "flexible_joints", "rigid"),
+        (("joint",), "flexible_links", "flexible_joints"),
+    ],
+)
+@pytest.mark.parametrize("command", ["check", "locate", "plan"])
+def test_a_flexibility_without_springs_is_told_and_not_claimed(
+    document, crossing, write_robot, command, kept, asked, label
+):
+    springs = yaml.safe_load(FIVE_BAR.read_text(encoding="utf-8"))["springs"]
+    chosen = [spring for spring in springs if spring["part"] in kept]
+    file = write_robot(("springs", chosen or REMOVED))
+    options = [command, file, *(["--scene", "C"] if command != "check" else []), "--flexibility", asked]
+    found = document(*options)
+    assert found["flexibility"] == label
+    (warning,) = found["warnings"]
+    assert asked in warning
+    assert warning.endswith(f"taken as {label}")
+    assert crossing(*options)[1].endswith(f"  warning           {warning}\n")
+
+
+def test_a_flexibility_with_springs_is_no_cause_for_a_warning(document):
+    assert "warnings" not in document("check", "five_bar", "--flexibility", "flexible_links")

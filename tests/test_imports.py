@@ -1,7 +1,7 @@
 """Imports run one way.
 
-errors <- linalg, motion, model <- kinematics <- singularity | simulation <- dynamics <- crossing <- control
-<- show, cli <- robots <- tests
+errors <- input <- output, linalg, motion <- model <- kinematics <- singularity | simulation <- dynamics <-
+crossing <- control <- show, cli <- robots <- tests
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[1]
 FLOORS = (
     ("arrays",),
     ("errors",),
+    ("input",),
     ("output", "linalg", "motion"),
     ("model",),
     ("kinematics", "catalogue"),
@@ -58,6 +59,13 @@ def test_a_part_of_the_framework_imports_only_from_the_floors_below(module):
         if name.startswith("framework."):
             other = name.split(".")[1]
             assert other == part or FLOOR[other] < FLOOR[part], f"{module} imports {name}"
+
+
+def test_what_the_readers_of_dialects_are_made_of_stands_below_them():
+    for module in FRAMEWORK:
+        if module.startswith("framework.model.") and not module.startswith("framework.model.readers."):
+            found = {name for name in imports(module) if name.startswith("framework.model.readers")}
+            assert not found, f"{module} imports {found}"
 
 
 @pytest.mark.parametrize("module", FILES)

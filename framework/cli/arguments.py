@@ -21,10 +21,14 @@ from framework.motion.path import Line, Path
 
 
 def load(options: argparse.Namespace) -> ParallelRobot:
-    """The robot, with the springs of --flexibility where the command has that option."""
-    return ParallelRobot.from_description(
-        describe(options), flexibility=getattr(options, "flexibility", "rigid")
-    )
+    """The robot, with the springs of --flexibility where the command has it; warns if there are none."""
+    asked = getattr(options, "flexibility", "rigid")
+    robot = ParallelRobot.from_description(describe(options), flexibility=asked)
+    if robot.flexibility != asked:
+        options.warnings.append(
+            f"{robot.name} has no springs of its own for --flexibility {asked}: taken as {robot.flexibility}"
+        )
+    return robot
 
 
 def describe(options: argparse.Namespace) -> RobotDescription:

@@ -1,30 +1,43 @@
-"""`crossing locate`: the singular points on a path."""
+"""`crossing locate`: the singular points on a path, springs at rest, and how far the springs move them."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
+import numpy as np
+
 from framework.cli import arguments
-from framework.cli.parser import Report, add_path, add_robot, command
+from framework.cli.parser import Report, add_flexibility, add_path, add_robot, command
 from framework.errors import point
-from framework.singularity.points_on_path import locate_singularities
+from framework.kinematics.tracking import Branch, track_path
+from framework.singularity.points_on_path import SingularPoint, locate_singularities
+from framework.singularity.spring_shift import spring_shift
 
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    parser = command(commands, "locate", run, "find the singular points on a path")
+    more = (
+        "With --flexibility: the singular points of the undeformed robot, springs at rest, and the rate at "
+        "which each deflection moves them along the path. How far the springs give, and so where the "
+        "deformed robot is singular, depends on the motion: crossing plan tells."
+    )
+    parser = command(commands, "locate", run, "find the singular points on a path", more)
     add_robot(parser)
     add_path(parser)
+    add_flexibility(parser)
 
 
 def run(options: argparse.Namespace) -> Report:
     """The singular points in the order of the path."""
     robot = arguments.load(options)
     path = arguments.path(options, robot)
-    points = locate_singularities(robot, path)
+    branch = track_path(robot, path)
+    points = locate_singularities(robot, path, branch=branch)
+    shifts = [_shift(branch, found) for found in points]
     document = {
         "robot": robot.name,
+        "flexibility": robot.flexibility,
         "singularities": [
             {
                 "s": found.s,
@@ -34,15 +47,29 @@ def run(options: argparse.Namespace) -> Report:
                 "twist": found.twist.tolist(),
                 "platform": found.platform.tolist(),
                 "slope": found.slope,
+                "shift": shift,
             }
-            for found in points
+            for found, shift in zip(points, shifts, strict=True)
         ],
     }
     if not points:
         return document, f"{robot.name}: no singularity on the path"
     axes = ", ".join(robot.axis_names)
-    return document, "\n".join(
-        f"s = {found.s:.15f}  {found.kind} ({found.contact})  {axes} = {point(found.platform)}  "
-        f"t_s = {point(found.twist)}  dg/ds = {found.slope:.6g}"
-        for found in points
-    )
+    lines = []
+    for found, shift in zip(points, shifts, strict=True):
+        lines.append(
+            f"s = {found.s:.15f}  {found.kind} ({found.contact})  {axes} = {point(found.platform)}  "
+            f"t_s = {point(found.twist)}  dg/ds = {found.slope:.6g}"
+        )
+        if shift is not None and robot.n_e:
+            moved = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
+            lines.append(f"  springs at rest; ds for each m or rad of deflection: {moved or 'none'}")
+    return document, "\n".join(lines)
+
+
+def _shift(branch: Branch, found: SingularPoint) -> dict[str, float] | None:
+    """ds for each m or rad of deflection by spring; None where a deflection does not move the point."""
+    rates = spring_shift(branch, found)
+    if np.any(np.isnan(rates)):
+        return None
+    return dict(zip(branch.robot.elastic_names, map(float, rates), strict=True))

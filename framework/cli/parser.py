@@ -29,9 +29,28 @@ class OneLineParser(argparse.ArgumentParser):
         raise Misuse(f"{message} (see `{self.prog} --help`)")
 
 
-def command(commands: Any, name: str, run: Callable[[argparse.Namespace], Report], text: str) -> Any:
-    """A new command with --json; `run` gives its report."""
-    parser = commands.add_parser(name, help=text, description=text)
+def whole(least: int, most: int) -> Callable[[str], int]:
+    """Reads a whole number within bounds."""
+
+    def read(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            number = least - 1
+        if not least <= number <= most:
+            raise argparse.ArgumentTypeError(
+                f"needs a whole number of at least {least} and at most {most}, got {text!r}"
+            )
+        return number
+
+    return read
+
+
+def command(
+    commands: Any, name: str, run: Callable[[argparse.Namespace], Report], text: str, more: str = ""
+) -> Any:
+    """A new command with --json; `run` gives its report. Its own help has `more` to say than the list."""
+    parser = commands.add_parser(name, help=text, description=f"{text}. {more}" if more else text)
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
     parser.set_defaults(run=run)
     return parser

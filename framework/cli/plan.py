@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command
+from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command, whole
 from framework.cli.raw import report_raw
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
@@ -19,6 +19,8 @@ from framework.errors import InvalidInput, point
 from framework.model import ParallelRobot
 from framework.motion.path import Path
 from framework.output import written_together
+
+MOST_SAMPLES = 1_000_000
 
 
 def add(commands: Any) -> None:
@@ -29,8 +31,15 @@ def add(commands: Any) -> None:
     add_path(parser)
     add_flexibility(parser)
     add_motion(parser)
+    parser.add_argument(
+        "--keep-limits",
+        action="store_true",
+        help="refuse a plan beyond the limits of motors or of the URDF's joints, which is otherwise reported",
+    )
     parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
-    parser.add_argument("--samples", type=int, default=1501, metavar="N", help="rows of motion.csv")
+    parser.add_argument(
+        "--samples", type=whole(2, MOST_SAMPLES), default=1501, metavar="N", help="rows of motion.csv"
+    )
     parser.add_argument(
         "--raw",
         action="store_true",
@@ -42,14 +51,16 @@ def run(options: argparse.Namespace) -> Report:
     """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
     robot = arguments.load(options)
     path, given = arguments.path(options, robot), arguments.motion_options(options, robot)
-    if options.samples < 2:
-        raise InvalidInput(f"--samples: needs at least 2, got {options.samples}")
+    if options.keep_limits and options.raw:
+        raise InvalidInput("--keep-limits: goes with a plan; --raw proves nothing")
+    if not options.raw:
+        given["keep_limits"] = options.keep_limits
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     out = None if options.out is None else FilePath(options.out)
     if out is None:
         return report_raw(options, robot, path, given, None) if options.raw else _planned(robot, path, given)
-    with written_together(out) as folder:
+    with written_together(out, document="raw.json" if options.raw else "plan.json") as folder:
         if options.raw:
             return report_raw(options, robot, path, given, folder)
         document, text = _planned(robot, path, given, lambda plan: _write_plan(plan, folder, options.samples))
@@ -102,7 +113,8 @@ def plan_text(plan: CrossingPlan) -> str:
         f"  peak torque       {peaks}",
         f"  certificate       tail {certificate.tail:.1e} on {certificate.nodes} nodes, "
         f"{certificate.passes} pass{'es' * (certificate.passes != 1)}, loops closed to "
-        f"{certificate.max_closure_error:.1e}",
+        f"{certificate.max_closure_error:.1e}, joints in balance to {certificate.max_residual_torque:.1e} "
+        f"N m or N",
     ]
     for joint, excess in plan.exceeded.items():
         lines.append(f"  mind              {joint} exceeds its limits: {excess}")

@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> Report:
         )
     document, text = result.to_dict(), simulation_text(result)
     if options.out is not None:
-        with written_together(FilePath(options.out)) as folder:
+        with written_together(FilePath(options.out), document="simulation.json") as folder:
             (folder / "simulation.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
             _write_csv(result, plan, folder / "simulation.csv")
         text += f"\n  written to        {options.out}"

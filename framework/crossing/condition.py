@@ -15,20 +15,18 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.errors import NoLaw, NotConverged, point
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, motion_at, system_at
 from framework.kinematics.loop_matrices import measured_matrix
 from framework.kinematics.platform import path_twist
 from framework.kinematics.tracking import Branch
 from framework.motion.path import along
-from framework.singularity.bordered_system import Border, bordered
 from framework.singularity.classification import uncontrolled_motion
 from framework.singularity.points_on_path import SingularPoint
+from framework.singularity.root_of_g import root_of_g
 
 # |alpha| against the size of its own terms: below, s" has no hold on t_s . W_p beyond rounding
 NO_HOLD = 1e-9
-# A Newton step in s whose square is rounding; the next pass starts where it ends.
-LAST_STEP = 1e-7
 
 
 class Condition8(NamedTuple):
@@ -81,24 +79,16 @@ def crossing_point(
     """
     if deflection is None or not len(deflection.value):
         return CrossingPoint(at.s, at.kind, at.twist, at.motion, at.q)
-    robot, s, h = branch.robot, near, 1e-5
-    guess: Array | None = None
-    for _ in range(20):
-        span = np.clip([s - h, s, s + h], 0.0, 1.0)
-        closed = _deflected(branch, span, deflection, guess)
-        P = measured_matrix(robot, closed.system)
-        g = bordered(P, Border.of(P[1])).g
-        step = -g[1] * (span[2] - span[0]) / (g[2] - g[0])
-        along_path = difference(robot, closed.q[0], closed.q[2:]) / (span[2] - span[0])
-        s = float(np.clip(s + step, 0.0, 1.0))
-        if abs(step) < LAST_STEP:
-            q = integrate(robot, closed.q[1:2], step * along_path)
-            x = branch.path(np.array([s]))
-            return _oriented(branch, s, ClosedStack(q, x, system_at(robot, q, x)))
-        guess = integrate(robot, closed.q, np.repeat(step * along_path, 3, axis=0))
+
+    def passive(s: Array) -> Array:
+        return measured_matrix(branch.robot, _deflected(branch, s, deflection).system)
+
+    found = root_of_g(passive, near)
+    if found.converged:
+        return _oriented(branch, found.place, _deflected(branch, np.array([found.place]), deflection))
     raise NoLaw(
-        f"{robot.name}: the deflected robot has no singular point near s = {at.s:.6g}; the deflections "
-        f"are too large for the path to cross the locus there"
+        f"{branch.robot.name}: the deflected robot has no singular point near s = {at.s:.6g}; the "
+        f"deflections are too large for the path to cross the locus there"
     )
 
 
@@ -114,12 +104,11 @@ def _oriented(branch: Branch, s: float, closed: ClosedStack) -> CrossingPoint:
     return CrossingPoint(s, found.kind, sign * found.twist, sign * found.motion, closed.q[0])
 
 
-def _deflected(branch: Branch, s: Array, deflection: Deflection, guess: Array | None) -> ClosedStack:
-    if guess is None:
-        step = np.zeros((len(s), branch.robot.model.nv))
-        step[:, branch.robot.elastic] = deflection.value
-        guess = integrate(branch.robot, branch.guess(s), step)
-    return close_loops(branch.robot, branch.path(s), guess)
+def _deflected(branch: Branch, s: Array, deflection: Deflection) -> ClosedStack:
+    """The robot assembled on the path at s (T,) with given deflections."""
+    step = np.zeros((len(s), branch.robot.model.nv))
+    step[:, branch.robot.elastic] = deflection.value
+    return close_loops(branch.robot, branch.path(s), integrate(branch.robot, branch.guess(s), step))
 
 
 def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | None) -> Condition8:

@@ -14,18 +14,20 @@ from framework.kinematics.loop_matrices import measured_matrix
 from framework.kinematics.tracking import Branch, escaping
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
-from framework.motion.law import MotionLaw
+from framework.motion.law import MotionLaw, PlannedLaw
 from framework.motion.path import Path, along
-from framework.singularity.bordered_system import Border, bordered
 from framework.singularity.classification import UNCROSSABLE, uncontrolled_motion
 from framework.singularity.points_on_path import SingularPoint
+from framework.singularity.root_of_g import root_of_g
 
 STANDING = 1e-7  # speed at a crossing over the largest one: no more than that is a stop
 
 
 def panel_edges(path: Path, law: MotionLaw) -> Array:
-    """Ends of the motion and the instants at which the path has a knot."""
+    """Ends of the motion, of the law's panels, and the instants at which the path has a knot."""
     whole = np.array([0.0, law.duration])
+    if isinstance(law, PlannedLaw) and len(law.edges):
+        whole = law.edges
     inner = [_instants(law, whole, knot) for knot in path.knots]
     return np.unique(np.concatenate([whole, *inner])) if inner else whole
 
@@ -102,18 +104,12 @@ def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, at: SingularPoint)
 
 def deformed_crossing(result: InverseDynamics, near: SingularityCrossing) -> SingularityCrossing:
     """The same crossing in the deformed robot: where and when g vanishes, and t_s . W_p there."""
-    robot, t = result.robot, near.time
-    h = 1e-4 * result.duration
-    for _ in range(4):
-        times = np.clip([t - h, t, t + h], 0.0, result.duration)
-        q = result.configuration(times)
-        system = system_at(robot, q, result.platform(times))
-        P = measured_matrix(robot, system)
-        g = bordered(P, Border.of(P[1])).g
-        step = -g[1] * (times[2] - times[0]) / (g[2] - g[0])
-        t = float(np.clip(t + step, 0.0, result.duration))
-        if abs(step) < 1e-15 * result.duration:
-            break
+    robot = result.robot
+
+    def passive(t: Array) -> Array:
+        return measured_matrix(robot, system_at(robot, result.configuration(t), result.platform(t)))
+
+    t = root_of_g(passive, near.time, high=result.duration).place
     closed = close_loops(robot, result.platform(np.array([t])), result.configuration(t))
     times = np.array([t])
     motion = motion_at(

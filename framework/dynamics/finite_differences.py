@@ -11,13 +11,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from framework.arrays import Array
 from framework.dynamics.forces import loop_forces
 from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.errors import InvalidInput
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import actuated_coordinates, integrate
 from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
 from framework.kinematics.tracking import Branch, track_path
 from framework.model import ParallelRobot
@@ -65,8 +64,7 @@ def finite_difference_torques(
         motion = _motion(branch, law, times, q_e)
         if geometry == "deformed" and done < passes - 1:
             forces = loop_forces(robot, motion)
-    turned = difference(robot, pin.neutral(robot.model), motion.q)[:, robot.actuated]
-    angle = robot.gear_ratio * turned
+    angle = robot.gear_ratio * actuated_coordinates(robot, motion.q)
     _, acceleration = _differences(angle, times)
     torque = robot.rotor_inertia * acceleration + forces.joint_torque / robot.gear_ratio
     return FiniteDifferenceTorques(times, torque, angle, q_e)

@@ -121,9 +121,6 @@ def scaled(robot: ParallelRobot, matrix: Array, rows: LoopRows | None) -> Array:
 @lru_cache(maxsize=128)
 def column_scale(robot: ParallelRobot) -> Array:
     """Length of the robot for sliding joints, 1 for turning ones, shape (nv,)."""
-    scale = np.ones(robot.model.nv)
-    for joint in robot.model.joints[1:]:
-        if joint.shortname().startswith("JointModelP"):
-            scale[joint.idx_v] = robot.length
+    scale = np.where(robot.sliding, robot.length, 1.0)
     scale.flags.writeable = False
     return scale

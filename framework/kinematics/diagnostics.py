@@ -8,12 +8,16 @@ import numpy as np
 
 from framework.kinematics.assembly import (
     idle_columns,
+    independent_at_reference,
     independent_rows,
+    nearby_configurations,
     passive_columns,
     reference_configuration,
     rows_of_springs_alone,
+    singular_reference,
 )
 from framework.kinematics.inverse_kinematics import mode_signs, moving_columns, reference_system
+from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.loop_matrices import passive_matrix
 from framework.model import ParallelRobot
 
@@ -47,11 +51,15 @@ class Checkup:
 
 
 def check_robot(robot: ParallelRobot) -> Checkup:
-    """Examine a robot at its assembled reference.
+    """Examine a robot at its assembled reference, or beside it where that is on a singularity of its loops.
 
     Raises:
         NotAssembled: the loops do not close near the reference.
     """
+    singular = singular_reference(robot)
+    if singular is not None:
+        beside = check_robot(replace(robot, q_near=nearby_configurations(robot)[0]))
+        return replace(beside, advice=(f"said of a pose beside the reference: {singular}", *beside.advice))
     reference = reference_configuration(robot)
     kept = independent_rows(robot)
     names = robot.rows.names
@@ -68,6 +76,10 @@ def check_robot(robot: ParallelRobot) -> Checkup:
     idle = tuple(robot.joint_of(int(column)) for column in idle_columns(robot))
     redundant = tuple(name for i, name in enumerate(names) if i not in kept)
     advice = _advice(robot, mobility, idle, redundant, masses)
+    beyond = positions_beyond_limits(robot, reference.q[None])
+    if beyond:
+        listed = "; ".join(f"{joint}: {position}" for joint, position in beyond.items())
+        advice.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
     if smallest is not None and smallest < 1e-6:
         advice.append("the reference is itself singular: give one away from the locus")
     return Checkup(
@@ -164,7 +176,7 @@ def _suspects(robot: ParallelRobot, mobility: int) -> str:
     for closure in robot.description.closures:
         others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
         without = replace(robot, rows=robot.rows.take(np.array(others, dtype=np.intp)))
-        rank = len(independent_rows(without)) if others else 0
+        rank = len(independent_at_reference(without)) if others else 0
         if mobility + len(independent_rows(robot)) - rank >= robot.n:
             found.append(closure.name)
     return f" (look at {', '.join(found)} first: without one of them the freedom is there)" if found else ""

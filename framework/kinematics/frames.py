@@ -231,6 +231,11 @@ def integrate(robot: ParallelRobot, q: Array, step: Array) -> Array:
     return np.array(flat).reshape(*step.shape[:-1], model.nq)
 
 
+def actuated_coordinates(robot: ParallelRobot, q: Array) -> Array:
+    """The motors' joints q_a (T, n_a) at q (T, nq), joint side of the gears [rad, m]."""
+    return difference(robot, np.asarray(pin.neutral(robot.model)), q)[:, robot.actuated]
+
+
 def difference(robot: ParallelRobot, start: Array, q: Array) -> Array:
     """Tangent vectors (T, nv) from one configuration `start` (nq,) to q (T, nq)."""
     model = robot.model

@@ -14,9 +14,10 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import RobotFileError, choose_from
+from framework.model.urdf import MOVING
+from framework.model.urdf_writing import AXIS, joint_element, vector_text
 
 GROUND = "ground"
-MOVABLE = ("revolute", "continuous", "prismatic")
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 
 
@@ -40,12 +41,11 @@ def add_frames(urdf_text: str, frames: Sequence[AddedFrame]) -> str:
         return urdf_text
     root = ElementTree.fromstring(urdf_text)
     for frame in frames:
-        joint = _joint(root, f"{frame.name}_mount", "fixed", frame.parent, frame.name)
-        ElementTree.SubElement(
-            joint, "origin", xyz=" ".join(map(repr, frame.xyz)), rpy=" ".join(map(repr, frame.rpy))
-        )
+        link = ElementTree.SubElement(root, "link", name=frame.name)
+        place = ElementTree.Element("origin", xyz=vector_text(frame.xyz), rpy=vector_text(frame.rpy))
+        root.append(joint_element(f"{frame.name}_mount", "fixed", frame.parent, frame.name, origin=place))
         if frame.mass:
-            inertial = ElementTree.SubElement(root.findall("link")[-1], "inertial")
+            inertial = ElementTree.SubElement(link, "inertial")
             ElementTree.SubElement(inertial, "mass", value=repr(frame.mass))
             ixx, iyy, izz = map(repr, frame.inertia)
             ElementTree.SubElement(inertial, "inertia", ixx=ixx, iyy=iyy, izz=izz, ixy="0", ixz="0", iyz="0")
@@ -60,7 +60,7 @@ def lock_joints(urdf_text: str, locked: Mapping[str, float]) -> str:
     """
     root = ElementTree.fromstring(urdf_text)
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
-    movable = [name for name, joint in joints.items() if joint.get("type") in MOVABLE]
+    movable = [name for name, joint in joints.items() if joint.get("type") in MOVING]
     for name, value in locked.items():
         if name not in movable:
             raise RobotFileError(f"locked.{name}: {choose_from('joint', name, movable)}")
@@ -81,8 +81,8 @@ def _fix(joint: ElementTree.Element, value: float) -> None:
         part = slice(0, 3) if joint.get("type") == "prismatic" else slice(3, 6)
         motion[part] = value * direction / np.linalg.norm(direction)
         place = place * pin.exp6(motion)
-        origin.set("xyz", " ".join(repr(float(part)) for part in place.translation))
-        origin.set("rpy", " ".join(repr(float(part)) for part in pin.rpy.matrixToRpy(place.rotation)))
+        origin.set("xyz", vector_text(place.translation))
+        origin.set("rpy", vector_text(pin.rpy.matrixToRpy(place.rotation)))
     joint.set("type", "fixed")
     for tag in ("axis", "limit", "mimic"):
         for element in joint.findall(tag):
@@ -107,20 +107,8 @@ def free_root(urdf_text: str) -> str:
     for name in ROOT_JOINTS:
         kind = "revolute" if "_r" in name else "prismatic"
         child = old if name == ROOT_JOINTS[-1] else f"{name}_link"
-        joint = _joint(root, name, kind, parent, child, add_child=child != old)
-        axis = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}[name[-1]]
-        ElementTree.SubElement(joint, "axis", xyz=axis)
-        ElementTree.SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="0", velocity="1e9")
+        if child != old:
+            ElementTree.SubElement(root, "link", name=child)
+        root.append(joint_element(name, kind, parent, child, axis=AXIS[name[-1]], effort="0"))
         parent = child
     return ElementTree.tostring(root, encoding="unicode")
-
-
-def _joint(
-    root: ElementTree.Element, name: str, kind: str, parent: str, child: str, add_child: bool = True
-) -> ElementTree.Element:
-    if add_child:
-        ElementTree.SubElement(root, "link", name=child)
-    joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
-    ElementTree.SubElement(joint, "parent", link=parent)
-    ElementTree.SubElement(joint, "child", link=child)
-    return joint

@@ -14,7 +14,7 @@ Seen from the middle of the beam it does not: there the same beam is the diagona
 stands in the middle of the link is exact for every small load at the tip, to first order in the
 deflection, with the beam's own mass neglected. `split_beam` puts a fixed joint there.
 
-At the tip itself no diagonal stiffness is right. `tip_springs` keeps the two direct terms, 3 E I / L^3
+At the tip itself no diagonal stiffness is right. `tip_spring` keeps the two direct terms, 3 E I / L^3
 and E I / L: exact for the displacement of a rod that only a force loads at its tip, as one that ends in
 a spherical joint, and for the rotation of one that only a moment loads; the cross terms L^2 / (2 E I)
 are left out. A planar rod with a pin at each end carries no bending: its x alone matters, exact in both.
@@ -29,11 +29,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import InvalidInput, choose_from
+from framework.arrays import Array, ArrayLike
+from framework.errors import InvalidInput, choose_from, finite_numbers, point
 from framework.model.description import AXES, Spring
-from framework.model.readers.placement import inverse, placement, turning
-from framework.model.readers.urdf_tree import joint_element, origin_element, origin_of
-from framework.model.readers.writer import spring_entry
+from framework.model.placement import inverse, placement
+from framework.model.robot_file_writer import spring_entry
+from framework.model.urdf_writing import joint_element, origin_element
+from framework.model.xml_reading import origin_of
+
+OPPOSITE = 0.01  # [rad] from -x: nearer, the least turn spins the section a hundred times as far as the beam
+PARALLEL = 1e-6  # sine of the angle between the beam and a direction that is meant to be across it
 
 
 @dataclass(frozen=True)
@@ -176,15 +181,22 @@ def tip_spring(
     return _spring(name, after, stiffness, axes)
 
 
-def split_beam(urdf_text: str, tip: str) -> SplitBeam:
+def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> SplitBeam:
     """The URDF with a fixed joint halfway along the fixed joint `tip`, which reaches from a link's
     origin to its tip.
 
-    The new joint is `<tip>_middle`, its child frame has x along the beam; the tip stays where it was.
-    Link masses stay on the near half.
+    The new joint is `<tip>_middle`; the tip stays where it was. Link masses stay on the near half. Its child
+    frame has x along the beam; where y and z of the section point is `y`'s to say.
+
+    Args:
+        y: direction (3,) of the section's y axis (the width of `Section.rectangle`) in the axes of the link,
+            of any length; what of it runs along the beam is left out. By default the frame is the link's own,
+            brought to the beam by the least turn: the same axes for a beam along x, and no jump on the way
+            to any other direction but -x, where `y` has to be given.
 
     Raises:
-        InvalidInput: no fixed joint has this name, or it has no length.
+        InvalidInput: no fixed joint has this name, or it has no length; y is no direction, or runs along the
+            beam; the beam runs along -x of its link (within 0.01 rad) and no y is given.
     """
     try:
         root = ElementTree.fromstring(urdf_text)
@@ -203,14 +215,34 @@ def split_beam(urdf_text: str, tip: str) -> SplitBeam:
     length = float(np.linalg.norm(span))
     if length == 0.0 or parent is None:
         raise InvalidInput(f"tip: joint {tip!r} has no length")
-    half = placement(turning("x", span), 0.5 * span)
+    half = placement(_section_axes(span / length, y), 0.5 * span)
     root.append(ElementTree.Element("link", name=f"{middle}_link"))
-    root.append(joint_element(middle, "fixed", parent.get("link", ""), f"{middle}_link", half, None))
+    near = parent.get("link", "")
+    root.append(joint_element(middle, "fixed", near, f"{middle}_link", origin=origin_element(half)))
     parent.set("link", f"{middle}_link")
     if origin is not None:
         joint.remove(origin)
     joint.append(origin_element(inverse(half) @ whole))
     return SplitBeam(ElementTree.tostring(root, encoding="unicode"), middle, length)
+
+
+def _section_axes(along: Array, y: ArrayLike | None) -> Array:
+    """Axes of a beam's frame as columns (3, 3), for directions (3,) of the beam and of its section's y."""
+    if y is None:
+        if 1.0 + along[0] < 0.5 * OPPOSITE**2:
+            raise InvalidInput(
+                "y: required, because the beam runs along -x of its link, where the least turn has no axis; "
+                "give the direction of the section's y axis in the link"
+            )
+        middle = along + np.eye(3)[0]  # the least turn is a half turn about it, after one about x
+        across = np.eye(3)[1] - along[1] / (1.0 + along[0]) * middle
+    else:
+        given = finite_numbers("y", y, 3)
+        across = given - (given @ along) * along
+        if not np.linalg.norm(across) > PARALLEL * np.linalg.norm(given):
+            raise InvalidInput(f"y: needs a direction across the beam, which runs along {point(along)}")
+    across = across / np.linalg.norm(across)
+    return np.column_stack([along, across, np.cross(along, across)])
 
 
 def _spring(name: str, after: str, stiffness: dict[str, float], axes: tuple[str, ...]) -> Spring:

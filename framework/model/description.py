@@ -160,6 +160,15 @@ class RobotDescription:
     reference: Mapping[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict)
 
+    def least_flexibility(self, flexibility: str) -> str:
+        """The least flexibility with the springs of this one: rigid for a robot without springs.
+
+        Raises:
+            InvalidInput: unknown flexibility.
+        """
+        springs = self.active_springs(flexibility)
+        return next(least for least in FLEXIBILITIES if self.active_springs(least) == springs)
+
     def active_springs(self, flexibility: str) -> tuple[Spring, ...]:
         """The springs of one flexibility, in file order.
 

@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
 from framework.errors import RobotFileError
+from framework.model.bare_urdf import bare_urdf
 from framework.model.description import AXES, Closure, RobotDescription
 from framework.model.robot_file import read_robot_file
 from framework.model.spring_joints import count_turns, insert_springs
+
+MOST_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
 
 
 class LoopRows(NamedTuple):
@@ -58,7 +61,7 @@ class ParallelRobot:
     """
 
     description: RobotDescription
-    flexibility: str
+    flexibility: str  # the least one with these springs, whatever was asked for
     model: pin.Model
     actuated: IntArray
     elastic: IntArray
@@ -108,14 +111,19 @@ class ParallelRobot:
     @property
     def torque_units(self) -> tuple[str, ...]:
         """Unit of each motor's torque: N for a slide without a gear (gear ratio 1), N m for all others."""
-        slides = [
-            self.model.joints[self.model.getJointId(name)].shortname().startswith("JointModelP")
-            for name in self.actuator_names
-        ]
+        slides = self.sliding[self.actuated]
         return tuple(
             "N" if slide and gear == 1.0 else "N m"
             for slide, gear in zip(slides, self.gear_ratio, strict=True)
         )
+
+    @property
+    def sliding(self) -> NDArray[np.bool_]:
+        """Which coordinates of pinocchio's velocity vector slide [m], (nv,); the others turn [rad]."""
+        sliding = np.zeros(self.model.nv, dtype=bool)
+        for joint in self.model.joints[1:]:
+            sliding[joint.idx_v] = joint.shortname().startswith("JointModelP")
+        return sliding
 
     def __repr__(self) -> str:
         return (
@@ -146,15 +154,22 @@ class ParallelRobot:
         """The robot of a description with the springs of one flexibility.
 
         Raises:
-            RobotFileError: unknown flexibility, or pinocchio refuses the URDF.
+            RobotFileError: unknown flexibility, pinocchio refuses the URDF, or too many joints.
         """
         springs = description.active_springs(flexibility)
         try:
-            model = pin.buildModelFromXML(insert_springs(count_turns(description.urdf_text), springs))
+            model = pin.buildModelFromXML(
+                insert_springs(count_turns(bare_urdf(description.urdf_text)), springs)
+            )
         except (ValueError, RuntimeError) as error:
             raise RobotFileError(
                 f"{description.file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}"
             ) from None
+        if model.nv > MOST_JOINTS:
+            raise RobotFileError(
+                f"{description.file}: {model.nv} joints that move, springs included; at most {MOST_JOINTS} "
+                f"are taken (pinocchio's working memory grows with their third power)"
+            )
         model.gravity.linear = np.array(description.gravity)
 
         def columns(names: list[str]) -> IntArray:
@@ -173,7 +188,7 @@ class ParallelRobot:
         )
         return ParallelRobot(
             description=description,
-            flexibility=flexibility,
+            flexibility=description.least_flexibility(flexibility),
             model=model,
             actuated=actuated,
             elastic=elastic,

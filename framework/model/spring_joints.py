@@ -12,8 +12,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 
 from framework.model.description import Spring
-
-_AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+from framework.model.urdf_writing import AXIS, joint_element, no_limit
 
 
 def virtual_link(name: str) -> str:
@@ -35,12 +34,8 @@ def count_turns(urdf_text: str) -> str:
         joint.set("type", "revolute")
         for limit in joint.findall("limit"):
             joint.remove(limit)
-        joint.append(_no_limit())
+        joint.append(no_limit())
     return ElementTree.tostring(root, encoding="unicode")
-
-
-def _no_limit() -> ElementTree.Element:
-    return ElementTree.Element("limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")
 
 
 def insert_springs(urdf_text: str, springs: Sequence[Spring]) -> str:
@@ -58,7 +53,7 @@ def insert_springs(urdf_text: str, springs: Sequence[Spring]) -> str:
         after = joints[spring.after]
         if spring.motion:
             motions = [
-                ("revolute" if axis.startswith("r") else "prismatic", _AXIS[axis[-1]])
+                ("revolute" if axis.startswith("r") else "prismatic", AXIS[axis[-1]])
                 for axis in spring.motion
             ]
         else:
@@ -80,9 +75,6 @@ def _append(
     middle = virtual_link(name)
     end.set("link", middle)
     root.append(ElementTree.Element("link", name=middle))
-    joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
-    ElementTree.SubElement(joint, "parent", link=middle)
-    ElementTree.SubElement(joint, "child", link=child)
-    ElementTree.SubElement(joint, "axis", xyz=axis)
-    joint.append(_no_limit())
+    joint = joint_element(name, kind, middle, child, axis=axis)
+    root.append(joint)
     return joint

@@ -8,16 +8,20 @@ from __future__ import annotations
 import math
 import sysconfig
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 from framework.errors import MissingPackage, RobotFileError, choose_from
+from framework.model.documents import parse_xml
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
 
 PACKAGE = "package://"
-JOINT_TYPES = ("fixed", "revolute", "continuous", "prismatic")
+MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom
+JOINT_TYPES = ("fixed", *MOVING)
+LARGEST_TREE = 5000  # links or joints; more is no robot
+DEEPEST_TREE = 1000  # joints from the root to a link: pinocchio's parser calls itself once for each
 
 
 @dataclass(frozen=True)
@@ -40,19 +44,6 @@ class Urdf:
         while link in self.parents and self.joints[self.parents[link][0]] == "fixed":
             link = self.parents[link][1]
         return link
-
-
-def read_text(path: Path, complaint: str) -> str:
-    """The text of a file; `complaint` is what to say, before the reason, when there is none.
-
-    Raises:
-        RobotFileError: the file is missing, cannot be read, or is not UTF-8 text.
-    """
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text, or not a file name"
-        raise RobotFileError(f"{complaint}: {reason}") from None
 
 
 def locate_urdf(folder: Path, reference: str) -> Path:
@@ -98,25 +89,29 @@ def parse_urdf(path: Path, text: str, locked: Collection[str] = ()) -> Urdf:
         RobotFileError: not well-formed, not a tree of known joint types, or a number that is none.
     """
     try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise RobotFileError(f"urdf: {path} is not well-formed XML: {error}") from None
+        root = parse_xml(text)
+    except RobotFileError as error:
+        raise RobotFileError(f"urdf: {path}: {error}") from None
     if root.tag != "robot":
         raise RobotFileError(f"urdf: {path} is not a URDF: its root is <{root.tag}>, not <robot>")
     found = {tag: root.findall(tag) for tag in ("link", "joint")}
     for tag, elements in found.items():
-        names = [element.get("name", "") for element in elements]
-        for name in names:
-            if not name or names.count(name) > 1:
+        if len(elements) > LARGEST_TREE:
+            raise RobotFileError(f"urdf: {path}: {len(elements)} {tag}s; at most {LARGEST_TREE} are read")
+        taken: set[str] = set()
+        for name in (element.get("name", "") for element in elements):
+            if not name or name in taken:
                 raise RobotFileError(f"urdf: {path}: the {tag} name {name!r} is empty or there twice")
+            taken.add(name)
     links = [link.get("name", "") for link in found["link"]]
+    known = set(links)
     for link in found["link"]:
         _check_inertial(f"urdf: {path}: link {link.get('name')!r}", link)
     parents: dict[str, tuple[str, str]] = {}
     children: dict[str, str] = {}
     for joint in found["joint"]:
         name, where = joint.get("name", ""), f"urdf: {path}: joint {joint.get('name')!r}"
-        parent, child = (_link_of(where, joint, end, links) for end in ("parent", "child"))
+        parent, child = (_link_of(where, joint, end, known) for end in ("parent", "child"))
         if child in parents:
             raise RobotFileError(
                 f"urdf: {path}: link {child!r} has two parents; a URDF is a tree: cut the loop and "
@@ -127,26 +122,34 @@ def parse_urdf(path: Path, text: str, locked: Collection[str] = ()) -> Urdf:
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
         raise RobotFileError(f"urdf: {path}: needs exactly one root link, got {roots or 'none'}")
-    hanging = {child for child in parents if not _hangs_from(child, roots[0], parents)}
+    depths = depths_below(roots[0], {child: parent for child, (_, parent) in parents.items()})
+    hanging = known - depths.keys()
     if hanging:
         raise RobotFileError(
             f"urdf: {path}: links {', '.join(sorted(hanging))} hang from each other and not from the root "
             f"{roots[0]!r}: a URDF is a tree"
         )
+    if max(depths.values()) > DEEPEST_TREE:
+        raise RobotFileError(f"urdf: {path}: more than {DEEPEST_TREE} joints in a row")
     joints = {joint.get("name", ""): joint.get("type", "") for joint in found["joint"]}
     return Urdf(links, joints, parents, children)
 
 
-def _hangs_from(link: str, root: str, parents: dict[str, tuple[str, str]]) -> bool:
-    """Whether following parents from a link leads to the root, and not in a ring."""
-    for _ in parents:
-        if link == root:
-            return True
-        link = parents[link][1]
-    return link == root
+def depths_below(root: str, parents: Mapping[str, str]) -> dict[str, int]:
+    """How many joints lie between the root and each link that hangs from it, by the parent of each link."""
+    children: dict[str, list[str]] = {}
+    for child, parent in parents.items():
+        children.setdefault(parent, []).append(child)
+    depths, waiting = {root: 0}, [root]
+    while waiting:
+        link = waiting.pop()
+        for child in children.get(link, []):
+            depths[child] = depths[link] + 1
+            waiting.append(child)
+    return depths
 
 
-def _link_of(where: str, joint: ElementTree.Element, end: str, links: list[str]) -> str:
+def _link_of(where: str, joint: ElementTree.Element, end: str, links: set[str]) -> str:
     element = joint.find(end)
     link = element.get("link", "") if element is not None else ""
     if link not in links:

@@ -23,7 +23,7 @@ from framework.kinematics.assembly import passive_columns
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, joint_rates, motion_at
 from framework.kinematics.tracking import track_path
 from framework.model import ParallelRobot
-from framework.motion.law import Law
+from framework.motion.law import MotionLaw
 from framework.motion.path import Path, along
 from framework.singularity.classification import singularity_measure, unit_twist
 
@@ -52,7 +52,7 @@ class Film:
     robot: ParallelRobot
     name: str
     path: Path
-    law: Law
+    law: MotionLaw
     plan: CrossingPlan | None  # None: the law has no proof
     refusal: str  # why there is no plan, or ""
     time: Array  # (F,) [s]

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.forward_kinematics import motors_are_free
+from framework.kinematics.placements import joint_poses, platform_positions
 from framework.model import ParallelRobot
-from framework.show.placements import joint_poses, platform_positions
 from framework.show.scene import floats, locus_about, robot_document
-from framework.singularity.jogging import Pose, motors_are_free, move_motor, move_platform, pose_at
+from framework.singularity.jogging import Pose, move_motor, move_platform, pose_at
 
 
 def hand_document(robot: ParallelRobot) -> dict[str, Any]:
@@ -81,12 +81,8 @@ def _sliders(robot: ParallelRobot, start: Pose) -> dict[str, list[dict[str, Any]
     ]
     motor = [
         slider(name, "m" if slides else "rad", value, 0.8 * robot.length if slides else np.pi)
-        for name, slides, value in zip(robot.actuator_names, _slides(robot), start.motors, strict=True)
+        for name, slides, value in zip(
+            robot.actuator_names, robot.sliding[robot.actuated], start.motors, strict=True
+        )
     ]
     return {"platform": platform, "motor": motor}
-
-
-def _slides(robot: ParallelRobot) -> Array:
-    """Whether each motor moves a slide, (n_a,)."""
-    joints = [robot.model.joints[robot.model.getJointId(name)] for name in robot.actuator_names]
-    return np.array([joint.shortname().startswith("JointModelP") for joint in joints])

@@ -14,6 +14,7 @@ from framework.dynamics.finite_differences import FiniteDifferenceTorques
 from framework.dynamics.wrench import wrench_along
 from framework.kinematics.tracking import Branch, track_path
 from framework.model import ParallelRobot
+from framework.show.eye import plot_eye
 from framework.show.style import CROSSING, figure, line_style, styled
 from framework.singularity.classification import singularity_measure
 from framework.singularity.points_on_path import locate_singularities
@@ -133,17 +134,16 @@ def plot_raw_torques(
 
 
 def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
-    """Write law, torques, singularity and wrench into a folder, each as PDF and PNG."""
-    return [
-        path
-        for name, draw in (
-            ("law", lambda: plot_law(plan)[0]),
-            ("torques", lambda: plot_torques(plan)),
-            ("singularity", lambda: plot_singularity(plan)),
-            ("wrench", lambda: plot_wrench(plan)),
-        )
-        for path in save(draw, folder / name)
-    ]
+    """Write law, torques, singularity, wrench and, of a crossing, its eye into a folder, as PDF and PNG."""
+    drawings: dict[str, Callable[[], Axes]] = {
+        "law": lambda: plot_law(plan)[0],
+        "torques": lambda: plot_torques(plan),
+        "singularity": lambda: plot_singularity(plan),
+        "wrench": lambda: plot_wrench(plan),
+    }
+    if plan.crossings:
+        drawings["eye"] = lambda: plot_eye(plan)
+    return [path for name, draw in drawings.items() for path in save(draw, folder / name)]
 
 
 def save(draw: Callable[[], Axes], stem: Path) -> list[Path]:

@@ -23,7 +23,6 @@ from framework.show import plots
 from framework.show.captions import asked, how, parts, said, why
 from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page
-from framework.show.placements import joint_axis
 from framework.show.scene import film_document
 from framework.show.style import styled
 
@@ -220,7 +219,7 @@ def _parameters(plan: CrossingPlan) -> str:
         for actuator in description.actuators
     ]
     rows += [
-        (f"spring {name}", f"{stiffness:g} {'N/m' if joint_axis(robot, int(column))[3] else 'N m/rad'}")
+        (f"spring {name}", f"{stiffness:g} {'N/m' if robot.sliding[column] else 'N m/rad'}")
         for name, stiffness, column in zip(robot.elastic_names, robot.stiffness, robot.elastic, strict=True)
     ]
     return _table(rows)

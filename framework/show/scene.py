@@ -13,11 +13,8 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import point
-from framework.model import ParallelRobot
-from framework.show.captions import asked, how, proof, said, subtitle, summary, unit, why
-from framework.show.film import Film
-from framework.show.placements import (
-    carried,
+from framework.kinematics.placements import (
+    carried_axis,
     frame_positions,
     joint_axis,
     joint_poses,
@@ -25,6 +22,9 @@ from framework.show.placements import (
     platform_positions,
     rotated,
 )
+from framework.model import ParallelRobot
+from framework.show.captions import asked, how, proof, said, subtitle, summary, unit, why
+from framework.show.film import Film
 from framework.show.shapes import Shape, body_shapes, turned_onto
 from framework.singularity.locus import locus_curves, locus_patch
 
@@ -132,11 +132,14 @@ def _motors(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[dict
     """Where the motors are drawn: at their joints, a slide's on its carriage."""
     axes = [joint_axis(robot, int(column)) for column in robot.actuated]
     motors = []
-    for k, (node, place, axis, slides) in enumerate(axes):
+    for k, (node, place, axis) in enumerate(axes):
         radius = MOTOR * size
+        slides = bool(robot.sliding[robot.actuated[k]])
         if slides:
-            node, place, axis = carried(robot, int(robot.actuated[k]))
-        elif any(j != k and np.linalg.norm(place - other[1]) < 0.01 * size for j, other in enumerate(axes)):
+            node, place, axis = carried_axis(robot, int(robot.actuated[k]))
+        elif any(
+            j != k and np.linalg.norm(place - other.place) < 0.01 * size for j, other in enumerate(axes)
+        ):
             place, radius = _housing(place, axis, [shape for shape in shapes if shape.node == node], size)
         motors.append(
             {
@@ -170,13 +173,13 @@ def _springs(film: Film, size: float) -> dict[str, Any] | None:
         return None
     coils, factors = [], {}
     for k, column in enumerate(robot.elastic):
-        node, place, axis, slides = joint_axis(robot, int(column))
+        node, place, axis = joint_axis(robot, int(column))
         coils.append(
             {
                 "name": robot.elastic_names[k],
                 "node": node,
                 "placement": _placed(place, axis),
-                "slides": slides,
+                "slides": bool(robot.sliding[column]),
                 "column": k,
             }
         )

@@ -6,26 +6,28 @@ in metres; cylinders have their axis along z, as in URDF.
 
 from __future__ import annotations
 
-import warnings
+import os
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, IntArray
-from framework.errors import RobotFileError
 from framework.model import ParallelRobot
-from framework.model.spring_joints import count_turns, insert_springs
-from framework.model.urdf import PACKAGE, locate_urdf
+from framework.model.urdf import locate_urdf
 
 Color = tuple[float, float, float, float]
 
 STICK: Color = (0.45, 0.52, 0.60, 1.0)
+PLAIN: Color = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
 JOINT: Color = (0.75, 0.76, 0.78, 1.0)
 THICKNESS = 0.012  # radius of a stick, in lengths of the robot
 SHORTEST_STICK = 0.03  # in lengths of the robot
+LARGEST_MESH = 100_000_000  # bytes
 CELLS = 40  # a mesh is thinned to this many cells along its diagonal
 
 
@@ -61,62 +63,87 @@ def body_shapes(robot: ParallelRobot) -> list[Shape]:
 
 
 def _visuals(robot: ParallelRobot) -> list[Shape]:
-    springs = robot.description.active_springs(robot.flexibility)
-    text = _with_meshes_found(robot, insert_springs(count_turns(robot.description.urdf_text), springs))
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pinocchio warns of the list of folders, empty as it is
-            drawn = pin.buildGeomFromUrdfString(robot.model, text, pin.GeometryType.VISUAL, [])
-    except ValueError:  # a mesh of a format that it cannot read
-        return []
+    """The visuals of the URDF; those that are malformed, or whose mesh cannot be read, are left out."""
+    root = ElementTree.fromstring(robot.description.urdf_text)
+    materials = {material.get("name"): material for material in root.findall("material")}
     shapes = []
-    for item in drawn.geometryObjects:
-        known = _solid(item.geometry)
-        if known is not None:
-            kind, size, vertices, faces = known
-            red, green, blue, alpha = (float(part) for part in item.meshColor)
-            color = (red, green, blue, alpha)
-            shapes.append(
-                Shape(item.parentJoint, kind, size, item.placement.homogeneous, color, vertices, faces)
-            )
+    for link in root.findall("link"):
+        frame = robot.model.frames[robot.model.getFrameId(link.get("name", ""), pin.FrameType.BODY)]
+        for visual in link.findall("visual"):
+            try:
+                kind, size, vertices, faces = _solid(robot, visual.find("geometry"))
+                placement = frame.placement.homogeneous @ _origin(visual.find("origin"))
+                color = _color(visual.find("material"), materials)
+            except ValueError:
+                continue
+            shapes.append(Shape(frame.parentJoint, kind, size, placement, color, vertices, faces))
     return shapes
 
 
-def _with_meshes_found(robot: ParallelRobot, text: str) -> str:
-    """The URDF with its mesh files by full path; visuals whose file is not here are left out."""
-    root = ElementTree.fromstring(text)
-    for link in root.findall("link"):
-        for visual in link.findall("visual"):
-            mesh = visual.find("geometry/mesh")
-            if mesh is None:
-                continue
-            reference = mesh.get("filename", "").removeprefix("file://")
-            try:
-                file = locate_urdf(robot.description.file.parent, reference)
-            except RobotFileError:
-                file = None
-            if file is None or not file.is_file() or reference == PACKAGE:
-                link.remove(visual)
-            else:
-                mesh.set("filename", str(file))
-    return ElementTree.tostring(root, encoding="unicode")
+Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, size, mesh
 
 
-def _solid(geometry: Any) -> tuple[str, tuple[float, ...], Array | None, IntArray | None] | None:
-    """Kind, size and mesh of one of coal's geometries; None for those that nothing draws."""
-    kind = type(geometry).__name__
-    if kind == "Box":
-        return "box", tuple(float(2 * half) for half in geometry.halfSide), None, None
-    if kind in ("Cylinder", "Capsule"):
-        return "cylinder", (geometry.radius, 2 * geometry.halfLength), None, None
-    if kind == "Sphere":
-        return "sphere", (geometry.radius,), None, None
-    if kind.startswith("BVHModel"):
-        vertices = np.array(geometry.vertices(), dtype=float).reshape(-1, 3)
-        triangles = [geometry.tri_indices(k) for k in range(geometry.num_tris)]
-        faces = np.array([[each[0], each[1], each[2]] for each in triangles], dtype=np.intp)
-        return "mesh", (), *thinned(vertices, faces)
-    return None
+def _solid(robot: ParallelRobot, geometry: ElementTree.Element | None) -> Solid:
+    """What a `<geometry>` is; raises ValueError for what cannot be drawn."""
+    for shape in geometry if geometry is not None else ():
+        if shape.tag == "box":
+            return "box", _sizes(shape.get("size"), 3), None, None
+        if shape.tag in ("cylinder", "capsule"):
+            return "cylinder", (*_sizes(shape.get("radius"), 1), *_sizes(shape.get("length"), 1)), None, None
+        if shape.tag == "sphere":
+            return "sphere", _sizes(shape.get("radius"), 1), None, None
+        if shape.tag == "mesh":
+            return "mesh", (), *thinned(*_mesh(robot, shape))
+    raise ValueError("no geometry")
+
+
+def _mesh(robot: ParallelRobot, element: ElementTree.Element) -> tuple[Array, IntArray]:
+    """Vertices (V, 3) and faces (F, 3) of a mesh file."""
+    reference = element.get("filename", "").removeprefix("file://")
+    file = locate_urdf(robot.description.file.parent, reference)  # RobotFileError is a ValueError
+    if not (reference and os.path.isfile(file) and os.path.getsize(file) <= LARGEST_MESH):
+        raise ValueError("no mesh file")
+    mesh = coal.MeshLoader().load(os.path.abspath(file), np.array(_numbers(element.get("scale", "1 1 1"), 3)))
+    vertices = np.array(mesh.vertices(), dtype=float).reshape(-1, 3)
+    triangles = [mesh.tri_indices(k) for k in range(mesh.num_tris)]
+    if not (triangles and np.all(np.isfinite(vertices))):
+        raise ValueError("no surface")
+    return vertices, np.array([[each[0], each[1], each[2]] for each in triangles], dtype=np.intp)
+
+
+def _origin(element: ElementTree.Element | None) -> Array:
+    """The placement (4, 4) of an `<origin>`."""
+    if element is None:
+        return np.eye(4)
+    xyz, rpy = (np.array(_numbers(element.get(key, "0 0 0"), 3)) for key in ("xyz", "rpy"))
+    return np.asarray(pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz).homogeneous)
+
+
+def _color(
+    material: ElementTree.Element | None, materials: Mapping[str | None, ElementTree.Element]
+) -> Color:
+    """The colour of a visual, its own or that of the material it names."""
+    own = material.find("color") if material is not None else None
+    if own is None and material is not None and material.get("name") in materials:
+        own = materials[material.get("name")].find("color")
+    if own is None:
+        return PLAIN
+    red, green, blue, alpha = _numbers(own.get("rgba"), 4)
+    return red, green, blue, alpha
+
+
+def _numbers(text: str | None, count: int) -> tuple[float, ...]:
+    values = tuple(float(part) for part in (text or "").split())
+    if len(values) != count or not np.all(np.isfinite(values)):
+        raise ValueError("no such numbers")
+    return values
+
+
+def _sizes(text: str | None, count: int) -> tuple[float, ...]:
+    values = _numbers(text, count)
+    if min(values) <= 0:
+        raise ValueError("no size")
+    return values
 
 
 def thinned(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:

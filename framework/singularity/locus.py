@@ -11,18 +11,18 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from framework.arrays import Array
 from framework.kinematics.assembly import passive_columns
-from framework.kinematics.closures import column_scale
-from framework.kinematics.frames import integrate
-from framework.kinematics.inverse_kinematics import mode_signs, moving_columns, system_at
+from framework.kinematics.inverse_kinematics import close_each, mode_signs, system_at
 from framework.kinematics.loop_matrices import measured_matrix
 from framework.model import ParallelRobot
 
 GRID = 61  # points along an edge of the workspace
 REACH = 1.2  # half an edge of the grid, in lengths of the robot
-STEPS = 8  # Newton steps to a neighbouring point
+STEPS = 10  # Newton steps to a neighbouring point
+NEIGHBOUR = 0.5  # [rad, lengths] that a step may move a joint by
 PATCH = 11  # points along an edge of the patch
 PATCH_SIZE = 0.12  # half an edge of the patch, in lengths of the robot
 STEEPEST = 0.2  # of the patch's distance from its plane, in lengths of the robot: beyond, it is left out
@@ -37,7 +37,7 @@ class LocusCurves(NamedTuple):
 
 
 class _Reached(NamedTuple):
-    closed: Array  # (T,) bool
+    closed: NDArray[np.bool_]  # (T,)
     q: Array  # (T, nq)
     g: Array  # (T,) det P: it changes sign where g does, and needs no border
 
@@ -191,28 +191,8 @@ def _pulled_onto(
 
 
 def _reach(robot: ParallelRobot, x: Array, guess: Array, sign: float | None) -> _Reached:
-    """Newton's method on many points at once, each for itself; those that fail or change mode are told."""
-    columns, lengths = moving_columns(robot), column_scale(robot)[moving_columns(robot)]
-    q = guess.copy()
-    alive = np.ones(len(x), dtype=bool)
-    size = np.full(len(x), np.inf)
-    for _ in range(STEPS):
-        system = system_at(robot, q, x)
-        jacobian = system.jacobian[:, :, columns]
-        jacobian[~alive] = np.eye(len(columns))
-        try:
-            newton = -np.linalg.solve(jacobian, system.residual[..., None])[..., 0] / lengths
-        except np.linalg.LinAlgError:
-            newton = -np.einsum("tij,tj->ti", np.linalg.pinv(jacobian), system.residual) / lengths
-        size = np.abs(newton).max(axis=1)
-        alive &= np.isfinite(size) & (size < 0.5)
-        step = np.zeros((len(x), robot.model.nv))
-        step[np.ix_(alive, columns)] = newton[alive] * lengths
-        q = integrate(robot, q, step)
-        if not alive.any() or size[alive].max() < 1e-7:
-            break
-    system = system_at(robot, q, x)
-    alive &= size < 1e-5
+    """The robot assembled at x (T, n) from guesses (T, nq) near by, where it can be without changing mode."""
+    q, system, closed = close_each(robot, x, guess, iterations=STEPS, farthest=NEIGHBOUR)
     if sign is not None:
-        alive &= mode_signs(robot, system)[0] == sign
-    return _Reached(alive, q, np.linalg.det(measured_matrix(robot, system)))
+        closed &= mode_signs(robot, system)[0] == sign
+    return _Reached(closed, q, np.linalg.det(measured_matrix(robot, system)))

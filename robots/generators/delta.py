@@ -15,6 +15,7 @@ from framework.arrays import Array
 from robots.generators.elements import (
     ZERO,
     Element,
+    Limit,
     Value,
     cylinder,
     document,
@@ -29,6 +30,9 @@ from robots.generators.elements import (
 
 BASE, PLATFORM, ARM, ROD, WIDTH = 0.164, 0.044, 0.524, 1.244, 0.131  # [m]
 ARM_MASS, ROD_MASS, PLATFORM_MASS = 1.6, 0.18, 1.5  # [kg]; the platform with 1 kg of payload
+# A forearm may hang or lie level (1.6 rad either way) wherever its arm is, from -1.6 to 4.2 rad: its rods
+# pass beside the arm.
+SWING = (-5.8, 3.2, 0, 30)
 ARM_RADIUS, ROD_RADIUS, PLATE_RADIUS, PLATE = 0.03, 0.008, 0.08, 0.02  # of the shapes [m]
 
 
@@ -99,7 +103,7 @@ def _rod(leg: int, name: str, y: float) -> list[Element]:
     """One rod of the forearm on its universal joint, at y on the arm's end, with the frame at its tip."""
     middle = (0, 0, -0.5 * ROD)
     return [
-        _passive(f"swing_{name}", f"arm_{leg}", f"cross_{name}", "0 1 0", (ARM, y, 0)),
+        _passive(f"swing_{name}", f"arm_{leg}", f"cross_{name}", "0 1 0", (ARM, y, 0), SWING),
         link(f"cross_{name}", shape(sphere("0.018"), origin(), "steel")),
         _passive(f"lean_{name}", f"cross_{name}", f"rod_{name}", "1 0 0"),
         link(
@@ -148,6 +152,8 @@ def _outward(leg: int, radius: float) -> Array:
     return radius * np.array([np.cos(_yaw(leg)), np.sin(_yaw(leg))])
 
 
-def _passive(name: str, parent: str, child: str, axis: str, xyz: Value = ZERO) -> Element:
+def _passive(
+    name: str, parent: str, child: str, axis: str, xyz: Value = ZERO, limit: Limit = (-3.2, 3.2, 0, 30)
+) -> Element:
     """A revolute joint without a motor."""
-    return joint(name, "revolute", parent, child, origin(xyz), axis, (-3.2, 3.2, 0, 30))
+    return joint(name, "revolute", parent, child, origin(xyz), axis, limit)

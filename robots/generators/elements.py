@@ -14,6 +14,7 @@ import numpy as np
 from framework.arrays import Array
 
 Value = str | float | Iterable[float]
+Limit = tuple[Value, Value, Value, Value]  # lower, upper, effort, velocity
 ZERO = (0.0, 0.0, 0.0)
 
 
@@ -40,7 +41,7 @@ def joint(
     child: str,
     place: Element | None = None,
     axis: Value = "",
-    limit: tuple[Value, Value, Value, Value] | None = None,
+    limit: Limit | None = None,
 ) -> Element:
     """A joint; `axis` and `limit` (lower, upper, effort, velocity) only where it moves."""
     children = [Element("parent", {"link": parent}), Element("child", {"link": child}), place or origin()]

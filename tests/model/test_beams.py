@@ -92,6 +92,69 @@ def test_a_beam_may_point_anywhere_and_its_tip_be_turned():
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
+FLAT = Section.rectangle(0.03, 0.01)  # 30 mm along y, 10 mm along z
+ALUMINIUM = Material.isotropic(70e9, 0.33)
+
+
+def in_link_axes(tip, y=None):
+    """Compliance (6, 6) of the flat bar from the link's origin to `tip`, in the axes of the link."""
+    split = split_beam(urdf(" ".join(map(repr, map(float, tip)))), "rod", y=y)
+    return tip_compliance(split.urdf_text, beam_spring("flex", split.middle, FLAT, ALUMINIUM, split.length))
+
+
+def turned(axes, length):
+    """The textbook's cantilever with x, y and z along the columns of `axes`."""
+    both = np.kron(np.eye(2), axes)
+    return both @ cantilever(FLAT, ALUMINIUM, length) @ both.T
+
+
+def directions():
+    """Directions over the whole sphere, among them those in which two entries are equal in size."""
+    rng = np.random.default_rng(11)
+    equal = [(1, 1, 1), (1, -1, 0), (0, 1, 1), (0, 0, 1), (0, -1, 0), (-1, 1, 1), (1, 0, 1)]
+    return [d / np.linalg.norm(d) for d in (*np.array(equal, dtype=float), *rng.normal(size=(20, 3)))]
+
+
+def test_a_flat_bar_half_a_millimetre_off_its_axis_sags_as_before():
+    """F = 1 N along z at the end of 0.5 m: F L^3 / (3 E Iy) with Iy = b h^3 / 12."""
+    sag = 0.5**3 / (3 * 70e9 * 0.03 * 0.01**3 / 12)
+    for tip in ((0.5, 0, 0), (0.5, 0, 0.0005), (0.5, 0.0005, 0), (0.5, -1e-9, 1e-12)):
+        assert in_link_axes(tip)[2, 2] == pytest.approx(sag, rel=1e-5)
+
+
+def test_by_default_the_section_follows_the_least_turn_from_the_link():
+    for along in directions():
+        axis = np.cross([1, 0, 0], along)
+        angle = np.arctan2(np.linalg.norm(axis), along[0])
+        turn = pin.exp3(angle * axis / max(np.linalg.norm(axis), 1e-300))
+        expected = turned(turn, 0.5)
+        np.testing.assert_allclose(
+            in_link_axes(0.5 * along), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
+        )
+
+
+def test_the_default_does_not_jump():
+    """The section turns at most 1 / sin(half the angle from -x) times as far as the beam does."""
+    rng = np.random.default_rng(12)
+    for along in directions():
+        slope = 2.0 / np.sqrt(0.5 * (1.0 + along[0]))
+        before, step = in_link_axes(0.5 * along), 1e-4 * rng.normal(size=3)
+        after = in_link_axes(0.5 * (along + step))
+        assert np.abs(after - before).max() < 10 * slope * np.linalg.norm(step) * np.abs(before).max()
+
+
+def test_the_roll_is_the_users_to_give():
+    rng = np.random.default_rng(13)
+    for along in (*directions(), np.array([-1.0, 0, 0])):
+        y = rng.normal(size=3)
+        across = y - (y @ along) * along
+        axes = np.column_stack([along, across, np.cross(along, across)])
+        axes /= np.linalg.norm(axes, axis=0)
+        expected = turned(axes, 0.5)
+        found = in_link_axes(0.5 * along, 100 * y)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
 def test_splitting_leaves_the_tip_where_it_was():
     text = urdf("0.1 -0.2 0.3", "0.4 -0.5 0.6")
     placements = []
@@ -171,6 +234,11 @@ def test_the_entry_goes_into_a_robot_file(tmp_path):
         (lambda: split_beam(urdf(), "arm"), "tip: unknown fixed joint 'arm'"),
         (lambda: split_beam(urdf("0 0 0"), "rod"), "has no length"),
         (lambda: split_beam(urdf("a b c"), "rod"), "needs finite numbers"),
+        (lambda: split_beam(urdf("-0.4 0 0"), "rod"), "y: required, because the beam runs along -x"),
+        (lambda: split_beam(urdf("-0.4 0.003 0"), "rod"), "y: required, because the beam runs along -x"),
+        (lambda: split_beam(urdf("0.4 0 0.4"), "rod", y=(1, 0, 1)), "across the beam, which runs along"),
+        (lambda: split_beam(urdf(), "rod", y=(0, 0, 0)), "y: needs a direction across the beam"),
+        (lambda: split_beam(urdf(), "rod", y=(0, 1)), "y must be 3 finite numbers"),
         (lambda: split_beam("<robot", "rod"), "not well-formed XML"),
         (lambda: split_beam(split_beam(urdf(), "rod").urdf_text, "rod"), "already there"),
     ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+import yaml
 
 import robots
 from framework import ParallelRobot
@@ -17,6 +18,7 @@ PATHS = [[0.1, 0.345], [-0.05, 0.195]]
 ROD = {"name": "rod", "part": "link", "after": "left_rod_tip", "motion": "x", "stiffness": 350000}
 TIPS = ("left_tip", "right_tip")
 ROD_OF = {"name": "rod", "frames": [*TIPS], "kind": "distance", "length": 0.25}
+DISTANCE = {"name": "bar", "frames": ["left_tip", "right_tip"], "kind": "distance", "length": 0.1}
 SOFT = {**ROD, "name": "soft", "motion": ["x", "rz"], "stiffness": [2, 3]}
 
 
@@ -161,6 +163,21 @@ MALFORMED = [
     ("springs.0.name", "", ["springs[0].name", "needs a text"]),
     ("springs", [SOFT, {**ROD, "name": "soft_x"}], ["springs", "'soft_x'", "twice"]),
     ("springs.2.motion", "own", ["springs[2].motion", "'left_rod_tip' is fixed"]),
+    ("springs.0.motion", 5, ["springs[0].motion[0]", "unknown axis 5", "rx, ry, rz, x, y, z"]),
+    ("springs.0", {"name": "s", "joint": "left_elbow", "stiffness": 1, "part": "link"}, ["springs[0].part"]),
+    ("closures.0", {**DISTANCE, "axes": "x"}, ["closures[0].axes", "unknown key", "length"]),
+    ("closures.0", {**DISTANCE, "length": 0}, ["closures[0].length", "greater than zero", "0"]),
+    ("closures.0.length", 1, ["closures[0].length", "unknown key", "kind"]),
+    ("frames", None, ["frames", "at least one entry", "None"]),
+    ("frames", [{"name": "a", "parent": "nobody"}], ["frames[0].parent", "unknown link 'nobody'", "base"]),
+    (
+        "frames",
+        [{"name": "a", "parent": "base", "inertia": [1, 1, 1]}],
+        ["frames[0].inertia", "mass"],
+    ),
+    ("locked", {"left_elbow": "up"}, ["locked.left_elbow", "number", "'up'"]),
+    ("locked", {"left_rod_tip": 0}, ["locked.left_rod_tip", "unknown joint", "left_elbow"]),
+    ("root", "loose", ["root", "unknown root 'loose'", "fixed, free"]),
     ("gravity", [0, -9.81], ["gravity", "three numbers", "[0, -9.81]"]),
     ("gravity", [0, 0, math.nan], ["gravity[2]", "finite", "nan"]),
     ("gravity", -9.81, ["gravity", "needs a list", "-9.81"]),
@@ -211,6 +228,31 @@ def test_a_malformed_robot_file_is_refused_and_told_why(write_robot, key, value,
     message = refused(write_robot((key, value)))
     for word in words:
         assert word in message
+
+
+def mappings(content, place=()):
+    """Places of the mappings whose keys have meanings, and not names, in a robot file."""
+    if isinstance(content, list):
+        for i, item in enumerate(content):
+            yield from mappings(item, (*place, str(i)))
+    elif isinstance(content, dict):
+        if place not in (("reference",), ("scenes",)):
+            yield place
+        for key, value in content.items():
+            yield from mappings(value, (*place, key))
+
+
+@pytest.mark.parametrize("place", list(mappings(yaml.safe_load(FIVE_BAR.read_text(encoding="utf-8")))))
+def test_a_key_that_no_table_has_is_named_with_its_place(write_robot, place):
+    name = "".join(f"[{part}]" if part.isdigit() else f".{part}" for part in (*place, "colour"))
+    message = refused(write_robot((".".join((*place, "colour")), "red")))
+    assert message.startswith(f"{name[1:]}: unknown key 'colour'")
+
+
+def test_a_missing_key_points_to_its_misspelling_and_to_no_key_that_is_right(write_robot):
+    assert "misspelling" not in refused(write_robot(("closures.0.name", REMOVED)))  # `frames` is near it
+    message = refused(write_robot(("platform.axes", REMOVED), ("platform.axis", ["x", "y"])))
+    assert message.startswith("platform.axes: missing; is 'axis' a misspelling?")
 
 
 # the whole text of the robot file, words

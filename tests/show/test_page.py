@@ -7,13 +7,11 @@ import json
 import re
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import robots
 from framework.show.jogging import hand_document
 from framework.show.page import film_page, hand_page
-from framework.show.placements import joint_poses
 from framework.show.scene import film_document, floats
 from framework.show.shapes import body_shapes, thinned
 from tests.show.test_film import filmed
@@ -48,19 +46,6 @@ def test_every_robot_has_a_body_to_show(name):
     assert np.linalg.norm(view["from"]) == pytest.approx(1.0)
     offsets = poses[0, 1:, :3] - view["center"]
     assert np.linalg.norm(offsets, axis=1).max() <= view["radius"] * (1 + 1e-6)
-
-
-def test_poses_are_those_of_pinocchio_and_turn_smoothly():
-    film = filmed("four_bar", "full_turn")
-    poses = joint_poses(film.robot, film.q)
-    data = film.robot.model.createData()
-    for k in (0, 100, 400):
-        pin.forwardKinematics(film.robot.model, data, film.q[k])
-        for j, placement in enumerate(data.oMi):
-            np.testing.assert_allclose(
-                pin.XYZQUATToSE3(poses[k, j]).homogeneous, placement.homogeneous, atol=1e-12
-            )
-    assert np.sum(poses[1:, :, 3:] * poses[:-1, :, 3:], axis=2).min() > 0.99
 
 
 def test_a_proven_film_tells_its_numbers():

@@ -9,7 +9,9 @@ import pytest
 
 import robots
 from framework import finite_difference_torques, plan_scene
+from framework.errors import InvalidInput
 from framework.show import plots
+from framework.show.eye import plot_eye
 from framework.show.style import figure
 
 CASES = [("C", "rigid"), ("C", "flexible_links"), ("A", "flexible_joints")]
@@ -116,6 +118,26 @@ def test_the_wrench_is_drawn_over_time_and_vanishes_at_the_crossings(plan):
         assert np.interp(crossing.time, t, wrench) == pytest.approx(0.0, abs=1e-4 * np.abs(wrench).max())
 
 
+def test_the_eye_closes_to_a_point_that_the_motion_passes(crossing_plan):
+    """At any torque limit: the band has no width at the singular instant, and the curve goes through it."""
+    plan = crossing_plan
+    for limit in (0.2, 20.0):
+        ax = plot_eye(plan, torque_limit=limit)
+        (curve,) = curves(ax)
+        (band,) = (part.get_paths()[0].vertices for part in ax.collections)
+        width = np.abs(band[:, 1])
+        inside = np.abs(band[:, 0]) < 1e-9 * plan.duration
+        assert width[inside].max() < 1e-6 * width.max()
+        assert np.interp(0.0, *curve.get_data()) == pytest.approx(0.0, abs=1e-6 * width.max())
+        assert f"{limit:.3g} N m" in ax.get_legend().get_texts()[0].get_text()
+
+
+@pytest.mark.parametrize(("crossing", "limit"), [(1, None), (0, -1.0), (0, [1.0, 2.0, 3.0]), (0, np.nan)])
+def test_an_eye_that_cannot_be_drawn_is_refused(crossing_plan, crossing, limit):
+    with pytest.raises(InvalidInput, match=r"crossing|torque_limit"):
+        plot_eye(crossing_plan, crossing=crossing, torque_limit=limit)
+
+
 def test_raw_torques_are_drawn_sample_by_sample_with_their_poles(crossing_plan):
     robot, plan = crossing_plan.robot, crossing_plan
     raw = finite_difference_torques(robot, plan.path, plan.law, samples=101)
@@ -144,7 +166,7 @@ def test_all_figures_are_saved_as_pdf_and_png(crossing_plan, tmp_path):
     settings = dict(matplotlib.rcParams)
     paths = plots.save_figures(crossing_plan, tmp_path)
     assert dict(matplotlib.rcParams) == settings
-    names = ("law", "torques", "singularity", "wrench")
+    names = ("law", "torques", "singularity", "wrench", "eye")
     assert [path.name for path in paths] == [f"{name}.{end}" for name in names for end in ("pdf", "png")]
     assert set(paths) == set(tmp_path.iterdir())
     for path in paths:

@@ -21,19 +21,15 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, choose_from
+from framework.errors import RobotFileError, choose_from, short
 from framework.model.description import Actuator, Closure, JointSpring, RobotDescription, locked_axes
 from framework.model.inertia import check_inertia, symmetric
+from framework.model.placement import about, from_quaternion, inverse, placement
+from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options
-from framework.model.readers.placement import (
-    about,
-    from_quaternion,
-    inverse,
-    numbers,
-    placement,
-    short,
-)
-from framework.model.readers.urdf_tree import UrdfTree, joint_element, origin_element
+from framework.model.readers.urdf_tree import MOST_LOOPS, UrdfTree
+from framework.model.urdf_writing import AXIS, joint_element, origin_element, vector_text
+from framework.model.xml_reading import numbers
 
 WORLD = "world"
 DEEPEST = 200  # bodies in bodies
@@ -274,7 +270,7 @@ class _Model:
         if not joints or parent != name:
             self.new_link(name)
             mount = self.new_name(f"{name}_mount")
-            self.root.append(joint_element(mount, "fixed", parent, name, offset, None))
+            self.root.append(joint_element(mount, "fixed", parent, name, origin=origin_element(offset)))
         self.bodies.append(name)
         if len(self.bodies) > 5000:
             raise RobotFileError("<worldbody>: more than 5000 bodies")
@@ -310,9 +306,9 @@ class _Model:
             child = body if last and k == len(names) - 1 else self.new_name(f"{joint}_link")
             self.new_link(child)
             urdf_kind = "prismatic" if kind == "slide" else "continuous"
-            self.root.append(
-                joint_element(joint, urdf_kind, parent, child, origin, k if kind == "ball" else axis)
-            )
+            turns = AXIS["xyz"[k]] if kind == "ball" else vector_text(axis)
+            place = origin_element(origin)
+            self.root.append(joint_element(joint, urdf_kind, parent, child, origin=place, axis=turns))
             parent, origin = child, np.eye(4)
         self.coordinates[name] = _Coordinate(names, kind, ref, armature)
         self.spring(name, kind, attributes, unit, ref)
@@ -457,6 +453,8 @@ class _Model:
     # -------------------------------------------------------------- loops, motors, pose
 
     def describe(self, file: Path, root: ElementTree.Element, options: Options) -> RobotDescription:
+        if sum(len(section) for section in root.findall("equality")) > MOST_LOOPS:
+            raise RobotFileError(f"<equality>: at most {MOST_LOOPS} equalities are read")
         tree = UrdfTree(self.root)
         frames = {name: tree.add_frame(name, link, at) for name, (link, at) in self.sites.items()}
         closures: list[Closure] = []
@@ -464,7 +462,8 @@ class _Model:
             for element in section:
                 if (closure := self.equality(tree, frames, element, len(closures) + 1)) is not None:
                     closures.append(closure)
-        return tree.describe(
+        return describe(
+            tree,
             file,
             options,
             closures,
@@ -583,6 +582,8 @@ class _Model:
 
     def actuators(self, root: ElementTree.Element, tree: UrdfTree) -> list[Actuator]:
         found: dict[str, Actuator] = {}
+        movable = set(tree.movable)
+        valid = [name for name in self.coordinates if name in movable]
         for section in root.findall("actuator"):
             for element in section:
                 where = f"<actuator>: {element.tag} {element.get('name', '')!r}"
@@ -595,7 +596,6 @@ class _Model:
                     **self.settings.attributes(element, where, None),
                 }
                 joint = attributes.get("joint", attributes.get("jointinparent"))
-                valid = [name for name in self.coordinates if name in tree.movable]
                 if joint not in valid:
                     raise RobotFileError(f"{where} joint: {choose_from('hinge or slide', joint, valid)}")
                 if joint in found:

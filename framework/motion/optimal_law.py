@@ -1,0 +1,214 @@
+"""When the platform is where: a law of free shape, written down as the speed of a path parameter.
+
+    s = phi(sigma),    z(sigma) = (d sigma/dt)^2,    u = z'/2          (prime: d/d sigma)
+
+phi is the smoothstep whose first R derivatives vanish at sigma = 0 and 1, so s is at rest to order R at both
+ends whatever z > 0 is. With z a Chebyshev series sigma(t) is analytic, and all that torques need of the
+law is linear in z: (ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z.
+
+The square of the speed along the path as the unknown is from Verscheure, Demeulenaere, Swevers, De Schutter
+and Diehl, Time-optimal path tracking for robots: a convex optimization approach, IEEE TAC 54 (2009).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.polynomial import chebyshev, polynomial
+from scipy.special import betainc, betaincinv
+
+from framework.arrays import Array, ArrayLike
+from framework.errors import InvalidInput
+from framework.motion.chebyshev import TimeFunction, TimeGrid, extrema
+from framework.motion.law import SLACK
+
+HIGHEST_SMOOTHNESS = 6  # beyond, the squared speed grows so much at the ends that its digits are lost
+HIGHEST_ORDER = 4  # derivatives of s that an elastic robot's torque needs
+PANEL = 24  # nodes of a panel of t(sigma)
+RESOLVED = 1e-15  # of the duration, what a panel may lose by the last coefficients of dt/d sigma
+MOST_PANELS = 1024
+DEGREES_A_PANEL = 3  # degrees of z for each panel in time
+SAME = 1e-12  # of the duration by which the integral of a given speed may miss it
+
+
+@dataclass(frozen=True)
+class Smoothstep:
+    """phi from 0 to 1 on [0, 1] with phi' ~ (sigma (1 - sigma))^order: the incomplete beta function."""
+
+    order: int
+
+    def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
+        """phi or its derivative of the given order, with the shape of sigma; exact near both ends."""
+        sigma = np.asarray(sigma, dtype=float)
+        if order == 0:
+            return np.asarray(betainc(self.order + 1, self.order + 1, sigma))
+        near = np.minimum(sigma, 1.0 - sigma)
+        value = polynomial.polyval(near, _slope_powers(self.order, order))
+        return np.asarray(np.where(sigma > 0.5, (-1.0) ** (order + 1) * value, value))
+
+    def inverse(self, s: ArrayLike) -> Array:
+        """sigma with phi(sigma) = s."""
+        return np.asarray(betaincinv(self.order + 1, self.order + 1, np.asarray(s, dtype=float)))
+
+
+@lru_cache(maxsize=64)
+def _slope_powers(smoothness: int, order: int) -> Array:
+    """Powers of sigma in the derivative of phi of this order, at least 1."""
+    bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
+    whole = polynomial.polyint(bump)
+    return np.asarray(polynomial.polyder(bump / polynomial.polyval(1.0, whole), order - 1), dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class OptimalLaw:
+    """The law s = phi(sigma(t)) with (d sigma/dt)^2 a Chebyshev series in sigma on [0, 1].
+
+    `coefficients` (degree + 1,) [1/s^2] are those of the series. `smoothness` R derivatives of s vanish at
+    both ends. `duration` [s] is the integral of dt/d sigma = z^(-1/2), worked out unless given.
+
+    Raises:
+        InvalidInput: the series is not positive everywhere, or so nearly zero that time is not resolved.
+    """
+
+    coefficients: Array
+    smoothness: int
+    duration: float = (
+        0.0  # [s]; if not given, the integral of dt/d sigma, and else no more than rounding off it
+    )
+
+    kind: ClassVar[str] = "optimal"
+
+    def __post_init__(self) -> None:
+        if not np.all(np.isfinite(self.coefficients)) or least_value(self.coefficients) <= 0:
+            raise InvalidInput("law: the squared speed of an optimal law must be positive on all of [0, 1]")
+        taken = float(self._time[1][-1])
+        object.__setattr__(self, "duration", self.duration or taken)
+        if not abs(taken - self.duration) <= SAME * self.duration:
+            raise InvalidInput(f"law: its speed takes {taken!r} s, not {self.duration!r} s")
+
+    @property
+    def degree(self) -> int:
+        return len(self.coefficients) - 1
+
+    @cached_property
+    def phi(self) -> Smoothstep:
+        return Smoothstep(self.smoothness)
+
+    @cached_property
+    def _time(self) -> tuple[TimeFunction, Array]:
+        """t(sigma) on panels without the time before each, and the time at the panels' edges."""
+        count = 4
+        while True:
+            # panels are narrower towards the ends, where an optimal law changes most
+            grid = TimeGrid(0.5 - 0.5 * np.cos(np.pi * np.arange(count + 1) / count), PANEL)
+            slowness = grid.fit(self.squared_speed(grid.times)[:, None] ** -0.5)
+            lost = np.abs(slowness.coefficients[:, -2:, 0]).max(axis=1) * np.diff(grid.edges)
+            taken = slowness.coefficients[:, 0, 0] @ np.diff(grid.edges)
+            if lost.max() <= RESOLVED * taken or count >= MOST_PANELS:
+                break
+            count *= 2
+        if count >= MOST_PANELS:
+            raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
+        half = 0.5 * np.diff(grid.edges)[:, None, None]
+        series = np.asarray(chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1)) * half
+        steps = series.sum(axis=1)[:, 0]
+        begin = np.concatenate(([0.0], np.cumsum(steps)))
+        if abs(begin[-1] - self.duration) <= SAME * self.duration:  # of the duration to the last bit
+            series, begin = series * (self.duration / begin[-1]), begin * (self.duration / begin[-1])
+        return TimeFunction(grid.edges, series), begin
+
+    def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
+        """z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma."""
+        series = chebyshev.chebder(self.coefficients, order, scl=2.0)
+        return np.asarray(chebyshev.chebval(2.0 * np.asarray(sigma, dtype=float) - 1.0, series))
+
+    def time(self, sigma: ArrayLike) -> Array:
+        """The instant t [s] at which the parameter is sigma, with the shape of sigma."""
+        within, begin = self._time
+        flat = np.atleast_1d(np.asarray(sigma, dtype=float))
+        panel = np.clip(np.searchsorted(within.edges, flat, side="right") - 1, 0, len(begin) - 2)
+        return np.asarray((begin[panel] + within(flat)[:, 0]).reshape(np.shape(sigma)))
+
+    def parameter(self, t: ArrayLike) -> Array:
+        """sigma at the instants t [s]: t(sigma) inverted to rounding by Newton's method within its panel.
+
+        Raises:
+            InvalidInput: t lies outside [0, duration], or is not finite.
+        """
+        times = np.asarray(t, dtype=float)
+        if not np.all(np.abs(2.0 * times / self.duration - 1.0) <= 1.0 + SLACK):
+            raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
+        within, begin = self._time
+        flat = np.clip(np.atleast_1d(times).ravel(), 0.0, self.duration)
+        panel = np.clip(np.searchsorted(begin, flat, side="right") - 1, 0, len(begin) - 2)
+        start, width = within.edges[panel], np.diff(within.edges)[panel]
+        sought = flat - begin[panel]
+        series = within.coefficients[panel, :, 0]  # (T, PANEL + 1)
+        k = np.arange(series.shape[1])
+        x = np.clip(2.0 * sought / np.diff(begin)[panel] - 1.0, -1.0, 1.0)  # on the panel
+        for _ in range(12):
+            time = np.einsum("tk,tk->t", np.cos(np.arccos(x)[:, None] * k), series)
+            slowness = self.squared_speed(start + 0.5 * width * (x + 1.0)) ** -0.5
+            step = (sought - time) / (0.5 * width * slowness)
+            x = np.clip(x + step, -1.0, 1.0)
+            if np.abs(step).max(initial=0.0) < 1e-9:  # the next one would be its square
+                break
+        return np.asarray((start + 0.5 * width * (x + 1.0)).reshape(times.shape))
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """s(t) or its derivative [1/s^order] up to order 4, with the shape of t.
+
+        Raises:
+            InvalidInput: t lies outside [0, duration], or the order is above 4.
+        """
+        if not 0 <= order <= HIGHEST_ORDER:
+            raise InvalidInput(f"law: order {order} (valid: 0 .. {HIGHEST_ORDER})")
+        return self.at_parameter(self.parameter(t), order)
+
+    def at_parameter(self, sigma: ArrayLike, order: int = 0) -> Array:
+        """s or its time derivative [1/s^order] where the parameter is sigma."""
+        phi = [self.phi(sigma, k) for k in range(order + 1)]
+        if order == 0:
+            return phi[0]
+        z = self.squared_speed(sigma)
+        if order == 1:
+            return np.asarray(phi[1] * np.sqrt(z))
+        u = [0.5 * self.squared_speed(sigma, k) for k in range(1, order)]
+        if order == 2:
+            return np.asarray(phi[1] * u[0] + phi[2] * z)
+        jerk = phi[1] * u[1] + 3 * phi[2] * u[0] + phi[3] * z  # of s, over d sigma/dt
+        if order == 3:
+            return np.asarray(np.sqrt(z) * jerk)
+        slope = phi[1] * u[2] + 4 * phi[2] * u[1] + 5 * phi[3] * u[0] + phi[4] * z
+        return np.asarray(u[0] * jerk + z * slope)
+
+    @property
+    def edges(self) -> Array:
+        """Instants (k,) [s] between which s(t) is resolved by some thirty points."""
+        count = max(self.degree // DEGREES_A_PANEL, 1)
+        inner = self.time(0.5 - 0.5 * np.cos(np.pi * np.arange(1, count) / count))
+        return np.concatenate(([0.0], inner, [self.duration]))
+
+    def advance(self, smoothness: int) -> float:
+        """Least z over its mean: s' > 0 between the ends because it is positive."""
+        mean = float(chebyshev.chebint(self.coefficients, lbnd=-1) @ np.ones(self.degree + 2)) / 2
+        return least_value(self.coefficients) / mean
+
+    def to_dict(self) -> dict[str, Any]:
+        """The law as plan.json has it."""
+        return {
+            "kind": self.kind,
+            "smoothness": self.smoothness,
+            "degree": self.degree,
+            "squared_speed": self.coefficients.tolist(),
+            "domain": [0.0, self.duration],
+        }
+
+
+def least_value(series: Array) -> float:
+    """Least value on [-1, 1] of one Chebyshev series (size,)."""
+    at = np.concatenate(([-1.0, 1.0], extrema(series)))
+    return float(chebyshev.chebval(at, series).min())

@@ -1,0 +1,75 @@
+"""A path of a user's own making: does it say the same in its values and in its derivatives?
+
+Torques are made of x(s), x'(s) and x''(s) as the path gives them; a path whose x' is not the derivative of
+its x has torques that belong to no motion, however well they converge. Tested is the integral,
+
+    x(b) - x(a) = int_a^b x'(s) ds,    x'(b) - x'(a) = int_a^b x''(s) ds,
+
+over a few short intervals between the knots, with Gauss's rule: no step of a difference has to be chosen.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import InvalidInput
+from framework.motion.path import Path
+
+SAME = 1e-4  # of the largest derivative along the path: rounding and tables are below, mistakes above
+ROUNDING = 1e-10  # of the largest value, over the length of an interval
+INTERVALS = 9
+LENGTH = 1e-3  # in s, of an interval; shorter between knots that are closer
+GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # its multiples modulo 1 spread evenly and hit no regular grid
+
+
+def check_path(path: Path) -> None:
+    """Test x' and x'' of a path against x at a few places.
+
+    Raises:
+        InvalidInput: the knots do not ascend inside (0, 1), a value is missing or not finite, or path(s, 1)
+            or path(s, 2) is not the derivative of what comes before it.
+    """
+    starts, lengths = _intervals(path)
+    nodes, weights = np.polynomial.legendre.leggauss(5)
+    inside = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)
+    ends = np.concatenate([starts, starts + lengths])
+    for order in (1, 2):
+        first, last = np.split(_values(path, ends, order - 1), 2)
+        rates = _values(path, inside.ravel(), order).reshape(*inside.shape, path.n)
+        means = 0.5 * np.einsum("k,ikn->in", weights, rates)
+        quotients = (last - first) / lengths[:, None]
+        size = np.maximum(np.abs(means), np.abs(quotients)).max(axis=0)
+        values = np.maximum(np.abs(first), np.abs(last)).max(axis=0)
+        allowed = SAME * size + ROUNDING * values / lengths[:, None]
+        excess = np.abs(means - quotients) - allowed
+        if np.any(excess > 0):
+            i, component = np.unravel_index(int(np.argmax(excess)), excess.shape)
+            raise InvalidInput(
+                f"path: path(s, {order}) is not the derivative of path(s, {order - 1}): at s = "
+                f"{starts[i]:.4g} coordinate {component} has {means[i, component]:.6g} instead of "
+                f"{quotients[i, component]:.6g}"
+            )
+
+
+def _intervals(path: Path) -> tuple[Array, Array]:
+    """Starts and lengths of intervals (INTERVALS,) in [0, 1] that contain no knot."""
+    knots = np.asarray(path.knots, dtype=float)
+    edges = np.concatenate(([0.0], knots, [1.0]))
+    if not np.all(np.diff(edges) > 0):
+        raise InvalidInput(f"path: knots must ascend inside (0, 1), got {knots.tolist()}")
+    places = np.mod(GOLDEN * np.arange(1, INTERVALS + 1), 1.0)
+    panel = np.searchsorted(edges, places, side="right") - 1
+    lengths = np.minimum(LENGTH, np.diff(edges)[panel])
+    return np.minimum(places, edges[panel + 1] - lengths), lengths
+
+
+def _values(path: Path, s: Array, order: int) -> Array:
+    """path(s, order) as an array (T, n) of finite numbers."""
+    values = np.asarray(path(s, order), dtype=float)
+    if values.shape != (len(s), path.n) or not np.all(np.isfinite(values)):
+        raise InvalidInput(
+            f"path: path(s, {order}) must give {path.n} finite numbers for each s, shape "
+            f"({len(s)}, {path.n}), got shape {values.shape}"
+        )
+    return values
