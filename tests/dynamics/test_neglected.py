@@ -40,7 +40,7 @@ def with_hinge(mass: float, inertia: float, flexibility: str = "rigid") -> Paral
     if not mass:
         body = body[: body.index("<inertial>")] + body[body.index("</inertial>") + len("</inertial>") :]
     text = description.urdf_text.replace("</robot>", body)
-    return ParallelRobot.from_description(replace(description, urdf_text=text), flexibility)
+    return ParallelRobot.from_description(replace(description, urdf_text=text), flexibility=flexibility)
 
 
 def held_load(t: np.ndarray, law: Law) -> np.ndarray:
@@ -112,7 +112,7 @@ def test_what_carries_nothing_or_is_locked_is_planned(flexibility):
     plain = robots.load("five_bar", flexibility=flexibility)
     light, loaded = with_hinge(0.0, 0.0, flexibility), with_hinge(MASS, 0.0, flexibility).description
     text = lock_joints(loaded.urdf_text, {"hinge": 0.0})
-    locked = ParallelRobot.from_description(replace(loaded, urdf_text=text), flexibility)
+    locked = ParallelRobot.from_description(replace(loaded, urdf_text=text), flexibility=flexibility)
     path = scene_path(plain.description.scenes["C"])
     plans = [plan_crossing(robot, path, duration=1.5, times=[1.0], speeds=[1.5]) for robot in (plain, light)]
     t = np.linspace(0.0, 1.5, 101)
