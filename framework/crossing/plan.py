@@ -22,12 +22,12 @@ from framework.dynamics.crossings import check_kind, rigid_crossings
 from framework.dynamics.inverse_dynamics import TOLERANCE, checked_geometry, resolve
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import InvalidInput, NoLaw
-from framework.kinematics.tracking import Branch, track_path
+from framework.kinematics.tracking import Branch
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import Condition, Law, MotionLaw, check_duration, is_number
 from framework.motion.path import Path
-from framework.singularity.points_on_path import SingularPoint, locate_singularities
+from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 
 LARGEST_SPEED = 1e6  # whole paths in the duration; what a law can keep is a few
 SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends: elastic, rigid
@@ -44,6 +44,7 @@ def plan_crossing(
     geometry: str | None = None,
     smoothness: int | None = None,
     tolerance: float = TOLERANCE,
+    searched: SearchedPath | None = None,
 ) -> CrossingPlan:
     """A rest-to-rest law along the path that crosses its singular points with finite torques.
 
@@ -58,6 +59,7 @@ def plan_crossing(
             are elsewhere.
         smoothness: derivatives of s that vanish at both ends; 2 for rigid, 4 for elastic robots.
         tolerance: tail of the torques that counts as resolved.
+        searched: what `search_path` found on this path, if at hand.
 
     Raises:
         InvalidInput: an argument that cannot be right; says what is valid.
@@ -71,7 +73,7 @@ def plan_crossing(
     """
     started = time.perf_counter()
     geometry = checked_geometry(robot, geometry)
-    task = _task(robot, path, duration, times, speeds, at, smoothness)
+    task = _task(robot, path, duration, times, speeds, at, smoothness, searched)
     branch, points, targets, choice = task.branch, task.points, task.targets, task.crossing_times
     smoothness = task.smoothness
 
@@ -142,6 +144,7 @@ def uncertified_law(
     speeds: Sequence[float] | None = None,
     at: Sequence[float] | None = None,
     smoothness: int | None = None,
+    searched: SearchedPath | None = None,
 ) -> tuple[Law, tuple[SingularityCrossing, ...]]:
     """The law of `plan_crossing` on the undeformed robot before anything is proved, for raw sampling.
 
@@ -150,7 +153,7 @@ def uncertified_law(
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
-    task = _task(robot, path, duration, times, speeds, at, smoothness)
+    task = _task(robot, path, duration, times, speeds, at, smoothness, searched)
     crossings = [(place, condition_at(task.branch, place, None)) for place in _at_rest(task)]
     law = _law(crossings, task.crossing_times, duration, task.smoothness)
     check_advance(law, [point.s for point in task.points], robot.name)
@@ -176,11 +179,11 @@ def _task(
     speeds: Sequence[float] | None,
     at: Sequence[float] | None,
     smoothness: int | None,
+    searched: SearchedPath | None,
 ) -> _Task:
     smoothness = _checked_smoothness(robot, smoothness)
     _check_numbers(duration, times, speeds, at)
-    branch = track_path(robot, path)
-    points = locate_singularities(robot, path, branch=branch)
+    branch, points = search_path(robot, path) if searched is None else searched
     targets = _targets(branch, points, times, speeds, at)
     crossing_times = _choose_timing(branch, targets, duration, times, speeds, smoothness)
     return _Task(branch, points, targets, crossing_times, smoothness)
