@@ -25,9 +25,10 @@ from framework.kinematics.placements import (
 )
 from framework.model import ParallelRobot
 from framework.model.description import RobotDescription
+from framework.model.visuals import Shape
 from framework.show.captions import asked, how, proof, said, subtitle, summary, unit, why
 from framework.show.film import Film
-from framework.show.shapes import Shape, body_shapes, turned_onto
+from framework.show.shapes import body_shapes, turned_onto
 from framework.singularity.locus import LocusCurves, locus_curves, locus_patch
 
 CLIPPED = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
