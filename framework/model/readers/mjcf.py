@@ -22,7 +22,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, short
-from framework.model.description import Actuator, Closure, JointSpring, RobotDescription, locked_axes
+from framework.model.description import Actuator, Closure, JointSpring, ParsedRobot, locked_axes
 from framework.model.inertia import check_inertia, symmetric
 from framework.model.placement import about, from_quaternion, inverse, placement
 from framework.model.readers.describe import describe
@@ -54,7 +54,7 @@ _FREE = "a free body is not supported; carry it by slides and hinges"
 _DENSITY = 1000.0  # MuJoCo's default [kg/m^3]
 
 
-def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> RobotDescription:
+def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
     """The description in an MJCF file.
 
     Raises:
@@ -452,7 +452,7 @@ class _Model:
 
     # -------------------------------------------------------------- loops, motors, pose
 
-    def describe(self, file: Path, root: ElementTree.Element, options: Options) -> RobotDescription:
+    def describe(self, file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
         if sum(len(section) for section in root.findall("equality")) > MOST_LOOPS:
             raise RobotFileError(f"<equality>: at most {MOST_LOOPS} equalities are read")
         tree = UrdfTree(self.root)
