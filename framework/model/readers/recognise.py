@@ -15,7 +15,7 @@ from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import BLANK, naming, parse_xml, parse_yaml
 from framework.model.readers import gepetto, ros_constraint, urdf_plus
 from framework.model.readers.missing_fields import Options, checked_reference, resolve
-from framework.model.readers.mjcf import read_mjcf
+from framework.model.readers.mjcf.reader import read_mjcf
 from framework.model.readers.ros_constraint import read_ros_constraint
 from framework.model.readers.sdf import raise_for_sdf
 from framework.model.readers.urdf_plus import read_urdf_plus
