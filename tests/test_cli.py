@@ -470,6 +470,37 @@ def test_a_malformed_robot_file_or_urdf_is_misuse(refusal, write_robot):
     assert "mass" in refusal(2, "check", write_robot(urdf=(('<mass value="10"/>', ""),)))
 
 
+def test_the_quickest_way_is_planned_simulated_and_reported(crossing, tmp_path):
+    folder = tmp_path / "quick"
+    limits = ("--optimize", "time", "--torque-limit", 0.165, "--margin", "10%")
+    code, out, _ = crossing("plan", "five_bar", "--scene", "C", *limits, "--out", folder)
+    assert code == 0
+    assert "optimal law over" in out
+    saved = json.loads((folder / "plan.json").read_text())
+    assert saved["law"]["kind"] == "optimal"
+    assert max(saved["peak_torque"].values()) <= 0.9 * 0.165
+    assert crossing("simulate", folder)[0] == 0
+    assert crossing("report", folder)[0] == 0
+    page = (folder / "report.html").read_text()
+    assert "--law optimal --optimize time" in page.replace(" \\\n   ", "")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--margin", "ten"), "--margin: needs a share"),
+        (("--law", "optimal", "--raw"), "--raw samples the polynomial"),
+        (("--law", "optimal", "--times", 1.0), "times: belong to the polynomial"),
+        (("--optimize", "time"), "needs a limit"),
+        (("--law", "polynomial", "--torque-limit", 1.0), "for the optimal law"),
+    ],
+)
+def test_options_of_the_laws_that_do_not_go_together(crossing, options, words):
+    code, _, err = crossing("plan", "five_bar", "--scene", "C", *options)
+    assert code == 2
+    assert words in err
+
+
 @pytest.mark.parametrize("command", [["--help"], ["plan", "--help"]])
 def test_help_is_no_misuse(capfd, command):
     with pytest.raises(SystemExit) as caught:

@@ -17,6 +17,7 @@ from framework.control.estimation import Measurement, estimated_state
 from framework.control.platform_dynamics import platform_dynamics
 from framework.control.reference import Reference
 from framework.errors import InvalidInput
+from framework.linalg.ordered_sums import matvec
 
 DIFFERENCE = 1e-5  # of the robot's length [m] or [rad]: step of the central differences
 
@@ -60,7 +61,7 @@ class TimeVaryingLQR:
         ref = self.reference
         state = estimated_state(ref, k, seen, aware=True)
         error = np.concatenate([ref.x[k] - state.x, ref.dx[k] - state.dx], axis=1)
-        return np.asarray(ref.held[k] + error @ self.gain[k].T)
+        return np.asarray(ref.held[k] + matvec(self.gain[k], error))
 
 
 def _linearised(reference: Reference) -> tuple[Array, Array]:

@@ -33,7 +33,7 @@ KEPT = 1e-3  # share of the limits that is kept at the rows, for what lies betwe
 # Weight of the coefficients of z, grown with the square of their degree; ten times as much for each
 # derivative of s that is to vanish: an elastic robot's torque differentiates twice what a rigid one's does.
 ROUGHNESS = 1e-5
-FLOOR = 1e-4  # least z, over the mean speed squared
+FLOOR = 1e-2  # least z, over the mean speed squared
 PANELS = 160  # of the quadrature that decides the duration
 LAXER = (1.0, 1.2, 1.5, 2.0, 4.0)  # times the least peak, what a law that must be slower may take
 SLOWEST = 0.02  # least z of such a law, over the mean speed squared
@@ -192,7 +192,7 @@ class Setting:
     def program(self) -> ConeProgram:
         """The program with rows at every other point."""
         wish, degree = self.wish, self.degree
-        points, weights = legendre.leggauss(degree + degree // 5)
+        points, weights = legendre.leggauss(degree + degree // 2)
         every_other = np.eye(len(self.on_path.sigma))[::2]
         limited = np.isfinite(wish.speed_limit)
         squared = self.scale * (self.on_path.demand.speed[::2, limited] / wish.speed_limit[limited]) ** 2
@@ -222,24 +222,26 @@ class Setting:
 
     def held(self, program: ConeProgram, found: Optimum) -> Best | Infeasible | Unsolved:
         """The law of an optimum, solved again with rows where a limit does not hold between the points."""
+        fine = chebyshev.chebvander(_fine(len(self.on_path.sigma)), self.degree)
         for _ in range(ROUNDS):
             torques = self.torques(found.y)
             hard = self.wish.limited and self.wish.goal != "peak_torque"
             allowed = 1.0 if hard else found.peak * (1.0 + 2.0 * KEPT)
-            over, low = _peaks(torques, allowed), least_value(found.y) < 0.5 * FLOOR
-            if not len(over) and not low:
+            over, low = _peaks(torques, allowed), _peaks(-(fine @ found.y), -0.5 * FLOOR)
+            if not len(over) and not len(low):
                 break
             extra = self.torque_rows(self._between[over])
             program = replace(program, torque=_both(program.torque, extra))
-            if low:
-                program = replace(program, positive=Basis.at(self.on_path.sigma, self.degree).z)
+            if len(low):
+                before = program.positive if len(program.positive) else fine[::2]
+                program = replace(program, positive=np.concatenate([before, fine[low]]))
             again = self.solved(program)
             if not isinstance(again, Optimum):
                 return again
             found = again
         y: Array | None = found.y
         if self.wish.duration is not None and y is not None:
-            points = Basis.at(self.on_path.sigma, self.degree).z
+            points = np.concatenate([fine[::2], program.positive])
             most = 1.0 if self.wish.limited else np.inf
             y = _lasting(program, points, y, found.peak, most, self.wish.duration / self.units.time)
         if y is None or least_value(y) <= 0:
@@ -335,11 +337,15 @@ def conditions_on_speed(sigma: Array, conditions: Array, degree: int, scale: flo
     return Affine(scale * (per_z * at.z + per_u * at.u), constant[:, 0])
 
 
+def _fine(size: int) -> Array:
+    """Points in (-1, 1), six times as dense as `size` Chebyshev points."""
+    return np.asarray(-np.cos(np.pi * (np.arange(6 * size) + 0.5) / (6 * size)))
+
+
 @lru_cache(maxsize=8)
 def _dense(size: int) -> Array:
     """Values between `size` Chebyshev points, from those at them."""
-    x = -np.cos(np.pi * (np.arange(6 * size) + 0.5) / (6 * size))
-    return evaluate(x, series_through(np.eye(size)))
+    return evaluate(_fine(size), series_through(np.eye(size)))
 
 
 def _peaks(values: Array, allowed: float) -> IntArray:

@@ -90,7 +90,14 @@ def optimal_motion(task: Task, *, tolerance: float) -> OptimalMotion:
     roughness, excess = ROUGHNESS, np.inf
     for _ in range(MOST_PASSES):
         setting = _setting(task, places, deflections, wish, degree, units)
-        best = _solved(replace(setting, roughness=roughness), task)
+        try:
+            best = _solved(replace(setting, roughness=roughness), task)
+        except NotConverged:
+            higher = [more for more in DEGREES if more > degree]
+            if not higher:
+                raise
+            degree = higher[0]
+            continue
         try:
             dynamics, law = _resolved(task, best.law, places, tolerance)
         except NotConverged:

@@ -17,7 +17,7 @@ from framework.crossing.optimal_motion import Task, optimal_motion
 from framework.crossing.polynomial import Ground, polynomial_at_rest, polynomial_motion
 from framework.crossing.request import Request, checked_smoothness, targets_of
 from framework.crossing.result import Crossing, CrossingPlan, Optimality
-from framework.crossing.timing import COMFORTABLE, CrossingTime
+from framework.crossing.timing import CrossingTime
 from framework.dynamics.crossings import rigid_crossings
 from framework.dynamics.inverse_dynamics import TOLERANCE, checked_geometry
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
@@ -37,6 +37,7 @@ from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
 from framework.motion.path import Path
 from framework.singularity.points_on_path import locate_singularities
 
+CREEPING = 0.1  # least speed over its mean (the ends divided out) below which a polynomial is given up
 LAWS = ("auto", "polynomial", "optimal")
 
 
@@ -133,7 +134,7 @@ def _best(work: _Work, wish: Wish | None, *, fallback: Wish | None) -> CrossingP
             return _optimal(work, fallback, f"there is no polynomial: {refusal}")
         except (NoLaw, NotConverged) as second:
             raise NoLaw(f"{refusal}; nor does the optimal law help: {second}") from None
-    if fallback is None or not plan.crossings or work.request.speeds is not None or advance >= COMFORTABLE:
+    if fallback is None or not plan.crossings or work.request.speeds is not None or advance >= CREEPING:
         return plan
     nearly_stops = f"the polynomial nearly stops: its least speed is {advance:.2g} of its mean"
     try:

@@ -119,6 +119,7 @@ class Scratch(NamedTuple):
     columns: Array  # (nv, 6) the joints' screws
     velocities: Array  # (bodies of the model, 6) twists at the base's origin
     accelerations: Array  # (bodies of the model, 6) their time derivatives
+    joints: Array  # (bodies of the model, 12) placements of the joints, as `placements`
     frames: IntArray  # (F,) rows of `placements`
     bodies: IntArray  # (F,) rows of `velocities` that carry the frames
     carried: Array  # (F, nv)
@@ -156,6 +157,7 @@ def _scratch(robot: ParallelRobot, thread: int) -> Scratch:
         columns=arrays[1],
         velocities=arrays[2],
         accelerations=arrays[3],
+        joints=arrays[4],
         frames=np.array(robot.frames, dtype=np.intp),
         bodies=bodies,
         carried=_carried(model, bodies),
@@ -164,7 +166,7 @@ def _scratch(robot: ParallelRobot, thread: int) -> Scratch:
 
 
 def _by_accessors(data: pin.Data) -> tuple[Array, ...]:
-    """The four arrays of `Scratch` by pinocchio's public accessors, element by element, as copies.
+    """The five arrays of `Scratch` by pinocchio's public accessors, element by element, as copies.
 
     It costs more than computing what they hold.
     """
@@ -173,16 +175,18 @@ def _by_accessors(data: pin.Data) -> tuple[Array, ...]:
         data.J.reshape(6, -1).T.copy(),
         np.array([motion.vector for motion in data.ov]),
         np.array([motion.vector for motion in data.oa]),
+        np.array([[*pose.rotation.T.ravel(), *pose.translation] for pose in data.oMi]),
     )
 
 
 def _by_memory(data: pin.Data) -> tuple[Array, ...] | None:
-    """The four arrays of `Scratch` on pinocchio's own memory; None where that is not laid out as expected."""
+    """The five arrays of `Scratch` on pinocchio's own memory; None where that is not laid out as expected."""
     blocks = (
         _block([pose.rotation for pose in data.oMf], 12),
         None if data.J.flags.owndata else data.J.reshape(6, -1).T,
         _block([motion.linear for motion in data.ov], 6),
         _block([motion.linear for motion in data.oa], 6),
+        _block([pose.rotation for pose in data.oMi], 12),
     )
     found = tuple(block for block in blocks if block is not None)
     return found if len(found) == len(blocks) else None

@@ -35,7 +35,8 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
             value = (crossing.s, crossing.speed, crossing.acceleration)[order]
             ax.plot([crossing.time], [value], "o", color=CROSSING, markersize=3, zorder=3)
     axes[-1].set_xlabel("time  [s]")
-    axes[0].set_title(f"law of degree {plan.law.degree}", loc="left")
+    kind = "law" if plan.optimality is None else f"{plan.law.kind} law"
+    axes[0].set_title(f"{kind} of degree {plan.law.degree}", loc="left")
     return axes
 
 
@@ -46,6 +47,10 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     for k, (joint, torque) in enumerate(zip(plan.robot.actuator_names, plan.torque(times).T, strict=True)):
         ax.plot(times, torque, label=joint.replace("_", " "), **line_style(k))
     _torque_axes(ax, plan.robot)
+    limits = np.empty(0) if plan.optimality is None else plan.optimality.wish.torque_limit
+    for limit in np.unique(limits[np.isfinite(limits)]):
+        for side in (-limit, limit):
+            ax.axhline(side, color="0.4", linewidth=0.6, linestyle=(0, (1, 2)))
     _mark_crossings(plan, ax)
     return ax
 
