@@ -25,7 +25,7 @@ OF_THE_OPTIMAL_LAW = ("law", "optimize", "longest", "torque_limit", "speed_limit
 def load(options: argparse.Namespace) -> ParallelRobot:
     """The robot, with the springs of --flexibility where the command has it; warns if there are none."""
     asked = getattr(options, "flexibility", "rigid")
-    robot = ParallelRobot.from_description(describe(options), flexibility=asked)
+    robot = ParallelRobot.from_file(robot_file(options.robot), flexibility=asked, **_said(options))
     if robot.flexibility != asked:
         options.warnings.append(
             f"{robot.name} has no springs of its own for --flexibility {asked}: taken as {robot.flexibility}"
@@ -35,13 +35,17 @@ def load(options: argparse.Namespace) -> ParallelRobot:
 
 def describe(options: argparse.Namespace) -> RobotDescription:
     """The description in the robot file, or in a file of a foreign dialect and what the options add to it."""
-    return read_any(
-        robot_file(options.robot),
-        platform=getattr(options, "platform", None),
-        axes=getattr(options, "axes", None),
-        motors=getattr(options, "motors", None),
-        reference=_reference(getattr(options, "reference", None) or []),
-    )
+    return read_any(robot_file(options.robot), **_said(options))
+
+
+def _said(options: argparse.Namespace) -> dict[str, Any]:
+    """What the options say that a foreign file does not."""
+    return {
+        "platform": getattr(options, "platform", None),
+        "axes": getattr(options, "axes", None),
+        "motors": getattr(options, "motors", None),
+        "reference": _reference(getattr(options, "reference", None) or []),
+    }
 
 
 def _reference(given: Sequence[str]) -> dict[str, float]:

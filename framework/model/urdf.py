@@ -14,7 +14,6 @@ from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 from framework.errors import MissingPackage, RobotFileError, choose_from
-from framework.model.documents import parse_xml
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
 
 PACKAGE = "package://"
@@ -80,18 +79,14 @@ def locate_urdf(folder: Path, reference: str) -> Path:
     raise RobotFileError(f"urdf: the package {package} has no file {shared}")
 
 
-def parse_urdf(path: Path, text: str, locked: Collection[str] = ()) -> Urdf:
-    """Names of a URDF; `path` is for messages.
+def check_urdf(path: Path, root: ElementTree.Element, locked: Collection[str] = ()) -> Urdf:
+    """Names of a URDF, once it was judged; `path` is for messages.
 
     Joints named in `locked` may mimic others, for they are about to be fixed.
 
     Raises:
-        RobotFileError: not well-formed, not a tree of known joint types, or a number that is none.
+        RobotFileError: not a tree of known joint types, or a number that is none.
     """
-    try:
-        root = parse_xml(text)
-    except RobotFileError as error:
-        raise RobotFileError(f"urdf: {path}: {error}") from None
     if root.tag != "robot":
         raise RobotFileError(f"urdf: {path} is not a URDF: its root is <{root.tag}>, not <robot>")
     found = {tag: root.findall(tag) for tag in ("link", "joint")}

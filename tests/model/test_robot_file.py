@@ -279,9 +279,9 @@ def test_a_file_that_is_no_robot_file_is_refused(tmp_path, content, words):
         assert word in message
 
 
-@pytest.mark.parametrize("name", ["missing.yaml", "."])
-def test_a_robot_file_that_is_not_there_is_refused(tmp_path, name):
-    assert "cannot read" in refused(tmp_path / name)
+@pytest.mark.parametrize(("name", "reason"), [("missing.yaml", "cannot read"), (".", "a folder without")])
+def test_a_robot_file_that_is_not_there_is_refused(tmp_path, name, reason):
+    assert reason in refused(tmp_path / name)
 
 
 ELBOW = '<joint name="left_elbow" type="revolute">'

@@ -72,7 +72,7 @@ class UrdfTree:
             )
         self.parent_joint = {joint.child: joint for joint in self.joints.values()}
         self.base = self._check_tree()
-        self._added: dict[str, AddedFrame] = {}
+        self._added: dict[str, str] = {}  # the link that carries each frame
 
     # -------------------------------------------------------------- what is there
 
@@ -99,7 +99,7 @@ class UrdfTree:
         """The link that carries a frame of the tree."""
         if frame in self.links:
             return frame
-        return self._added[frame].parent if frame in self._added else self.joints[frame].child
+        return self._added[frame] if frame in self._added else self.joints[frame].child
 
     def path_to_base(self, link: str) -> list[Joint]:
         """The joints from a link down to the base."""
@@ -145,7 +145,8 @@ class UrdfTree:
         while self._is_taken(free) or self._is_taken(f"{free}_mount"):
             free += "_"
         x, y, z = map(float, where[:3, 3])
-        self._added[free] = AddedFrame(free, link, (x, y, z), to_rpy(where[:3, :3]))
+        self._added[free] = link
+        add_frames(self.root, [AddedFrame(free, link, (x, y, z), to_rpy(where[:3, :3]))])
         return free
 
     def _is_taken(self, name: str) -> bool:
@@ -216,10 +217,6 @@ class UrdfTree:
             turn = inverse(self.at_zero(link))[:3, :3] @ common[:3, :3]
             frames.append(self.frame_at(f"{name}_{end}", link, placement(turn)))
         return Closure(name, (frames[0], frames[1]), ("rz",))
-
-    def text(self) -> str:
-        """The URDF with its added frames."""
-        return add_frames(ElementTree.tostring(self.root, encoding="unicode"), [*self._added.values()])
 
     def _check_tree(self) -> str:
         children = Counter(joint.child for joint in self.joints.values())
