@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from framework.arrays import Array
+from framework.errors import NotAssembled
 from framework.kinematics.assembly import (
     idle_columns,
     independent_rows,
@@ -13,6 +15,7 @@ from framework.kinematics.assembly import (
     reference_configuration,
     rows_of_springs_alone,
 )
+from framework.kinematics.closing_search import find_closed_pose
 from framework.kinematics.inverse_kinematics import mode_signs, moving_columns, reference_system
 from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.loop_matrices import passive_matrix
@@ -44,16 +47,28 @@ class Checkup:
     assembly_mode: int  # sign; changes at Type 2
     smallest_singular_value: float | None  # of P, without dimension; None without square A or passive joints
     square: bool  # as many platform axes as degrees of freedom, and no fewer actuators
+    assembled: bool  # whether the loops close near the reference of the file; if not, a pose was looked for
     advice: tuple[str, ...]
 
 
 def check_robot(robot: ParallelRobot) -> Checkup:
-    """Examine a robot at its assembled reference.
+    """Examine a robot at its assembled reference or, where the loops do not close there, at a pose found.
 
     Raises:
-        NotAssembled: the loops do not close near the reference.
+        NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
     """
-    reference = reference_configuration(robot)
+    given, found = robot, list[str]()
+    try:
+        reference = reference_configuration(robot)
+    except NotAssembled:
+        pose = find_closed_pose(robot)
+        found.append(
+            f"the loops do not close near the reference that is given; a search within the joints' limits "
+            f"has found the one that is printed, {pose.joint} {pose.moved} away: paste it into "
+            f"the file (or give it by --reference) if the robot is meant to be assembled that way"
+        )
+        robot = _assembled_at(robot, pose.q)
+        reference = reference_configuration(robot)
     kept = independent_rows(robot)
     names = robot.rows.names
     mobility = len(moving_columns(robot)) - len(kept)
@@ -68,7 +83,7 @@ def check_robot(robot: ParallelRobot) -> Checkup:
     massless = tuple(name for name, mass in masses.items() if mass == 0.0)
     idle = tuple(robot.joint_of(int(column)) for column in idle_columns(robot))
     redundant = tuple(name for i, name in enumerate(names) if i not in kept)
-    advice = _advice(robot, mobility, idle, redundant, masses)
+    advice = found + _advice(robot, mobility, idle, redundant, masses)
     beyond = positions_beyond_limits(robot, reference.q[None])
     if beyond:
         listed = "; ".join(f"{joint}: {position}" for joint, position in beyond.items())
@@ -101,7 +116,18 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         assembly_mode=assembly,
         smallest_singular_value=smallest,
         square=square,
+        assembled=robot is given,
         advice=tuple(advice),
+    )
+
+
+def _assembled_at(robot: ParallelRobot, q: Array) -> ParallelRobot:
+    """The robot with another reference, q (nq,)."""
+    values = {
+        robot.joint_of(column): float(q[column]) for column in range(len(q)) if column not in robot.elastic
+    }
+    return ParallelRobot.from_description(
+        replace(robot.description, reference=values), flexibility=robot.flexibility
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from framework import ParallelRobot, assemble
+from framework import ParallelRobot, assemble, check_robot
 from framework.errors import NotAssembled
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at, integrate
@@ -67,6 +67,13 @@ def test_turned_over_is_not_assembled(tmp_path, kind, turn):
     assert np.abs(equations).max() < 1e-14  # which is why they alone do not tell
     with pytest.raises(NotAssembled, match="the loops close only with joint turned over"):
         assemble(robot)
+    found = check_robot(robot)  # looks for another pose
+    assert not found.assembled
+    values = np.array([found.reference[name] for name in ("motor", "body_x", "body_y", "body_z")])
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, values)
+    axis = data.oMf[robot.model.getFrameId("body_z_link")].rotation[:, 2]
+    np.testing.assert_allclose(axis, [0, 0, 1], atol=1e-9)
 
 
 @pytest.mark.parametrize(("kind", "turn"), RIGHT)
