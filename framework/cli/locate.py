@@ -10,8 +10,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_path, add_robot, command
 from framework.errors import point
-from framework.kinematics.tracking import Branch, track_path
-from framework.singularity.points_on_path import SingularPoint, locate_singularities
+from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.spring_shift import spring_shift
 
 
@@ -32,9 +31,9 @@ def run(options: argparse.Namespace) -> Report:
     """The singular points in the order of the path."""
     robot = arguments.load(options)
     path = arguments.path(options, robot)
-    branch = track_path(robot, path)
-    points = locate_singularities(robot, path, branch=branch)
-    shifts = [_shift(branch, found) for found in points]
+    searched = search_path(robot, path)
+    points = searched.points
+    shifts = [_shift(searched, found) for found in points]
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,
@@ -67,9 +66,9 @@ def run(options: argparse.Namespace) -> Report:
     return document, "\n".join(lines)
 
 
-def _shift(branch: Branch, found: SingularPoint) -> dict[str, float] | None:
+def _shift(searched: SearchedPath, found: SingularPoint) -> dict[str, float] | None:
     """ds for each m or rad of deflection by spring; None where a deflection does not move the point."""
-    rates = spring_shift(branch, found)
+    rates = spring_shift(searched.branch, found)
     if np.any(np.isnan(rates)):
         return None
-    return dict(zip(branch.robot.elastic_names, map(float, rates), strict=True))
+    return dict(zip(searched.branch.robot.elastic_names, map(float, rates), strict=True))

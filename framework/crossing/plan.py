@@ -29,13 +29,12 @@ from framework.errors import (
     UncontrolledMotions,
     choose_from,
 )
-from framework.kinematics.tracking import track_path
 from framework.model import ParallelRobot
 from framework.motion.cone_program import GOALS
 from framework.motion.law import Law, MotionLaw, check_duration
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
 from framework.motion.path import Path
-from framework.singularity.points_on_path import locate_singularities
+from framework.singularity.points_on_path import SearchedPath, search_path
 
 CREEPING = 0.1  # least speed over its mean (the ends divided out) below which a polynomial is given up
 LAWS = ("auto", "polynomial", "optimal")
@@ -59,6 +58,7 @@ def plan_crossing(
     speed_limit: Limit = None,
     margin: float = 0.0,
     keep_limits: bool = False,
+    searched: SearchedPath | None = None,
 ) -> CrossingPlan:
     """A rest-to-rest law along the path that crosses its singular points with finite torques.
 
@@ -85,6 +85,7 @@ def plan_crossing(
         margin: share of all limits that is left to the controllers.
         keep_limits: refuse a plan that leaves the limits of its motors or of the URDF's joints, which is
             otherwise returned and says so (`CrossingPlan.exceeded`).
+        searched: what `search_path` found on this path, if at hand.
 
     Raises:
         InvalidInput: an argument that cannot be right; says what is valid.
@@ -106,8 +107,7 @@ def plan_crossing(
     kind = _kind_of_law(law, asked, request)
     free = kind == "optimal" or (kind == "auto" and request.smoothness <= HIGHEST_SMOOTHNESS)
     wish = _wish(optimize, longest, limits, request) if free else None
-    branch = track_path(robot, path)
-    points = locate_singularities(robot, path, branch=branch)
+    branch, points = search_path(robot, path) if searched is None else searched
     work = _Work(
         Ground(branch, points, targets_of(branch, points, request)), request, geometry, tolerance, started
     )
@@ -261,6 +261,7 @@ def uncertified_law(
     speeds: Sequence[float] | None = None,
     at: Sequence[float] | None = None,
     smoothness: int | None = None,
+    searched: SearchedPath | None = None,
 ) -> tuple[Law, tuple[SingularityCrossing, ...]]:
     """The law of `plan_crossing` on the undeformed robot before anything is proved, for raw sampling.
 
@@ -270,8 +271,7 @@ def uncertified_law(
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
     request = Request(duration, times, speeds, at, checked_smoothness(robot, smoothness))
-    branch = track_path(robot, path)
-    points = locate_singularities(robot, path, branch=branch)
+    branch, points = search_path(robot, path) if searched is None else searched
     ground = Ground(branch, points, targets_of(branch, points, request))
     law = polynomial_at_rest(ground, request)
     return law, rigid_crossings(branch, points, law)

@@ -11,13 +11,11 @@ from matplotlib.figure import Figure
 
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
+from framework.dynamics.measure_along_path import MeasureAlongPath
 from framework.dynamics.wrench import wrench_along
-from framework.kinematics.tracking import Branch, track_path
 from framework.model import ParallelRobot
 from framework.show.eye import plot_eye
 from framework.show.style import CROSSING, figure, line_style, styled
-from framework.singularity.classification import singularity_measure
-from framework.singularity.points_on_path import locate_singularities
 
 SAMPLES = 601
 
@@ -60,17 +58,17 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     ax = figure()[1][0] if ax is None else ax
     robot = plan.robot
     s = np.linspace(0.0, 1.0, SAMPLES)
-    branch = track_path(robot, plan.path)
-    g = singularity_measure(robot, branch.closed(s).system).g
+    measure = MeasureAlongPath.of(plan.dynamics)
+    g = measure.of_rest(s)
     ax.plot(s, g, label="springs at rest" if robot.n_e else None, **line_style(0))
     if plan.geometry == "deformed":
         times = np.linspace(0.0, plan.duration, SAMPLES)
-        deflected = wrench_along(plan.dynamics, times)[0]
+        deflected = measure.of_motion(times)
         deflected *= np.sign(deflected[0] * g[0])
         ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
         ax.legend(loc="upper left")
         if plan.crossings:
-            _magnify(ax, plan, branch)
+            _magnify(ax, plan, measure)
     ax.axhline(0.0, color="black", linewidth=0.5)
     for crossing in plan.crossings:
         ax.plot([crossing.s], [0.0], "o", color=CROSSING, markersize=4, zorder=3)
@@ -86,20 +84,18 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _magnify(ax: Axes, plan: CrossingPlan, branch: Branch) -> None:
+def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
     """Show in a corner how far the deflections move the first crossing."""
-    crossing, robot = plan.crossings[0], plan.robot
-    points = locate_singularities(robot, plan.path, branch=branch)
-    at_rest = min((found.s for found in points), key=lambda s: abs(s - crossing.s))
+    crossing = plan.crossings[0]
+    at_rest = measure.nearest_at_rest(crossing.s)
     shift = abs(crossing.s - at_rest)
     if shift < 1e-9:  # nothing to see: the deflections leave the locus where it is
         return
     inset = ax.inset_axes((0.66, 0.19, 0.31, 0.34), facecolor="white", zorder=4)
     near = np.linspace(min(crossing.s, at_rest) - shift, max(crossing.s, at_rest) + shift, 5)
-    g = singularity_measure(robot, branch.closed(near).system).g
     times = crossing.time + (near - crossing.s) / crossing.speed
-    deflected = wrench_along(plan.dynamics, times)[0]
-    for k, (s, values) in enumerate(((near, g), (plan.law(times), deflected))):
+    curves = ((near, measure.of_rest(near)), (plan.law(times), measure.of_motion(times)))
+    for k, (s, values) in enumerate(curves):
         upward = np.sign((values[-1] - values[0]) * crossing.speed)
         inset.plot((s - at_rest) * 1e6, upward * values * 1e6, **line_style(k))
     inset.axhline(0.0, color="black", linewidth=0.5)

@@ -24,7 +24,7 @@ from framework.show import plots
 from framework.show.captions import asked, how, parts, said, why
 from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page
-from framework.show.scene import film_document
+from framework.show.scene import film_documents
 from framework.show.style import styled
 
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
@@ -47,7 +47,7 @@ def report_page(plan: CrossingPlan, *, name: str = "") -> str:
             "</div>",
         ]
     )
-    return whole_page(heading, body, [film_document(film)])
+    return whole_page(heading, body, film_documents([film]))
 
 
 def _what(plan: CrossingPlan) -> str:

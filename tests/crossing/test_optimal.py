@@ -197,7 +197,7 @@ def test_twelve_crossings_on_one_path():
 def hanging() -> ParallelRobot:
     """The five-bar with 1 kg rods and geared motors, standing upright: gravity pulls across its locus."""
     description = robots.load("five_bar_heavy").description
-    return ParallelRobot.from_description(replace(description, gravity=(0.0, -9.81, 0.0)), "rigid")
+    return ParallelRobot.from_description(replace(description, gravity=(0.0, -9.81, 0.0)))
 
 
 def random_motions(count: int, seed: int) -> list[tuple[Line, float]]:
