@@ -17,7 +17,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, short
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
-from framework.model.xml_reading import attribute, axis_of, numbers, origin_of, required
+from framework.model.xml_reading import attribute, axis_of, numbers, origin_numbers, origin_of, required
 
 MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom
 JOINT_TYPES = ("fixed", *MOVING)
@@ -182,7 +182,7 @@ def check_link(link: ElementTree.Element) -> None:
     inertial = link.find("inertial")
     if inertial is None:
         return
-    origin_of(inertial.find("origin"), f"{where}: <inertial> <origin>")
+    origin_numbers(inertial.find("origin"), f"{where}: <inertial> <origin>")
     mass = required(inertial, f"{where}: <inertial>", "mass")
     (kilograms,) = numbers(f"{where}: <mass>", attribute(mass, f"{where}: <mass>", "value"), 1)
     if kilograms < 0:
