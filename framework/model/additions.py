@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import RobotFileError, choose_from
-from framework.model.urdf import MOVING
+from framework.model.urdf_elements import MOVING
 from framework.model.urdf_writing import AXIS, joint_element, vector_text
 
 GROUND = "ground"

@@ -39,7 +39,8 @@ from framework.model.fields import (
 from framework.model.inertia import check_inertia
 from framework.model.robot_keys import robot_table
 from framework.model.spring_joints import virtual_link
-from framework.model.urdf import MOVING, Urdf, check_urdf, locate_urdf
+from framework.model.urdf import Urdf, check_urdf, locate_urdf
+from framework.model.urdf_elements import MOVING
 
 VERSION = 1
 

@@ -122,7 +122,7 @@ def test_a_locked_joint_stands_where_it_would_be_moved_to(kind, value):
 
 
 def test_a_mimic_joint_is_refused_unless_locked(write_robot):
-    with pytest.raises(RobotFileError, match=r"mimic joints are not supported.*locked"):
+    with pytest.raises(RobotFileError, match=r"<mimic> is not supported.*locked"):
         read_robot_file(write_robot(urdf=(MIMIC,)))
 
 

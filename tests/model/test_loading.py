@@ -137,3 +137,23 @@ def test_a_missing_package_is_named_whoever_reads(write_robot, reading):
         reading(file)
     assert caught.value.package == "no-such-robots"
     assert str(caught.value).count(str(file)) == 1
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous"])
+def test_the_limit_of_a_joint_is_of_numbers_in_every_dialect(write_robot, tmp_path, kind):
+    texts = {name: FIVE_BARS[name][0].read_text(encoding="utf-8") for name in ("urdf+", "ros")}
+    own = write_robot(urdf=(('type="revolute"', f'type="{kind}"'), ('effort="200"', 'effort="strong"')))
+    with pytest.raises(RobotFileError, match=r"joint 'left_motor': <limit> effort: needs finite numbers"):
+        ParallelRobot.from_file(own)
+    for name, text in texts.items():
+        file = tmp_path / f"{name}.urdf"
+        text = text.replace('type="revolute"', f'type="{kind}"', 1)
+        file.write_text(text.replace('effort="1"', 'effort="strong"', 1), encoding="utf-8")
+        with pytest.raises(RobotFileError, match=r"joint 'left_motor': <limit> effort: needs finite numbers"):
+            ParallelRobot.from_file(file, **FIVE_BARS[name][1])
+
+
+def test_a_limit_that_leaves_no_room_is_refused(write_robot):
+    file = write_robot(urdf=(('lower="-6.28" upper="6.28"', 'lower="1" upper="-1"'),))
+    with pytest.raises(RobotFileError, match=r"joint 'left_motor': <limit>: needs lower <= upper"):
+        ParallelRobot.from_file(file)
