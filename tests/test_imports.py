@@ -46,6 +46,7 @@ QUESTIONS = {
     "framework.kinematics.assembly": {"reference_configuration"},
     "framework.kinematics.diagnostics": None,
     "framework.kinematics.forward_kinematics": None,
+    "framework.kinematics.mobility": None,
     "framework.kinematics.placements": None,
     "framework.kinematics.tracking": {"assemble"},
     "framework.kinematics.velocity_matrices": None,
