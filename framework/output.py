@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from framework.errors import InvalidInput, OutputError
 from framework.input import read_text
+from framework.interruption import uninterrupted
+
+UNFINISHED = ".crossing-unfinished-"  # a name that nobody else takes: what has it may be removed
 
 
 @contextmanager
@@ -35,7 +39,8 @@ def written_together(
     new = [above for above in (folder, *folder.parents) if not os.path.lexists(above)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
+        _remove_abandoned(folder)
+        temporary, lock = _own_folder(folder)
     except (OSError, ValueError) as error:
         _remove_empty(new)
         raise OutputError(f"{place}: {_reason(error)}") from None
@@ -52,13 +57,40 @@ def written_together(
                 f"{place}: {foreign} is there already, and not of this program; give another folder, or "
                 f"move it"
             )
-        for written in files:
-            os.replace(written, folder / written.name)
+        with uninterrupted():
+            for written in files:
+                os.replace(written, folder / written.name)
     except OSError as error:
         raise OutputError(f"{place}: {_reason(error)}") from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+        os.close(lock)
         _remove_empty(new)
+
+
+def _own_folder(folder: Path) -> tuple[Path, int]:
+    """A temporary folder, and a descriptor by which it is locked for as long as this process lives."""
+    while True:
+        temporary = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
+        with suppress(FileNotFoundError):  # taken for abandoned by another process before it was locked
+            lock = os.open(temporary, os.O_RDONLY | os.O_DIRECTORY)
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            if temporary.exists():
+                return temporary, lock
+            os.close(lock)
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove what processes that were killed have left while they wrote: nobody holds a lock on it."""
+    for place in folder.glob(f"{UNFINISHED}*"):
+        with suppress(OSError):  # it is locked, or another process has removed it
+            lock = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(place, ignore_errors=True)
+            finally:
+                os.close(lock)
 
 
 def write_file(file: Path, text: str, *, option: str = "--html") -> None:

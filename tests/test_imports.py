@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 # From the ground up; a part imports from itself and from the floors below it.
 FLOORS = (
     ("arrays",),
-    ("errors",),
+    ("errors", "interruption"),
     ("input",),
     ("output", "linalg", "motion"),
     ("model",),

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import resource
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from framework.errors import OutputError
+from framework.interruption import Terminated, interruptible
 from framework.output import write_file, written_together
 
 FILES = {"plan.json": "{}\n", "motion.csv": "time\n0\n"}
@@ -128,6 +132,52 @@ def test_files_beside_a_document_of_ours_are_replaced(tmp_path):
     (tmp_path / "plan.json").write_text('{"robot": "five_bar"}')
     write(tmp_path, document="plan.json")
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == FILES
+
+
+# ------------------------------------------------------------------ processes that are told to end
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from framework.output import written_together
+with written_together(Path(sys.argv[1])) as temporary:
+    (temporary / "plan.json").write_text("{")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    killed = subprocess.run(
+        [sys.executable, "-c", KILLED, tmp_path], env=environment, check=False, timeout=60
+    )
+    assert killed.returncode == -signal.SIGKILL
+    (tmp_path / ".unfinished-chapters").mkdir()  # somebody else's
+    assert len(list(tmp_path.iterdir())) == 2
+    write(tmp_path)
+    assert everything_in(tmp_path) == {*FILES, ".unfinished-chapters"}
+
+
+def test_what_another_process_is_writing_is_left_alone(tmp_path):
+    with written_together(tmp_path) as temporary:
+        (temporary / "mine").write_text("mine")
+        write(tmp_path)
+    assert everything_in(tmp_path) == {*FILES, "mine"}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_between_two_files_nobody_is_interrupted(tmp_path, monkeypatch, number):
+    replace = os.replace
+
+    def and_signal(old, new):
+        replace(old, new)
+        signal.raise_signal(number)
+
+    monkeypatch.setattr(os, "replace", and_signal)
+    with interruptible(), pytest.raises(Terminated if number == signal.SIGTERM else KeyboardInterrupt):
+        write(tmp_path)
+    assert everything_in(tmp_path) == set(FILES)
 
 
 # ------------------------------------------------------------------ one file

@@ -1,7 +1,8 @@
 """The command line: `crossing COMMAND`, one file a command.
 
-Exit codes: 0 done, 1 the answer is no, 2 misuse or bad input, 70 a fault of this program: 1, 2 and 70
-with one line on stderr. With --json there is one JSON object on stdout and nothing else.
+Exit codes: 0 done, 1 the answer is no, 2 misuse or bad input, 70 a fault of this program, 130 ended by
+Ctrl-C, 143 by SIGTERM: all but 0 with one line on stderr. With --json there is one JSON object on stdout
+and nothing else.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from framework.cli import check, convert, locate, plan, report, robots, robustne
 from framework.cli.console import complain, one_line, tell
 from framework.cli.parser import Misuse, OneLineParser
 from framework.errors import FrameworkError, NoAnswer
+from framework.interruption import Terminated, exit_code, interruptible
 
 COMMANDS = (
     robots,
@@ -41,6 +43,15 @@ DEBUG = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
+    with interruptible():
+        try:
+            return _run(given)
+        except KeyboardInterrupt as stop:
+            words = "terminated" if isinstance(stop, Terminated) else "interrupted"
+            return _refused(stop, one_line(": ".join([words, *map(str, stop.args)])), exit_code(stop), given)
+
+
+def _run(given: Sequence[str]) -> int:
     try:
         options = _parser().parse_args(given)
         options.warnings = []
@@ -59,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _refused(error: Exception, message: str, code: int, given: Sequence[str]) -> int:
+def _refused(error: BaseException, message: str, code: int, given: Sequence[str]) -> int:
     """Say why there is no answer; returns the exit code."""
     complain(message)
     if "--json" in given:
@@ -83,7 +94,7 @@ def _unexpected(error: Exception) -> str:
     )
 
 
-def _error_document(error: Exception, message: str) -> dict[str, Any]:
+def _error_document(error: BaseException, message: str) -> dict[str, Any]:
     """An error for machines: its kind, the sentence, and the numbers that it carries."""
     document: dict[str, Any] = {"kind": type(error).__name__.lstrip("_"), "message": message}
     for key in ("time", "s", "wrench", "joint", "residual", "platform"):
