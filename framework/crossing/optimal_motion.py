@@ -40,7 +40,7 @@ from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.cone_program import Infeasible, Optimum, Unsolved
 from framework.motion.law import MotionLaw
-from framework.motion.optimal_law import OptimalLaw, Smoothstep
+from framework.motion.optimal_law import OptimalLaw, Smoothstep, Stretch
 from framework.singularity.points_on_path import SingularPoint
 
 MOST_PASSES = 8  # of optimising and resolving in turn
@@ -63,6 +63,11 @@ class Task(NamedTuple):
     @property
     def phi(self) -> Smoothstep:
         return Smoothstep(self.wish.smoothness)
+
+    @property
+    def stretch(self) -> Stretch:
+        """Dense at the crossings of the undeformed robot."""
+        return Stretch(tuple(float(self.phi.inverse(target.s)) for target in self.targets))
 
 
 class OptimalMotion(NamedTuple):
@@ -200,9 +205,9 @@ def _setting(
     units: Units | None,
 ) -> Setting:
     at, conditions = _conditions(task, places, deflections)
-    sigma = points_of(degree, at)
+    sigma = points_of(degree, at, task.stretch)
     asked = demand(task.branch, task.phi, sigma, deflections, task.geometry)
-    on_path = OnPath(sigma, asked, at, conditions)
+    on_path = OnPath(sigma, asked, at, conditions, task.stretch)
     guessed = guessed_units(on_path, wish)
     if units is not None:
         guessed = Units(units.time, guessed.torque if wish.limited else units.torque)
@@ -264,15 +269,15 @@ def _resolved(
         here: Sequence[CrossingPoint], deflections: Deflections | None, base: OptimalLaw
     ) -> OptimalLaw:
         at, conditions = _conditions(task, here, deflections)
-        equalities = conditions_on_speed(at, conditions, base.degree)
-        y = adjusted(base.coefficients, equalities, base.duration)
+        equalities = conditions_on_speed(at, conditions, base.degree, base.stretch)
+        y = adjusted(base.coefficients, equalities, base.duration, base.stretch)
         if y is None:
             raise NotConverged(
                 f"{branch.robot.name}: no law near the best crosses where the deflected robot is singular: "
                 f"the springs are too soft; stiffen them, take more time, or use geometry rigid",
                 residual=np.inf,
             )
-        return OptimalLaw(y, base.smoothness, base.duration)
+        return OptimalLaw(y, base.smoothness, base.duration, base.dense_at)
 
     if not branch.robot.n_e or task.geometry == "rigid":
         dynamics = resolve(branch, task.points, lambda *_: law, geometry=task.geometry, tolerance=tolerance)
