@@ -25,9 +25,8 @@ from framework.motion.chebyshev import derivative_matrix, evaluate, nodes
 from framework.motion.cone_program import Affine, ConeProgram, Infeasible, Optimum, Unsolved, solve
 from framework.motion.optimal_law import OptimalLaw, Stretch, least_value
 
-DEGREES = (20, 40, 80)  # of the squared speed, tried in turn
-GAIN = 0.01  # by doubling the degree, below which it is not worth it
-ORDER = 2  # the distance to the best falls with this power of the degree
+DEGREES = (40, 80)  # of the squared speed; the second where the first finds no law
+MANY = 4  # crossings, beyond which the second is tried at once
 ROUNDS = 4  # of solving with further rows where a limit was exceeded
 KEPT = 1e-3  # share of the limits that is kept at the rows, for what lies between them
 # Weight of the coefficients of z, grown with the square of their degree; ten times as much for each

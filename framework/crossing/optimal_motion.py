@@ -17,8 +17,7 @@ from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint, Deflection, crossing_point
 from framework.crossing.optimal import (
     DEGREES,
-    GAIN,
-    ORDER,
+    MANY,
     ROUGHNESS,
     Best,
     OnPath,
@@ -91,12 +90,14 @@ def optimal_motion(task: Task, *, tolerance: float) -> OptimalMotion:
     places = _places(task, None, None)
     wish = task.wish
     elastic = task.branch.robot.n_e > 0
-    degree, units = _enough(task, places, None)
+    setting, known = _first(task, places)
+    degree, units = setting.degree, setting.units
     roughness, excess = ROUGHNESS, np.inf
-    for _ in range(MOST_PASSES):
-        setting = _setting(task, places, deflections, wish, degree, units)
+    for k in range(MOST_PASSES):
+        if k > 0:
+            setting = replace(_setting(task, places, deflections, wish, degree, units), roughness=roughness)
         try:
-            best = _solved(replace(setting, roughness=roughness), task)
+            best = _solved(setting, task, known if k == 0 else None)
         except NotConverged:
             higher = [more for more in DEGREES if more > degree]
             if not higher:
@@ -162,38 +163,22 @@ def _conditions(
     return np.array(at), np.array(conditions).reshape(-1, 3)
 
 
-def _enough(
-    task: Task, places: Sequence[CrossingPoint], deflections: Deflections | None
-) -> tuple[int, Units]:
-    """The degree of z beyond which doubling it would gain too little, and units for its program.
-
-    The gain of the next doubling follows from that of the last one, as the distance to the best falls with
-    a power of the degree.
-    """
-    worth: list[float] = []
-    units: Units | None = None
-    enough, failure = None, None
-    for degree in DEGREES:
-        setting = _setting(task, places, deflections, task.wish, degree, units)
+def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[Setting, Optimum]:
+    """The program of the least degree that has an optimum, in units that fit it, and that optimum."""
+    failure: NoLaw | NotConverged | None = None
+    for degree in DEGREES[len(task.targets) > MANY :]:
+        setting = _setting(task, places, None, task.wish, degree, None)
         found = setting.solved(setting.program())
         for _ in range(2):
-            if (
-                not isinstance(found, Optimum)
-                or better_units(setting.units, task.wish, found) is setting.units
-            ):
+            better = better_units(setting.units, task.wish, found) if isinstance(found, Optimum) else None
+            if better is None or better is setting.units:
                 break
-            setting = replace(setting, units=better_units(setting.units, task.wish, found))
+            setting = replace(setting, units=better)
             found = setting.solved(setting.program())
-        if not isinstance(found, Optimum):
-            failure = failure or (setting, found)
-            continue
-        enough, units = degree, setting.units
-        worth.append(found.duration * units.time if task.wish.goal == "time" else found.value)
-        if len(worth) > 1 and (worth[-2] - worth[-1]) / abs(worth[-1]) < GAIN * 2**ORDER:
-            break
-    if enough is None or units is None:
-        raise _refusal(task, *failure) if failure else NoLaw("no degree was tried")
-    return enough, units
+        if isinstance(found, Optimum):
+            return setting, found
+        failure = failure or _refusal(task, setting, found)
+    raise failure or NoLaw(f"{task.branch.robot.name}: no degree was tried")
 
 
 def _setting(
@@ -214,14 +199,14 @@ def _setting(
     return Setting(on_path, wish, degree, guessed)
 
 
-def _solved(setting: Setting, task: Task) -> Best:
-    """The law that a setting finds best.
+def _solved(setting: Setting, task: Task, known: Optimum | None) -> Best:
+    """The law that a setting finds best; `known` is its optimum, if it was found before.
 
     Raises:
         NoLaw: none is admissible; NotConverged: the solver gave up.
     """
     program = setting.program()
-    found = setting.solved(program)
+    found = known or setting.solved(program)
     best = setting.held(program, found) if isinstance(found, Optimum) else found
     if not isinstance(best, Best):
         raise _refusal(task, setting, best)

@@ -69,22 +69,28 @@ class Stretch:
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
         """xi or its derivative up to order 3, with the shape of sigma."""
         sigma = np.asarray(sigma, dtype=float)
+        start, end = self._ends
+        scaled = 2.0 * (self._raw(sigma, order) - (0.0 if order else start)) / (end - start)
+        return np.asarray(scaled if order else scaled - 1.0)
+
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
         start, end = self._raw(np.array([0.0, 1.0]), 0)
-        raw = self._raw(sigma, order)
-        return np.asarray(
-            2.0 * (raw - start) / (end - start) - 1.0 if order == 0 else 2.0 * raw / (end - start)
-        )
+        return float(start), float(end)
 
     def _raw(self, sigma: Array, order: int) -> Array:
-        from_places = sigma[..., None] - np.array(self.at)
-        square = WIDTH**2 + from_places**2
-        bends = (
-            np.arctan(from_places / WIDTH),
-            WIDTH / square,
-            -2.0 * WIDTH * from_places / square**2,
-            WIDTH * (6.0 * from_places**2 - 2.0 * WIDTH**2) / square**3,
-        )[order]
-        own = sigma if order == 0 else float(order == 1)
+        own = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
+        if not self.at:
+            return own
+        away = sigma[..., None] - np.array(self.at)
+        if order == 0:
+            bends = np.arctan(away / WIDTH)
+        elif order == 1:
+            bends = WIDTH / (WIDTH**2 + away**2)
+        elif order == 2:
+            bends = -2.0 * WIDTH * away / (WIDTH**2 + away**2) ** 2
+        else:
+            bends = WIDTH * (6.0 * away**2 - 2.0 * WIDTH**2) / (WIDTH**2 + away**2) ** 3
         return np.asarray(own + SHARE * bends.sum(axis=-1))
 
     def inverse(self, xi: ArrayLike) -> Array:
