@@ -347,6 +347,7 @@ def adjusted(y: Array, equalities: Affine, duration: float, stretch: Stretch) ->
         gradient = -0.5 * (weights * z**-1.5) @ values
         rows = np.concatenate([equalities.matrix, gradient[None]])
         size = np.linalg.norm(rows, axis=1)
+        size[size == 0] = 1.0  # a condition that holds anyway
         miss = np.append(equalities(y), taken - duration) / size
         rows = rows / size[:, None]
         step = weight * (rows.T @ np.linalg.lstsq((rows * weight) @ rows.T, miss, rcond=None)[0])

@@ -90,6 +90,7 @@ def optimal_motion(task: Task, *, tolerance: float) -> OptimalMotion:
     places = _places(task, None, None)
     wish = task.wish
     elastic = task.branch.robot.n_e > 0
+    _check_speeds(task, places)
     setting, known = _first(task, places)
     degree, units = setting.degree, setting.units
     roughness, excess = ROUGHNESS, np.inf
@@ -161,6 +162,21 @@ def _conditions(
         at.append(sigma)
         conditions.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0]))
     return np.array(at), np.array(conditions).reshape(-1, 3)
+
+
+def _check_speeds(task: Task, places: Sequence[CrossingPoint]) -> None:
+    """Raise NoLaw where the path is orthogonal to t_s and no speed meets what is left of condition (8)."""
+    for place, (constant, per_z, per_u) in zip(places, _conditions(task, places, None)[1], strict=False):
+        if per_u == 0.0 and (per_z != 0.0 or constant != 0.0) and not -constant * per_z > 0.0:
+            why = (
+                "both pull the same way"
+                if constant * per_z > 0.0
+                else "one of them is zero and the other not"
+            )
+            raise NoLaw(
+                f"{task.branch.robot.name}: at s = {place.s:.6g} the path runs orthogonal to t_s: condition "
+                f"(8) leaves beta s'^2 + gamma = 0, which no speed meets ({why})"
+            )
 
 
 def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[Setting, Optimum]:
