@@ -247,6 +247,9 @@ def check_under_gravity(line: Line, duration: float) -> None:
     t = np.linspace(0.0, duration, 3001)
     assert np.all(np.diff(plan.law(t)) > 0)
     assert power_balance(plan) < 1e-8
+    best = estimated_best(plan)
+    assert best is not None
+    assert 1.0 - 1e-3 < float((np.abs(plan.torque(t)) / plan.optimality.reference).max()) / best < 1.02
 
 
 def test_a_robot_under_gravity_crosses_where_no_polynomial_advances():
