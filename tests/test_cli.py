@@ -126,6 +126,21 @@ def test_locate_finds_the_singular_points(document, path):
     assert point["slope"] != 0.0
 
 
+def test_locate_tells_what_the_crossing_asks_of_a_law(document, crossing):
+    (at,) = document("locate", "five_bar", "--scene", "C")["singularities"]
+    alpha, acceleration = at["condition"]["alpha"], at["condition"]["acceleration"]
+    np.testing.assert_allclose(abs(alpha), 10 * 0.15 * abs(np.sum(at["twist"])), rtol=1e-9)  # 10 kg
+    np.testing.assert_allclose(acceleration, 0.0, atol=1e-9)
+    assert "condition (8) at s = 0.667007 has alpha = " in crossing("locate", "five_bar", "--scene", "C")[1]
+
+
+def test_a_scenes_times_are_named_where_another_duration_does_not_suit_them(crossing):
+    code, _, err = crossing("plan", "five_bar", "--scene", "C", "--duration", 1500)
+    assert code == 2
+    assert "t = 1 s (s' = 1.5 1/s)" in err
+    assert "a scene belong to its own duration" in err
+
+
 def test_locate_finds_none_where_there_is_none(document, crossing):
     assert document("locate", "five_bar", *CLEAR)["singularities"] == []
     assert "no singularity" in crossing("locate", "five_bar", "--scene", "A")[1]

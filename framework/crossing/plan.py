@@ -11,6 +11,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.condition import Condition8
+from framework.crossing.feasibility import feasibility_on_path
 from framework.crossing.limits import Limit, motor_limits
 from framework.crossing.optimal import Wish
 from framework.crossing.optimal_motion import Task, optimal_motion
@@ -111,7 +112,13 @@ def plan_crossing(
     work = _Work(
         Ground(branch, points, targets_of(branch, points, request)), request, geometry, tolerance, started
     )
-    plan = _best(work, wish if kind == "optimal" else None, fallback=wish)
+    try:
+        plan = _best(work, wish if kind == "optimal" else None, fallback=wish)
+    except UncontrolledMotions:
+        raise
+    except NoLaw as refusal:
+        told = [found.sentence(duration) for found in feasibility_on_path(work.searched) if found is not None]
+        raise NoLaw("; ".join([str(refusal), *told])) from None
     exceeded = plan.exceeded if keep_limits else {}
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
@@ -151,6 +158,10 @@ class _Work(NamedTuple):
     geometry: str
     tolerance: float
     started: float
+
+    @property
+    def searched(self) -> SearchedPath:
+        return SearchedPath(self.ground.branch, self.ground.points)
 
 
 def _kind_of_law(law: str, asked: bool, request: Request) -> str:

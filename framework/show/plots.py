@@ -15,6 +15,7 @@ from framework.dynamics.measure_along_path import MeasureAlongPath
 from framework.dynamics.wrench import wrench_along
 from framework.model import ParallelRobot
 from framework.show.eye import plot_eye
+from framework.show.phase_plane import plot_phase_plane
 from framework.show.style import CROSSING, figure, line_style, styled
 
 SAMPLES = 601
@@ -135,7 +136,10 @@ def plot_raw_torques(
 
 
 def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
-    """Write law, torques, singularity, wrench and, of a crossing, its eye into a folder, as PDF and PNG."""
+    """Write law, torques, singularity, wrench, of a crossing its eye and of an optimal law its phase plane.
+
+    Into a folder, as PDF and PNG.
+    """
     drawings: dict[str, Callable[[], Axes]] = {
         "law": lambda: plot_law(plan)[0],
         "torques": lambda: plot_torques(plan),
@@ -144,6 +148,8 @@ def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
     }
     if plan.crossings:
         drawings["eye"] = lambda: plot_eye(plan)
+    if plan.optimality is not None:
+        drawings["phase_plane"] = lambda: plot_phase_plane(plan)[0]
     return [path for name, draw in drawings.items() for path in save(draw, folder / name)]
 
 
@@ -174,6 +180,7 @@ def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:
 
 __all__ = [
     "plot_law",
+    "plot_phase_plane",
     "plot_raw_torques",
     "plot_singularity",
     "plot_torques",
