@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from framework import Arc, Line, NoLaw, ParallelRobot, locate_singularities, plan_crossing, simulate
+from tests.oracles.planar import without_rotors
 from tests.singularity.test_points_on_path import locus
-from tests.stability.planar import without_rotors
 
 PLACE = locus(1.6)
 G = np.array([0.0, -9.81])  # [m/s2]

@@ -20,8 +20,8 @@ from framework.kinematics import assembly
 from framework.kinematics.assembly import independent_rows, nearby_configurations, reference_configuration
 from framework.model.readers import read_any, write_robot_file
 from framework.motion.law import Law
-from tests.closure_rows import closure_errors, closure_rows, independent
-from tests.forward_simulation import kinematics
+from tests.oracles.closure_rows import closure_errors, closure_rows, independent
+from tests.oracles.forward_simulation import kinematics
 
 FILE = Path(__file__).parents[1] / "data" / "flat_four_bar" / "flat_four_bar.urdf"
 FLAT = read_any(FILE, platform="link2", axes=["y"], motors=["joint1"])

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from framework import CrossingPlan, ParallelRobot
-from tests.closure_rows import closure_errors, frame_of
-from tests.equations_of_motion import apart
-from tests.forward_simulation import kinematics, simulate_robot
-from tests.massless_simulation import massless_directions, simulate_massless
+from tests.oracles.closure_rows import closure_errors, frame_of
+from tests.oracles.equations_of_motion import apart
+from tests.oracles.forward_simulation import kinematics, simulate_robot
+from tests.oracles.massless_simulation import massless_directions, simulate_massless
 
 BACK = 1e-8  # [m, rad]
 

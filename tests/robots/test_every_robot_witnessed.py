@@ -2,7 +2,7 @@
 
 Generated: a robot added to the catalogue is tested here without a line written. `simulate` shares frames,
 loop equations, their choice and the platform's coordinates with the planner, and would go along with a fault
-in them. The witness here shares the tree and the words of the robot file (see `tests.equations_of_motion`).
+in them. The witness here shares the tree and the words of the robot file (see `equations_of_motion`).
 It looks at instants and costs little; `test_every_robot_simulated.py` integrates.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 import pytest
 
 import robots
-from tests.equations_of_motion import defects_of
+from tests.oracles.equations_of_motion import defects_of
 from tests.robots.every_robot import CASES, crossing
 
 

@@ -28,7 +28,7 @@ from framework import (
 from framework.errors import NotConverged, OutOfReach, UnboundedTorque
 from framework.kinematics.assembly import loop_rows
 from framework.kinematics.frames import frames_at
-from tests.robots.lagrange_oracle import platform_force
+from tests.oracles.lagrange import platform_force
 
 LENGTH, HALF = 0.31058, 0.04  # [m]
 CARRIED, ROD, BAR, PLATFORM = 1.5 + 0.5 + 0.2, 0.12, 0.1, 2.5  # [kg]; carriage, column and cross as one

@@ -18,7 +18,7 @@ from framework import (
     velocity_matrices,
 )
 from framework.errors import UnboundedTorque
-from tests.robots.spherical_oracle import GEAR, Spherical
+from tests.oracles.spherical import GEAR, Spherical
 
 ORACLE = Spherical(np.pi / 3, (1, 1, 1))
 

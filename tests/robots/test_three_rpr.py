@@ -22,7 +22,7 @@ from framework import (
     velocity_matrices,
 )
 from framework.errors import UnboundedTorque
-from tests.forward_simulation import forward_simulate
+from tests.oracles.forward_simulation import forward_simulate
 
 with mp.workdps(50):
     UNIT = mp.mpf("0.05")

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 import robots
 from framework import assemble, locate_singularities, plan_scene, scene_path, velocity_matrices
 from framework.errors import UnboundedTorque
-from tests.forward_simulation import forward_simulate
+from tests.oracles.forward_simulation import forward_simulate
 
 MOTORS = [(0, 0), (mp.mpf("1.2"), 0), (mp.mpf("0.6"), mp.mpf("1.0392304845413265"))]  # A_i
 CORNERS = [("-0.0928", "-0.0535"), ("0.0928", "-0.0535"), ("0", "0.107")]  # C_i in the platform

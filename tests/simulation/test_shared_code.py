@@ -1,6 +1,6 @@
 """A fault in what planner and simulator share: both go along with it, the witness of the tests does not.
 
-`simulate` takes its loop equations from where the planner takes them. `tests.equations_of_motion` writes them
+`simulate` takes its loop equations from where the planner takes them. `equations_of_motion` writes them
 anew from the words of the robot file.
 """
 
@@ -13,7 +13,7 @@ import pytest
 import robots
 from framework import simulate
 from framework.kinematics import closures
-from tests.equations_of_motion import defects_of
+from tests.oracles.equations_of_motion import defects_of
 from tests.robots.every_robot import crossing
 
 SHIFT = 0.01  # [m]

@@ -1,6 +1,6 @@
 """How far a motion with its torques is from the equations of motion: a witness for any robot, at any instant.
 
-Of the robot its tree, its index sets and the words of its file are taken, as in `tests.forward_simulation`;
+Of the robot its tree, its index sets and the words of its file are taken, as in `forward_simulation`;
 frames, loop equations and the platform's coordinates are computed anew. What joint accelerations and motor
 torques leave of
 
@@ -17,8 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework import CrossingPlan, ParallelRobot
-from tests.closure_rows import closure_errors, closure_rows, frame_of
-from tests.forward_simulation import kinematics, mass_matrix, motors, rotors, springs
+from tests.oracles.closure_rows import closure_errors, closure_rows, frame_of
+from tests.oracles.forward_simulation import kinematics, mass_matrix, motors, rotors, springs
 
 
 class Defects(NamedTuple):
