@@ -14,8 +14,12 @@ SOURCES := $(shell find framework robots urdf -type f ! -name '*.pyc' 2>/dev/nul
 METADATA := pyproject.toml constraints.txt
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 DEMO := crossing_C
+# the modules of the API reference: the public face, and the submodules that a user calls by name
+API := framework framework.errors framework.motion.law framework.motion.path framework.model.beams \
+  framework.simulation framework.control.controllers framework.control.study framework.show.plots \
+  framework.show.maps robots
 
-.PHONY: help demo test slow witness test-browser bench lint format notebooks clean
+.PHONY: help demo test slow witness test-browser bench lint format docs notebooks clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -49,6 +53,9 @@ lint: $(VENV)/.dev  ## check style and types
 format: $(VENV)/.dev  ## mend style, as far as it can be mended by itself
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+docs: $(VENV)/.dev  ## write the API reference from the docstrings to build/docs
+	$(BIN)/python -W error -W 'ignore:Error parsing type annotation' -m pdoc $(API) --docformat google --math --output-directory build/docs
 
 ifeq ($(NOTEBOOKS),)
 notebooks:  ## execute the notebooks

@@ -6,6 +6,7 @@ A package registers a mapping from names to `CatalogueEntry` under the entry poi
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -29,7 +30,7 @@ class CatalogueEntry:
     def name(self) -> str:
         return self.file.stem
 
-    def load(self, flexibility: str = "rigid") -> ParallelRobot:
+    def load(self, *, flexibility: str = "rigid") -> ParallelRobot:
         """The robot with the springs of one flexibility; raises RobotFileError for an unknown one."""
         return ParallelRobot.from_file(self.file, flexibility=flexibility)
 
@@ -52,7 +53,7 @@ def robot_file(name_or_path: str) -> Path:
     if name_or_path in known:
         return known[name_or_path].file
     path = Path(name_or_path)
-    if path.suffix in (".yaml", ".yml", ".urdf", ".xml", ".mjcf", ".sdf") or path.exists():
+    if path.suffix in (".yaml", ".yml", ".urdf", ".xml", ".mjcf", ".sdf") or os.path.exists(path):
         return path
     raise InvalidInput(
         f"{choose_from('robot', name_or_path, known)}, or give the path of a robot file (.yaml)"

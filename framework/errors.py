@@ -9,6 +9,7 @@ Two families, told apart because the reader acts differently on them:
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 
@@ -40,17 +41,56 @@ class MissingPackage(RobotFileError):
         self.package = package
 
 
+class SingularReference(InvalidInput):
+    """A robot's reference is on a singularity of its loops.
+
+    There the loop equations `rows` hold nothing, or the passive `joints` move nothing, unlike at the `poses`
+    nearby (joint: rad or m).
+    """
+
+    def __init__(
+        self, robot: str, *, rows: Sequence[str], joints: Sequence[str], poses: Sequence[Mapping[str, float]]
+    ) -> None:
+        what = [f"{name} holds nothing" for name in rows] + [f"{name} moves nothing" for name in joints]
+        shown = [", ".join(f"{joint}: {angle:.6g}" for joint, angle in pose.items()) for pose in poses]
+        super().__init__(
+            f"{robot}: the reference is on a singularity of the loops: {', '.join(what)} there, unlike "
+            f"nearby, and the robot can go on in several ways; give a reference beside it, such as "
+            f"{' or '.join(f'{{{angles}}}' for angles in shown)}"
+        )
+        self.rows, self.joints, self.poses = tuple(rows), tuple(joints), tuple(poses)
+
+
 class OutputError(InvalidInput):
     """The place where results should go cannot be written."""
+
+
+def short(value: object) -> str:
+    """What was given, cut to a length that fits a message of one line."""
+    return reprlib.repr(value)
 
 
 def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     """Sentence for a name that is not in a list: what was given, the nearest name, the valid ones."""
     names = sorted(valid)
-    near = get_close_matches(str(given), names, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    listed = ", ".join(names) if names else "none"
-    return f"unknown {what} {given!r}{hint} (valid: {listed})"
+    near = _nearest(str(given), names)
+    hint = f"; did you mean {near!r}?" if near else ""
+    listed = ", ".join(names[:_LISTED]) if names else "none"
+    more = f", and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return f"unknown {what} {_CUT.repr(given)}{hint} (valid: {listed}{more})"
+
+
+_CUT = reprlib.Repr()  # cuts what nobody reads to its end
+_CUT.maxstring = _CUT.maxother = 200
+_LISTED = 40  # valid names that a sentence lists
+_COMPARED = 1_000_000  # letters of the given name times those of the valid ones: 0.1 s
+
+
+def _nearest(given: str, names: Sequence[str]) -> str | None:
+    """The name most like the given one, if one is like it and there are not too many to compare."""
+    if len(given) * sum(map(len, names)) > _COMPARED:
+        return None
+    return next(iter(get_close_matches(given, names, n=1)), None)
 
 
 def finite_numbers(what: str, given: ArrayLike, count: int) -> Array:
@@ -107,6 +147,18 @@ class Type1Singularity(NoAnswer):
         self.joint = joint
 
 
+class Type2Singularity(NotAssembled):
+    """The motors lead into a Type 2 singularity, at `platform`, after this `share` of their way.
+
+    `q` is the last configuration before it.
+    """
+
+    def __init__(self, message: str, *, q: Array, residual: float, share: float, platform: Array) -> None:
+        super().__init__(message, q=q, residual=residual)
+        self.share = share
+        self.platform = platform
+
+
 class SingularPath(NoAnswer):
     """The path runs along the singular locus instead of crossing it."""
 
@@ -142,6 +194,16 @@ class UnboundedTorque(NoAnswer):
         self.s = s
         self.platform = platform
         self.wrench = wrench
+
+
+class LoadedJoint(NoAnswer):
+    """The motion would load `joint`, which nothing holds, with `torque` [N m or N] at `time` [s]."""
+
+    def __init__(self, message: str, *, joint: str, torque: float, time: float) -> None:
+        super().__init__(message)
+        self.joint = joint
+        self.torque = torque
+        self.time = time
 
 
 class LimitsExceeded(NoAnswer):

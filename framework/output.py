@@ -1,50 +1,131 @@
-"""Write files together or not at all."""
+"""Write files whole: together with the others, or not at all."""
 
 from __future__ import annotations
 
+import fcntl
+import json
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from framework.errors import OutputError
+from framework.errors import InvalidInput, OutputError
+from framework.input import read_text
+from framework.interruption import uninterrupted
+
+UNFINISHED = ".crossing-unfinished-"  # a name that nobody else takes: what has it may be removed
 
 
 @contextmanager
-def written_together(folder: Path) -> Iterator[Path]:
+def written_together(
+    folder: Path, *, document: str | None = None, option: str = "--out", file: Path | None = None
+) -> Iterator[Path]:
     """A temporary folder whose files move into `folder` once the block has ended without an error.
 
     That `folder` can be written is found out before the block runs.
 
+    Args:
+        document: the JSON file among those written that tells them for ours, a robot's; files of these
+            names that are there without one are somebody else's and are kept.
+        option: of the command line, that complaints name.
+        file: what complaints name, if it is one file and not the folder.
+
     Raises:
-        OutputError: `folder` cannot be made or written.
+        OutputError: `folder` cannot be made or written, or holds files of others by the same names.
     """
-    new = [place for place in (folder, *folder.parents) if not place.exists()]
+    place = f"{option}: cannot write {f'into {folder}' if file is None else file}"
+    new = [above for above in (folder, *folder.parents) if not os.path.lexists(above)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
-    except OSError as error:
+        _remove_abandoned(folder)
+        temporary, lock = _own_folder(folder)
+    except (OSError, ValueError) as error:
         _remove_empty(new)
-        raise OutputError(f"--out: cannot write into {folder}: {error.strerror or error}") from None
+        raise OutputError(f"{place}: {_reason(error)}") from None
     try:
         yield temporary
         files = sorted(temporary.iterdir())
-        for file in files:
-            if (folder / file.name).is_dir():
-                raise OutputError(f"--out: cannot write into {folder}: {file.name} is a folder there")
-        for file in files:
-            os.replace(file, folder / file.name)
+        there = [written.name for written in files if os.path.lexists(folder / written.name)]
+        for name in there:
+            if (folder / name).is_dir():
+                raise OutputError(f"{place}: {name} is a folder there")
+        if document is not None and there and not _is_ours(folder / document):
+            foreign = document if document in there else there[0]
+            raise OutputError(
+                f"{place}: {foreign} is there already, and not of this program; give another folder, or "
+                f"move it"
+            )
+        with uninterrupted():
+            for written in files:
+                os.replace(written, folder / written.name)
     except OSError as error:
-        raise OutputError(f"--out: cannot write into {folder}: {error.strerror or error}") from None
+        raise OutputError(f"{place}: {_reason(error)}") from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+        os.close(lock)
         _remove_empty(new)
+
+
+def _own_folder(folder: Path) -> tuple[Path, int]:
+    """A temporary folder, and a descriptor by which it is locked for as long as this process lives."""
+    while True:
+        temporary = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
+        with suppress(FileNotFoundError):  # taken for abandoned by another process before it was locked
+            lock = os.open(temporary, os.O_RDONLY | os.O_DIRECTORY)
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            if temporary.exists():
+                return temporary, lock
+            os.close(lock)
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove what processes that were killed have left while they wrote: nobody holds a lock on it."""
+    for place in folder.glob(f"{UNFINISHED}*"):
+        with suppress(OSError):  # it is locked, or another process has removed it
+            lock = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(place, ignore_errors=True)
+            finally:
+                os.close(lock)
+
+
+def write_file(file: Path, text: str, *, option: str = "--html") -> None:
+    """Write one file: a file that is there already is replaced by the whole text, or is left as it was.
+
+    Letters that UTF-8 does not have, as in paths that are not UTF-8 themselves, become question marks.
+
+    Raises:
+        OutputError: the file cannot be written, or something that is no file has its name.
+    """
+    try:
+        target = Path(os.path.realpath(file))  # a link stays, the file that it leads to is replaced
+    except ValueError as error:
+        raise OutputError(f"{option}: cannot write {file}: {error}") from None
+    if os.path.lexists(target) and not os.path.isfile(target):
+        raise OutputError(f"{option}: cannot write {file}: not a regular file")
+    with written_together(target.parent, option=option, file=file) as temporary:
+        (temporary / target.name).write_bytes(text.encode("utf-8", "replace"))
+
+
+def _is_ours(document: Path) -> bool:
+    """Whether this is a JSON object about a robot."""
+    try:
+        content = json.loads(read_text(document, "", largest=1_000_000_000))
+    except (InvalidInput, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and "robot" in content
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
 
 
 def _remove_empty(folders: list[Path]) -> None:
     """Remove folders made for nothing, the deepest first."""
     for folder in folders:
-        if folder.is_dir() and not any(folder.iterdir()):
+        if os.path.isdir(folder) and not any(folder.iterdir()):
             folder.rmdir()

@@ -30,4 +30,4 @@ def load(name: str, *, flexibility: str = "rigid") -> ParallelRobot:
     """
     if name not in CATALOGUE:
         raise InvalidInput(choose_from("robot", name, CATALOGUE))
-    return CATALOGUE[name].load(flexibility)
+    return CATALOGUE[name].load(flexibility=flexibility)

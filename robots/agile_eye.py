@@ -6,7 +6,6 @@ no scene crosses one. `spherical_rrr`, its sister with shorter arcs, does. Scene
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -16,8 +15,3 @@ ENTRY = CatalogueEntry(
     source="Gosselin and Hamel, ICRA 1994; Bonev, Chablat and Wenger, ICRA 2006",
     singularities=("type_1",),
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

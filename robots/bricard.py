@@ -6,7 +6,6 @@ turns back while all others go on: a Type 2 singularity.
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -16,8 +15,3 @@ ENTRY = CatalogueEntry(
     source="IFToMM multibody benchmark A04, Bricard's mechanism",
     singularities=("type_1", "type_2"),
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

@@ -6,7 +6,6 @@ paper's rounded singular point to show the pole that 72 micrometres leave.
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -17,8 +16,3 @@ ENTRY = CatalogueEntry(
     singularities=("type_1", "type_2"),
     why="The two rods that carry the platform lie in one line: nothing pushes across it, and that is t_s.",
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

@@ -5,7 +5,6 @@ Scenes: dead_point and full_turn cross one and two such points, clear none; unpr
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -16,8 +15,3 @@ ENTRY = CatalogueEntry(
     singularities=("type_2",),
     why="Crank and coupler lie in one line: the coupler pushes through the crank's axis and cannot turn it.",
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

@@ -7,7 +7,6 @@ Other N: `robots.generators.n_four_bar`.
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -17,8 +16,3 @@ ENTRY = CatalogueEntry(
     source="IFToMM multibody benchmark A02, N-four-bar",
     singularities=("closure",),
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

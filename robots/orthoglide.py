@@ -8,7 +8,6 @@ condition (8).
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -18,8 +17,3 @@ ENTRY = CatalogueEntry(
     source="after Chablat and Wenger, IEEE Trans. Robotics and Automation 19(3), 2003",
     singularities=("type_1", "type_2"),
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

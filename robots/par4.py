@@ -7,7 +7,6 @@ turns the bars, going up, through a pose near a quarter turn where the legs no l
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -17,8 +16,3 @@ ENTRY = CatalogueEntry(
     source="mechanism of Nabat, Rodriguez, Company, Krut and Pierrot, IROS 2005",
     singularities=("type_2",),
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

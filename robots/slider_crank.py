@@ -6,7 +6,6 @@ crank, with the slider as platform, the same dead centres are Type 1: the slider
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -17,8 +16,3 @@ ENTRY = CatalogueEntry(
     singularities=("type_1", "type_2"),
     why="Crank and rod lie in one line: the rod pushes through the crank's axis and cannot turn it.",
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

@@ -6,7 +6,6 @@ Scenes: `cross` through the orientation where the planes of the three distal arc
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -16,8 +15,3 @@ ENTRY = CatalogueEntry(
     source="after Gosselin and Hamel, ICRA 1994, with shorter arcs",
     singularities=("type_2",),
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

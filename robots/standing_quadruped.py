@@ -6,7 +6,6 @@ norm. Scenes: lower crouches and leans; sway moves the trunk on a curve.
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -15,8 +14,3 @@ ENTRY = CatalogueEntry(
     summary="Solo12 standing on four feet, 12 motors for 6 degrees of freedom; needs example-robot-data",
     source="Grimminger et al., IEEE RA-L 5(2), 2020, 10.1109/LRA.2020.2976639; URDF of example-robot-data 6",
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

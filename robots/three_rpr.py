@@ -6,7 +6,6 @@ before it.
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -17,8 +16,3 @@ ENTRY = CatalogueEntry(
     singularities=("type_2",),
     why="The lines of the three legs meet in one point: nothing turns the platform about it.",
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

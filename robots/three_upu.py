@@ -7,7 +7,6 @@ Scenes: across and around, beside that axis.
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -17,8 +16,3 @@ ENTRY = CatalogueEntry(
     source="Tsai, ARK 1996; Bonev and Zlatanov, parallemic.org, Review 4",
     singularities=("constraint",),
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

@@ -6,7 +6,6 @@ those of least norm. Scenes: lift and turn the box.
 
 from __future__ import annotations
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from robots.files import robot_file
 
@@ -16,8 +15,3 @@ ENTRY = CatalogueEntry(
     "example-robot-data",
     source="Baxter of Rethink Robotics; URDF of example-robot-data 6",
 )
-
-
-def load(flexibility: str = "rigid") -> ParallelRobot:
-    """The robot: rigid, flexible_joints or flexible_links."""
-    return ENTRY.load(flexibility)

@@ -10,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from numpy.polynomial import chebyshev
 
 import robots
 from framework import plan_scene
 from framework.cli import main
 from framework.model.description import FLEXIBILITIES
+from tests.conftest import FIVE_BAR, REMOVED
 from tests.robots import five_bar_oracle as oracle
 
 LINE = ["--from", "0.1", "0.345", "--to", "-0.05", "0.195"]  # through the singularity
@@ -24,10 +26,10 @@ PLAN = ["plan", "five_bar"]
 FREE = [*PLAN, *LINE, "--duration", "1.5"]
 PLAN_KEYS = [
     *("robot", "flexibility", "geometry", "duration", "law", "crossings", "peak_torque", "exceeded"),
-    *("certificate", "seconds", "robot_file", "path"),
+    *("certificate", "seconds", "robot_file", "path", "reason", "optimality"),
 ]
 CROSSING_KEYS = ["s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual"]
-CERTIFICATE_KEYS = ["nodes", "tail", "passes", "max_closure_error", "monotone"]
+CERTIFICATE_KEYS = ["nodes", "tail", "passes", "max_closure_error", "max_residual_torque", "monotone"]
 
 
 @pytest.fixture
@@ -122,6 +124,21 @@ def test_locate_finds_the_singular_points(document, path):
     np.testing.assert_allclose(point["platform"], [0.1 - 0.15 * point["s"], 0.345 - 0.15 * point["s"]])
     assert np.linalg.norm(point["twist"]) == pytest.approx(1.0)
     assert point["slope"] != 0.0
+
+
+def test_locate_tells_what_the_crossing_asks_of_a_law(document, crossing):
+    (at,) = document("locate", "five_bar", "--scene", "C")["singularities"]
+    alpha, acceleration = at["condition"]["alpha"], at["condition"]["acceleration"]
+    np.testing.assert_allclose(abs(alpha), 10 * 0.15 * abs(np.sum(at["twist"])), rtol=1e-9)  # 10 kg
+    np.testing.assert_allclose(acceleration, 0.0, atol=1e-9)
+    assert "condition (8) at s = 0.667007 has alpha = " in crossing("locate", "five_bar", "--scene", "C")[1]
+
+
+def test_a_scenes_times_are_named_where_another_duration_does_not_suit_them(crossing):
+    code, _, err = crossing("plan", "five_bar", "--scene", "C", "--duration", 1500)
+    assert code == 2
+    assert "t = 1 s (s' = 1.5 1/s)" in err
+    assert "a scene belong to its own duration" in err
 
 
 def test_locate_finds_none_where_there_is_none(document, crossing):
@@ -468,6 +485,37 @@ def test_a_malformed_robot_file_or_urdf_is_misuse(refusal, write_robot):
     assert "mass" in refusal(2, "check", write_robot(urdf=(('<mass value="10"/>', ""),)))
 
 
+def test_the_quickest_way_is_planned_simulated_and_reported(crossing, tmp_path):
+    folder = tmp_path / "quick"
+    limits = ("--optimize", "time", "--torque-limit", 0.165, "--margin", "10%")
+    code, out, _ = crossing("plan", "five_bar", "--scene", "C", *limits, "--out", folder)
+    assert code == 0
+    assert "optimal law over" in out
+    saved = json.loads((folder / "plan.json").read_text())
+    assert saved["law"]["kind"] == "optimal"
+    assert max(saved["peak_torque"].values()) <= 0.9 * 0.165
+    assert crossing("simulate", folder)[0] == 0
+    assert crossing("report", folder)[0] == 0
+    page = (folder / "report.html").read_text()
+    assert "--law optimal --optimize time" in page.replace(" \\\n   ", "")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--margin", "ten"), "--margin: needs a share"),
+        (("--law", "optimal", "--raw"), "--raw samples the polynomial"),
+        (("--law", "optimal", "--times", 1.0), "times: belong to the polynomial"),
+        (("--optimize", "time"), "needs a limit"),
+        (("--law", "polynomial", "--torque-limit", 1.0), "for the optimal law"),
+    ],
+)
+def test_options_of_the_laws_that_do_not_go_together(crossing, options, words):
+    code, _, err = crossing("plan", "five_bar", "--scene", "C", *options)
+    assert code == 2
+    assert words in err
+
+
 @pytest.mark.parametrize("command", [["--help"], ["plan", "--help"]])
 def test_help_is_no_misuse(capfd, command):
     with pytest.raises(SystemExit) as caught:
@@ -506,3 +554,47 @@ def test_a_reader_that_has_seen_enough_gets_no_traceback():
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
         running.stdout.close()  # as `| head -1` does, long before the program writes
         assert running.stderr.read() == ""
+
+
+# ------------------------------------------------------------------ springs that there are, or not
+
+
+def test_locate_says_how_the_springs_move_the_singular_points(document, crossing):
+    options = ["locate", "five_bar", "--scene", "C", "--flexibility"]
+    rigid, links = document(*options, "rigid"), document(*options, "flexible_links")
+    (at_rest,), (point,) = rigid["singularities"], links["singularities"]
+    assert (rigid["flexibility"], links["flexibility"]) == ("rigid", "flexible_links")
+    assert point["s"] == pytest.approx(at_rest["s"], abs=1e-12)  # springs at rest
+    assert at_rest["shift"] == {}
+    assert list(point["shift"]) == ["left_drive", "right_drive", "left_rod", "right_rod"]
+    assert [abs(rate) > 0.1 for rate in point["shift"].values()] == [False, False, True, True]
+    assert "springs at rest" in crossing(*options, "flexible_links")[1]
+
+
+@pytest.mark.parametrize(
+    ("kept", "asked", "label"),
+    [
+        ((), "flexible_links", "rigid"),
+        ((), "flexible_joints", "rigid"),
+        (("link",), "flexible_joints", "rigid"),
+        (("joint",), "flexible_links", "flexible_joints"),
+    ],
+)
+@pytest.mark.parametrize("command", ["check", "locate", "plan"])
+def test_a_flexibility_without_springs_is_told_and_not_claimed(
+    document, crossing, write_robot, command, kept, asked, label
+):
+    springs = yaml.safe_load(FIVE_BAR.read_text(encoding="utf-8"))["springs"]
+    chosen = [spring for spring in springs if spring["part"] in kept]
+    file = write_robot(("springs", chosen or REMOVED))
+    options = [command, file, *(["--scene", "C"] if command != "check" else []), "--flexibility", asked]
+    found = document(*options)
+    assert found["flexibility"] == label
+    (warning,) = found["warnings"]
+    assert asked in warning
+    assert warning.endswith(f"taken as {label}")
+    assert crossing(*options)[1].endswith(f"  warning           {warning}\n")
+
+
+def test_a_flexibility_with_springs_is_no_cause_for_a_warning(document):
+    assert "warnings" not in document("check", "five_bar", "--flexibility", "flexible_links")

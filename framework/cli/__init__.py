@@ -1,7 +1,8 @@
 """The command line: `crossing COMMAND`, one file a command.
 
-Exit codes: 0 done, 1 the answer is no, 2 misuse or bad input (one line on stderr). With --json there
-is one JSON object on stdout and nothing else.
+Exit codes: 0 done, 1 the answer is no, 2 misuse or bad input, 70 a fault of this program, 130 ended by
+Ctrl-C, 143 by SIGTERM: all but 0 with one line on stderr. With --json there is one JSON object on stdout
+and nothing else.
 """
 
 from __future__ import annotations
@@ -10,15 +11,19 @@ import argparse
 import json
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from framework.cli import check, convert, locate, plan, report, robots, robustness, show, simulate
+from framework.cli.console import complain, one_line, tell
 from framework.cli.parser import Misuse, OneLineParser
 from framework.errors import FrameworkError, NoAnswer
+from framework.interruption import Terminated, exit_code, interruptible
 
 COMMANDS = (
     robots,
@@ -31,34 +36,67 @@ COMMANDS = (
     show,
     report,
 )  # in the order of --help
+UNEXPECTED = 70  # exit code; sysexits.h calls it EX_SOFTWARE
+DEBUG = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
+    with interruptible():
+        try:
+            return _run(given)
+        except KeyboardInterrupt as stop:
+            words = "terminated" if isinstance(stop, Terminated) else "interrupted"
+            return _refused(stop, one_line(": ".join([words, *map(str, stop.args)])), exit_code(stop), given)
+
+
+def _run(given: Sequence[str]) -> int:
     try:
         options = _parser().parse_args(given)
+        options.warnings = []
         with np.errstate(all="ignore"):  # what is not finite is told as an error, not as a warning
             document, text = options.run(options)
+        if options.warnings:
+            document = {**document, "warnings": options.warnings}
+            text = "\n".join([text, *(f"  warning           {warning}" for warning in options.warnings)])
+        tell(json.dumps(document, allow_nan=False) if options.json else text)
     except (FrameworkError, Misuse) as error:
-        print(f"crossing: {error}", file=sys.stderr)
-        if "--json" in given:
-            _print(json.dumps({"error": _error_document(error)}, allow_nan=False))
-        return 1 if isinstance(error, NoAnswer) else 2
-    _print(json.dumps(document, allow_nan=False) if options.json else text)
+        return _refused(error, one_line(str(error)), 1 if isinstance(error, NoAnswer) else 2, given)
+    except Exception as error:  # whatever else happens, nobody meant it to
+        if os.environ.get(DEBUG):
+            raise
+        return _refused(error, one_line(_unexpected(error)), UNEXPECTED, given)
     return 0
 
 
-def _print(text: str) -> None:
-    try:
-        print(text, flush=True)
-    except BrokenPipeError:  # whoever reads has seen enough, as `head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _refused(error: BaseException, message: str, code: int, given: Sequence[str]) -> int:
+    """Say why there is no answer; returns the exit code."""
+    complain(message)
+    if "--json" in given:
+        tell(json.dumps({"error": _error_document(error, message)}, allow_nan=False))
+    return code
 
 
-def _error_document(error: Exception) -> dict[str, Any]:
+def _unexpected(error: Exception) -> str:
+    """The sentence for an error that is a fault of the program: what, where, and what to do."""
+    package = Path(__file__).parents[1]
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename]
+    ours = [frame for frame in frames if package in Path(frame.filename).parents]
+    where = "".join(
+        f" ({Path(frame.filename).relative_to(package.parent).as_posix()}, line {frame.lineno})"
+        for frame in ours[-1:]
+    )
+    return (
+        f"unexpected {type(error).__name__}: {str(error)[:300] or 'no message'}{where}. This is a fault of "
+        f"the program: please report it with the command and the files that it reads ({DEBUG}=1 shows the "
+        f"traceback)"
+    )
+
+
+def _error_document(error: BaseException, message: str) -> dict[str, Any]:
     """An error for machines: its kind, the sentence, and the numbers that it carries."""
-    document: dict[str, Any] = {"kind": type(error).__name__.lstrip("_"), "message": str(error)}
+    document: dict[str, Any] = {"kind": type(error).__name__.lstrip("_"), "message": message}
     for key in ("time", "s", "wrench", "joint", "residual", "platform"):
         value = getattr(error, key, None)
         if (isinstance(value, float) and np.isfinite(value)) or isinstance(value, str):

@@ -9,7 +9,7 @@ from framework.catalogue import robot_file
 from framework.cli import arguments
 from framework.cli.parser import Report, add_missing_fields, add_robot, command
 from framework.model.readers.recognise import DIALECTS, dialect_of
-from framework.model.readers.writer import write_robot_file
+from framework.model.robot_file_writer import write_robot_file
 
 TEXT = (
     "write our robot file from another dialect: Gepetto's robot.yaml beside robot.urdf, URDF+ <loop>, "

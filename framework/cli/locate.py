@@ -1,30 +1,44 @@
-"""`crossing locate`: the singular points on a path."""
+"""`crossing locate`: the singular points on a path, springs at rest, and how far the springs move them."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
+import numpy as np
+
 from framework.cli import arguments
-from framework.cli.parser import Report, add_path, add_robot, command
+from framework.cli.parser import Report, add_flexibility, add_path, add_robot, command
+from framework.crossing.feasibility import feasibility_on_path
 from framework.errors import point
-from framework.singularity.points_on_path import locate_singularities
+from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
+from framework.singularity.spring_shift import spring_shift
 
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    parser = command(commands, "locate", run, "find the singular points on a path")
+    more = (
+        "With --flexibility: the singular points of the undeformed robot, springs at rest, and the rate at "
+        "which each deflection moves them along the path. How far the springs give, and so where the "
+        "deformed robot is singular, depends on the motion: crossing plan tells."
+    )
+    parser = command(commands, "locate", run, "find the singular points on a path", more)
     add_robot(parser)
     add_path(parser)
+    add_flexibility(parser)
 
 
 def run(options: argparse.Namespace) -> Report:
     """The singular points in the order of the path."""
     robot = arguments.load(options)
     path = arguments.path(options, robot)
-    points = locate_singularities(robot, path)
+    searched = search_path(robot, path)
+    points = searched.points
+    shifts = [_shift(searched, found) for found in points]
+    feasible = feasibility_on_path(searched)
     document = {
         "robot": robot.name,
+        "flexibility": robot.flexibility,
         "singularities": [
             {
                 "s": found.s,
@@ -34,15 +48,32 @@ def run(options: argparse.Namespace) -> Report:
                 "twist": found.twist.tolist(),
                 "platform": found.platform.tolist(),
                 "slope": found.slope,
+                "shift": shift,
+                "condition": None if asked is None else asked.to_dict(),
             }
-            for found in points
+            for found, shift, asked in zip(points, shifts, feasible, strict=True)
         ],
     }
     if not points:
         return document, f"{robot.name}: no singularity on the path"
     axes = ", ".join(robot.axis_names)
-    return document, "\n".join(
-        f"s = {found.s:.15f}  {found.kind} ({found.contact})  {axes} = {point(found.platform)}  "
-        f"t_s = {point(found.twist)}  dg/ds = {found.slope:.6g}"
-        for found in points
-    )
+    lines = []
+    for found, shift, asked in zip(points, shifts, feasible, strict=True):
+        lines.append(
+            f"s = {found.s:.15f}  {found.kind} ({found.contact})  {axes} = {point(found.platform)}  "
+            f"t_s = {point(found.twist)}  dg/ds = {found.slope:.6g}"
+        )
+        if shift is not None and robot.n_e:
+            moved = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
+            lines.append(f"  springs at rest; ds for each m or rad of deflection: {moved or 'none'}")
+        if asked is not None:
+            lines.append(f"  {asked.sentence()}")
+    return document, "\n".join(lines)
+
+
+def _shift(searched: SearchedPath, found: SingularPoint) -> dict[str, float] | None:
+    """ds for each m or rad of deflection by spring; None where a deflection does not move the point."""
+    rates = spring_shift(searched.branch, found)
+    if np.any(np.isnan(rates)):
+        return None
+    return dict(zip(searched.branch.robot.elastic_names, map(float, rates), strict=True))

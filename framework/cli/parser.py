@@ -8,7 +8,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
+from framework.crossing.plan import LAWS
 from framework.model.description import FLEXIBILITIES
+from framework.motion.cone_program import GOALS
 
 Report = tuple[dict[str, Any], str]  # for machines, for people
 
@@ -29,9 +31,28 @@ class OneLineParser(argparse.ArgumentParser):
         raise Misuse(f"{message} (see `{self.prog} --help`)")
 
 
-def command(commands: Any, name: str, run: Callable[[argparse.Namespace], Report], text: str) -> Any:
-    """A new command with --json; `run` gives its report."""
-    parser = commands.add_parser(name, help=text, description=text)
+def whole(least: int, most: int) -> Callable[[str], int]:
+    """Reads a whole number within bounds."""
+
+    def read(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            number = least - 1
+        if not least <= number <= most:
+            raise argparse.ArgumentTypeError(
+                f"needs a whole number of at least {least} and at most {most}, got {text!r}"
+            )
+        return number
+
+    return read
+
+
+def command(
+    commands: Any, name: str, run: Callable[[argparse.Namespace], Report], text: str, more: str = ""
+) -> Any:
+    """A new command with --json; `run` gives its report. Its own help has `more` to say than the list."""
+    parser = commands.add_parser(name, help=text, description=f"{text}. {more}" if more else text)
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
     parser.set_defaults(run=run)
     return parser
@@ -85,6 +106,20 @@ def add_motion(parser: argparse.ArgumentParser) -> None:
         metavar="R",
         help="derivatives of s that vanish at both ends (default: 2 rigid, 4 elastic)",
     )
+    parser.add_argument(
+        "--law",
+        choices=LAWS,
+        help="polynomial through times and speeds, optimal, or auto: polynomial where it advances (default)",
+    )
+    parser.add_argument("--optimize", choices=GOALS, help="what the optimal law is best at (peak_torque)")
+    parser.add_argument("--longest", type=float, metavar="T", help="bound on a duration that is found [s]")
+    parser.add_argument(
+        "--torque-limit", type=float, nargs="+", metavar="N", help="of all motors, or of each, motor side"
+    )
+    parser.add_argument(
+        "--speed-limit", type=float, nargs="+", metavar="N", help="of all motors, or of each [rad/s]"
+    )
+    parser.add_argument("--margin", metavar="P", help="share of the limits left free, such as 10%% or 0.1")
 
 
 @contextmanager

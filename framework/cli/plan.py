@@ -11,14 +11,18 @@ from typing import Any
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command
+from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command, whole
 from framework.cli.raw import report_raw
+from framework.crossing.bound import estimated_best
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, point
 from framework.model import ParallelRobot
+from framework.motion.law import Law, PlannedLaw
 from framework.motion.path import Path
 from framework.output import written_together
+
+MOST_SAMPLES = 1_000_000
 
 
 def add(commands: Any) -> None:
@@ -35,7 +39,9 @@ def add(commands: Any) -> None:
         help="refuse a plan beyond the limits of motors or of the URDF's joints, which is otherwise reported",
     )
     parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
-    parser.add_argument("--samples", type=int, default=1501, metavar="N", help="rows of motion.csv")
+    parser.add_argument(
+        "--samples", type=whole(2, MOST_SAMPLES), default=1501, metavar="N", help="rows of motion.csv"
+    )
     parser.add_argument(
         "--raw",
         action="store_true",
@@ -51,14 +57,12 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput("--keep-limits: goes with a plan; --raw proves nothing")
     if not options.raw:
         given["keep_limits"] = options.keep_limits
-    if options.samples < 2:
-        raise InvalidInput(f"--samples: needs at least 2, got {options.samples}")
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     out = None if options.out is None else FilePath(options.out)
     if out is None:
         return report_raw(options, robot, path, given, None) if options.raw else _planned(robot, path, given)
-    with written_together(out) as folder:
+    with written_together(out, document="raw.json" if options.raw else "plan.json") as folder:
         if options.raw:
             return report_raw(options, robot, path, given, folder)
         document, text = _planned(robot, path, given, lambda plan: _write_plan(plan, folder, options.samples))
@@ -84,13 +88,33 @@ def _write_plan(plan: CrossingPlan, folder: FilePath, samples: int) -> None:
     save_figures(plan, folder)
 
 
+def named(law: PlannedLaw) -> str:
+    """A law by its kind and degree."""
+    return f"law of degree {law.degree}" if law.kind == Law.kind else f"{law.kind} law"
+
+
+def _best(plan: CrossingPlan) -> list[str]:
+    """How far an optimal law may be from the best there is, as far as that can be estimated."""
+    best = estimated_best(plan)
+    if best is None or plan.optimality is None:
+        return []
+    peak = np.array(list(plan.peak_torque.values())) / plan.optimality.reference
+    quickest = plan.optimality.wish.goal == "time"
+    over = (plan.duration if quickest else float(peak.max())) / best - 1.0
+    least = f"{best:.4g} s" if quickest else f"a peak of {best * plan.optimality.reference.max():.4g} N m"
+    return [f"  estimate          any law needs about {least} at least, this one {100 * over:.1f} % more"]
+
+
 def plan_text(plan: CrossingPlan) -> str:
     """A plan for people."""
     robot, certificate = plan.robot, plan.certificate
     lines = [
-        f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: law of degree {plan.law.degree} over "
+        f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {named(plan.law)} over "
         f"{plan.duration:g} s"
     ]
+    if plan.law.kind != Law.kind:
+        lines.append(f"  law               {plan.reason}")
+        lines += _best(plan)
     for crossing in plan.crossings:
         lines.append(
             f"  crossing          t = {crossing.time:.6g} s at s = {crossing.s:.15f}, "
@@ -111,7 +135,8 @@ def plan_text(plan: CrossingPlan) -> str:
         f"  peak torque       {peaks}",
         f"  certificate       tail {certificate.tail:.1e} on {certificate.nodes} nodes, "
         f"{certificate.passes} pass{'es' * (certificate.passes != 1)}, loops closed to "
-        f"{certificate.max_closure_error:.1e}",
+        f"{certificate.max_closure_error:.1e}, joints in balance to {certificate.max_residual_torque:.1e} "
+        f"N m or N",
     ]
     for joint, excess in plan.exceeded.items():
         lines.append(f"  mind              {joint} exceeds its limits: {excess}")

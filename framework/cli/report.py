@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from framework.cli.parser import Report, command
-from framework.cli.show import write_page
 from framework.crossing.saved import load_plan
 from framework.errors import InvalidInput
+from framework.output import write_file
 
 
 def add(commands: Any) -> None:
@@ -29,6 +29,7 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput("--html: needs the name of a file, got an empty text")
     plan = load_plan(options.folder)
     page = report_page(plan, name=plan_name(plan, Path(options.folder).resolve().name))
-    path = write_page(options.html or str(Path(options.folder) / "report.html"), page)
+    path = Path(options.html or Path(options.folder) / "report.html")
+    write_file(path, page)
     size = path.stat().st_size
     return {"file": str(path), "bytes": size}, f"written to {path} ({size / 1e6:.2f} MB)"

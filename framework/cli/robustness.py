@@ -23,6 +23,7 @@ from framework.cli.parser import (
     add_robot,
     command,
     progress_bar,
+    whole,
 )
 from framework.control.closed_loop import SENSORS, Loop
 from framework.control.controllers import CONTROLLERS, tuned_controller
@@ -37,6 +38,7 @@ COLUMNS = (
     *("controller", "study_seed", "run", "passed"),
     *("tracking_error", "end_error", "peak_torque", "payload", "why"),
 )
+MOST_RUNS = 1_000_000
 CONNECTING = "10s"  # patience with a dask scheduler
 TEXT = "drive a planned crossing with a controller on many robots that differ from their model"
 
@@ -55,7 +57,9 @@ def add(commands: Any) -> None:
         default=["feedforward"],
         help="one or several to compare (default: feedforward)",
     )
-    parser.add_argument("--runs", type=int, default=200, metavar="N", help="runs a controller (default: 200)")
+    parser.add_argument(
+        "--runs", type=whole(1, MOST_RUNS), default=200, metavar="N", help="runs a controller (default: 200)"
+    )
     parser.add_argument("--seed", type=int, default=0, metavar="K", help="of the study (default: 0)")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default: 1)")
     parser.add_argument("--dask", metavar="ADDRESS", help="of a dask scheduler, instead of --workers")
@@ -104,8 +108,6 @@ def run(options: argparse.Namespace) -> Report:
     loop = Loop(band=options.band, end=options.band, limit=limit, sensors=options.sensors)
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
-    if options.runs < 1:
-        raise InvalidInput(f"--runs: needs at least 1, got {options.runs}")
     plan = arguments.planned(options)
     reference = reference_of(plan, period=options.period)
     controllers = {name: tuned_controller(name, reference) for name in options.controller}

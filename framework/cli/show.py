@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import threading
 import webbrowser
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 from framework.cli import arguments
+from framework.cli.console import tell
 from framework.cli.parser import Report, add_flexibility, add_motion, add_robot, command
-from framework.errors import InvalidInput, NoAnswer, OutputError
+from framework.errors import InvalidInput, NoAnswer
 from framework.model import ParallelRobot
+from framework.output import write_file
 
 if TYPE_CHECKING:
     from framework.show.film import Film
@@ -56,26 +57,12 @@ def run(options: argparse.Namespace) -> Report:
     return _served(options, hand_page(robot), robot)
 
 
-def write_page(file: str, page: str) -> FilePath:
-    """Write a page.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    path = FilePath(file)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"--html: cannot write {path}: {error.strerror or error}") from None
-    return path
-
-
 def _report_file(file: str, page: str, films: list[Film], *, chosen: bool) -> Report:
     """What was filmed and where it is; `chosen` if nobody said which scene."""
     from framework.show.captions import parts, said
 
-    path = write_page(file, page)
+    path = FilePath(file)
+    write_file(path, page)
     size = path.stat().st_size
     scenes = ", ".join(f"{film.name or 'the motion asked for'} ({parts(film)})" for film in films)
     text = f"{said(films[0].robot.name)}, {scenes}: written to {path} ({size / 1e6:.2f} MB), for any browser"
@@ -97,7 +84,14 @@ def _films(options: argparse.Namespace) -> list[Film]:
         return [film_plan(saved, name=plan_name(saved, FilePath(options.robot).resolve().name))]
     line = options.start is not None or options.end is not None
     if options.scenes is None and not line:
-        for option in ("duration", "times", "speeds", "geometry", "smoothness"):
+        for option in (
+            "duration",
+            "times",
+            "speeds",
+            "geometry",
+            "smoothness",
+            *arguments.OF_THE_OPTIMAL_LAW,
+        ):
             if getattr(options, option) is not None:
                 raise InvalidInput(f"--{option}: needs a motion; give --scene, or --from and --to")
         return []
@@ -138,8 +132,7 @@ def _served(options: argparse.Namespace, page: str, robot: ParallelRobot | None)
 
     server = PageServer(page, None if robot is None else lambda given: move_by_hand(robot, given))
     # with --json, stdout is for the one object at the end
-    stream = sys.stderr if options.json else sys.stdout
-    print(f"{server.address}  (Ctrl-C ends)", file=stream, flush=True)
+    tell(f"{server.address}  (Ctrl-C ends)", aside=options.json)
     if not options.no_open:
         threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
     server.serve_until_interrupted()

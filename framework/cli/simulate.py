@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> Report:
         )
     document, text = result.to_dict(), simulation_text(result)
     if options.out is not None:
-        with written_together(FilePath(options.out)) as folder:
+        with written_together(FilePath(options.out), document="simulation.json") as folder:
             (folder / "simulation.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
             _write_csv(result, plan, folder / "simulation.csv")
         text += f"\n  written to        {options.out}"
@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> Report:
 
 def _unit(result: Simulation) -> tuple[str, float]:
     """Unit of the tracking error, and how much of it is off the path."""
-    moves = bool((result.robot.platform_axes < 3).any())
+    moves = bool(result.robot.translations.any())
     return ("m", OFF * result.robot.length) if moves else ("rad", OFF)
 
 

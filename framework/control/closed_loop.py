@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from framework.arrays import Array, IntArray
 from framework.control.estimation import Controller, Measurement, State
 from framework.control.reference import Reference
-from framework.control.variation import Spread, Variation, noise_of, varied
+from framework.control.variation import Spread, Variation, noise_of, unvaried, varied
 from framework.errors import InvalidInput, NotAssembled, choose_from
 from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import integrate
 from framework.kinematics.platform import unwrap
+from framework.linalg.ordered_sums import matvec
 from framework.model import ParallelRobot
 from framework.simulation import Stepper
 
@@ -127,7 +128,7 @@ def _started(controller: Controller, variations: Sequence[Variation]) -> tuple[S
     real = [varied(ref.robot, variation) for variation in variations]
     count = len(real)
     try:
-        stepper = Stepper.of(real)
+        stepper = Stepper.of(real, like=unvaried(ref.robot))
         q, v = stepper.start(np.tile(ref.motion.q[0], (count, 1)), None, np.tile(ref.torque[0], (count, 1)))
     except NotAssembled as error:
         raise InvalidInput(f"places: with so large a spread a robot cannot be assembled: {error}") from None
@@ -146,11 +147,11 @@ def _measured(
     if sensors == "motors":
         return Measurement(angle, speed, None)
     back = np.linalg.pinv(ref.N[k])  # (n, nv)
-    x = unwrap(robot, stepper.platform(q, v)[0], ref.x[k]) + turned @ back.T
+    x = unwrap(robot, stepper.platform(q, v)[0], ref.x[k]) + matvec(back, turned)
     return Measurement(
         angle,
         speed,
-        State(integrate(robot, q, turned), seen, x, ref.dx[k] + (seen - ref.motion.v[k]) @ back.T),
+        State(integrate(robot, q, turned), seen, x, ref.dx[k] + matvec(back, seen - ref.motion.v[k])),
     )
 
 
@@ -226,7 +227,7 @@ class _Watch:
 
     def look(self, time: float, x: Array, planned: Array) -> None:
         """Compare platforms x (R, n) with the plan (n,); lose those that are far off or not finite."""
-        size = np.where(self.robot.platform_axes >= 3, 1.0, self.robot.length)
+        size = np.where(self.robot.translations, self.robot.length, 1.0)
         self.error = np.nan_to_num(np.abs((x - planned) / size), nan=LOST).max(axis=1)
         self.lose(time, ~(self.error < LOST))
         self.worst = np.where(self.alive, np.maximum(self.worst, self.error), np.maximum(self.worst, LOST))

@@ -12,17 +12,22 @@ Control Engineering Practice 39, 2015, who switch to a model that stays consiste
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.arrays import Array
-from framework.control.estimation import Measurement, consistent_inverse, estimated_state
+from framework.control.estimation import Measurement, State, consistent_solution, estimated_state
 from framework.control.reference import Reference
 from framework.dynamics.forces import tree_forces
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import loop_rows, passive_columns
-from framework.kinematics.closures import column_scale, scaled
-from framework.kinematics.inverse_kinematics import ClosedStack, motion_at, system_at
+from framework.kinematics.closures import closure_drift, column_scale, loop_equations, scaled
+from framework.kinematics.frames import frame_motions, frames_at
+from framework.kinematics.inverse_kinematics import moving_columns
+from framework.kinematics.platform import platform_jacobian, platform_twist
+from framework.linalg.ordered_sums import matvec, solve
+from framework.model import ParallelRobot
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,30 +66,48 @@ class ComputedTorque:
             + 2 * self.damping * self.frequency * (ref.dx[k] - state.dx)
             + self.frequency**2 * (ref.x[k] - state.x)
         )
-        closed = ClosedStack(state.q, state.x, system_at(robot, state.q, state.x))
-        motion = motion_at(robot, closed, state.dx, asked)
-        r = tree_forces(robot, motion)
-        rows, columns = loop_rows(robot), passive_columns(robot)
-        J = scaled(robot, motion.system.closures, rows)  # (R, m, nv) dimensionless
-        r = r * column_scale(robot)
+        motion = _constrained_motion(robot, state, asked)
+        columns = passive_columns(robot)
+        J = scaled(robot, motion.loops, loop_rows(robot))  # (R, m, nv) dimensionless
+        r = tree_forces(robot, motion) * column_scale(robot)
         P = J[:, :, columns].transpose(0, 2, 1)
         if self.multipliers is None:
-            multipliers = _divided(P, r[:, columns])
+            multipliers = solve(P, r[:, columns])
         else:
             planned = self.multipliers[k]
-            rest = r[:, columns] - P @ planned
-            multipliers = planned + (consistent_inverse(P) @ rest[..., None])[..., 0]
-        held = (r - np.einsum("tmv,tm->tv", J, multipliers)) / column_scale(robot)
+            multipliers = planned + consistent_solution(P, r[:, columns] - matvec(P, planned))
+        held = (r - matvec(J.transpose(0, 2, 1), multipliers)) / column_scale(robot)
         n = robot.gear_ratio
         return np.asarray(robot.rotor_inertia * n * motion.a[:, robot.actuated] + held[:, robot.actuated] / n)
 
 
-def _divided(P: Array, r: Array) -> Array:
-    """P^-1 r (R, m), as a program would that knows no better."""
-    try:
-        return np.asarray(np.linalg.solve(P, r[..., None])[..., 0])
-    except np.linalg.LinAlgError:
-        return np.full(r.shape, np.inf)
+class _Motion(NamedTuple):
+    """Of R runs, with the Jacobian of their loop equations."""
+
+    q: Array  # (R, nq)
+    v: Array  # (R, nv)
+    a: Array  # (R, nv)
+    loops: Array  # (R, m, nv)
+
+
+def _constrained_motion(robot: ParallelRobot, state: State, ddx: Array) -> _Motion:
+    """Joint velocities and accelerations for platform rates of the states and ddx (R, n).
+
+    As `motion_at`, but run by run where that factors all instants as one band matrix: there the length of
+    the stack rounds differently. Infinite where the platform does not determine the joints.
+    """
+    at, columns = frames_at(robot, state.q), moving_columns(robot)
+    rows = loop_rows(robot)
+    loops = loop_equations(rows, at).jacobian
+    whole = np.concatenate([platform_jacobian(robot, at), loops], axis=1)[:, :, columns]
+    twist, dtwist = platform_twist(robot, state.x, state.dx, ddx)
+    v, a = np.zeros((2, len(state.q), robot.model.nv))
+    v[:, columns] = solve(whole, np.concatenate([twist, np.zeros((len(twist), len(rows.names)))], axis=1))
+    motions = frame_motions(robot, at, state.q, v)
+    platform_drift = motions.drift[:, 0, robot.platform_axes]
+    drift = np.concatenate([dtwist - platform_drift, -closure_drift(rows, at, motions)], axis=1)
+    a[:, columns] = solve(whole, drift)
+    return _Motion(state.q, v, a, loops)
 
 
 def _planned_multipliers(reference: Reference) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.control.reference import Reference
 from framework.kinematics.frames import integrate
+from framework.linalg.ordered_sums import matvec
 
 NEAR = 0.1  # singular values below this share of the largest count as near the singularity
 
@@ -53,22 +54,29 @@ def estimated_state(reference: Reference, k: int, seen: Measurement, *, aware: b
     robot, N = reference.robot, reference.N[k]
     G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
     angle, speed = seen.motor_angle - reference.motor_angle[k], seen.motor_speed - reference.motor_speed[k]
-    inverse = consistent_inverse(G[None])[0] if aware else _inverse(G)
-    step, rate = angle @ inverse.T, speed @ inverse.T
+    turned = np.stack([angle, speed])
+    step, rate = consistent_solution(G[None], turned) if aware else matvec(_inverse(G), turned)
     return State(
-        q=integrate(robot, reference.motion.q[k], step @ N.T),
-        v=reference.motion.v[k] + rate @ N.T,
+        q=integrate(robot, reference.motion.q[k], matvec(N, step)),
+        v=reference.motion.v[k] + matvec(N, rate),
         x=reference.x[k] + step,
         dx=reference.dx[k] + rate,
     )
 
 
-def consistent_inverse(matrices: Array) -> Array:
-    """Pseudo-inverses (R, k, m) of matrices (R, m, k); directions fade out as their singular value does."""
-    u, sigma, v = np.linalg.svd(matrices, full_matrices=False)
+def consistent_solution(matrices: Array, right: Array) -> Array:
+    """Least-squares solutions (R, k) of systems (R, m, k) with right-hand sides (R, m).
+
+    Directions fade out as their singular value does: where it is below `NEAR` of the largest, its inverse
+    sinks to zero with it. NaN where a matrix is not finite.
+    """
+    finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]
+    u, sigma, v = np.linalg.svd(np.where(finite[:, None], matrices, 0.0), full_matrices=False)
     near = NEAR * sigma[:, :1]
-    inverse = np.where(sigma > near, 1.0 / np.maximum(sigma, near), sigma / near**2)
-    return np.asarray(v.transpose(0, 2, 1) @ (inverse[:, :, None] * u.transpose(0, 2, 1)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = np.where(sigma > near, 1.0 / np.maximum(sigma, near), sigma / near**2)
+    found = matvec(v.transpose(0, 2, 1), inverse * matvec(u.transpose(0, 2, 1), right))
+    return np.where(finite, found, np.nan)
 
 
 def _inverse(matrix: Array) -> Array:

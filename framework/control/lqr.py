@@ -17,6 +17,7 @@ from framework.control.estimation import Measurement, estimated_state
 from framework.control.platform_dynamics import platform_dynamics
 from framework.control.reference import Reference
 from framework.errors import InvalidInput
+from framework.linalg.ordered_sums import matvec
 
 DIFFERENCE = 1e-5  # of the robot's length [m] or [rad]: step of the central differences
 
@@ -49,7 +50,7 @@ class TimeVaryingLQR:
         for name, value in (("position", position), ("speed", speed), ("torque", worth)):
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"lqr: {name} must be a positive number, got {value!r}")
-        size = np.where(robot.platform_axes >= 3, 1.0, robot.length)
+        size = np.where(robot.translations, robot.length, 1.0)
         Q = np.diag(np.concatenate([1 / (position * size) ** 2, 1 / (speed * size) ** 2]))
         R = np.eye(robot.n_a) / worth**2
         A, B = _linearised(reference)
@@ -60,13 +61,13 @@ class TimeVaryingLQR:
         ref = self.reference
         state = estimated_state(ref, k, seen, aware=True)
         error = np.concatenate([ref.x[k] - state.x, ref.dx[k] - state.dx], axis=1)
-        return np.asarray(ref.held[k] + error @ self.gain[k].T)
+        return np.asarray(ref.held[k] + matvec(self.gain[k], error))
 
 
 def _linearised(reference: Reference) -> tuple[Array, Array]:
     """d/dt of the error e = [x; dx]: de/dt = A e + B tau; A (K, 2n, 2n), B (K, 2n, n_a)."""
     robot, count, n = reference.robot, len(reference.times), reference.robot.n
-    size = np.where(robot.platform_axes >= 3, 1.0, robot.length)
+    size = np.where(robot.translations, robot.length, 1.0)
     A = np.zeros((count, 2 * n, 2 * n))
     A[:, :n, n:] = np.eye(n)
     for k in range(2 * n):

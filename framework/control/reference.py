@@ -9,7 +9,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput
-from framework.kinematics.inverse_kinematics import Motion, close_loops, joint_rates, motion_at
+from framework.kinematics.inverse_kinematics import Motion, joint_rates
 from framework.kinematics.platform import platform_twist
 from framework.model import ParallelRobot
 
@@ -47,12 +47,11 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
             f"period: must lie in ({shortest:g}, {longest:g}] s for a motion of {plan.duration:g} s, "
             f"got {period!r}"
         )
-    robot, dynamics = plan.robot, plan.dynamics
+    robot = plan.robot
     count = int(np.floor(plan.duration / period * (1 + 1e-12))) + 1
     times = np.minimum(period * np.arange(count), plan.duration)
     x, dx, ddx = (plan.platform(times, order) for order in range(3))
-    closed = close_loops(robot, x, dynamics.configuration(times))
-    motion = motion_at(robot, closed, dx, ddx, plan.deflection(times, 1), plan.deflection(times, 2))
+    motion = plan.dynamics.motion(times)
     return Reference(
         robot=robot,
         period=period,

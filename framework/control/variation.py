@@ -90,8 +90,15 @@ def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     for k, place in enumerate(variation.shifts):
         placement = model.jointPlacements[k + 1]
         model.jointPlacements[k + 1] = pin.SE3(placement.rotation, placement.translation + place)
-    # redundant rows hold only for exact places; a real machine has clearance there
-    return replace(robot, model=model, rows=loop_rows(robot), stiffness=robot.stiffness * variation.stiffness)
+    return replace(unvaried(robot), model=model, stiffness=robot.stiffness * variation.stiffness)
+
+
+def unvaried(robot: ParallelRobot) -> ParallelRobot:
+    """The robot as varied ones are, without their variation: no loop equation is redundant.
+
+    Redundant ones hold for exact places only; a real machine has clearance there.
+    """
+    return replace(robot, rows=loop_rows(robot))
 
 
 def _scaled(whole: pin.Inertia, part: pin.Inertia, factor: float) -> pin.Inertia:

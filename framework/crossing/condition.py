@@ -15,20 +15,18 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.errors import NoLaw, NotConverged, point
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, motion_at, system_at
 from framework.kinematics.loop_matrices import measured_matrix
 from framework.kinematics.platform import path_twist
 from framework.kinematics.tracking import Branch
 from framework.motion.path import along
-from framework.singularity.bordered_system import Border, bordered
 from framework.singularity.classification import uncontrolled_motion
 from framework.singularity.points_on_path import SingularPoint
+from framework.singularity.root_of_g import root_of_g
 
 # |alpha| against the size of its own terms: below, s" has no hold on t_s . W_p beyond rounding
 NO_HOLD = 1e-9
-# A Newton step in s whose square is rounding; the next pass starts where it ends.
-LAST_STEP = 1e-7
 
 
 class Condition8(NamedTuple):
@@ -81,24 +79,16 @@ def crossing_point(
     """
     if deflection is None or not len(deflection.value):
         return CrossingPoint(at.s, at.kind, at.twist, at.motion, at.q)
-    robot, s, h = branch.robot, near, 1e-5
-    guess: Array | None = None
-    for _ in range(20):
-        span = np.clip([s - h, s, s + h], 0.0, 1.0)
-        closed = _deflected(branch, span, deflection, guess)
-        P = measured_matrix(robot, closed.system)
-        g = bordered(P, Border.of(P[1])).g
-        step = -g[1] * (span[2] - span[0]) / (g[2] - g[0])
-        along_path = difference(robot, closed.q[0], closed.q[2:]) / (span[2] - span[0])
-        s = float(np.clip(s + step, 0.0, 1.0))
-        if abs(step) < LAST_STEP:
-            q = integrate(robot, closed.q[1:2], step * along_path)
-            x = branch.path(np.array([s]))
-            return _oriented(branch, s, ClosedStack(q, x, system_at(robot, q, x)))
-        guess = integrate(robot, closed.q, np.repeat(step * along_path, 3, axis=0))
+
+    def passive(s: Array) -> Array:
+        return measured_matrix(branch.robot, _deflected(branch, s, deflection).system)
+
+    found = root_of_g(passive, near)
+    if found.converged:
+        return _oriented(branch, found.place, _deflected(branch, np.array([found.place]), deflection))
     raise NoLaw(
-        f"{robot.name}: the deflected robot has no singular point near s = {at.s:.6g}; the deflections "
-        f"are too large for the path to cross the locus there"
+        f"{branch.robot.name}: the deflected robot has no singular point near s = {at.s:.6g}; the "
+        f"deflections are too large for the path to cross the locus there"
     )
 
 
@@ -114,12 +104,11 @@ def _oriented(branch: Branch, s: float, closed: ClosedStack) -> CrossingPoint:
     return CrossingPoint(s, found.kind, sign * found.twist, sign * found.motion, closed.q[0])
 
 
-def _deflected(branch: Branch, s: Array, deflection: Deflection, guess: Array | None) -> ClosedStack:
-    if guess is None:
-        step = np.zeros((len(s), branch.robot.model.nv))
-        step[:, branch.robot.elastic] = deflection.value
-        guess = integrate(branch.robot, branch.guess(s), step)
-    return close_loops(branch.robot, branch.path(s), guess)
+def _deflected(branch: Branch, s: Array, deflection: Deflection) -> ClosedStack:
+    """The robot assembled on the path at s (T,) with given deflections."""
+    step = np.zeros((len(s), branch.robot.model.nv))
+    step[:, branch.robot.elastic] = deflection.value
+    return close_loops(branch.robot, branch.path(s), integrate(branch.robot, branch.guess(s), step))
 
 
 def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | None) -> Condition8:
@@ -129,6 +118,28 @@ def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | N
         NoLaw: the path's tangent leaves t_s . W_p untouched by s", so no law can meet the condition.
         NotConverged: the same, but only with these deflections.
     """
+    robot = branch.robot
+    condition, own = coefficients_at(branch, here, deflection)
+    if condition.holds_anyway or abs(condition.alpha) > NO_HOLD * own:
+        return condition
+    where = f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = {point(branch.path(here.s))}"
+    if deflection is not None and robot.n_e:
+        raise NotConverged(
+            f'{where} s" has no effect on t_s . W_p once the robot deflects (alpha = '
+            f"{condition.alpha:.2g}): the springs are too soft for this motion; stiffen them, take more "
+            f"time, or use geometry rigid",
+            residual=abs(condition.alpha) / own,
+        )
+    raise NoLaw(
+        f"{where} the path runs orthogonal to t_s (alpha = "
+        f'{condition.alpha:.2g}): s" has no effect on t_s . W_p there; cross in another direction'
+    )
+
+
+def coefficients_at(
+    branch: Branch, here: CrossingPoint, deflection: Deflection | None
+) -> tuple[Condition8, float]:
+    """Coefficients of condition (8), and the size of the terms of alpha before they cancel."""
     robot = branch.robot
     speed, acceleration = np.array([0.0, 0.0, 1.0, -1.0]), np.array([0.0, 1.0, 0.0, 0.0])
     q = np.repeat(here.q[None], 4, axis=0)
@@ -142,9 +153,7 @@ def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | N
     rest, pushed, forth, back = forces @ here.motion
     alpha = pushed - rest
     # what s" = 1 asks for at most; on massless legs the forces of a payload cancel before they get here
-    moved = np.abs(path_twist(robot, branch.path, here.s)) * np.where(
-        robot.platform_axes < 3, 1.0, robot.length
-    )
+    moved = np.abs(path_twist(robot, branch.path, here.s)) * np.where(robot.translations, 1.0, robot.length)
     mass = sum(inertia.mass for inertia in robot.model.inertias)
     own = max(float(np.abs((forces[1] - forces[0]) * here.motion).sum()), mass * float(moved.max()))
     scale = max(float(np.abs(forces * here.motion).sum(axis=1).max()), own)
@@ -155,17 +164,4 @@ def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | N
         delta=float(0.5 * (forth - back)),
         scale=scale,
     )
-    if condition.holds_anyway or abs(condition.alpha) > NO_HOLD * own:
-        return condition
-    where = f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = {point(branch.path(here.s))}"
-    if rates:
-        raise NotConverged(
-            f'{where} s" has no effect on t_s . W_p once the robot deflects (alpha = '
-            f"{condition.alpha:.2g}): the springs are too soft for this motion; stiffen them, take more "
-            f"time, or use geometry rigid",
-            residual=abs(condition.alpha) / own,
-        )
-    raise NoLaw(
-        f"{where} the path runs orthogonal to t_s (alpha = "
-        f'{condition.alpha:.2g}): s" has no effect on t_s . W_p there; cross in another direction'
-    )
+    return condition, own

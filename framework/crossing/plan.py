@@ -4,52 +4,67 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from framework.crossing.condition import (
-    Condition8,
-    CrossingPoint,
-    Deflection,
-    condition_at,
-    crossing_point,
-    imposed_point,
-)
-from framework.crossing.result import Crossing, CrossingPlan
-from framework.crossing.timing import CrossingTime, check_advance, choose_timing
-from framework.dynamics.crossings import check_kind, rigid_crossings
-from framework.dynamics.inverse_dynamics import TOLERANCE, checked_geometry, resolve
+from framework.arrays import Array
+from framework.crossing.condition import Condition8
+from framework.crossing.feasibility import feasibility_on_path
+from framework.crossing.limits import Limit, motor_limits
+from framework.crossing.optimal import Wish
+from framework.crossing.optimal_motion import Task, optimal_motion
+from framework.crossing.polynomial import Ground, polynomial_at_rest, polynomial_motion
+from framework.crossing.request import Request, checked_smoothness, targets_of
+from framework.crossing.result import Crossing, CrossingPlan, Optimality
+from framework.crossing.timing import CrossingTime
+from framework.dynamics.crossings import rigid_crossings
+from framework.dynamics.inverse_dynamics import TOLERANCE, checked_geometry
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
-from framework.errors import InvalidInput, LimitsExceeded, NoLaw
-from framework.kinematics.tracking import Branch, track_path
+from framework.errors import (
+    InvalidInput,
+    LimitsExceeded,
+    NoLaw,
+    NotConverged,
+    UncontrolledMotions,
+    choose_from,
+)
 from framework.model import ParallelRobot
-from framework.motion.chebyshev import TimeFunction
-from framework.motion.law import Condition, Law, MotionLaw, check_duration, is_number
+from framework.motion.cone_program import GOALS
+from framework.motion.law import Law, MotionLaw, check_duration
+from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
 from framework.motion.path import Path
-from framework.singularity.points_on_path import SingularPoint, locate_singularities
+from framework.singularity.points_on_path import SearchedPath, search_path
 
-LARGEST_SPEED = 1e6  # whole paths in the duration; what a law can keep is a few
-SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends: elastic, rigid
+CREEPING = 0.1  # least speed over its mean (the ends divided out) below which a polynomial is given up
+LAWS = ("auto", "polynomial", "optimal")
 
 
 def plan_crossing(
     robot: ParallelRobot,
     path: Path,
     *,
-    duration: float,
+    duration: float | None = None,
     times: Sequence[float] | None = None,
     speeds: Sequence[float] | None = None,
     at: Sequence[float] | None = None,
     geometry: str | None = None,
     smoothness: int | None = None,
     tolerance: float = TOLERANCE,
+    law: str = "auto",
+    optimize: str | None = None,
+    longest: float | None = None,
+    torque_limit: Limit = None,
+    speed_limit: Limit = None,
+    margin: float = 0.0,
     keep_limits: bool = False,
+    searched: SearchedPath | None = None,
 ) -> CrossingPlan:
     """A rest-to-rest law along the path that crosses its singular points with finite torques.
 
     Args:
-        duration: of the motion [s].
+        duration: of the motion [s]; not with optimize="time", which finds the least.
         times: instants of the crossings [s], ascending, one for each singular point; chosen when
             None. An empty list asks for a law without crossing conditions.
         speeds: s' at the crossings [1/s]; chosen when None.
@@ -59,8 +74,19 @@ def plan_crossing(
             are elsewhere.
         smoothness: derivatives of s that vanish at both ends; 2 for rigid, 4 for elastic robots.
         tolerance: tail of the torques that counts as resolved.
+        law: "polynomial" through `times` and `speeds`, "optimal" (see `optimal_law`), or "auto": the
+            polynomial where one exists that advances comfortably, and else the optimal law. The plan's
+            `reason` says which it was and why.
+        optimize: what the optimal law is best at: "time"; "peak_torque", the default: the largest torque
+            over its limit, or in N m if no motor has one; "energy": the integral over the motion of the sum
+            of (torque over limit)^2. A small weight on the roughness of the law is added.
+        longest: duration [s] that the optimal law may not exceed, instead of `duration`.
+        torque_limit, speed_limit: of the motors [N m], [rad/s], motor side, a number for all or one for
+            each; the robot file's by default. The optimal law never exceeds them.
+        margin: share of all limits that is left to the controllers.
         keep_limits: refuse a plan that leaves the limits of its motors or of the URDF's joints, which is
             otherwise returned and says so (`CrossingPlan.exceeded`).
+        searched: what `search_path` found on this path, if at hand.
 
     Raises:
         InvalidInput: an argument that cannot be right; says what is valid.
@@ -75,41 +101,24 @@ def plan_crossing(
     """
     started = time.perf_counter()
     geometry = checked_geometry(robot, geometry)
-    task = _task(robot, path, duration, times, speeds, at, smoothness)
-    branch, points, targets, choice = task.branch, task.points, task.targets, task.crossing_times
-    smoothness = task.smoothness
-
-    def crossings(
-        deflections: TimeFunction | None, before: MotionLaw | None
-    ) -> list[tuple[CrossingPoint, Condition8]]:
-        found = []
-        for target, crossing_time in zip(targets, choice, strict=True):
-            here = _deflection(deflections, crossing_time.time) if geometry == "deformed" else None
-            if isinstance(target, SingularPoint):
-                near = target.s if before is None else float(before(crossing_time.time))
-                place = crossing_point(branch, target, here, near)
-            else:
-                place = target
-            found.append((place, condition_at(branch, place, here)))
-        return found
-
-    def choose_law(deflections: TimeFunction | None, before: MotionLaw | None) -> Law:
-        law = _law(crossings(deflections, before), choice, duration, smoothness)
-        if before is None:
-            check_advance(law, [point.s for point in points], robot.name)
-        return law
-
-    dynamics = resolve(branch, points, choose_law, geometry=geometry, tolerance=tolerance)
-    law = dynamics.law
-    assert isinstance(law, Law)
-    certificate = replace(dynamics.certificate, monotone=law.advance(smoothness) > 0)
-    check_advance(law, [found.s for found in dynamics.crossings], robot.name)
-    met = {
-        crossing_time: condition
-        for (_, condition), crossing_time in zip(crossings(dynamics.deflections, law), choice, strict=True)
-    }
-    reported = tuple(_crossing(found, law, met, duration) for found in dynamics.crossings)
-    plan = CrossingPlan(robot, path, law, reported, dynamics, certificate, time.perf_counter() - started)
+    request = Request(duration, times, speeds, at, checked_smoothness(robot, smoothness))
+    limits = motor_limits(robot, torque_limit, speed_limit, margin)
+    limited = torque_limit is not None or speed_limit is not None or margin > 0
+    asked = optimize is not None or longest is not None or limited
+    kind = _kind_of_law(law, asked, request)
+    free = kind == "optimal" or (kind == "auto" and request.smoothness <= HIGHEST_SMOOTHNESS)
+    wish = _wish(optimize, longest, limits, request) if free else None
+    branch, points = search_path(robot, path) if searched is None else searched
+    work = _Work(
+        Ground(branch, points, targets_of(branch, points, request)), request, geometry, tolerance, started
+    )
+    try:
+        plan = _best(work, wish if kind == "optimal" else None, fallback=wish)
+    except UncontrolledMotions:
+        raise
+    except NoLaw as refusal:
+        told = [found.sentence(duration) for found in feasibility_on_path(work.searched) if found is not None]
+        raise NoLaw("; ".join([str(refusal), *told])) from None
     exceeded = plan.exceeded if keep_limits else {}
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
@@ -117,13 +126,125 @@ def plan_crossing(
     return plan
 
 
-def reported_crossings(dynamics: InverseDynamics, law: Law) -> tuple[Crossing, ...]:
+def _best(work: _Work, wish: Wish | None, *, fallback: Wish | None) -> CrossingPlan:
+    """The plan with the optimal law if there is a wish, else with the polynomial or what it falls back on."""
+    if wish is not None:
+        return _optimal(work, wish, "it was asked for")
+    try:
+        plan, advance = _polynomial(work)
+    except UncontrolledMotions:
+        raise
+    except NoLaw as refusal:
+        if fallback is None:
+            raise
+        try:
+            return _optimal(work, fallback, f"there is no polynomial: {refusal}")
+        except (NoLaw, NotConverged) as second:
+            raise NoLaw(f"{refusal}; nor does the optimal law help: {second}") from None
+    if fallback is None or not plan.crossings or work.request.speeds is not None or advance >= CREEPING:
+        return plan
+    nearly_stops = f"the polynomial nearly stops: its least speed is {advance:.2g} of its mean"
+    try:
+        return _optimal(work, fallback, nearly_stops)
+    except (NoLaw, NotConverged):
+        return plan
+
+
+class _Work(NamedTuple):
+    """What planning with either law needs to know."""
+
+    ground: Ground
+    request: Request
+    geometry: str
+    tolerance: float
+    started: float
+
+    @property
+    def searched(self) -> SearchedPath:
+        return SearchedPath(self.ground.branch, self.ground.points)
+
+
+def _kind_of_law(law: str, asked: bool, request: Request) -> str:
+    """Which law to use: "polynomial", "optimal", or "auto" for the first where it does."""
+    if law not in LAWS:
+        raise InvalidInput(choose_from("law", law, LAWS))
+    if asked and law == "polynomial":
+        raise InvalidInput("optimize, longest, limits and margin are for the optimal law, not the polynomial")
+    if asked or law == "optimal":
+        if request.times is not None:
+            raise InvalidInput("times: belong to the polynomial; the optimal law finds its own")
+        return "optimal"
+    if request.duration is None:
+        raise InvalidInput("duration: needed, unless optimize time finds the least, or longest bounds it")
+    return "polynomial" if law == "polynomial" or request.times is not None else "auto"
+
+
+def _wish(optimize: str | None, longest: float | None, limits: tuple[Array, Array], request: Request) -> Wish:
+    goal = "peak_torque" if optimize is None else optimize
+    if goal not in GOALS:
+        raise InvalidInput(choose_from("optimize", goal, GOALS))
+    if longest is not None:
+        check_duration(longest)
+    if longest is not None and request.duration is not None:
+        raise InvalidInput("longest: bounds a duration that is open; give either, not both")
+    if goal == "time" and request.duration is not None:
+        raise InvalidInput("duration: with optimize time it is found; give longest to bound it")
+    if goal == "time" and not (np.isfinite(limits[0]).any() or np.isfinite(limits[1]).any()):
+        raise InvalidInput(
+            "torque_limit: optimize time needs a limit of torque or speed, given or in the robot file"
+        )
+    if goal != "time" and request.duration is None and longest is None:
+        raise InvalidInput(
+            f"duration: optimize {goal} needs one, or longest: without, slower is always better"
+        )
+    if request.smoothness > HIGHEST_SMOOTHNESS:
+        raise InvalidInput(
+            f"smoothness: got {request.smoothness}, the optimal law has at most {HIGHEST_SMOOTHNESS}"
+        )
+    return Wish(goal, request.duration, longest, *limits, request.smoothness)
+
+
+def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
+    """The plan with the polynomial law, and how well that advances."""
+    ground, request = work.ground, work.request
+    dynamics, law, met = polynomial_motion(ground, request, geometry=work.geometry, tolerance=work.tolerance)
+    advance = law.advance(request.smoothness)
+    certificate = replace(dynamics.certificate, monotone=advance > 0)
+    reported = tuple(_crossing(found, law, met, law.duration) for found in dynamics.crossings)
+    seconds = time.perf_counter() - work.started
+    robot, path = dynamics.robot, dynamics.path
+    return CrossingPlan(
+        robot, path, law, reported, dynamics, certificate, seconds, "the polynomial advances"
+    ), advance
+
+
+def _optimal(work: _Work, wish: Wish, reason: str) -> CrossingPlan:
+    """The plan with the optimal law."""
+    ground = work.ground
+    task = Task(ground.branch, ground.points, ground.targets, work.request.speeds, wish, work.geometry)
+    dynamics, law, best = optimal_motion(task, tolerance=work.tolerance)
+    certificate = replace(dynamics.certificate, monotone=law.advance(law.smoothness) > 0)
+    optimality = Optimality(wish, best.reference)
+    return CrossingPlan(
+        dynamics.robot,
+        dynamics.path,
+        law,
+        reported_crossings(dynamics, law),
+        dynamics,
+        certificate,
+        time.perf_counter() - work.started,
+        reason,
+        optimality,
+    )
+
+
+def reported_crossings(dynamics: InverseDynamics, law: MotionLaw) -> tuple[Crossing, ...]:
     """What a finished motion does at its singular instants, whoever chose its law."""
     return tuple(_crossing(found, law, {}, law.duration) for found in dynamics.crossings)
 
 
 def _crossing(
-    at: SingularityCrossing, law: Law, met: dict[CrossingTime, Condition8], duration: float
+    at: SingularityCrossing, law: MotionLaw, met: dict[CrossingTime, Condition8], duration: float
 ) -> Crossing:
     """What the finished motion does at a singular instant; `met` holds the conditions imposed, by timing."""
     near = [timing for timing in met if abs(timing.time - at.time) < 1e-9 * duration]
@@ -151,6 +272,7 @@ def uncertified_law(
     speeds: Sequence[float] | None = None,
     at: Sequence[float] | None = None,
     smoothness: int | None = None,
+    searched: SearchedPath | None = None,
 ) -> tuple[Law, tuple[SingularityCrossing, ...]]:
     """The law of `plan_crossing` on the undeformed robot before anything is proved, for raw sampling.
 
@@ -159,188 +281,8 @@ def uncertified_law(
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
-    task = _task(robot, path, duration, times, speeds, at, smoothness)
-    crossings = [(place, condition_at(task.branch, place, None)) for place in _at_rest(task)]
-    law = _law(crossings, task.crossing_times, duration, task.smoothness)
-    check_advance(law, [point.s for point in task.points], robot.name)
-    return law, rigid_crossings(task.branch, task.points, law)
-
-
-@dataclass(frozen=True)
-class _Task:
-    """What is asked, checked, with the path followed and its singular points located."""
-
-    branch: Branch
-    points: tuple[SingularPoint, ...]
-    targets: list[SingularPoint | CrossingPoint]  # where condition (8) is to hold
-    crossing_times: tuple[CrossingTime, ...]  # one for each target
-    smoothness: int
-
-
-def _task(
-    robot: ParallelRobot,
-    path: Path,
-    duration: float,
-    times: Sequence[float] | None,
-    speeds: Sequence[float] | None,
-    at: Sequence[float] | None,
-    smoothness: int | None,
-) -> _Task:
-    smoothness = _checked_smoothness(robot, smoothness)
-    _check_numbers(duration, times, speeds, at)
-    branch = track_path(robot, path)
-    points = locate_singularities(robot, path, branch=branch)
-    targets = _targets(branch, points, times, speeds, at)
-    crossing_times = _choose_timing(branch, targets, duration, times, speeds, smoothness)
-    return _Task(branch, points, targets, crossing_times, smoothness)
-
-
-def _at_rest(task: _Task) -> list[CrossingPoint]:
-    """The crossing points of the undeformed robot."""
-    return [
-        crossing_point(task.branch, target, None, target.s) if isinstance(target, SingularPoint) else target
-        for target in task.targets
-    ]
-
-
-def _deflection(deflections: TimeFunction | None, t: float) -> Deflection | None:
-    if deflections is None:
-        return None
-    return Deflection(*(deflections(t, order) for order in range(3)))
-
-
-def _law(
-    crossings: list[tuple[CrossingPoint, Condition8]],
-    crossing_times: Sequence[CrossingTime],
-    duration: float,
-    smoothness: int,
-) -> Law:
-    inner = [
-        Condition(crossing_time.time, order, value)
-        for (place, condition), crossing_time in zip(crossings, crossing_times, strict=True)
-        for order, value in enumerate(
-            (place.s, crossing_time.speed, condition.acceleration(crossing_time.speed))
-        )
-    ]
-    return Law.rest_to_rest(duration, smoothness, inner)
-
-
-def _targets(
-    branch: Branch,
-    points: tuple[SingularPoint, ...],
-    times: Sequence[float] | None,
-    speeds: Sequence[float] | None,
-    at: Sequence[float] | None,
-) -> list[SingularPoint | CrossingPoint]:
-    """Where condition (8) is to hold; refuses what no law can cross."""
-    robot = branch.robot
-    if at is not None:
-        targets: list[SingularPoint | CrossingPoint] = [imposed_point(branch, s) for s in at]
-        what = f"{len(at)} imposed by `at`"
-    else:
-        targets = [*points]
-        what = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
-        if points:
-            what += " at s = " + ", ".join(f"{found.s:.6g}" for found in points)
-    if times is not None and len(times) == 0 and at is None:
-        if speeds:
-            raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
-        return []
-    for name, given in (("times", times), ("speeds", speeds)):
-        if given is not None and len(given) != len(targets):
-            raise InvalidInput(
-                f"{name}: got {len(given)} ({', '.join(f'{value:g}' for value in given)}), but there "
-                f"{'is' if len(targets) == 1 else 'are'} {what}"
-            )
-    for target in points if at is None else ():
-        _check_crossable(robot, target)
-    return targets
-
-
-def _check_crossable(robot: ParallelRobot, at: SingularPoint) -> None:
-    where = f"{robot.name}: at s = {at.s:.6g} the path"
-    check_kind(robot, at)
-    if at.s < 1e-9 or at.s > 1 - 1e-9:
-        end = "starts" if at.s < 0.5 else "ends"
-        raise NoLaw(
-            f"{where} {end} on a Type 2 singularity; a stop on the locus can never be crossed: "
-            f"move the path's end"
-        )
-    if at.contact == "tangential":
-        raise NoLaw(
-            f"{where} touches the locus without crossing it; finite torques would ask for condition "
-            f"(8) and its time derivative at once: move the path off the locus or across it"
-        )
-
-
-def _choose_timing(
-    branch: Branch,
-    targets: list[SingularPoint | CrossingPoint],
-    duration: float,
-    times: Sequence[float] | None,
-    speeds: Sequence[float] | None,
-    smoothness: int,
-) -> tuple[CrossingTime, ...]:
-    """Times and speeds of the crossings on the undeformed robot, those left open chosen."""
-    if not targets:
-        return ()
-    for t in times or ():
-        if not 0 < t < duration:
-            raise InvalidInput(
-                f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s"
-            )
-    crossings = []
-    for target in targets:
-        place = (
-            crossing_point(branch, target, None, target.s) if isinstance(target, SingularPoint) else target
-        )
-        crossings.append((place, condition_at(branch, place, None)))
-
-    def build(crossing_times: Sequence[CrossingTime]) -> Law:
-        return _law(crossings, crossing_times, duration, smoothness)
-
-    return choose_timing(
-        [place.s for place, _ in crossings], duration, times, speeds, smoothness, build, branch.robot.name
-    )
-
-
-def _checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
-    least = SMOOTHNESS[robot.n_e > 0]
-    if smoothness is None:
-        return least
-    if isinstance(smoothness, bool) or not isinstance(smoothness, int | np.integer):
-        raise InvalidInput(f"smoothness: needs a whole number, got {smoothness!r}")
-    if not least <= smoothness <= 12:
-        raise InvalidInput(
-            f"smoothness: got {smoothness}, valid: {least} .. 12 (the torque of a {robot.flexibility} "
-            f"robot contains derivatives of s up to order {least} at least; fewer zeros make it jump there)"
-        )
-    return int(smoothness)
-
-
-def _check_numbers(
-    duration: float,
-    times: Sequence[float] | None,
-    speeds: Sequence[float] | None,
-    at: Sequence[float] | None,
-) -> None:
-    check_duration(duration)
-    for name, values in (("times", times), ("speeds", speeds), ("at", at)):
-        for value in values if values is not None else ():
-            if not is_number(value):
-                raise InvalidInput(f"{name}: must be finite numbers, got {value!r}")
-    for speed in speeds if speeds is not None else ():
-        if speed <= 0:
-            raise InvalidInput(f"speeds: s' at a crossing must be greater than zero, got {speed:g}")
-        if speed > LARGEST_SPEED / duration:
-            raise InvalidInput(
-                f"speeds: s' at a crossing must be at most {LARGEST_SPEED / duration:g} 1/s, a million paths "
-                f"in the duration, got {speed:g}"
-            )
-    if times is not None and np.any(np.diff(times) <= 0):
-        raise InvalidInput(f"times: must ascend, got {list(times)}")
-    if at is not None and np.any(np.diff(at) <= 0):
-        raise InvalidInput(f"at: must ascend, got {list(at)}")
-    for s in at if at is not None else ():
-        if not 0 < s < 1:
-            raise InvalidInput(f"at: path coordinates must lie in (0, 1), got {s:g}")
+    request = Request(duration, times, speeds, at, checked_smoothness(robot, smoothness))
+    branch, points = search_path(robot, path) if searched is None else searched
+    ground = Ground(branch, points, targets_of(branch, points, request))
+    law = polynomial_at_rest(ground, request)
+    return law, rigid_crossings(branch, points, law)

@@ -13,12 +13,13 @@ import numpy as np
 from framework.arrays import Array, ArrayLike
 from framework.catalogue import catalogue
 from framework.crossing.condition import Condition8
+from framework.crossing.optimal import Wish
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput
 from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.model import ParallelRobot
-from framework.motion.law import Law, is_number
+from framework.motion.law import PlannedLaw, is_number
 from framework.motion.path import Arc, Line, Path, Spline
 
 
@@ -42,6 +43,45 @@ class Crossing:
     condition: Condition8 | None
 
 
+@dataclass(frozen=True, eq=False)
+class Optimality:
+    """What an optimal law was made best at, and what its torques were measured against, (n_a,) [N m]."""
+
+    wish: Wish
+    reference: Array
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plan.json has it; no limit is null."""
+        wish = self.wish
+        return {
+            "optimize": wish.goal,
+            "duration": wish.duration,
+            "longest": wish.longest,
+            "torque_limit": _with_nulls(wish.torque_limit),
+            "speed_limit": _with_nulls(wish.speed_limit),
+            "reference": self.reference.tolist(),
+        }
+
+    @staticmethod
+    def from_dict(saved: dict[str, Any], smoothness: int) -> Optimality:
+        """What `to_dict` wrote.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is not that.
+        """
+        torque, speed = (_without_nulls(saved[key]) for key in ("torque_limit", "speed_limit"))
+        wish = Wish(str(saved["optimize"]), saved["duration"], saved["longest"], torque, speed, smoothness)
+        return Optimality(wish, np.array(saved["reference"], dtype=float))
+
+
+def _with_nulls(limits: Array) -> list[float | None]:
+    return [float(limit) if np.isfinite(limit) else None for limit in limits]
+
+
+def _without_nulls(limits: list[float | None]) -> Array:
+    return np.array([np.inf if limit is None else limit for limit in limits], dtype=float)
+
+
 def path_points(path: Path) -> dict[str, list[list[float]]] | None:
     """A path as a scene says it, {kind: points}; None for a path of the user's own making."""
     if isinstance(path, Line):
@@ -57,11 +97,13 @@ class CrossingPlan:
 
     robot: ParallelRobot
     path: Path
-    law: Law
+    law: PlannedLaw
     crossings: tuple[Crossing, ...]
     dynamics: InverseDynamics
     certificate: Certificate
     seconds: float  # time that planning took
+    reason: str = ""  # why the law is of its kind
+    optimality: Optimality | None = None  # of an optimal law
 
     @property
     def duration(self) -> float:
@@ -121,8 +163,8 @@ class CrossingPlan:
     def __repr__(self) -> str:
         where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
         return (
-            f"CrossingPlan({self.robot.name}, {self.robot.flexibility}, {self.geometry}: degree "
-            f"{self.law.degree} over {self.duration:g} s, crossings: {where or 'none'}, tail "
+            f"CrossingPlan({self.robot.name}, {self.robot.flexibility}, {self.geometry}: {self.law.kind} "
+            f"law, degree {self.law.degree} over {self.duration:g} s, crossings: {where or 'none'}, tail "
             f"{self.certificate.tail:.1e})"
         )
 
@@ -173,11 +215,7 @@ class CrossingPlan:
             "flexibility": self.robot.flexibility,
             "geometry": self.geometry,
             "duration": self.duration,
-            "law": {
-                "degree": self.law.degree,
-                "chebyshev": self.law.coefficients.tolist(),
-                "domain": [0.0, self.duration],
-            },
+            "law": self.law.to_dict(),
             "crossings": [
                 {
                     "s": crossing.s,
@@ -198,9 +236,12 @@ class CrossingPlan:
                 "tail": certificate.tail,
                 "passes": certificate.passes,
                 "max_closure_error": certificate.max_closure_error,
+                "max_residual_torque": certificate.max_residual_torque,
                 "monotone": certificate.monotone,
             },
             "seconds": self.seconds,
             "robot_file": self._robot_file(),
             "path": path_points(self.path),
+            "reason": self.reason,
+            "optimality": None if self.optimality is None else self.optimality.to_dict(),
         }

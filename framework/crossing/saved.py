@@ -6,6 +6,7 @@ What was saved is the law; torques and proof are computed anew from it, and must
 from __future__ import annotations
 
 import json
+import os
 import time
 from dataclasses import replace
 from pathlib import Path as FilePath
@@ -15,14 +16,16 @@ import numpy as np
 
 from framework.catalogue import robot_file
 from framework.crossing.plan import reported_crossings
-from framework.crossing.result import CrossingPlan
+from framework.crossing.result import CrossingPlan, Optimality
 from framework.crossing.scenes import path_of
 from framework.dynamics.inverse_dynamics import inverse_dynamics
-from framework.errors import InvalidInput, NoAnswer
+from framework.errors import InvalidInput, NoAnswer, choose_from
+from framework.input import read_text
 from framework.model import ParallelRobot
 from framework.model.description import FLEXIBILITIES
 from framework.model.readers.recognise import read_any
-from framework.motion.law import Law, check_duration
+from framework.motion.law import Law, PlannedLaw, check_duration
+from framework.motion.optimal_law import OptimalLaw
 from framework.motion.path import Path
 
 SAME = 1e-6  # peak torques of the file and of the plan computed anew may differ by this share
@@ -30,7 +33,7 @@ SAME = 1e-6  # peak torques of the file and of the plan computed anew may differ
 
 def is_plan_folder(name: str) -> bool:
     """Whether this is a folder with a plan.json in it."""
-    return (FilePath(name) / "plan.json").is_file()
+    return os.path.isfile(os.path.join(name, "plan.json"))
 
 
 def load_plan(folder: str | FilePath) -> CrossingPlan:
@@ -46,8 +49,10 @@ def load_plan(folder: str | FilePath) -> CrossingPlan:
     try:
         robot = _robot(saved)
         path = _path(file, saved)
-        law = Law(np.array(saved["law"]["chebyshev"], dtype=float), float(saved["duration"]))
-        check_duration(law.duration)
+        law = _law(saved["law"], float(saved["duration"]))
+        optimality = None
+        if isinstance(law, OptimalLaw):
+            optimality = Optimality.from_dict(saved["optimality"], law.smoothness)
         geometry, peaks = saved["geometry"], {k: float(v) for k, v in saved["peak_torque"].items()}
     except InvalidInput:
         raise
@@ -56,8 +61,6 @@ def load_plan(folder: str | FilePath) -> CrossingPlan:
             f"{file}: not a plan that `crossing plan --out` wrote ({type(error).__name__}: {error}); "
             f"plan again"
         ) from None
-    if law.coefficients.ndim != 1 or law.coefficients.size < 2 or not np.all(np.isfinite(law.coefficients)):
-        raise InvalidInput(f"{file}: law: chebyshev must be a list of finite numbers")
     try:
         dynamics = inverse_dynamics(robot, path, law, geometry=geometry)
     except NoAnswer as error:
@@ -65,9 +68,10 @@ def load_plan(folder: str | FilePath) -> CrossingPlan:
             f"{file}: the robot has changed since, its law fits no more; plan again ({error})"
         ) from None
     crossings = reported_crossings(dynamics, law)
-    smoothness = (law.degree + 1 - 3 * len(crossings)) // 2 - 1  # the degree counts the conditions
+    smoothness = (law.degree + 1 - 3 * len(crossings)) // 2 - 1  # the degree of a polynomial counts them
     certificate = replace(dynamics.certificate, monotone=law.advance(max(smoothness, 0)) > 0)
-    plan = CrossingPlan(robot, path, law, crossings, dynamics, certificate, time.perf_counter() - started)
+    seconds, reason = time.perf_counter() - started, str(saved.get("reason", ""))
+    plan = CrossingPlan(robot, path, law, crossings, dynamics, certificate, seconds, reason, optimality)
     largest = max(plan.peak_torque.values())
     for joint, peak in plan.peak_torque.items():
         if not abs(peak - peaks.get(joint, np.inf)) <= SAME * largest:
@@ -78,13 +82,30 @@ def load_plan(folder: str | FilePath) -> CrossingPlan:
     return plan
 
 
+def _law(saved: dict[str, Any], duration: float) -> PlannedLaw:
+    """The law of plan.json, by its kind; a polynomial if it names none.
+
+    Raises:
+        InvalidInput, KeyError, TypeError, ValueError: it is no law.
+    """
+    check_duration(duration)
+    kind = saved.get("kind", Law.kind)
+    if kind not in (Law.kind, OptimalLaw.kind):
+        raise InvalidInput(choose_from("kind of law", kind, (Law.kind, OptimalLaw.kind)))
+    key = "chebyshev" if kind == Law.kind else "squared_speed"
+    series = np.array(saved[key], dtype=float)
+    if series.ndim != 1 or series.size < 2 or not np.all(np.isfinite(series)):
+        raise InvalidInput(f"law: {key} must be a list of finite numbers")
+    if kind == Law.kind:
+        return Law(series, duration)
+    dense_at = tuple(float(sigma) for sigma in saved.get("dense_at", ()))
+    return OptimalLaw(series, saved["smoothness"], duration, dense_at)
+
+
 def _read(file: FilePath) -> dict[str, Any]:
+    text = read_text(file, f"{file}: cannot be read; give a folder of `crossing plan --out`")
     try:
-        saved = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidInput(
-            f"{file}: cannot be read ({error.strerror}); give a folder of `crossing plan --out`"
-        ) from None
+        saved = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{file}: not JSON ({error})") from None
     if not isinstance(saved, dict):
@@ -96,7 +117,7 @@ def _robot(saved: dict[str, Any]) -> ParallelRobot:
     flexibility = saved["flexibility"]
     if flexibility not in FLEXIBILITIES:
         raise ValueError(f"flexibility {flexibility!r}")
-    return ParallelRobot.from_description(read_any(robot_file(saved["robot_file"])), flexibility)
+    return ParallelRobot.from_description(read_any(robot_file(saved["robot_file"])), flexibility=flexibility)
 
 
 def _path(file: FilePath, saved: dict[str, Any]) -> Path:

@@ -14,8 +14,11 @@ class Certificate:
         A pole leaves coefficients of the size of its residue, which do not fall with more nodes.
     passes: how often forces and deflections were computed in turn.
     change: largest change of a deflection in the last pass [m or rad].
-    max_closure_error: largest loop or platform equation, half-way between the nodes, of the
-        coordinates as functions of time [m or rad].
+    max_closure_error: largest loop or platform equation, on the nodes and half-way between them, of the
+        coordinates as functions of time [m or rad]; all loop equations, redundant ones too.
+    max_residual_torque: largest torque that a joint would still have to give, beside motors and springs, for
+        the motion to be as planned, half-way between the nodes [N m or N]. Joints without motor or spring
+        have none to give; where some are held still as idle, they are looked at on the nodes too.
     end_speed: largest motor speed at both ends over the largest one on the way. Zero when the law is
         smooth enough; an elastic robot whose springs carry inertia needs more smoothness than its default.
     monotone: the law advances at all instants between its ends.
@@ -26,5 +29,6 @@ class Certificate:
     passes: int
     change: float
     max_closure_error: float
+    max_residual_torque: float
     end_speed: float
     monotone: bool

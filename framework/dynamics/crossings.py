@@ -14,18 +14,20 @@ from framework.kinematics.loop_matrices import measured_matrix
 from framework.kinematics.tracking import Branch, escaping
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
-from framework.motion.law import MotionLaw
+from framework.motion.law import MotionLaw, PlannedLaw
 from framework.motion.path import Path, along
-from framework.singularity.bordered_system import Border, bordered
 from framework.singularity.classification import UNCROSSABLE, uncontrolled_motion
 from framework.singularity.points_on_path import SingularPoint
+from framework.singularity.root_of_g import root_of_g
 
 STANDING = 1e-7  # speed at a crossing over the largest one: no more than that is a stop
 
 
 def panel_edges(path: Path, law: MotionLaw) -> Array:
-    """Ends of the motion and the instants at which the path has a knot."""
+    """Ends of the motion, of the law's panels, and the instants at which the path has a knot."""
     whole = np.array([0.0, law.duration])
+    if isinstance(law, PlannedLaw) and len(law.edges):
+        whole = law.edges
     inner = [_instants(law, whole, knot) for knot in path.knots]
     return np.unique(np.concatenate([whole, *inner])) if inner else whole
 
@@ -102,34 +104,19 @@ def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, at: SingularPoint)
 
 def deformed_crossing(result: InverseDynamics, near: SingularityCrossing) -> SingularityCrossing:
     """The same crossing in the deformed robot: where and when g vanishes, and t_s . W_p there."""
-    robot, t = result.robot, near.time
-    h = 1e-4 * result.duration
-    for _ in range(4):
-        times = np.clip([t - h, t, t + h], 0.0, result.duration)
-        q = result.configuration(times)
-        system = system_at(robot, q, result.platform(times))
-        P = measured_matrix(robot, system)
-        g = bordered(P, Border.of(P[1])).g
-        step = -g[1] * (times[2] - times[0]) / (g[2] - g[0])
-        t = float(np.clip(t + step, 0.0, result.duration))
-        if abs(step) < 1e-15 * result.duration:
-            break
-    closed = close_loops(robot, result.platform(np.array([t])), result.configuration(t))
-    times = np.array([t])
-    motion = motion_at(
-        robot,
-        closed,
-        result.platform(times, 1),
-        result.platform(times, 2),
-        result.deflections(times, 1),
-        result.deflections(times, 2),
-    )
-    uncontrolled = uncontrolled_motion(robot, closed.system)
+    robot = result.robot
+
+    def passive(t: Array) -> Array:
+        return measured_matrix(robot, system_at(robot, result.configuration(t), result.platform(t)))
+
+    t = root_of_g(passive, near.time, high=result.duration).place
+    motion = result.motion(t)
+    uncontrolled = uncontrolled_motion(robot, motion.system)
     along_path = -1.0 if np.dot(uncontrolled.twist, near.twist) < 0 else 1.0
     wrench = float(tree_forces(robot, motion)[0] @ uncontrolled.motion) * along_path
     return SingularityCrossing(
         time=t,
-        s=float(result.law(times)[0]),
+        s=float(result.law(np.array([t]))[0]),
         platform=result.platform(t),
         twist=along_path * uncontrolled.twist,
         kind=uncontrolled.kind,
@@ -143,7 +130,7 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
     worst = max(crossings, key=lambda crossing: crossing.residual, default=None)
     if worst is None or worst.residual <= allowed:
         return
-    unit = "N" if np.any(np.abs(worst.twist[robot.platform_axes < 3]) > 0) else "N m"
+    unit = "N" if np.any(np.abs(worst.twist[robot.translations]) > 0) else "N m"
     raise UnboundedTorque(
         f"{robot.name}: unbounded torque at t = {worst.time:.9g} s, s = {worst.s:.12g}, "
         f"{', '.join(robot.axis_names)} = {point(worst.platform)}: a Type 2 singularity with "

@@ -12,7 +12,7 @@ of all bodies, legs included. With massless legs eta . r_p = t_s . W_p, the pape
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -20,6 +20,7 @@ import pinocchio as pin
 from framework.arrays import Array
 from framework.kinematics.frames import difference, scratch_of
 from framework.kinematics.inverse_kinematics import Motion, moving_columns
+from framework.linalg.ordered_sums import solve
 from framework.model import ParallelRobot
 
 
@@ -30,7 +31,18 @@ class Forces(NamedTuple):
     spring_force: Array  # (T, n_e) force of the springs on the elastic coordinates, -K q_e
 
 
-def tree_forces(robot: ParallelRobot, motion: Motion) -> Array:
+class JointMotion(Protocol):
+    """Positions q (T, nq), velocities v and accelerations a (T, nv) of all joints."""
+
+    @property
+    def q(self) -> Array: ...
+    @property
+    def v(self) -> Array: ...
+    @property
+    def a(self) -> Array: ...
+
+
+def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     """RNEA of the open tree and the springs on its own joints, (T, nv)."""
     model, data = robot.model, scratch_of(robot).data
     forces: Array = np.empty((len(motion.q), model.nv))
@@ -76,17 +88,7 @@ def _motor_share(robot: ParallelRobot, matrix: Array, wrench: Array) -> Array:
     if robot.n_a > robot.n:
         geared = matrix * robot.gear_ratio
         return robot.gear_ratio * np.einsum("tan,tn->ta", np.linalg.pinv(geared), wrench)
-    try:
-        return np.asarray(np.linalg.solve(matrix, wrench[..., None])[..., 0])
-    except np.linalg.LinAlgError:
-        return np.array([_solve_or_infinite(m, w) for m, w in zip(matrix, wrench, strict=True)])
-
-
-def _solve_or_infinite(matrix: Array, right: Array) -> Array:
-    try:
-        return np.asarray(np.linalg.solve(matrix, right))
-    except np.linalg.LinAlgError:
-        return np.full(len(right), np.inf)
+    return solve(matrix, wrench)
 
 
 def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> Array:

@@ -24,6 +24,7 @@ from framework.dynamics.crossings import (
 )
 from framework.dynamics.elasticity import Deflected, LawChoice, settle
 from framework.dynamics.forces import motor_torque
+from framework.dynamics.neglected import check_idle_joints, measure_neglected
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import (
     InvalidInput,
@@ -33,11 +34,10 @@ from framework.errors import (
 )
 from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import difference
-from framework.kinematics.inverse_kinematics import system_at
 from framework.kinematics.tracking import Branch, track_path
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import OVERSHOOT, Law, MotionLaw, is_number
+from framework.motion.law import OVERSHOOT, MotionLaw, PlannedLaw, is_number
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
 
@@ -45,6 +45,7 @@ GEOMETRIES = ("rigid", "deformed")
 LOOSEST = 1e-6  # tolerance that still tells a resolved torque from a pole
 TOLERANCE = 1e-10  # tail of the torques that counts as resolved
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
+FEW = 32  # nodes of a panel that the law itself asks for, tried first
 # |t_s . W_p| at a crossing over the largest sum of its terms:
 PROVED = 1e-11  # no more than this is rounding, and condition (8) holds
 POLE = 1e-6  # more than this is a pole for sure, resolved or not
@@ -73,6 +74,8 @@ def inverse_dynamics(
         UnboundedTorque: the law violates condition (8) at a singular instant: no torque is returned.
         NoLaw: the motion stops on the locus, or meets a singularity that no law can cross.
         NotConverged: torques or deflections cannot be resolved to the tolerance.
+        LoadedJoint: the motion would load a joint that nothing holds.
+        NotAssembled: it would tear a loop equation that was dropped at the reference as redundant.
         OutOfReach, Type1Singularity, SingularPath: see `locate_singularities`.
     """
     geometry = checked_geometry(robot, geometry)
@@ -110,7 +113,8 @@ def resolve(
     instants = np.array([crossing.time for crossing in crossings])
     start: TimeFunction | None = None
     tail = np.inf
-    for size in SIZES:
+    own_panels = isinstance(law, PlannedLaw) and len(law.edges) > 0
+    for size in (FEW, *SIZES) if own_panels else SIZES:
         grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law), size)
         try:
             state = settle(branch, grid, choose_law, geometry, start, law)
@@ -134,6 +138,7 @@ def resolve(
         if tail <= tolerance and closed and _law_is_resolved(law, grid):
             check_bounded(branch.robot, crossings, PROVED)
             check_crossings(branch.robot, state, geometry, crossings)
+            check_idle_joints(branch, state, result)
             return replace(result, crossings=crossings)
     check_bounded(branch.robot, crossings, POLE)
     gap = result.certificate.max_closure_error
@@ -159,8 +164,8 @@ def _check_law(law: MotionLaw) -> None:
 
 def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
     """Whether the law is what its values on the nodes say, looked at 16 times as finely."""
-    if isinstance(law, Law):
-        return True  # a polynomial of lower degree than there are nodes
+    if isinstance(law, PlannedLaw):
+        return True  # right by construction; between the nodes the closure error looks at it too
     times = np.linspace(0.0, law.duration, 16 * len(grid.times))
     values = np.asarray(law(grid.times))[:, None]
     through_nodes = grid.fit(values)(times)[:, 0]
@@ -204,12 +209,18 @@ def _result(
             passes=max(len(state.changes), 1),
             change=state.changes[-1] if state.changes else 0.0,
             max_closure_error=0.0,
+            max_residual_torque=0.0,
             end_speed=_end_speed(robot, state),
             monotone=bool(np.all(np.diff(s) > -1e-14)),
         ),
     )
-    error = _closure_error_between(result, grid)
-    return replace(result, certificate=replace(result.certificate, max_closure_error=error))
+    left_out = measure_neglected(branch, state, result)
+    certificate = replace(
+        result.certificate,
+        max_closure_error=left_out.closure_error,
+        max_residual_torque=left_out.residual_torque,
+    )
+    return replace(result, certificate=certificate)
 
 
 def _tail(function: TimeFunction, rounding: Array) -> float:
@@ -229,14 +240,6 @@ def _end_speed(robot: ParallelRobot, state: Deflected) -> float:
     speeds = np.abs(robot.gear_ratio * state.motion.v[:, robot.actuated])
     quickest = float(speeds.max(initial=0.0))
     return float(speeds[[0, -1]].max(initial=0.0)) / quickest if quickest > 0 else 0.0
-
-
-def _closure_error_between(result: InverseDynamics, grid: TimeGrid) -> float:
-    """Largest loop or platform equation half-way between the nodes, nothing solved there."""
-    times = grid.times
-    middle = 0.5 * (times[1:] + times[:-1])
-    system = system_at(result.robot, result.configuration(middle), result.platform(middle))
-    return float(np.abs(system.residual).max())
 
 
 __all__ = ["InverseDynamics", "SingularityCrossing", "inverse_dynamics"]

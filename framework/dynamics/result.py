@@ -9,6 +9,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.certificate import Certificate
 from framework.kinematics.frames import integrate
+from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
 from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import MotionLaw
@@ -85,6 +86,13 @@ class InverseDynamics:
     def configuration(self, t: ArrayLike) -> Array:
         """All joint coordinates q (T, nq) at t (T,), deflections included."""
         return integrate(self.robot, self.origin, self.offsets(np.atleast_1d(t)))
+
+    def motion(self, t: ArrayLike) -> Motion:
+        """Positions, velocities and accelerations of all joints at t (T,), the loops closed to rounding."""
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        x, dx, ddx = along(self.path, [self.law(times, order) for order in range(3)])
+        closed = close_loops(self.robot, x, self.configuration(times))
+        return motion_at(self.robot, closed, dx, ddx, self.deflection(times, 1), self.deflection(times, 2))
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Joint velocities (order 1) or accelerations (order 2), (T, nv)."""

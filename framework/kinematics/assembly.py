@@ -7,9 +7,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from framework.arrays import Array, IntArray
-from framework.errors import NotAssembled
+from framework.errors import NotAssembled, SingularReference
 from framework.kinematics.closures import column_scale, loop_equations, scaled
 from framework.kinematics.frames import difference, frames_at, integrate
 from framework.kinematics.locked_directions import turned_over
@@ -23,6 +24,12 @@ REDUNDANT = 1e-9
 CLOSED = 1e-12  # largest loop equation of a closed robot, in lengths of the robot and radians
 FAR = 0.2  # [rad, lengths] that a joint may end from where the robot file puts it
 LONGEST_STEP = 0.5  # [rad or lengths of the robot] that one Newton step may move a joint
+NEARBY = 0.05  # [rad, lengths] from the reference to the configurations that its rank is compared with
+WAYS, DRAWN = 2, 8  # so many of them if they lie in different directions, out of so many drawn
+SAME_WAY = 0.99  # cosine between two directions, either sign
+# Singular values of the reference, without dimension, that count as zero if they are not zero nearby. At a
+# distance d from where branches cross, loops are closed to d^2 between them: at 1e-6 all are the same.
+CROSSED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +142,107 @@ def _check_near(robot: ParallelRobot, q: Array, residual: float, given: list[int
 
 
 @lru_cache(maxsize=128)
+def nearby_configurations(robot: ParallelRobot) -> tuple[Array, ...]:
+    """Assembled configurations (nq,) about `NEARBY` from the reference, springs at rest; of a structure none.
+
+    The reference moved along motions that its loops allow, drawn at random but always alike, and closed
+    again. Memoised: a pure function of a frozen robot.
+    """
+    reference, joints = reference_configuration(robot).q, _joints(robot)
+    values, right = np.linalg.svd(_loop_matrix(robot, reference)[:, joints])[1:]
+    allowed = right[int(np.sum(values > CROSSED * values.max(initial=0.0))) :]
+    random, lengths = np.random.default_rng(0), column_scale(robot)
+    found: list[Array] = []
+    ways: list[Array] = []
+    for _ in range(DRAWN if len(allowed) > 1 else len(allowed)):
+        motion = random.standard_normal(len(allowed)) @ allowed
+        step = np.zeros((1, robot.model.nv))
+        step[0, joints] = NEARBY * motion / np.abs(motion).max() * lengths[joints]
+        closing = _close(robot, integrate(robot, reference[None], step)[0], joints)
+        way = difference(robot, reference, closing.q[None])[0] / lengths
+        size = float(np.linalg.norm(way))
+        new = all(abs(way @ other) < SAME_WAY * size * np.linalg.norm(other) for other in ways)
+        if closing.worst <= CLOSED and size > 0.1 * NEARBY and new:
+            found.append(closing.q)
+            ways.append(way)
+        if len(found) == WAYS:
+            break
+    return tuple(found)
+
+
+@lru_cache(maxsize=128)
+def singular_reference(robot: ParallelRobot) -> SingularReference | None:
+    """Why nothing can be decided at the reference once for all; None where it can.
+
+    Which loop equations repeat others and which joints are idle is decided there. It is wrong everywhere
+    else if the loops, or the loops and the platform along the passive joints, have a lower rank at the
+    reference than nearby. Memoised: a pure function of a frozen robot.
+    """
+    here, joints = reference_configuration(robot).q, _joints(robot)
+    nearby = nearby_configurations(robot)
+    for q in nearby:
+        rows = _lost_rows(_loop_matrix(robot, here)[:, joints], _loop_matrix(robot, q)[:, joints])
+        columns = _lost_rows(_felt_matrix(robot, here).T, _felt_matrix(robot, q).T)
+        if len(rows) or len(columns):
+            lost = [robot.rows.names[k] for k in rows]
+            still = [robot.joint_of(int(robot.passive[k])) for k in columns]
+            poses = [_joint_angles(robot, other) for other in nearby]
+            return SingularReference(robot.name, rows=lost, joints=still, poses=poses)
+    return None
+
+
+def _joint_angles(robot: ParallelRobot, q: Array) -> dict[str, float]:
+    """Angles [rad, m] of all joints but springs at q (nq,)."""
+    angles = difference(robot, np.asarray(pin.neutral(robot.model)), q[None])[0]
+    return {robot.joint_of(int(column)): float(angles[column]) for column in _joints(robot)}
+
+
+def _joints(robot: ParallelRobot) -> IntArray:
+    """All columns but those of springs."""
+    return np.setdiff1d(np.arange(robot.model.nv), robot.elastic)
+
+
+def _loop_matrix(robot: ParallelRobot, q: Array) -> Array:
+    """Jacobian (rows, nv) of all loop equations at q (nq,), without dimension."""
+    return scaled(robot, loop_equations(robot.rows, frames_at(robot, q[None])).jacobian, robot.rows)[0]
+
+
+def _felt_matrix(robot: ParallelRobot, q: Array) -> Array:
+    """Jacobian (n + rows, n_p) of the platform and all loop equations along the passive joints at q (nq,)."""
+    platform = scaled(robot, platform_jacobian(robot, frames_at(robot, q[None])), None)[0]
+    return np.concatenate([platform, _loop_matrix(robot, q)])[:, robot.passive]
+
+
+def _lost_rows(here: Array, nearby: Array) -> IntArray:
+    """Rows that `nearby` has more in its rank than `here`, as independent of those of `here` as can be."""
+    rank = _rank(nearby)
+    if _rank(here, CROSSED) >= rank:
+        return np.empty(0, dtype=np.intp)
+    kept = _pivots(here)[: _rank(here, CROSSED)]
+    span = np.linalg.qr(nearby[kept].T)[0]
+    return np.sort(_pivots(nearby - nearby @ span @ span.T)[: rank - len(kept)])
+
+
+def _rank(matrix: Array, level: float = REDUNDANT) -> int:
+    """Number of singular values above `level` times the largest."""
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return int(np.sum(values > level * values.max(initial=0.0)))
+
+
+def _pivots(matrix: Array) -> IntArray:
+    """Rows of a matrix, each the farthest from the span of those before it."""
+    from scipy.linalg import qr
+
+    return np.asarray(qr(matrix.T, mode="r", pivoting=True)[1])
+
+
+def _check_reference(robot: ParallelRobot) -> None:
+    singular = singular_reference(robot)
+    if singular is not None:
+        raise singular
+
+
+@lru_cache(maxsize=128)
 def independent_rows(robot: ParallelRobot) -> IntArray:
     """Ascending indices of loop equations that do not repeat others, found at the reference.
 
@@ -142,28 +250,35 @@ def independent_rows(robot: ParallelRobot) -> IntArray:
     everywhere. Found once, by rank-revealing QR on the joints (springs locked); a rank that drops in
     passing is a singularity and is the business of `singularity`. Memoised: a pure function of a frozen
     robot.
+
+    Raises:
+        SingularReference: the rank is higher nearby.
     """
-    return _independent(robot, np.setdiff1d(np.arange(robot.model.nv), robot.elastic))
+    _check_reference(robot)
+    return independent_at_reference(robot)
+
+
+def independent_at_reference(robot: ParallelRobot) -> IntArray:
+    """What `independent_rows` gives, whatever the rank is nearby."""
+    return _independent(_loop_matrix(robot, reference_configuration(robot).q)[:, _joints(robot)])
 
 
 def rows_of_springs_alone(robot: ParallelRobot) -> tuple[str, ...]:
-    """Names of loop equations that springs can move and joints cannot; no loop may rely on them."""
-    with_springs = _independent(robot, np.arange(robot.model.nv))
-    if len(with_springs) == len(independent_rows(robot)):
-        return ()
-    kept = set(independent_rows(robot).tolist())
-    return tuple(robot.rows.names[row] for row in with_springs if row not in kept)
+    """Names of loop equations that springs can move and joints cannot, at the reference or nearby.
+
+    No loop may rely on them.
+    """
+    kept = independent_rows(robot)
+    for q in (reference_configuration(robot).q, *nearby_configurations(robot)) if robot.n_e else ():
+        with_springs = _independent(_loop_matrix(robot, q))
+        if len(with_springs) > len(kept):
+            return tuple(robot.rows.names[row] for row in np.setdiff1d(with_springs, kept))
+    return ()
 
 
-def _independent(robot: ParallelRobot, columns: IntArray) -> IntArray:
-    from scipy.linalg import qr
-
-    at = frames_at(robot, reference_configuration(robot).q[None])
-    jacobian = scaled(robot, loop_equations(robot.rows, at).jacobian, robot.rows)[0][:, columns]
-    _, upper, order = qr(jacobian.T, mode="economic", pivoting=True)
-    diagonal = np.abs(np.diag(upper))
-    rank = int(np.sum(diagonal > REDUNDANT * diagonal[0]))
-    return np.sort(order[:rank])
+def _independent(jacobian: Array) -> IntArray:
+    """Ascending indices of rows that do not repeat others."""
+    return np.sort(_pivots(jacobian)[: _rank(jacobian)])
 
 
 @lru_cache(maxsize=128)
@@ -171,19 +286,19 @@ def idle_columns(robot: ParallelRobot) -> IntArray:
     """Passive joints to hold still because their motion moves nothing, such as a rod about its axis.
 
     Passive motions that neither the loops nor the platform feel at the reference; one joint of each is
-    chosen by pivoting. They carry no load as long as the body that they turn is balanced about them.
-    """
-    from scipy.linalg import qr
+    chosen by pivoting. They carry no load as long as the body that they turn is balanced about them;
+    `dynamics.neglected` measures it.
 
-    at = frames_at(robot, reference_configuration(robot).q[None])
-    loops = scaled(robot, loop_equations(robot.rows, at).jacobian, robot.rows)[0]
-    felt = np.concatenate([scaled(robot, platform_jacobian(robot, at), None)[0], loops])
-    passive = felt[:, robot.passive]
+    Raises:
+        SingularReference: fewer are idle nearby.
+    """
+    _check_reference(robot)
+    passive = _felt_matrix(robot, reference_configuration(robot).q)
     if not passive.shape[1]:
         return np.empty(0, dtype=np.intp)
     values, right = np.linalg.svd(passive)[1:]
     rank = int(np.sum(values > REDUNDANT * max(float(values[0]), 1.0)))
-    order = qr(right[rank:], mode="r", pivoting=True)[1]
+    order = _pivots(right[rank:].T) if rank < len(right) else np.empty(0, dtype=np.intp)
     return np.sort(robot.passive[order[: len(robot.passive) - rank]])
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.kinematics.frames import FrameMotions, FrameStack, cross
+from framework.linalg.ordered_sums import dot, matmul
 from framework.model import ParallelRobot
 from framework.model.parallel_robot import LoopRows
 
@@ -42,7 +43,7 @@ def loop_equations(rows: LoopRows, at: FrameStack) -> LoopEquations:
     residual, wrench = loop_wrenches(rows, at)
     wrench[..., 3:] += cross(at.position[:, rows.second], wrench[..., :3])  # about the base's origin
     signs = at.carried[rows.second] - at.carried[rows.first]
-    return LoopEquations(residual, wrench @ at.screws.swapaxes(1, 2) * signs)
+    return LoopEquations(residual, matmul(wrench, at.screws.swapaxes(1, 2)) * signs)
 
 
 def loop_wrenches(rows: LoopRows, at: FrameStack) -> LoopWrenches:
@@ -56,14 +57,14 @@ def loop_wrenches(rows: LoopRows, at: FrameStack) -> LoopWrenches:
     wrench = np.zeros((*d.shape[:2], 6))
     if rows.only_translations:
         wrench[..., :3] = e
-        return LoopWrenches(np.vecdot(e, d), wrench)
+        return LoopWrenches(dot(e, d), wrench)
     w = _second_axes(rows, at) * rows.sign[:, None]
     turning, distance = rows.rotation[:, None], rows.distance[:, None]
     length = np.where(rows.distance, rows.length, 1.0)
     wrench[..., :3] = np.where(turning, 0.0, np.where(distance, d / length[:, None], e))
     wrench[..., 3:] = np.where(turning, cross(w, e), 0.0)
-    gap = (np.vecdot(d, d) - length**2) / (2 * length)
-    along = np.vecdot(e, np.where(turning, w, d))
+    gap = (dot(d, d) - length**2) / (2 * length)
+    along = dot(e, np.where(turning, w, d))
     return LoopWrenches(np.where(rows.distance, gap, along), wrench)
 
 
@@ -76,15 +77,15 @@ def closure_drift(rows: LoopRows, at: FrameStack, motions: FrameMotions) -> Arra
     dd, ddd = twist2[..., :3] - twist1[..., :3], drift2[..., :3] - drift1[..., :3]
     # the acceleration of p2 as seen from the first frame, where e rests
     seen = ddd - cross(alpha, d) - cross(omega, 2 * dd - cross(omega, d))
-    translation = np.vecdot(e, seen)
+    translation = dot(e, seen)
     if rows.only_translations:
-        return np.asarray(translation)
+        return translation
     w = _second_axes(rows, at)
     de, dw = cross(omega, e), cross(twist2[..., 3:], w)
     dde = cross(alpha, e) + cross(omega, de)
     ddw = cross(drift2[..., 3:], w) + cross(twist2[..., 3:], dw)
-    rotation = rows.sign * (np.vecdot(dde, w) + 2 * np.vecdot(de, dw) + np.vecdot(e, ddw))
-    distance = (np.vecdot(dd, dd) + np.vecdot(d, ddd)) / np.where(rows.distance, rows.length, 1.0)
+    rotation = rows.sign * (dot(dde, w) + 2 * dot(de, dw) + dot(e, ddw))
+    distance = (dot(dd, dd) + dot(d, ddd)) / np.where(rows.distance, rows.length, 1.0)
     return np.where(rows.rotation, rotation, np.where(rows.distance, distance, translation))
 
 
@@ -112,7 +113,7 @@ def scaled(robot: ParallelRobot, matrix: Array, rows: LoopRows | None) -> Array:
     `rows` is its table of loop equations, or None when its rows are the platform's coordinates.
     Conditioning and singularity are judged on this, so a robot drawn in millimetres is judged alike.
     """
-    turning = rows.rotation if rows is not None else robot.platform_axes >= 3
+    turning = rows.rotation if rows is not None else ~robot.translations
     row_scale = np.where(turning, 1.0, 1.0 / robot.length)
     return matrix * row_scale[:, None] * column_scale(robot)
 
@@ -120,9 +121,6 @@ def scaled(robot: ParallelRobot, matrix: Array, rows: LoopRows | None) -> Array:
 @lru_cache(maxsize=128)
 def column_scale(robot: ParallelRobot) -> Array:
     """Length of the robot for sliding joints, 1 for turning ones, shape (nv,)."""
-    scale = np.ones(robot.model.nv)
-    for joint in robot.model.joints[1:]:
-        if joint.shortname().startswith("JointModelP"):
-            scale[joint.idx_v] = robot.length
+    scale = np.where(robot.sliding, robot.length, 1.0)
     scale.flags.writeable = False
     return scale

@@ -8,7 +8,14 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import NotAssembled
-from framework.kinematics.assembly import independent_rows, reference_configuration, rows_of_springs_alone
+from framework.kinematics.assembly import (
+    independent_at_reference,
+    independent_rows,
+    nearby_configurations,
+    reference_configuration,
+    rows_of_springs_alone,
+    singular_reference,
+)
 from framework.kinematics.closing_search import find_closed_pose
 from framework.kinematics.inverse_kinematics import mode_signs, reference_system
 from framework.kinematics.joint_limits import positions_beyond_limits
@@ -52,7 +59,9 @@ class Checkup:
 
 
 def check_robot(robot: ParallelRobot) -> Checkup:
-    """Examine a robot at its assembled reference or, where the loops do not close there, at a pose found.
+    """Examine a robot at its assembled reference.
+
+    Where the loops do not close there, at a pose found; where that is a singularity of its loops, beside it.
 
     Raises:
         NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
@@ -69,6 +78,12 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         )
         robot = _assembled_at(robot, pose.q)
         reference = reference_configuration(robot)
+    singular = singular_reference(robot)
+    if singular is not None:
+        beside = check_robot(replace(robot, q_near=nearby_configurations(robot)[0]))
+        return replace(
+            beside, advice=(*found, f"said of a pose beside the reference: {singular}", *beside.advice)
+        )
     kept = independent_rows(robot)
     names = robot.rows.names
     motions = mobility_of(robot)
@@ -217,7 +232,7 @@ def _suspects(robot: ParallelRobot, mobility: int) -> str:
     for closure in robot.description.closures:
         others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
         without = replace(robot, rows=robot.rows.take(np.array(others, dtype=np.intp)))
-        rank = len(independent_rows(without)) if others else 0
+        rank = len(independent_at_reference(without)) if others else 0
         if mobility + len(independent_rows(robot)) - rank >= robot.n:
             found.append(closure.name)
     return f" (look at {', '.join(found)} first: without one of them the freedom is there)" if found else ""

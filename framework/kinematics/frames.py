@@ -9,6 +9,7 @@ joints at the origin of the base (pinocchio's WORLD).
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -77,6 +78,8 @@ def frames_at(robot: ParallelRobot, q: Array) -> FrameStack:
     for k in range(len(q)):
         pin.computeJointJacobians(model, data, q[k])
         pin.updateFramePlacements(model, data)
+        if scratch.refresh is not None:
+            scratch.refresh()
         poses[k] = placements
         screws[k] = columns
     poses = poses[:, scratch.frames]
@@ -93,6 +96,8 @@ def frame_motions(robot: ParallelRobot, at: FrameStack, q: Array, v: Array) -> F
     twist, drift = moving
     for k in range(len(q)):
         pin.computeForwardKinematicsDerivatives(model, data, q[k], v[k], rest)
+        if scratch.refresh is not None:
+            scratch.refresh()
         twist[k] = velocities
         drift[k] = accelerations
     moving = moving[:, :, scratch.bodies]  # spatial, at the base's origin: (2, T, F, 6)
@@ -105,7 +110,8 @@ def frame_motions(robot: ParallelRobot, at: FrameStack, q: Array, v: Array) -> F
 class Scratch(NamedTuple):
     """Pinocchio's working memory for a robot, and what is read from it, seen as arrays.
 
-    The arrays show the memory of `data` itself: they change with every call of pinocchio on it.
+    The arrays show the memory of `data` itself: they change with every call of pinocchio on it. Where its
+    layout is not the expected one they are copies, which `refresh` brings up to date after a call.
     """
 
     data: pin.Data
@@ -113,9 +119,11 @@ class Scratch(NamedTuple):
     columns: Array  # (nv, 6) the joints' screws
     velocities: Array  # (bodies of the model, 6) twists at the base's origin
     accelerations: Array  # (bodies of the model, 6) their time derivatives
+    joints: Array  # (bodies of the model, 12) placements of the joints, as `placements`
     frames: IntArray  # (F,) rows of `placements`
     bodies: IntArray  # (F,) rows of `velocities` that carry the frames
     carried: Array  # (F, nv)
+    refresh: Callable[[], None] | None  # None: the arrays are pinocchio's own memory
 
 
 def scratch_of(robot: ParallelRobot) -> Scratch:
@@ -130,30 +138,73 @@ def scratch_of(robot: ParallelRobot) -> Scratch:
 def _scratch(robot: ParallelRobot, thread: int) -> Scratch:
     model = robot.model
     data = model.createData()
+    moved = np.linspace(0.5, 1.0, model.nv)  # a motion in which most numbers differ from one another
+    q = pin.integrate(model, robot.q_near, moved)
+    pin.computeForwardKinematicsDerivatives(model, data, q, moved, moved)
+    pin.updateFramePlacements(model, data)
+    public, memory = _by_accessors(data), _by_memory(data)
+    shown = memory is not None and all(map(np.array_equal, memory, public))
+    arrays = memory if shown and memory is not None else public
+
+    def refresh() -> None:
+        for array, now in zip(arrays, _by_accessors(data), strict=True):
+            array[...] = now
+
     bodies = np.array([model.frames[frame].parentJoint for frame in robot.frames], dtype=np.intp)
     return Scratch(
         data=data,
-        placements=_block([pose.rotation for pose in data.oMf], 12),
-        columns=data.J.reshape(6, -1).T,
-        velocities=_block([motion.linear for motion in data.ov], 6),
-        accelerations=_block([motion.linear for motion in data.oa], 6),
+        placements=arrays[0],
+        columns=arrays[1],
+        velocities=arrays[2],
+        accelerations=arrays[3],
+        joints=arrays[4],
         frames=np.array(robot.frames, dtype=np.intp),
         bodies=bodies,
         carried=_carried(model, bodies),
+        refresh=None if shown else refresh,
     )
 
 
-def _block(first_numbers: list[Array], width: int) -> Array:
-    """All elements of one of pinocchio's vectors as an array (elements, width) of what they hold.
+def _by_accessors(data: pin.Data) -> tuple[Array, ...]:
+    """The five arrays of `Scratch` by pinocchio's public accessors, element by element, as copies.
+
+    It costs more than computing what they hold.
+    """
+    return (
+        np.array([[*pose.rotation.T.ravel(), *pose.translation] for pose in data.oMf]),
+        data.J.reshape(6, -1).T.copy(),
+        np.array([motion.vector for motion in data.ov]),
+        np.array([motion.vector for motion in data.oa]),
+        np.array([[*pose.rotation.T.ravel(), *pose.translation] for pose in data.oMi]),
+    )
+
+
+def _by_memory(data: pin.Data) -> tuple[Array, ...] | None:
+    """The five arrays of `Scratch` on pinocchio's own memory; None where that is not laid out as expected."""
+    blocks = (
+        _block([pose.rotation for pose in data.oMf], 12),
+        None if data.J.flags.owndata else data.J.reshape(6, -1).T,
+        _block([motion.linear for motion in data.ov], 6),
+        _block([motion.linear for motion in data.oa], 6),
+        _block([pose.rotation for pose in data.oMi], 12),
+    )
+    found = tuple(block for block in blocks if block is not None)
+    return found if len(found) == len(blocks) else None
+
+
+def _block(first_numbers: list[Array], width: int) -> Array | None:
+    """All elements of one of pinocchio's vectors as an array (elements, width), None if they are no block.
 
     A C++ vector keeps its elements in one block, a fixed number of bytes apart; `first_numbers` are
-    views of the first numbers of each. Reading them one by one costs more than computing them.
+    views of the first numbers of each.
     """
-    addresses = np.array([view.__array_interface__["data"][0] for view in first_numbers])
-    apart = int(addresses[1] - addresses[0])
-    assert np.all(np.diff(addresses) == apart)  # what a C++ vector is
-    assert apart >= 8 * width
-    return as_strided(first_numbers[0], (len(addresses), width), (apart, 8))
+    if any(numbers.flags.owndata for numbers in first_numbers):
+        return None  # copies, no views
+    addresses = np.array([numbers.__array_interface__["data"][0] for numbers in first_numbers])
+    apart = np.unique(np.diff(addresses))
+    if len(apart) != 1 or apart[0] < 8 * width:
+        return None
+    return as_strided(first_numbers[0], (len(addresses), width), (int(apart[0]), 8))
 
 
 def _carried(model: pin.Model, bodies: IntArray) -> Array:
@@ -178,6 +229,11 @@ def integrate(robot: ParallelRobot, q: Array, step: Array) -> Array:
         for a, b in zip(q.reshape(-1, model.nq), step.reshape(-1, model.nv), strict=True)
     ]
     return np.array(flat).reshape(*step.shape[:-1], model.nq)
+
+
+def actuated_coordinates(robot: ParallelRobot, q: Array) -> Array:
+    """The motors' joints q_a (T, n_a) at q (T, nq), joint side of the gears [rad, m]."""
+    return difference(robot, np.asarray(pin.neutral(robot.model)), q)[:, robot.actuated]
 
 
 def difference(robot: ParallelRobot, start: Array, q: Array) -> Array:

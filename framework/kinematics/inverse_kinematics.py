@@ -12,26 +12,23 @@ from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
-from framework.errors import InvalidInput, NotAssembled, point
+from framework.arrays import Array, ArrayLike, IntArray
+from framework.errors import InvalidInput, NotAssembled, finite_numbers, point
 from framework.kinematics.assembly import (
-    LONGEST_STEP,
     loop_rows,
     reference_configuration,
     rows_of_springs_alone,
 )
-from framework.kinematics.closures import closure_drift, column_scale, loop_wrenches, scaled
+from framework.kinematics.closures import closure_drift, loop_equations, loop_wrenches, scaled
 from framework.kinematics.equations import Equations, equations_of
-from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at, integrate
-from framework.kinematics.platform import platform_residual, platform_twist
+from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at
+from framework.kinematics.newton import ITERATIONS, Closing, Linear, newton
+from framework.kinematics.platform import platform_coordinates, platform_residual, platform_twist
 from framework.linalg.banded_lu import Factors
 from framework.model import ParallelRobot
 
-# A Newton step this small leaves an error of its square: rounding. In radians and robot lengths.
-LAST_STEP = 1e-8
-EXACT = 2e-15  # a step of rounding (angles near 2 pi are 1e-15 apart): the loops are closed before it
-ITERATIONS = 25
 VANISHED = 1e-6  # what a step leaves of a determinant if it ends on its zero: half the digits are lost there
+OPEN = 1e-6  # loops [robot lengths, rad] that are open by more are no rounding of an assembled robot
 LOST = 1e-7  # least singular value, without dimension, of loop equations that have lost rank
 
 
@@ -75,6 +72,18 @@ class System:
         if band is None:
             raise np.linalg.LinAlgError("the platform and the loops do not make a square system")
         return band.factor(self.entries[:, self.equations.moving.entry])
+
+    @cached_property
+    def passive_factors(self) -> Factors:
+        """The loop equations' derivatives along the passive columns that follow (P), factored.
+
+        Raises:
+            numpy.linalg.LinAlgError: there are not as many loop equations as columns.
+        """
+        band = self.equations.passive_band
+        if band is None:
+            raise np.linalg.LinAlgError("the loops do not make a square system for the passive joints")
+        return band.factor(self.entries[:, self.equations.passive.entry])
 
 
 @dataclass(frozen=True)
@@ -133,38 +142,37 @@ def system_at(robot: ParallelRobot, q: Array, x: Array) -> System:
     return System(equations, at, residual, equations.pattern.entries(wrench, at.screws))
 
 
+def assembled_at(robot: ParallelRobot, q: ArrayLike) -> ClosedStack:
+    """A configuration q (nq,) whose loops are closed, with its equations (T = 1).
+
+    Raises:
+        InvalidInput: q has the wrong length, is not finite, or leaves a loop open.
+    """
+    q = finite_numbers("q", q, robot.model.nq)[None]
+    at = frames_at(robot, q)
+    residual = np.abs(loop_equations(robot.rows, at).residual[0])
+    gap = float((residual / np.where(robot.rows.rotation, 1.0, robot.length)).max(initial=0.0))
+    if gap > OPEN:
+        raise InvalidInput(
+            f"q: the loops of {robot.name} are open by {residual.max():.3g} m or rad there; see `assemble`"
+        )
+    x = platform_coordinates(robot, at)
+    return ClosedStack(q, x, system_at(robot, q, x))
+
+
 def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
     """Close all loops at platform coordinates x (T, n), from guess (T, nq) near the solution.
 
-    The elastic coordinates keep the values of the guess. Newton's method on the whole stack, with
-    bounded steps.
+    The elastic coordinates keep the values of the guess.
 
     Raises:
         NotAssembled: some instant does not close; carries its last iterate and residual.
     """
-    columns = moving_columns(robot)
-    lengths = column_scale(robot)[columns]
-    q = guess
-    largest = np.inf
-    for _ in range(ITERATIONS):
-        system = system_at(robot, q, x)
-        if largest < LAST_STEP:
-            return ClosedStack(q, x, system)
-        try:
-            newton = -system.factors.solve(system.residual) / lengths
-        except np.linalg.LinAlgError:
-            break
-        largest = float(np.abs(newton).max(initial=0.0))
-        if not np.isfinite(largest):
-            break
-        if largest < EXACT:
-            return ClosedStack(q, x, system)
-        if largest > LONGEST_STEP:
-            newton /= np.maximum(np.abs(newton).max(axis=1, keepdims=True) / LONGEST_STEP, 1.0)
-        step = np.zeros((len(q), robot.model.nv))
-        step[:, columns] = newton * lengths
-        q = integrate(robot, q, step)
-    worst = int(np.argmax(np.nan_to_num(np.abs(system.residual), nan=np.inf).max(axis=1)))
+    q, system, closed = close_each(robot, x, guess)
+    if closed.all():
+        return ClosedStack(q, x, system)
+    left = np.where(closed, 0.0, np.nan_to_num(np.abs(system.residual), nan=np.inf).max(axis=1))
+    worst = int(np.argmax(left))
     residual = float(np.abs(system.residual[worst]).max())
     raise NotAssembled(
         f"{robot.name}: the loops do not close at {', '.join(robot.axis_names)} = {point(x[worst])}: "
@@ -172,6 +180,26 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
         q=q[worst],
         residual=residual,
     )
+
+
+def close_each(
+    robot: ParallelRobot,
+    x: Array,
+    guess: Array,
+    *,
+    iterations: int = ITERATIONS,
+    farthest: float = np.inf,
+) -> Closing[System]:
+    """Close the loops wherever they close, as `close_loops` does, and tell where; options of `newton`."""
+
+    def evaluate(q: Array, which: IntArray) -> System:
+        return system_at(robot, q, x[which])
+
+    def linear(system: System) -> Linear:
+        return Linear(system.residual, system.factors)
+
+    columns = moving_columns(robot)
+    return newton(robot, guess, columns, evaluate, linear, iterations=iterations, farthest=farthest)
 
 
 def joint_rates(robot: ParallelRobot, system: System, platform: Array, elastic: Array) -> Array:
@@ -227,10 +255,20 @@ def mode_signs(robot: ParallelRobot, system: System) -> tuple[Array, Array]:
     passive columns of the loops at Type 2 (of a robot without redundant motors; else it is 1).
     """
     working = system.factors.slogdet[0]
-    part, band = system.equations.passive, system.equations.passive_band
-    if band is None:
+    if system.equations.passive_band is None:
         return working, np.ones(len(working))
-    return working, band.factor(system.entries[:, part.entry]).slogdet[0]
+    return working, system.passive_factors.slogdet[0]
+
+
+def keeps_assembly_mode(one: System, two: System) -> bool:
+    """Whether no Type 2 singularity lies between two near configurations (systems of T = 1) or at the second.
+
+    Of robots without redundant motors. A determinant of which no more than rounding is left has no sign.
+    """
+    if one.equations.passive_band is None:
+        return True
+    (sign_one, size_one), (sign_two, size_two) = one.passive_factors.slogdet, two.passive_factors.slogdet
+    return bool(sign_one == sign_two and size_two - size_one > np.log(VANISHED))
 
 
 def keeps_working_mode(robot: ParallelRobot, one: System, two: System) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.kinematics.frames import FrameStack, cross
+from framework.linalg.ordered_sums import dot
 from framework.model import ParallelRobot
 from framework.motion.path import Path
 
@@ -32,7 +33,7 @@ class _Axes(NamedTuple):
 @lru_cache(maxsize=128)
 def _axes(robot: ParallelRobot) -> _Axes:
     axes = robot.platform_axes
-    sliding, turning = np.flatnonzero(axes < 3), np.flatnonzero(axes >= 3)
+    sliding, turning = np.flatnonzero(robot.translations), np.flatnonzero(~robot.translations)
     return _Axes(sliding, axes[sliding], turning, axes[turning] - 3)
 
 
@@ -68,9 +69,9 @@ def unwrap(robot: ParallelRobot, x: Array, near: Array) -> Array:
     """Coordinates x (T, n) with turns counted on through full ones, those next to `near` (n,) or (T, n)."""
     turning = _axes(robot).turning
     vector = x[:, turning]
-    angle = np.linalg.norm(vector, axis=1, keepdims=True)
+    angle = np.sqrt(dot(vector, vector))[:, None]
     about = vector / np.where(angle > 0, angle, 1.0)
-    missing = np.sum(about * near[..., turning], axis=1, keepdims=True) - angle
+    missing = dot(about, near[..., turning])[:, None] - angle
     x = x.copy()
     x[:, turning] = vector + 2 * np.pi * np.round(missing / (2 * np.pi)) * about
     return x
@@ -91,7 +92,7 @@ def platform_twist(
     if len(turning) < 2:
         return dx, ddx
     r, dr, ddr = (_whole_vector(robot, part) for part in (x, dx, ddx))
-    a, da, b, db = _left_jacobian_series(np.sum(r * r, axis=1), np.sum(r * dr, axis=1))
+    a, da, b, db = _left_jacobian_series(dot(r, r), dot(r, dr))
     swept, swept_twice = cross(r, dr), cross(r, cross(r, dr))
     omega = dr + a * swept + b * swept_twice
     alpha = (
@@ -120,9 +121,13 @@ def rotation_matrix(vector: Array) -> Array:
 
 
 def _logarithm(rotation: Array) -> Array:
+    """Rotation vectors (T, 3) of rotations (T, 3, 3), NaN where one is not finite."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())
+    finite = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
+    if not finite.all():
+        rotation = np.where(finite[:, None, None], rotation, np.eye(3))
+    return np.where(finite[:, None], Rotation.from_matrix(rotation).as_rotvec(), np.nan)
 
 
 def _whole_vector(robot: ParallelRobot, x: Array) -> Array:

@@ -1,8 +1,7 @@
 """Follow a path from the reference without ever jumping to another working or assembly branch.
 
 The start is reached along the straight segment from the reference's platform coordinates, then the
-path is followed by a tangent predictor and a Newton corrector. A step counts only if the corrector
-stays small against the predictor and the working mode keeps its sign; otherwise it is halved.
+path is followed (`continuation`); a step counts only within one working mode.
 """
 
 from __future__ import annotations
@@ -21,9 +20,10 @@ from framework.errors import (
 )
 from framework.kinematics.assembly import Configuration, reference_configuration
 from framework.kinematics.branch import Branch as Branch
-from framework.kinematics.closures import column_scale
+from framework.kinematics.continuation import FIRST_STEP, Place, Way, follow
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import (
+    ClosedStack,
     System,
     close_loops,
     joint_rates,
@@ -39,14 +39,8 @@ from framework.motion.path import Line, Path
 from framework.motion.path_check import check_path
 
 BESIDE = 1e-6  # [lengths] from the reference: what a file's rounded angles leave
-FIRST_STEP = 1 / 8  # in s
-SHORTEST_STEP = 1e-7  # in s: between the last pose that closes and the first that does not
 LOST_AHEAD = 1e-4  # singular values of the loop equations this small where no step is left: lost just ahead
 LOOPS = "a singularity of the loop equations, where no configuration can be told from its neighbours"
-LARGEST_CORRECTION = 0.03  # [rad, lengths]: the corrector of a step, or a quarter of the predictor
-# Where branches cross, the corrector may land on another one, close by but heading elsewhere. On one branch
-# the rates change over a step by k times its correction if the offset goes as s^k.
-LARGEST_TURN = 5.0
 CROSSING = 0.1  # least singular value of the loop equations above which no branches cross near by
 
 
@@ -69,7 +63,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
         closed = close_loops(robot, target[None], reference.q[None])
         return Configuration(closed.q[0], target, float(np.abs(closed.system.residual).max()), 1)
     segment = Line(reference.x, target)
-    branch = _follow(robot, segment, reference.q, "the way from the reference to the point")
+    branch = _followed(robot, segment, reference.q, "the way from the reference to the point")
     closed = branch.closed(1.0)  # on the last knot: one evaluation
     residual = float(np.abs(closed.system.residual).max())
     return Configuration(closed.q[0], target, residual, len(branch.s))
@@ -91,52 +85,44 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
     require_square(robot)
     check_path(path)
     start = assemble(robot, path(0.0))
-    return _follow(robot, path, start.q, "the path")
+    return _followed(robot, path, start.q, "the path")
 
 
 def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
     return finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
 
 
-def _follow(robot: ParallelRobot, path: Path, q0: Array, what: str) -> Branch:
-    """Predictor and corrector along the path from a configuration on its first point."""
-    lengths = column_scale(robot)
-    q, s, step = q0[None], 0.0, FIRST_STEP
-    system = system_at(robot, q, path(np.zeros(1)))
-    if np.abs(path(1.0) - path(0.0)).max() < 1e-4 * robot.length:
-        step = 1.0
-    rate = _rates(robot, path, s, system)
-    at, configurations, rates = [0.0], [q], [rate]
-    while s < 1.0:
-        while True:
-            step = min(step, 1.0 - s)
-            if step < SHORTEST_STEP:
-                raise _end_of_reach(robot, path, s, q[0], system, what)
-            following = 1.0 if s + step > 1.0 - 1e-12 else s + step
-            predicted = integrate(robot, q, rate * (following - s))
-            try:
-                closed = close_loops(robot, path(np.array([following])), predicted)
-                arriving = _rates(robot, path, following, closed.system)
-            except NotAssembled:
-                step *= 0.5
-                continue
-            correction = np.abs(difference(robot, predicted[0], closed.q) / lengths).max()
-            advance = np.abs(rate * (following - s) / lengths).max()
-            turned = np.abs((arriving - rate) * (following - s) / lengths).max()
-            same_branch = turned <= LARGEST_TURN * correction + 0.25 * advance
-            same_branch = same_branch or not lost_equations(robot, closed.system, CROSSING)
-            same_mode = keeps_working_mode(robot, system, closed.system)
-            if same_mode and same_branch and correction <= max(LARGEST_CORRECTION, 0.25 * advance):
-                break
-            step *= 0.5
-        s, q, system, rate = following, closed.q, closed.system, arriving
-        at.append(s)
-        configurations.append(q)
-        rates.append(rate)
-        step *= 2.0 if correction < 0.2 * LARGEST_CORRECTION else 1.0
-        step = min(step, 2 * FIRST_STEP)
-    stacked = np.concatenate(configurations)
-    return Branch(robot, path, q0, np.array(at), difference(robot, q0, stacked), np.concatenate(rates))
+def follow_path(robot: ParallelRobot, path: Path, q: Array) -> Way:
+    """Lead the platform along the path from a configuration q (nq,) on its first point, as far as that goes.
+
+    Within one working mode; Type 2 singularities are no obstacle. Springs keep the deflections of q.
+    """
+
+    def place(s: float, closed: ClosedStack) -> Place:
+        return Place(closed.q, closed.system, _rates(robot, path, s, closed.system))
+
+    def arrive(s: float, predicted: Array) -> Place | None:
+        try:
+            return place(s, close_loops(robot, path(np.array([s])), predicted))
+        except NotAssembled:
+            return None
+
+    def belongs(before: Place, after: Place, straight: bool) -> bool:
+        same_branch = straight or not lost_equations(robot, after.system, CROSSING)
+        return same_branch and keeps_working_mode(robot, before.system, after.system)
+
+    x = path(np.zeros(1))
+    start = place(0.0, ClosedStack(q[None], x, system_at(robot, q[None], x)))
+    short = np.abs(path(1.0) - path(0.0)).max() < 1e-4 * robot.length
+    return follow(robot, start, arrive, belongs, step=1.0 if short else FIRST_STEP)
+
+
+def _followed(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
+    """The branch along the path from a configuration q (nq,) on its first point."""
+    way = follow_path(robot, path, q)
+    if not way.complete:
+        raise _end_of_reach(robot, path, float(way.at[-1]), way.last.q[0], way.last.system, what)
+    return Branch(robot, path, q, way.at, difference(robot, q, way.q), way.rate)
 
 
 def _rates(robot: ParallelRobot, path: Path, s: float, system: System) -> Array:

@@ -12,15 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
-from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.assembly import loop_rows, passive_columns
 from framework.kinematics.closures import scaled
-from framework.kinematics.frames import frames_at
-from framework.kinematics.inverse_kinematics import system_at
-from framework.kinematics.platform import platform_coordinates
+from framework.kinematics.inverse_kinematics import assembled_at
 from framework.model import ParallelRobot
-
-OPEN = 1e-6  # loops [robot lengths, rad] that are open by more are no rounding of an assembled robot
 
 
 class VelocityMatrices(NamedTuple):
@@ -40,21 +35,14 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
     """
-    q = finite_numbers("q", q, robot.model.nq)
-    x = platform_coordinates(robot, frames_at(robot, q[None]))
-    system = system_at(robot, q[None], x)
+    system = assembled_at(robot, q).system
     rows, passive = loop_rows(robot), passive_columns(robot)
-    gap = float(np.abs(system.residual).max(initial=0.0))
-    if gap > OPEN * robot.length:
-        raise InvalidInput(
-            f"q: the loops of {robot.name} are open by {gap:.3g} m or rad there; see `assemble`"
-        )
     balanced = np.concatenate(
         [scaled(robot, system.platform, None), scaled(robot, system.closures, rows)], axis=1
     )[0]
     # left null space N of the passive columns, in balanced units; then back to metres and radians
     N = np.linalg.qr(balanced[:, passive], mode="complete")[0][:, len(passive) :]
-    turning = np.concatenate([robot.platform_axes >= 3, rows.rotation])
+    turning = np.concatenate([~robot.translations, rows.rotation])
     N = N * np.where(turning, 1.0, 1.0 / robot.length)[:, None]
     jacobian = system.jacobian[0]
     return VelocityMatrices(

@@ -1,7 +1,7 @@
 """What a robot file changes in a URDF of somebody else: frames and bodies on its links, joints that are
 locked, and a root that is free to move.
 
-All are written into the URDF text, so that everything downstream sees one tree of one-degree joints.
+All are written into the URDF, so that everything downstream sees one tree of one-degree joints.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import RobotFileError, choose_from
+from framework.model.urdf_elements import MOVING
+from framework.model.urdf_writing import AXIS, joint_element, vector_text
 
 GROUND = "ground"
-MOVABLE = ("revolute", "continuous", "prismatic")
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 
 
@@ -34,38 +35,31 @@ class AddedFrame(NamedTuple):
     inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-def add_frames(urdf_text: str, frames: Sequence[AddedFrame]) -> str:
-    """The URDF with a link, fixed to its parent, for each frame; without mass unless the frame has one."""
-    if not frames:
-        return urdf_text
-    root = ElementTree.fromstring(urdf_text)
+def add_frames(root: ElementTree.Element, frames: Sequence[AddedFrame]) -> None:
+    """Add to a URDF a link, fixed to its parent, for each frame; without mass unless the frame has one."""
     for frame in frames:
-        joint = _joint(root, f"{frame.name}_mount", "fixed", frame.parent, frame.name)
-        ElementTree.SubElement(
-            joint, "origin", xyz=" ".join(map(repr, frame.xyz)), rpy=" ".join(map(repr, frame.rpy))
-        )
+        link = ElementTree.SubElement(root, "link", name=frame.name)
+        place = ElementTree.Element("origin", xyz=vector_text(frame.xyz), rpy=vector_text(frame.rpy))
+        root.append(joint_element(f"{frame.name}_mount", "fixed", frame.parent, frame.name, origin=place))
         if frame.mass:
-            inertial = ElementTree.SubElement(root.findall("link")[-1], "inertial")
+            inertial = ElementTree.SubElement(link, "inertial")
             ElementTree.SubElement(inertial, "mass", value=repr(frame.mass))
             ixx, iyy, izz = map(repr, frame.inertia)
             ElementTree.SubElement(inertial, "inertia", ixx=ixx, iyy=iyy, izz=izz, ixy="0", ixz="0", iyz="0")
-    return ElementTree.tostring(root, encoding="unicode")
 
 
-def lock_joints(urdf_text: str, locked: Mapping[str, float]) -> str:
-    """The URDF with some joints fixed at given values [rad, m]; a locked joint mimics no other.
+def lock_joints(root: ElementTree.Element, locked: Mapping[str, float]) -> None:
+    """Fix some joints of a URDF at given values [rad, m]; a locked joint mimics no other.
 
     Raises:
         RobotFileError: a name is not that of a revolute, continuous or prismatic joint.
     """
-    root = ElementTree.fromstring(urdf_text)
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
-    movable = [name for name, joint in joints.items() if joint.get("type") in MOVABLE]
+    movable = [name for name, joint in joints.items() if joint.get("type") in MOVING]
     for name, value in locked.items():
         if name not in movable:
             raise RobotFileError(f"locked.{name}: {choose_from('joint', name, movable)}")
         _fix(joints[name], value)
-    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _fix(joint: ElementTree.Element, value: float) -> None:
@@ -81,8 +75,8 @@ def _fix(joint: ElementTree.Element, value: float) -> None:
         part = slice(0, 3) if joint.get("type") == "prismatic" else slice(3, 6)
         motion[part] = value * direction / np.linalg.norm(direction)
         place = place * pin.exp6(motion)
-        origin.set("xyz", " ".join(repr(float(part)) for part in place.translation))
-        origin.set("rpy", " ".join(repr(float(part)) for part in pin.rpy.matrixToRpy(place.rotation)))
+        origin.set("xyz", vector_text(place.translation))
+        origin.set("rpy", vector_text(pin.rpy.matrixToRpy(place.rotation)))
     joint.set("type", "fixed")
     for tag in ("axis", "limit", "mimic"):
         for element in joint.findall(tag):
@@ -93,13 +87,12 @@ def _numbers(text: str) -> np.ndarray:
     return np.array([float(part) for part in text.split()])
 
 
-def free_root(urdf_text: str) -> str:
-    """The URDF on a new root link `ground`, its old root carried by six joints, ROOT_JOINTS.
+def free_root(root: ElementTree.Element) -> None:
+    """Stand a URDF on a new root link `ground`, its old root carried by six joints, ROOT_JOINTS.
 
     Three slides along the base axes, then turns about z, y and x: singular only when the root pitches by
     90 degrees.
     """
-    root = ElementTree.fromstring(urdf_text)
     children = {child.get("link") for child in root.iter("child")}
     (old,) = (link.get("name", "") for link in root.findall("link") if link.get("name") not in children)
     parent = GROUND
@@ -107,20 +100,7 @@ def free_root(urdf_text: str) -> str:
     for name in ROOT_JOINTS:
         kind = "revolute" if "_r" in name else "prismatic"
         child = old if name == ROOT_JOINTS[-1] else f"{name}_link"
-        joint = _joint(root, name, kind, parent, child, add_child=child != old)
-        axis = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}[name[-1]]
-        ElementTree.SubElement(joint, "axis", xyz=axis)
-        ElementTree.SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="0", velocity="1e9")
+        if child != old:
+            ElementTree.SubElement(root, "link", name=child)
+        root.append(joint_element(name, kind, parent, child, axis=AXIS[name[-1]], effort="0"))
         parent = child
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _joint(
-    root: ElementTree.Element, name: str, kind: str, parent: str, child: str, add_child: bool = True
-) -> ElementTree.Element:
-    if add_child:
-        ElementTree.SubElement(root, "link", name=child)
-    joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
-    ElementTree.SubElement(joint, "parent", link=parent)
-    ElementTree.SubElement(joint, "child", link=child)
-    return joint

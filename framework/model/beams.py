@@ -32,9 +32,10 @@ import numpy as np
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, choose_from, finite_numbers, point
 from framework.model.description import AXES, Spring
-from framework.model.readers.placement import inverse, placement
-from framework.model.readers.urdf_tree import joint_element, origin_element, origin_of
-from framework.model.readers.writer import spring_entry
+from framework.model.placement import inverse, placement
+from framework.model.robot_file_writer import spring_entry
+from framework.model.urdf_writing import joint_element, origin_element
+from framework.model.xml_reading import origin_of
 
 OPPOSITE = 0.01  # [rad] from -x: nearer, the least turn spins the section a hundred times as far as the beam
 PARALLEL = 1e-6  # sine of the angle between the beam and a direction that is meant to be across it
@@ -216,7 +217,8 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
         raise InvalidInput(f"tip: joint {tip!r} has no length")
     half = placement(_section_axes(span / length, y), 0.5 * span)
     root.append(ElementTree.Element("link", name=f"{middle}_link"))
-    root.append(joint_element(middle, "fixed", parent.get("link", ""), f"{middle}_link", half, None))
+    near = parent.get("link", "")
+    root.append(joint_element(middle, "fixed", near, f"{middle}_link", origin=origin_element(half)))
     parent.set("link", f"{middle}_link")
     if origin is not None:
         joint.remove(origin)

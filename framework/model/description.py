@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from framework.errors import RobotFileError, choose_from
 
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
-# The locked axes of each closure kind whose axis is z, in the frame of the first body.
+# What each closure kind locks if its axis is z: axes in the frame of the first body, or the distance of the
+# two origins, whose `length` the closure then gives.
 _LOCKED = {
     "fixed": ("x", "y", "z", "rx", "ry", "rz"),
     "revolute": ("x", "y", "z", "rx", "ry"),  # turns about its axis
@@ -20,12 +23,13 @@ _LOCKED = {
     "cylindrical": ("x", "y", "rx", "ry"),  # turns about and slides along its axis
     "spherical": ("x", "y", "z"),
     "planar": ("z", "rx", "ry"),  # its axis is the normal of the plane
+    "distance": ("distance",),
 }
-CLOSURE_KINDS = tuple(_LOCKED)  # those that lock axes; `distance` locks none
+CLOSURE_KINDS = tuple(_LOCKED)
 
 
 def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
-    """Axes that a closure of this kind locks, in the frame of the first body.
+    """What a closure of this kind locks: axes in the frame of the first body, or the distance.
 
     `axis` in {x, y, z} is the axis of the joint; the kinds are tabled for z and turned cyclically.
 
@@ -33,12 +37,12 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
         RobotFileError: unknown kind or axis.
     """
     if kind not in _LOCKED:
-        raise RobotFileError(choose_from("closure kind", kind, (*_LOCKED, "distance")))
+        raise RobotFileError(choose_from("closure kind", kind, _LOCKED))
     if axis not in ("x", "y", "z"):
         raise RobotFileError(choose_from("closure axis", axis, ("x", "y", "z")))
     turn = {"x": "yzx", "y": "zxy", "z": "xyz"}[axis]  # where x, y, z go when z goes to `axis`
-    moved = {name[:-1] + turn["xyz".index(name[-1])] for name in _LOCKED[kind]}
-    return tuple(name for name in AXES if name in moved)
+    moved = {name[:-1] + turn["xyz".index(name[-1])] if name in AXES else name for name in _LOCKED[kind]}
+    return tuple(name for name in (*AXES, "distance") if name in moved)
 
 
 @dataclass(frozen=True)
@@ -68,13 +72,20 @@ class Actuator:
 class Closure:
     """Two frames and the axes of their relative pose, in the first frame, that are locked.
 
-    A closure of kind distance locks no axis but the distance of the origins, `length` [m].
+    "distance" among the axes locks the distance of the origins, `length` [m].
     """
 
     name: str
     frames: tuple[str, str]
     axes: tuple[str, ...]
     length: float | None = None
+
+    def __post_init__(self) -> None:
+        if ("distance" in self.axes) != (self.length is not None):
+            raise RobotFileError(
+                f"closure {self.name}: a distance needs a length and nothing else takes one, got axes "
+                f"{list(self.axes)} and length {self.length}"
+            )
 
 
 @dataclass(frozen=True)
@@ -151,6 +162,15 @@ class RobotDescription:
     reference: Mapping[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict)
 
+    def least_flexibility(self, flexibility: str) -> str:
+        """The least flexibility with the springs of this one: rigid for a robot without springs.
+
+        Raises:
+            InvalidInput: unknown flexibility.
+        """
+        springs = self.active_springs(flexibility)
+        return next(least for least in FLEXIBILITIES if self.active_springs(least) == springs)
+
     def active_springs(self, flexibility: str) -> tuple[Spring, ...]:
         """The springs of one flexibility, in file order.
 
@@ -160,3 +180,10 @@ class RobotDescription:
         if flexibility not in FLEXIBILITIES:
             raise RobotFileError(choose_from("flexibility", flexibility, FLEXIBILITIES))
         return tuple(spring for spring in self.springs if spring.exists_in(flexibility))
+
+
+class ParsedRobot(NamedTuple):
+    """A description, and the root of the URDF that its `urdf_text` holds: parsed once, not to be changed."""
+
+    description: RobotDescription
+    urdf: ElementTree.Element

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -13,9 +14,13 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
 from framework.errors import RobotFileError
-from framework.model.description import AXES, Closure, RobotDescription
-from framework.model.robot_file import read_robot_file
+from framework.model.bare_urdf import bare_urdf
+from framework.model.description import AXES, Closure, ParsedRobot, RobotDescription
+from framework.model.documents import naming, parse_xml
+from framework.model.readers.recognise import parse_any
 from framework.model.spring_joints import count_turns, insert_springs
+
+MOST_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
 
 
 class LoopRows(NamedTuple):
@@ -58,7 +63,7 @@ class ParallelRobot:
     """
 
     description: RobotDescription
-    flexibility: str
+    flexibility: str  # the least one with these springs, whatever was asked for
     model: pin.Model
     actuated: IntArray
     elastic: IntArray
@@ -89,6 +94,11 @@ class ParallelRobot:
         return len(self.actuated)
 
     @property
+    def translations(self) -> NDArray[np.bool_]:
+        """Which of the platform's coordinates are translations, (n,) [m]; the others are turns [rad]."""
+        return np.asarray(self.platform_axes < 3)
+
+    @property
     def n_e(self) -> int:
         return len(self.elastic)
 
@@ -103,14 +113,19 @@ class ParallelRobot:
     @property
     def torque_units(self) -> tuple[str, ...]:
         """Unit of each motor's torque: N for a slide without a gear (gear ratio 1), N m for all others."""
-        slides = [
-            self.model.joints[self.model.getJointId(name)].shortname().startswith("JointModelP")
-            for name in self.actuator_names
-        ]
+        slides = self.sliding[self.actuated]
         return tuple(
             "N" if slide and gear == 1.0 else "N m"
             for slide, gear in zip(slides, self.gear_ratio, strict=True)
         )
+
+    @property
+    def sliding(self) -> NDArray[np.bool_]:
+        """Which coordinates of pinocchio's velocity vector slide [m], (nv,); the others turn [rad]."""
+        sliding = np.zeros(self.model.nv, dtype=bool)
+        for joint in self.model.joints[1:]:
+            sliding[joint.idx_v] = joint.shortname().startswith("JointModelP")
+        return sliding
 
     def __repr__(self) -> str:
         return (
@@ -128,28 +143,55 @@ class ParallelRobot:
         return str(self.model.names[int(np.searchsorted(_first_columns(self.model), column, "right"))])
 
     @staticmethod
-    def from_file(file: str | Path, flexibility: str = "rigid") -> ParallelRobot:
-        """The robot of a robot file with the springs of one flexibility.
+    def from_file(
+        file: str | Path,
+        *,
+        flexibility: str = "rigid",
+        platform: str | None = None,
+        axes: Sequence[str] | None = None,
+        motors: Sequence[str] | None = None,
+        reference: Mapping[str, float] | None = None,
+    ) -> ParallelRobot:
+        """The robot of a file with the springs of one flexibility.
+
+        The file is ours or of any dialect that `framework.model.readers` knows; `platform`, `axes`, `motors`
+        and `reference` [rad, m] say what a foreign file does not, as for `read_any`.
 
         Raises:
-            RobotFileError: see `read_robot_file`; or pinocchio refuses the URDF.
+            RobotFileError: see `read_any`; or pinocchio refuses the URDF.
         """
-        return ParallelRobot.from_description(read_robot_file(file), flexibility)
+        parsed = parse_any(file, platform=platform, axes=axes, motors=motors, reference=reference)
+        return ParallelRobot._built(parsed, flexibility)
 
     @staticmethod
-    def from_description(description: RobotDescription, flexibility: str = "rigid") -> ParallelRobot:
+    def from_description(description: RobotDescription, *, flexibility: str = "rigid") -> ParallelRobot:
         """The robot of a description with the springs of one flexibility.
 
         Raises:
-            RobotFileError: unknown flexibility, or pinocchio refuses the URDF.
+            RobotFileError: unknown flexibility, pinocchio refuses the URDF, or too many joints.
         """
+        with naming(f"{description.file}: urdf"):
+            urdf = parse_xml(description.urdf_text)
+        return ParallelRobot._built(ParsedRobot(description, urdf), flexibility)
+
+    @staticmethod
+    def _built(parsed: ParsedRobot, flexibility: str) -> ParallelRobot:
+        description, urdf = parsed
         springs = description.active_springs(flexibility)
+        moving = bare_urdf(urdf)
+        count_turns(moving)
+        insert_springs(moving, springs)
         try:
-            model = pin.buildModelFromXML(insert_springs(count_turns(description.urdf_text), springs))
+            model = pin.buildModelFromXML(ElementTree.tostring(moving, encoding="unicode"))
         except (ValueError, RuntimeError) as error:
             raise RobotFileError(
                 f"{description.file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}"
             ) from None
+        if model.nv > MOST_JOINTS:
+            raise RobotFileError(
+                f"{description.file}: {model.nv} joints that move, springs included; at most {MOST_JOINTS} "
+                f"are taken (pinocchio's working memory grows with their third power)"
+            )
         model.gravity.linear = np.array(description.gravity)
 
         def columns(names: list[str]) -> IntArray:
@@ -168,7 +210,7 @@ class ParallelRobot:
         )
         return ParallelRobot(
             description=description,
-            flexibility=flexibility,
+            flexibility=description.least_flexibility(flexibility),
             model=model,
             actuated=actuated,
             elastic=elastic,
@@ -204,15 +246,12 @@ def _loop_rows(closures: tuple[Closure, ...], frame_names: list[str]) -> LoopRow
     names: list[str] = []
     for closure in closures:
         first, second = (frame_names.index(name) for name in closure.frames)
-        if closure.length is not None:
-            table.append((first, second, True, False, 0, 0, 1.0, closure.length))
-            names.append(f"{closure.name}.distance")
         locked = {AXES.index(axis) - 3 for axis in closure.axes if axis.startswith("r")}
         for axis in closure.axes:
-            k = "xyz".index(axis[-1])
-            rotation = axis.startswith("r")
+            distance, rotation = axis == "distance", axis.startswith("r")
+            k = 0 if distance else "xyz".index(axis[-1])
             pair = _perpendicular_pair(k, locked) if rotation else (k, 0, 1.0)
-            table.append((first, second, False, rotation, *pair, 0.0))
+            table.append((first, second, distance, rotation, *pair, closure.length or 0.0))
             names.append(f"{closure.name}.{axis}")
     columns = np.array(table).T
     first_frame, second_frame, first_axis, second_axis = columns[[0, 1, 4, 5]].astype(np.intp)

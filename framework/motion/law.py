@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -49,6 +49,33 @@ class MotionLaw(Protocol):
     def __call__(self, t: ArrayLike, order: int = 0) -> Array: ...
 
 
+@runtime_checkable
+class PlannedLaw(MotionLaw, Protocol):
+    """A law of this package: its derivatives are right by construction, and it can be written down.
+
+    `kind` names it, `coefficients` (degree + 1,) are those of its Chebyshev series. `edges` are the instants
+    (k,) [s] between which it is resolved by some thirty points, both ends among them, or empty for a law that
+    needs no panels. `advance(smoothness)` is the least s' over its mean, the zeros at the ends divided out;
+    `to_dict` is the law as plan.json has it.
+    """
+
+    @property
+    def kind(self) -> str: ...
+
+    @property
+    def degree(self) -> int: ...
+
+    @property
+    def coefficients(self) -> Array: ...
+
+    @property
+    def edges(self) -> Array: ...
+
+    def advance(self, smoothness: int) -> float: ...
+
+    def to_dict(self) -> dict[str, Any]: ...
+
+
 class Condition(NamedTuple):
     """The derivative of the given `order` of s is `value` [1/s^order] at `time` [s]."""
 
@@ -63,6 +90,9 @@ class Law:
 
     coefficients: Array
     duration: float
+
+    kind: ClassVar[str] = "polynomial"
+    edges: ClassVar[Array] = np.empty(0)
 
     @property
     def degree(self) -> int:
@@ -121,6 +151,14 @@ class Law:
             for order in range(smoothness + 1)
         ]
         return Law.from_conditions([*ends, *inner], duration)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The law as plan.json has it."""
+        return {
+            "degree": self.degree,
+            "chebyshev": self.coefficients.tolist(),
+            "domain": [0.0, self.duration],
+        }
 
     def advance(self, smoothness: int) -> float:
         """Smallest of s'(t) / (t (T - t))^smoothness on [0, T], over its mean; positive: monotone.

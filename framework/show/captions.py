@@ -43,12 +43,12 @@ def _asks_for(scene: Scene, plan: CrossingPlan) -> bool:
 
 def asked(robot: ParallelRobot) -> str:
     """What t_s . W_p is: a force along t_s, or a torque about it where the platform only turns."""
-    return "force along" if np.any(robot.platform_axes < 3) else "torque about"
+    return "force along" if np.any(robot.translations) else "torque about"
 
 
 def unit(robot: ParallelRobot) -> str:
     """The unit of t_s . W_p."""
-    return "N" if np.any(robot.platform_axes < 3) else "N m"
+    return "N" if np.any(robot.translations) else "N m"
 
 
 def subtitle(film: Film) -> str:
@@ -98,7 +98,7 @@ def how(film: Film, instant: Instant) -> str:
         zero = "here the acceleration itself is zero (s″ = 0): it coasts across"
     elif _share(film, instant) < NOTHING:
         zero = "here it needs none at all (W_p = 0)"
-    elif np.any(film.robot.platform_axes >= 3):
+    elif not np.all(film.robot.translations):
         zero = "W_p does no work along t_s"
     else:
         zero = "W_p stands at a right angle to t_s"

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.forward_kinematics import motors_are_free
+from framework.kinematics.placements import joint_poses, platform_positions
 from framework.model import ParallelRobot
-from framework.show.placements import joint_poses, platform_positions
-from framework.show.scene import floats, locus_about, robot_document
-from framework.singularity.jogging import Pose, motors_are_free, move_motor, move_platform, pose_at
+from framework.show.scene import drawn_locus, floats, robot_document
+from framework.singularity.jogging import Pose, move_motor, move_platform, pose_at
+from framework.singularity.locus import locus_curves
 
 
 def hand_document(robot: ParallelRobot) -> dict[str, Any]:
@@ -23,7 +24,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
     return robot_document(robot, poses) | {
         "kind": "hand",
         "poses": floats(poses),
-        "locus": locus_about(robot, reference.q, reference.x, platform, beside=1.2),
+        "locus": drawn_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
         "free_motors": motors_are_free(robot),
         "sliders": _sliders(robot, pose_at(robot, reference.q)),
         "start": _told(robot, pose_at(robot, reference.q)),
@@ -73,20 +74,16 @@ def _sliders(robot: ParallelRobot, start: Pose) -> dict[str, list[dict[str, Any]
     def slider(name: str, unit: str, value: float, reach: float) -> dict[str, Any]:
         return {"name": name, "unit": unit, "low": value - reach, "high": value + reach}
 
-    whole = np.sum(robot.platform_axes >= 3) > 1  # a rotation vector ends at half a turn
+    whole = np.sum(~robot.translations) > 1  # a rotation vector ends at half a turn
     turns: list[float] = [1.5 if whole else np.pi] * robot.n
     platform = [
-        slider(name, "rad" if axis >= 3 else "m", value, turn if axis >= 3 else 0.8 * robot.length)
-        for name, axis, value, turn in zip(robot.axis_names, robot.platform_axes, start.x, turns, strict=True)
+        slider(name, "m" if moves else "rad", value, 0.8 * robot.length if moves else turn)
+        for name, moves, value, turn in zip(robot.axis_names, robot.translations, start.x, turns, strict=True)
     ]
     motor = [
         slider(name, "m" if slides else "rad", value, 0.8 * robot.length if slides else np.pi)
-        for name, slides, value in zip(robot.actuator_names, _slides(robot), start.motors, strict=True)
+        for name, slides, value in zip(
+            robot.actuator_names, robot.sliding[robot.actuated], start.motors, strict=True
+        )
     ]
     return {"platform": platform, "motor": motor}
-
-
-def _slides(robot: ParallelRobot) -> Array:
-    """Whether each motor moves a slide, (n_a,)."""
-    joints = [robot.model.joints[robot.model.getJointId(name)] for name in robot.actuator_names]
-    return np.array([joint.shortname().startswith("JointModelP") for joint in joints])

@@ -11,7 +11,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import InvalidInput, NotAssembled, NotConverged
-from framework.kinematics.closures import column_scale, scaled
+from framework.kinematics.closures import column_scale, loop_wrenches, scaled
 from framework.kinematics.frames import integrate
 from framework.simulation.curvature import loop_curvature
 from framework.simulation.equations import Equations, Tangent
@@ -62,7 +62,7 @@ def consistent_state(equations: Equations, q: Array, v: Array, torque: Array) ->
         if size < 1e-14:
             break
     at = equations.tangent(q[None], rest, rest)
-    gap = float(np.abs(at.residual).max(initial=0.0))
+    gap = float(np.abs(loop_wrenches(robot.rows, at.frames).residual).max(initial=0.0))
     if not gap <= 1e-10 * max(robot.length, 1.0):
         raise NotAssembled(
             f"{robot.name}: the start is not assembled: a loop stays {gap:.3g} m or rad apart",

@@ -2,7 +2,8 @@
 
 It knows loops that are points (spherical) or welds (fixed), and factorises the mass matrix of the tree, which
 must be definite: every joint has to move some mass or a rotor. Redundant rows are left to its proximal
-iterations. Nothing is shared with `equations` but the robot's numbers, so it is a witness as well.
+iterations. Loops are pinocchio's own constraints, at the frames of the robot file; of `equations` it takes
+rotors, springs and damping alone, so it is a witness of the loop equations as well.
 Source: Carpentier, Budhiraja and Mansard 2021, "Proximal and sparse resolution of constrained dynamic
 equations", Robotics: Science and Systems.
 """

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
 from framework.kinematics.frames import FrameStack
+from framework.linalg.ordered_sums import matmul, matvec
 from framework.model import ParallelRobot
 
 
@@ -48,5 +49,5 @@ class FrameGeometry(NamedTuple):
         """Frames out of joint placements (T, joints, 4, 4) and the tree's world Jacobian (T, 6, nv)."""
         placed = placed[:, self.joint]
         rotation = placed[..., :3, :3]
-        position = placed[..., :3, 3] + (rotation @ self.translation[..., None])[..., 0]
-        return FrameStack(position, rotation @ self.rotation, tree.swapaxes(1, 2), self.carried)
+        position = placed[..., :3, 3] + matvec(rotation, self.translation)
+        return FrameStack(position, matmul(rotation, self.rotation), tree.swapaxes(1, 2), self.carried)

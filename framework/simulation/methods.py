@@ -181,8 +181,8 @@ def _count(length: float, step: float) -> int:
 
 def _runaway(robot: ParallelRobot, time: float, step: float) -> NotConverged:
     return NotConverged(
-        f"{robot.name}: the simulation runs away at t = {time:.9g} s; take a shorter step than "
-        f"{step:.3g} s, or method stiff",
+        f"{robot.name}: the simulation runs away at t = {time:.9g} s, or its equations are singular there; "
+        f"take a shorter step than {step:.3g} s, or method stiff",
         residual=time,
     )
 

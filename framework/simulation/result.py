@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
-from framework.errors import InvalidInput
-from framework.kinematics.closures import loop_equations
+from framework.errors import InvalidInput, NotAssembled
+from framework.kinematics.assembly import independent_rows
+from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.frames import frames_at
 from framework.kinematics.platform import platform_coordinates, platform_jacobian, platform_residual
 from framework.model import ParallelRobot
@@ -19,6 +20,8 @@ from framework.simulation.events import Occurrence
 from framework.simulation.methods import Run
 from framework.simulation.trajectory import Cubics, Trajectory
 
+TORN = 1e-6  # [rad, lengths of the robot] that a loop equation may open that was not integrated
+
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Simulation:
@@ -27,7 +30,8 @@ class Simulation:
     tracking_error: largest distance of the platform from the planned path at the same instant [m]; of a
         platform that only turns, the largest angle [rad]. None when nothing was planned.
     turning_error: largest turn from the planned one, of a platform that moves and turns [rad].
-    closure_error: largest loop equation at `times` and at the ends of all steps [m or rad].
+    closure_error: largest loop equation at `times` and at the ends of all steps [m or rad], of all that the
+        robot has, redundant ones too.
     energy_error: change of kinetic, elastic and gravitational energy less the work of motors and damping,
         the largest of all steps, over the energy exchanged.
     unresolved: largest part of the motion that a step leaves out, estimated [rad, robot lengths]; above the
@@ -124,10 +128,7 @@ def summary(
     # at rest all is rounding, of the work that lifts the robot by its length
     lifted = float(sum(i.mass for i in robot.model.inertias)) * 9.81 * robot.length
     scale = max(run.exchanged, float(np.ptp(energy)), float(kinetic.max()), np.finfo(float).eps * lifted)
-    gaps = [
-        float(np.abs(loop_equations(equations.rows, frames_at(robot, some)).residual).max(initial=0.0))
-        for some in (q, at_edges[0])
-    ]
+    gaps = [_gap(robot, *some) for some in ((times, q), (edges, at_edges[0]))]
     tracking, turning = (None, None) if planned is None else _off_path(robot, planned, times, q)
     return Simulation(
         robot=robot,
@@ -148,11 +149,34 @@ def summary(
     )
 
 
+def _gap(robot: ParallelRobot, times: Array, q: Array) -> float:
+    """Largest loop equation at q (T, nq), redundant ones too.
+
+    Raises:
+        NotAssembled: one that was not integrated, because it repeats others at the reference, opens.
+    """
+    gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
+    kept = independent_rows(robot)
+    dropped = np.setdiff1d(np.arange(gaps.shape[1]), kept)
+    torn = gaps[:, dropped] > TORN * max(robot.length, 1.0) + 10 * gaps[:, kept].max(initial=0.0)
+    if torn.any():
+        instant = int(np.argmax(torn.any(axis=1)))
+        row = int(dropped[np.argmax(torn[instant])])
+        raise NotAssembled(
+            f"{robot.name}: the simulation tears a loop: {robot.rows.names[row]}, which repeats other loop "
+            f"equations at the reference, is open by {gaps[instant, row]:.3g} m or rad at t = "
+            f"{times[instant]:.6g} s; give a reference on the motion's own way",
+            q=q[instant],
+            residual=float(gaps[instant, row]),
+        )
+    return float(gaps.max(initial=0.0))
+
+
 def _off_path(
     robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array
 ) -> tuple[float, float | None]:
     """Largest distance [m] and largest turn [rad] from the planned platform."""
     off = platform_residual(robot, frames_at(robot, q), planned.platform(np.minimum(times, planned.duration)))
-    turning = robot.platform_axes >= 3
+    turning = ~robot.translations
     sizes = [float(np.linalg.norm(off[:, part], axis=1).max()) for part in (~turning, turning) if part.any()]
     return sizes[0], sizes[1] if len(sizes) > 1 else None

@@ -25,8 +25,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.errors import NotConverged
 from framework.kinematics.frames import difference, integrate
+from framework.linalg.ordered_sums import matvec, solve
 from framework.simulation.terms import RobotStack
 
 # Share of an open loop that one step closes: the largest without overshoot, 6 - sqrt(32).
@@ -40,22 +40,14 @@ class State(NamedTuple):
     v: Array
 
 
-def _solve(stack: RobotStack, mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
-    """Accelerations (R, nv)."""
+def _solve(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
+    """Accelerations (R, nv), infinite where the equations are singular."""
     runs, m, nv = jacobian.shape
     whole = np.zeros((runs, nv + m, nv + m))
     whole[:, :nv, :nv] = mass
     whole[:, :nv, nv:] = jacobian.transpose(0, 2, 1)
     whole[:, nv:, :nv] = jacobian
-    right = np.concatenate([forces, rates], axis=1)[..., None]
-    try:
-        return np.asarray(np.linalg.solve(whole, right)[:, :nv, 0])
-    except np.linalg.LinAlgError:
-        raise NotConverged(
-            f"{stack.robots[0].name}: the equations of motion are singular in one of the runs: its loops "
-            f"lock, or a part has neither mass nor stiffness",
-            residual=np.inf,
-        ) from None
+    return solve(whole, np.concatenate([forces, rates], axis=1))[:, :nv]
 
 
 def _springs(stack: RobotStack, q: Array) -> Array:
@@ -79,15 +71,15 @@ def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> 
     middle = integrate(robot, q, 0.5 * h * v)
     at = stack.terms(middle, v)
     mass = _implicit(at.mass, stack, 0.25 * h**2, 0.5 * h)
-    rate = (at.jacobian @ v[..., None])[..., 0]
+    rate = matvec(at.jacobian, v)
     drift = stack.drift(at, v)
     gap = at.residual - 0.5 * h * rate + 0.125 * h**2 * drift  # loop equations at q
     steady = driven - _springs(stack, middle) - stack.damping * v
     closing = -rate / h - CLOSING * gap / h**2
-    guess = _solve(stack, mass, at.jacobian, steady - at.bias, closing - 0.5 * drift)
+    guess = _solve(mass, at.jacobian, steady - at.bias, closing - 0.5 * drift)
     halfway = v + 0.5 * h * guess
     at = stack.at_other_velocities(at, middle, halfway)
-    a = _solve(stack, mass, at.jacobian, steady - at.bias, closing - 0.5 * stack.drift(at, halfway))
+    a = _solve(mass, at.jacobian, steady - at.bias, closing - 0.5 * stack.drift(at, halfway))
     new = v + h * a
     return State(integrate(robot, q, 0.5 * h * (v + new)), new)
 
@@ -103,8 +95,8 @@ def extrapolated(stack: RobotStack, q: Array, v: Array, driven: Array, h: float)
             closing = -CLOSING * at.residual / h
         mass = _implicit(at.mass, stack, h**2, h)
         forces = driven - at.bias - _springs(stack, ahead) - stack.damping * v
-        rate = (at.jacobian @ v[..., None])[..., 0]
-        new = v + h * _solve(stack, mass, at.jacobian, forces, (closing - rate) / h)
+        rate = matvec(at.jacobian, v)
+        new = v + h * _solve(mass, at.jacobian, forces, (closing - rate) / h)
         return State(integrate(robot, q, h * new), new), closing
 
     whole, closing = euler(q, v, h, None)

@@ -1,7 +1,17 @@
 """`simulate`: drive a robot with torques and see where it goes.
 
-The second witness of a plan: nothing is shared with the inverse dynamics but the robot's own numbers. All
-coordinates move, loops and springs included, and at a Type 2 singularity nothing happens at all.
+The second witness of a plan: do its torques make its motion? All coordinates move, loops and springs
+included, and at a Type 2 singularity nothing happens at all. What it shares with the inverse dynamics:
+
+* the robot: the tree with its springs as pinocchio reads it, index sets, gears, rotors (`model`);
+* frames, loop equations with Jacobian and drift, the platform's coordinates (`kinematics.frames`, `closures`,
+  `platform`), which equations are independent and which joints idle (`kinematics.assembly`);
+* the start, which is the plan's own.
+
+Not shared is how forces are found: no law, no A, no elimination of the loops' forces, no condition at a
+crossing, no deflections. A fault in what is shared makes both wrong alike; the tests hold every robot against
+equations of motion that share the tree and the words of the robot file alone (tests/equations_of_motion.py at
+instants, tests/forward_simulation.py by integration).
 """
 
 from __future__ import annotations
@@ -71,7 +81,7 @@ def simulate(
 
     Raises:
         InvalidInput: method, option or start that cannot be; a motion with neither mass nor stiffness.
-        NotAssembled: the loops do not close from the start.
+        NotAssembled: the loops do not close from the start, or one opens that was redundant at the reference.
         NotConverged: no step can be solved from some instant on.
     """
     began = clock.perf_counter()

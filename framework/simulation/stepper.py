@@ -14,6 +14,7 @@ from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.assembly import reference_configuration
 from framework.kinematics.platform import platform_coordinates, platform_jacobian
+from framework.linalg.ordered_sums import matvec
 from framework.model import ParallelRobot
 from framework.simulation.consistent import consistent_state, free_motions
 from framework.simulation.contacts import ContactDynamics
@@ -37,6 +38,7 @@ class Stepper:
         *,
         damping: ArrayLike | None = None,
         scheme: str | None = None,
+        like: ParallelRobot | None = None,
     ) -> Stepper:
         """A stepper for one robot (any number of runs) or for a sequence of R robots of one structure.
 
@@ -44,11 +46,13 @@ class Stepper:
             damping: viscous damping of every joint rate, one number, (nv,) or (R, nv) [N m s/rad, N s/m].
             scheme: midpoint, extrapolated or contacts, see `schemes`; by default midpoint, extrapolated where
                 parts have no mass.
+            like: a robot of the same structure that tells which loop equations are independent, which
+                joints idle and whether parts have no mass; the first of the robots by default.
 
         Raises:
             InvalidInput: unknown scheme, one that does not suit the robot, robots of different structure.
         """
-        stack = RobotStack.of(robots, None if damping is None else np.asarray(damping, dtype=float))
+        stack = RobotStack.of(robots, None if damping is None else np.asarray(damping, dtype=float), like)
         massless = _has_massless_motions(stack.first)
         if scheme is None:
             scheme = "extrapolated" if massless else "midpoint"
@@ -81,10 +85,8 @@ class Stepper:
     def step(self, q: Array, v: Array, torque: Array, h: float) -> State:
         """The state h [s] later under torques (n_a,) or (R, n_a) [N m], motor side, held meanwhile.
 
-        A run that diverges comes out as NaN or infinite; the others of the stack do not notice.
-
-        Raises:
-            NotConverged: the equations of a run are singular.
+        A run that diverges, or whose equations are singular, comes out as NaN or infinite. A run comes out
+        the same to the last bit whatever stack it is in.
         """
         if q.ndim == 1:
             new = self.step(q[None], v[None], torque[None], h)
@@ -98,7 +100,7 @@ class Stepper:
             x, twist = self.platform(q[None], v[None])
             return x[0], twist[0]
         robot, frames = self.stack.robots[0], self.stack.terms(q, v).frames
-        return platform_coordinates(robot, frames), (platform_jacobian(robot, frames) @ v[..., None])[..., 0]
+        return platform_coordinates(robot, frames), matvec(platform_jacobian(robot, frames), v)
 
 
 def _has_massless_motions(equations: Equations) -> bool:

@@ -18,6 +18,7 @@ from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import FrameMotions, FrameStack, cross, scratch_of
+from framework.linalg.ordered_sums import matmul
 from framework.model import ParallelRobot
 from framework.model.parallel_robot import LoopRows
 from framework.simulation.contacts import ContactDynamics
@@ -41,7 +42,7 @@ class RobotStack:
     """R robots of one structure, with their numbers stacked; one robot may serve any number of runs."""
 
     robots: tuple[ParallelRobot, ...]
-    first: Equations  # of the first robot
+    first: Equations  # of the robot on which the structure is found
     rows: LoopRows
     geometry: FrameGeometry  # rotation (R, F, 3, 3) and translation (R, F, 3)
     actuated: IntArray
@@ -53,8 +54,12 @@ class RobotStack:
     contacts: tuple[ContactDynamics, ...] = ()  # for the scheme of that name, else empty
 
     @staticmethod
-    def of(robots: ParallelRobot | Sequence[ParallelRobot], damping: Array | None = None) -> RobotStack:
-        """Stack one robot or several.
+    def of(
+        robots: ParallelRobot | Sequence[ParallelRobot],
+        damping: Array | None = None,
+        like: ParallelRobot | None = None,
+    ) -> RobotStack:
+        """Stack one robot or several; which loop equations count and which joints idle is found on `like`.
 
         Raises:
             InvalidInput: no robot, or joints, motors, springs or loops differ; see `Equations.of`.
@@ -62,9 +67,10 @@ class RobotStack:
         robots = (robots,) if isinstance(robots, ParallelRobot) else tuple(robots)
         if not robots:
             raise InvalidInput("robots: needs at least one robot")
-        first = Equations.of(robots[0])
-        for robot in robots[1:]:
-            _check_same_structure(robots[0], robot)
+        like = robots[0] if like is None else like
+        first = Equations.of(like)
+        for robot in robots:
+            _check_same_structure(like, robot)
         geometries = [FrameGeometry.of(robot) for robot in robots]
         held = first.rotors * ~np.isin(np.arange(robots[0].model.nv), robots[0].actuated)
         rotors = np.repeat(held[None], len(robots), axis=0)
@@ -110,22 +116,28 @@ class RobotStack:
         runs, nv = len(q), v.shape[1]
         mass, tree = np.empty((runs, nv, nv)), np.empty((2, runs, 6, nv))
         bias = np.empty((runs, nv))
-        placed = np.empty((runs, len(self.geometry.joints), 4, 4))
         J, dJ = tree
-        joints = tuple(enumerate(self.geometry.joints))
-        model, data = self.robots[0].model, scratch_of(self.robots[0]).data
+        model, scratch = self.robots[0].model, scratch_of(self.robots[0])
+        data, joints = scratch.data, scratch.joints
+        poses = np.empty((runs, *joints.shape))
         several = len(self.robots) > 1
-        for k in range(runs):
+        for k, (here, rate) in enumerate(zip(q, v, strict=True)):
             if several:
                 model = self.robots[k].model
-            pin.computeAllTerms(model, data, q[k], v[k])
-            mass[k], bias[k], J[k], dJ[k] = data.M, data.nle, data.J, data.dJ
-            placements = data.oMi
-            for j, joint in joints:
-                placed[k, j] = placements[joint].homogeneous
+            bias[k] = pin.nonLinearEffects(model, data, here, rate)
+            mass[k] = pin.crba(model, data, here)
+            pin.computeJointJacobiansTimeVariation(model, data, here, rate)
+            J[k], dJ[k] = data.J, data.dJ
+            if scratch.refresh is not None:
+                scratch.refresh()
+            poses[k] = joints
         rows, columns = _lower_half(nv)
         mass[:, rows, columns] = mass[:, columns, rows]  # pinocchio fills the upper half
         mass[:, range(nv), range(nv)] += self.rotors
+        poses = poses[:, self.geometry.joints]
+        placed = np.zeros((runs, poses.shape[1], 4, 4))
+        placed[..., :3, :3] = poses[..., :9].reshape(runs, -1, 3, 3).swapaxes(2, 3)
+        placed[..., :3, 3] = poses[..., 9:]
         frames = self.geometry.frames(placed, J)
         loops = loop_equations(self.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
@@ -135,19 +147,20 @@ class RobotStack:
         bias, dJ = np.empty_like(at.bias), np.empty_like(at.tree_rate)
         model, data = self.robots[0].model, scratch_of(self.robots[0]).data
         several = len(self.robots) > 1
-        for k in range(len(q)):
+        for k, (here, rate) in enumerate(zip(q, v, strict=True)):
             if several:
                 model = self.robots[k].model
-            pin.computeJointJacobiansTimeVariation(model, data, q[k], v[k])
+            pin.computeJointJacobiansTimeVariation(model, data, here, rate)
             dJ[k] = data.dJ
-            bias[k] = pin.nonLinearEffects(model, data, q[k], v[k])
+            bias[k] = pin.nonLinearEffects(model, data, here, rate)
         return at._replace(bias=bias, tree_rate=dJ)
 
     def drift(self, at: Terms, v: Array) -> Array:
         """Second derivative (R, m) of the loop equations when joint accelerations are zero."""
         frames = at.frames
         moved = frames.carried * v[:, None]  # (R, F, nv)
-        motions = np.stack([moved @ frames.screws, moved @ at.tree_rate.swapaxes(1, 2)])  # (2, R, F, 6)
+        both = np.stack([frames.screws, at.tree_rate.swapaxes(1, 2)])
+        motions = matmul(moved, both)  # (2, R, F, 6)
         motions[..., :3] += cross(motions[..., 3:], frames.position)  # from the base's origin to the frames
         twist, drift = motions
         drift[..., :3] += cross(twist[..., 3:], twist[..., :3])

@@ -72,8 +72,8 @@ def unit_twist(robot: ParallelRobot, twist: Array) -> float:
 
     Along a unit twist, t_s . W_p is a force [N] (a torque [N m] for a pure turn).
     """
-    linear = np.linalg.norm(twist[robot.platform_axes < 3])
-    angular = np.linalg.norm(twist[robot.platform_axes >= 3])
+    linear = np.linalg.norm(twist[robot.translations])
+    angular = np.linalg.norm(twist[~robot.translations])
     return float(linear if linear > VANISHED * robot.length * angular else angular)
 
 

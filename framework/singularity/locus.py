@@ -11,18 +11,18 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from framework.arrays import Array
 from framework.kinematics.assembly import passive_columns
-from framework.kinematics.closures import column_scale
-from framework.kinematics.frames import integrate
-from framework.kinematics.inverse_kinematics import mode_signs, moving_columns, system_at
+from framework.kinematics.inverse_kinematics import close_each, mode_signs, system_at
 from framework.kinematics.loop_matrices import measured_matrix
 from framework.model import ParallelRobot
 
 GRID = 61  # points along an edge of the workspace
 REACH = 1.2  # half an edge of the grid, in lengths of the robot
-STEPS = 8  # Newton steps to a neighbouring point
+STEPS = 10  # Newton steps to a neighbouring point
+NEIGHBOUR = 0.5  # [rad, lengths] that a step may move a joint by
 PATCH = 11  # points along an edge of the patch
 PATCH_SIZE = 0.12  # half an edge of the patch, in lengths of the robot
 STEEPEST = 0.2  # of the patch's distance from its plane, in lengths of the robot: beyond, it is left out
@@ -34,17 +34,20 @@ class LocusCurves(NamedTuple):
     curves: list[Array]  # (m, 2) platform coordinates each
     axes: tuple[int, int]  # which platform coordinates
     reached: int  # points of the grid on the working mode
+    about: Array  # (n,) platform coordinates of the grid's centre; those not among `axes` are held
+    reach: float  # [m] half an edge of the grid
+
+    def serves(self, x: Array) -> bool:
+        """Whether these are the curves about x (T, n) too: the same held coordinates, well inside."""
+        off = np.abs(x - self.about)
+        held = np.delete(off, self.axes, axis=1)
+        return bool(held.max(initial=0.0) < 1e-9 and off[:, self.axes].max() < 0.5 * self.reach)
 
 
 class _Reached(NamedTuple):
-    closed: Array  # (T,) bool
+    closed: NDArray[np.bool_]  # (T,)
     q: Array  # (T, nq)
     g: Array  # (T,) det P: it changes sign where g does, and needs no border
-
-
-def straight_axes(robot: ParallelRobot) -> list[int]:
-    """Which platform coordinates are translations."""
-    return [k for k, axis in enumerate(robot.platform_axes) if axis < 3]
 
 
 def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None:
@@ -54,7 +57,7 @@ def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None
     robot without exactly two translations, without passive joints, or with redundant motors (whose g has
     no sign).
     """
-    straight = straight_axes(robot)
+    straight = _straight(robot)
     if len(straight) != 2 or not _has_signed_measure(robot):
         return None
     span = np.linspace(-REACH, REACH, GRID) * robot.length
@@ -73,7 +76,13 @@ def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None
             measure = _measure_about(robot, grid[at][known], x, straight)
             pulled[known] = _pulled_onto(measure, curve[known], onto, size[known], 0.5 * (span[1] - span[0]))
         curves += [x[straight] + piece for piece in _unbroken(pulled)]
-    return LocusCurves(curves, (straight[0], straight[1]), int(np.isfinite(g).sum()))
+    return LocusCurves(
+        curves=curves,
+        axes=(straight[0], straight[1]),
+        reached=int(np.isfinite(g).sum()),
+        about=x.copy(),
+        reach=REACH * robot.length,
+    )
 
 
 def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
@@ -81,7 +90,7 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
 
     None for a robot without exactly three translations, or where the surface cannot be followed.
     """
-    straight = straight_axes(robot)
+    straight = _straight(robot)
     if len(straight) != 3 or not _has_signed_measure(robot):
         return None
     step = 1e-4 * robot.length
@@ -104,13 +113,18 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     return (points + x[straight]).reshape(PATCH, PATCH, 3)
 
 
+def _straight(robot: ParallelRobot) -> list[int]:
+    """Which platform coordinates are translations."""
+    return np.flatnonzero(robot.translations).tolist()
+
+
 def _has_signed_measure(robot: ParallelRobot) -> bool:
     return len(passive_columns(robot)) > 0 and robot.n_a == robot.n
 
 
 def _filled(robot: ParallelRobot, q: Array, x: Array, span: Array) -> tuple[Array, Array]:
     """Configurations (GRID, GRID, nq) and det P on span x span about x, nan where the mode does not reach."""
-    straight = straight_axes(robot)
+    straight = _straight(robot)
     middle = GRID // 2
     grid = np.full((GRID, GRID, robot.model.nq), np.nan)
     g = np.full((GRID, GRID), np.nan)
@@ -191,28 +205,8 @@ def _pulled_onto(
 
 
 def _reach(robot: ParallelRobot, x: Array, guess: Array, sign: float | None) -> _Reached:
-    """Newton's method on many points at once, each for itself; those that fail or change mode are told."""
-    columns, lengths = moving_columns(robot), column_scale(robot)[moving_columns(robot)]
-    q = guess.copy()
-    alive = np.ones(len(x), dtype=bool)
-    size = np.full(len(x), np.inf)
-    for _ in range(STEPS):
-        system = system_at(robot, q, x)
-        jacobian = system.jacobian[:, :, columns]
-        jacobian[~alive] = np.eye(len(columns))
-        try:
-            newton = -np.linalg.solve(jacobian, system.residual[..., None])[..., 0] / lengths
-        except np.linalg.LinAlgError:
-            newton = -np.einsum("tij,tj->ti", np.linalg.pinv(jacobian), system.residual) / lengths
-        size = np.abs(newton).max(axis=1)
-        alive &= np.isfinite(size) & (size < 0.5)
-        step = np.zeros((len(x), robot.model.nv))
-        step[np.ix_(alive, columns)] = newton[alive] * lengths
-        q = integrate(robot, q, step)
-        if not alive.any() or size[alive].max() < 1e-7:
-            break
-    system = system_at(robot, q, x)
-    alive &= size < 1e-5
+    """The robot assembled at x (T, n) from guesses (T, nq) near by, where it can be without changing mode."""
+    q, system, closed = close_each(robot, x, guess, iterations=STEPS, farthest=NEIGHBOUR)
     if sign is not None:
-        alive &= mode_signs(robot, system)[0] == sign
-    return _Reached(alive, q, np.linalg.det(measured_matrix(robot, system)))
+        closed &= mode_signs(robot, system)[0] == sign
+    return _Reached(closed, q, np.linalg.det(measured_matrix(robot, system)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from framework.kinematics.platform import path_twist
 from framework.kinematics.tracking import escaping, track_path, weakest_leg
 from framework.model import ParallelRobot
 from framework.motion.path import Path
-from framework.singularity.bordered_system import Border, bordered
 from framework.singularity.classification import uncontrolled_motion
 from framework.singularity.rank_deficiency import (
     CLOSE,
@@ -33,6 +33,7 @@ from framework.singularity.rank_deficiency import (
     contacts,
     panels,
 )
+from framework.singularity.root_of_g import STENCIL, slope_of_g, stencil
 
 MOST_CONTINUATIONS = 16
 
@@ -55,6 +56,23 @@ class SingularPoint:
     slope: float
     q: Array  # (nq,)
     motion: Array  # (nv,)
+
+
+class SearchedPath(NamedTuple):
+    """A path that was followed and searched, for whoever has more than one question about it."""
+
+    branch: Branch
+    points: tuple[SingularPoint, ...]
+
+
+def search_path(robot: ParallelRobot, path: Path) -> SearchedPath:
+    """Follow the path and find its singular points.
+
+    Raises:
+        As `track_path` and `locate_singularities`.
+    """
+    branch = track_path(robot, path)
+    return SearchedPath(branch, locate_singularities(robot, path, branch=branch))
 
 
 def locate_singularities(
@@ -179,21 +197,19 @@ def _is_type_1(mobile: Measured, s: float) -> bool:
 
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     branch, s = passive.branch, contact.s
-    robot, h = branch.robot, 1e-4
-    at = np.clip([s - h, s, s + h], 0.0, 1.0)
+    robot, at = branch.robot, stencil(s)
     closed = branch.closed(at)
     uncontrolled = uncontrolled_motion(robot, closed.system.at(1))
     forward = np.dot(uncontrolled.twist, path_twist(robot, branch.path, s))
     along = -1.0 if forward < 0 else 1.0
     P = passive.matrix(closed.system)
     if uncontrolled.corank > 1:
-        slopes = block_slopes(passive.at, s, uncontrolled.corank, h)[1]
+        slopes = block_slopes(passive.at, s, uncontrolled.corank, STENCIL)[1]
         slope = np.linalg.svd(slopes, compute_uv=False)[-1]
     else:
-        g = bordered(P, Border.of(P[1])).g
+        _, slope, beyond = slope_of_g(P, at)
         # a border taken at the root knows no sign of det: give g the sign of det P beyond it
-        sign = np.sign(g[2]) * np.linalg.slogdet(P[2])[0] if at[2] > s else 1.0
-        slope = sign * (g[2] - g[0]) / (at[2] - at[0])
+        slope *= np.sign(beyond) * np.linalg.slogdet(P[2])[0] if at[2] > s else 1.0
     return SingularPoint(
         s=s,
         kind=uncontrolled.kind,

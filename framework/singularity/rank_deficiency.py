@@ -23,6 +23,7 @@ from framework.kinematics.inverse_kinematics import System
 from framework.kinematics.loop_matrices import VANISHED
 from framework.motion.chebyshev import coefficients, extrema, nodes, real_roots, tail
 from framework.singularity.bordered_system import Border, bordered, determinant
+from framework.singularity.root_of_g import STENCIL, root_of_g
 
 PANEL_NODES = 24
 RESOLVED = 1e-9  # tail of g on a panel; roots are polished afterwards
@@ -159,7 +160,7 @@ def contacts(measured: Measured, found: list[Panel]) -> list[Contact]:
             if is_touch and all(abs(s - other.s) > 1e-6 for other in touches):
                 touches.append(Contact(s, _contact(measured, s, size)))
             continue
-        s, depth = _polish_root(measured, start, size)
+        s, depth, _ = root_of_g(measured.at, start, size=size, longest=STENCIL)
         is_root = abs(depth) < zero and abs(s - start) < 1e-3 * (panel.end - panel.start)
         # a touch is also a close pair of roots, and a root on the edge of two panels is found twice
         new = all(abs(s - other.s) > 1e-10 for other in roots)
@@ -251,26 +252,6 @@ def block_slopes(
 
 
 # ------------------------------------------------------------------ one singular value, others beside it
-
-
-def _polish_root(measured: Measured, s: float, size: int) -> tuple[float, float]:
-    """Newton on g with the border of the root itself, and g there; slope by central differences."""
-    h, depth = 1e-4, np.inf
-    for _ in range(6):
-        at = np.clip([s - h, s, s + h], 0.0, 1.0)
-        matrices = measured.at(at)
-        g = bordered(matrices, Border.of(matrices[1], size)).g
-        depth = float(g[1])
-        if g[2] == g[0]:
-            break
-        step = -depth * (at[2] - at[0]) / (g[2] - g[0])
-        if not abs(step) < h:
-            break
-        s = float(np.clip(s + step, 0.0, 1.0))
-        if abs(step) < 1e-8:  # the next step would be h^2 of it, and what is left of g rounding
-            depth = 0.0
-            break
-    return s, depth
 
 
 def _contact(measured: Measured, s: float, size: int) -> str:

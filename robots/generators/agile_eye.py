@@ -1,7 +1,5 @@
 """Writes the URDF of two spherical 3-RRR robots, agile_eye and spherical_rrr: the same but for an arc.
 
-    python -m robots.generators.agile_eye
-
 Source of the geometry: C. M. Gosselin and J.-F. Hamel, "The Agile Eye: a high-performance
 three-degree-of-freedom camera-orienting device", ICRA 1994: all pairs of adjacent axes are orthogonal. The
 axes at the reference are those of I. A. Bonev, D. Chablat and P. Wenger, "Working and Assembly Modes of the
@@ -10,14 +8,24 @@ Agile Eye", ICRA 2006. In spherical_rrr the arcs at the motors span 60 degrees. 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
 from framework.arrays import Array
-from robots.files import URDF
+from robots.generators.elements import (
+    ZERO,
+    Element,
+    cylinder,
+    cylinder_moments,
+    document,
+    inertial,
+    joint,
+    link,
+    oriented,
+    origin,
+    shape,
+)
 
 PROXIMAL = {"agile_eye": 90.0, "spherical_rrr": 60.0}  # arc from the motor's axis to the elbow's [degrees]
 DISTAL = 90.0  # arc from the elbow's axis to the wrist's [degrees]
@@ -52,9 +60,9 @@ it in {name}.yaml.
 """
 
 
-def file(name: str) -> Path:
-    """Where the URDF of this robot is kept."""
-    return URDF / name / f"{name}.urdf"
+def files() -> dict[str, str]:
+    """The text of each file that is kept, by its place below urdf/."""
+    return {f"{name}/{name}.urdf": urdf(name) for name in PROXIMAL}
 
 
 def base_axes(leg: int) -> Array:
@@ -71,37 +79,32 @@ def urdf(name: str) -> str:
     """The text of the URDF."""
     arc = PROXIMAL[name]
     what = "the Agile Eye" if arc == 90.0 else "an Agile Eye with shorter arcs at the motors"
-    lines = [HEADER.format(name=name, what=what, arc=arc), '  <link name="base">']
+    motors = [
+        shape(cylinder(0.02, 0.06), oriented(0.2 * axis[:, 2], axis), "frame")
+        for axis in map(base_axes, (1, 2, 3))
+    ]
+    parts: list[Element | str] = ["", link("base", *motors), ""]
     for leg in (1, 2, 3):
-        axis = base_axes(leg)
-        lines += _shape(_cylinder(0.02, 0.06), "frame", 0.2 * axis[:, 2], axis)
-    lines += ["  </link>", ""]
-    for leg in (1, 2, 3):
-        lines += _leg(leg, np.deg2rad(arc))
-    lines += _platform()
-    return "\n".join([*lines, "</robot>", ""])
+        parts += _leg(leg, np.deg2rad(arc))
+    return document(HEADER.format(name=name, what=what, arc=arc), [*parts, *_platform()])
 
 
-def _leg(leg: int, arc: float) -> list[str]:
-    limit = 'lower="-6.28" upper="6.28" effort="50" velocity="30"'
-    motor = _joint(f"motor_{leg}", "base", f"proximal_{leg}", base_axes(leg), limit)
-    elbow = _joint(f"elbow_{leg}", f"proximal_{leg}", f"distal_{leg}", _about_x(arc))
-    end = _joint(f"distal_{leg}_end", f"distal_{leg}", f"tip_{leg}", _about_x(np.deg2rad(DISTAL)), "")
+def _leg(leg: int, arc: float) -> list[Element | str]:
+    distal = np.deg2rad(DISTAL)
+    tip = origin((0, 0, DISTAL_RADIUS - 0.01))
     return [
         f"  <!-- Leg {leg}: motor, proximal arc, elbow, distal arc, and the frame of its wrist. -->",
-        *motor,
-        *_arc(f"proximal_{leg}", "proximal", arc, PROXIMAL_RADIUS, PROXIMAL_MASS),
-        *elbow,
-        *_arc(f"distal_{leg}", "distal", np.deg2rad(DISTAL), DISTAL_RADIUS, DISTAL_MASS),
-        *end,
-        f'  <link name="tip_{leg}">',
-        *_shape(_cylinder(0.01, 0.03), "steel", np.array([0, 0, DISTAL_RADIUS - 0.01])),
-        "  </link>",
+        _turning(f"motor_{leg}", "base", f"proximal_{leg}", base_axes(leg), effort=50),
+        _arc(f"proximal_{leg}", "proximal", arc, PROXIMAL_RADIUS, PROXIMAL_MASS),
+        _turning(f"elbow_{leg}", f"proximal_{leg}", f"distal_{leg}", _about_x(arc)),
+        _arc(f"distal_{leg}", "distal", distal, DISTAL_RADIUS, DISTAL_MASS),
+        joint(f"distal_{leg}_end", "fixed", f"distal_{leg}", f"tip_{leg}", oriented(ZERO, _about_x(distal))),
+        link(f"tip_{leg}", shape(cylinder(0.01, 0.03), tip, "steel")),
         "",
     ]
 
 
-def _arc(name: str, material: str, angle: float, radius: float, mass: float) -> list[str]:
+def _arc(name: str, material: str, angle: float, radius: float, mass: float) -> Element:
     """A link of straight bars from z towards -y, with a pin at its end."""
     corners = [_about_x(a) @ [0, 0, radius] for a in np.linspace(0, angle, PARTS + 1)]
     centres = [(a + b) / 2 for a, b in pairwise(corners)]
@@ -110,38 +113,42 @@ def _arc(name: str, material: str, angle: float, radius: float, mass: float) -> 
     for k, centre in enumerate(centres):
         bar = corners[k + 1] - corners[k]
         length, axes = float(np.linalg.norm(bar)), _about_x((k + 0.5) * angle / PARTS + np.pi / 2)
-        moments = _moments(mass / PARTS, BAR, length)
+        moments = cylinder_moments(mass / PARTS, BAR, length, "z")
         away = centre - middle
         inertia += axes @ np.diag(moments) @ axes.T
         inertia += mass / PARTS * (away @ away * np.eye(3) - np.outer(away, away))
-        shapes += _shape(_cylinder(BAR, length), material, centre, axes)
-    pin = _shape(_cylinder(0.008, 0.03), "steel", corners[-1], _about_x(angle))
-    return [f'  <link name="{name}">', *_inertial(middle, mass, inertia), *shapes, *pin, "  </link>"]
+        shapes.append(shape(cylinder(BAR, length), oriented(centre, axes), material))
+    pin = shape(cylinder(0.008, 0.03), oriented(corners[-1], _about_x(angle)), "steel")
+    return link(name, inertial(mass, middle, inertia), *shapes, pin)
 
 
-def _platform() -> list[str]:
+def _platform() -> list[Element | str]:
     """The camera on the wrist of leg 1; it looks along (1, 1, 1) of the platform's frame."""
     x, y, z = np.array([1, -1, 0]) / np.sqrt(2), np.array([1, 1, -2]) / np.sqrt(6), np.ones(3) / np.sqrt(3)
     looks = np.column_stack([x, y, z])
     centre = CAMERA_OFFSET * z
-    moments = _moments(CAMERA_MASS, CAMERA_RADIUS, CAMERA_LENGTH)
-    lines = [
-        "  <!-- The platform, on the wrist of leg 1. -->",
-        *_joint("wrist_1", "tip_1", "platform_1", np.eye(3)),
-        '  <link name="platform_1"/>',
-        *_joint("platform_frame", "platform_1", "platform", platform_axes(1).T, ""),
-        '  <link name="platform">',
-        *_inertial(centre, CAMERA_MASS, looks @ np.diag(moments) @ looks.T),
-        *_shape(_cylinder(CAMERA_RADIUS, CAMERA_LENGTH), "camera", centre, looks),
+    moments = cylinder_moments(CAMERA_MASS, CAMERA_RADIUS, CAMERA_LENGTH, "z")
+    pins = [
+        shape(cylinder(0.006, 0.08), oriented(0.06 * wrist[:, 2], wrist), "steel")
+        for wrist in map(platform_axes, (1, 2, 3))
     ]
-    for leg in (1, 2, 3):
-        wrist = platform_axes(leg)
-        lines += _shape(_cylinder(0.006, 0.08), "steel", 0.06 * wrist[:, 2], wrist)
-    lines += ["  </link>"]
+    parts: list[Element | str] = [
+        "  <!-- The platform, on the wrist of leg 1. -->",
+        _turning("wrist_1", "tip_1", "platform_1", np.eye(3)),
+        link("platform_1"),
+        joint("platform_frame", "fixed", "platform_1", "platform", oriented(ZERO, platform_axes(1).T)),
+        link(
+            "platform",
+            inertial(CAMERA_MASS, centre, looks @ np.diag(moments) @ looks.T),
+            shape(cylinder(CAMERA_RADIUS, CAMERA_LENGTH), oriented(centre, looks), "camera"),
+            *pins,
+        ),
+    ]
     for leg in (2, 3):
-        lines += _joint(f"platform_wrist_{leg}", "platform", f"platform_{leg}", platform_axes(leg), "")
-        lines += [f'  <link name="platform_{leg}"/>']
-    return lines
+        place = oriented(ZERO, platform_axes(leg))
+        parts += [joint(f"platform_wrist_{leg}", "fixed", "platform", f"platform_{leg}", place)]
+        parts += [link(f"platform_{leg}")]
+    return parts
 
 
 def _about_x(angle: float) -> Array:
@@ -149,72 +156,7 @@ def _about_x(angle: float) -> Array:
     return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
 
 
-def _moments(mass: float, radius: float, length: float) -> tuple[float, float, float]:
-    """Of a cylinder along z about its centre [kg m^2]."""
-    across = mass * (3 * radius**2 + length**2) / 12
-    return across, across, mass * radius**2 / 2
-
-
-def _joint(
-    name: str,
-    parent: str,
-    child: str,
-    axes: Array,
-    limit: str = 'lower="-6.28" upper="6.28" effort="0" velocity="30"',
-) -> list[str]:
-    """A revolute joint about z, or a fixed one without a limit."""
-    lines = [
-        f'  <joint name="{name}" type="{"revolute" if limit else "fixed"}">',
-        f'    <parent link="{parent}"/>',
-        f'    <child link="{child}"/>',
-        f"    {_origin(np.zeros(3), axes)}",
-    ]
-    if limit:
-        lines += ['    <axis xyz="0 0 1"/>', f"    <limit {limit}/>"]
-    return [*lines, "  </joint>"]
-
-
-def _origin(xyz: Array, axes: Array) -> str:
-    """An <origin> with the axes, as columns, in fixed-axis roll, pitch and yaw."""
-    if np.hypot(axes[0, 0], axes[1, 0]) > 1e-9:
-        pitch = np.arcsin(np.clip(-axes[2, 0], -1, 1))
-        rpy = (np.arctan2(axes[2, 1], axes[2, 2]), pitch, np.arctan2(axes[1, 0], axes[0, 0]))
-    else:  # x points up or down: roll and yaw turn about the same line
-        up = -np.sign(axes[2, 0])
-        rpy = (np.arctan2(up * axes[0, 1], axes[1, 1]), up * np.pi / 2, 0.0)
-    return f'<origin xyz="{_numbers(xyz)}" rpy="{_numbers(rpy)}"/>'
-
-
-def _inertial(xyz: Array, mass: float, inertia: Array) -> list[str]:
-    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    values = inertia[np.triu_indices(3)]
-    entries = " ".join(f'{n}="{_numbers([v])}"' for n, v in zip(names, values, strict=True))
-    return [
-        "    <inertial>",
-        f'      <origin xyz="{_numbers(xyz)}" rpy="0 0 0"/>',
-        f'      <mass value="{_numbers([mass])}"/>',
-        f"      <inertia {entries}/>",
-        "    </inertial>",
-    ]
-
-
-def _shape(geometry: str, material: str, xyz: Array, axes: Array | None = None) -> list[str]:
-    """The same primitive to look at and to collide with."""
-    place = _origin(xyz, np.eye(3) if axes is None else axes)
-    body = [f"      {place}", f"      <geometry>{geometry}</geometry>"]
-    seen = ["    <visual>", *body, f'      <material name="{material}"/>', "    </visual>"]
-    return [*seen, "    <collision>", *body, "    </collision>"]
-
-
-def _cylinder(radius: float, length: float) -> str:
-    return f'<cylinder radius="{_numbers([radius])}" length="{_numbers([length])}"/>'
-
-
-def _numbers(values: Iterable[float]) -> str:
-    """To 15 decimals, so that the last digit does not depend on the machine's sine."""
-    return " ".join(f"{round(float(value), 15) + 0.0:.15g}" for value in values)
-
-
-if __name__ == "__main__":
-    for robot in PROXIMAL:
-        file(robot).write_text(urdf(robot), encoding="utf-8")
+def _turning(name: str, parent: str, child: str, axes: Array, effort: float = 0) -> Element:
+    """A revolute joint about z of these axes."""
+    limit = (-6.28, 6.28, effort, 30)
+    return joint(name, "revolute", parent, child, oriented(ZERO, axes), "0 0 1", limit)

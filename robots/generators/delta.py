@@ -1,7 +1,5 @@
 """Writes urdf/delta/delta.urdf: three equal legs with real parallelograms, and a platform on one rod.
 
-    python -m robots.generators.delta
-
 Source of the dimensions: R. L. Williams II, "The Delta Parallel Robot: Kinematics Solutions", Ohio
 University, 2015, table of the ABB FlexPicker IRB 360-1/1600, as other programs quote it: arms of 0.524 m,
 forearms of 1.244 m and 0.131 m wide; a base triangle with sides of 0.567 m, which puts the motor axes 0.164 m
@@ -14,24 +12,28 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
-from robots.files import URDF
+from robots.generators.elements import (
+    ZERO,
+    Element,
+    Limit,
+    Value,
+    cylinder,
+    document,
+    fixed,
+    joint,
+    link,
+    origin,
+    shape,
+    solid_cylinder,
+    sphere,
+)
 
-FILE = URDF / "delta" / "delta.urdf"
 BASE, PLATFORM, ARM, ROD, WIDTH = 0.164, 0.044, 0.524, 1.244, 0.131  # [m]
 ARM_MASS, ROD_MASS, PLATFORM_MASS = 1.6, 0.18, 1.5  # [kg]; the platform with 1 kg of payload
 # A forearm may hang or lie level (1.6 rad either way) wherever its arm is, from -1.6 to 4.2 rad: its rods
 # pass beside the arm.
-SWING = 'lower="-5.8" upper="3.2" effort="0" velocity="30"'
+SWING = (-5.8, 3.2, 0, 30)
 ARM_RADIUS, ROD_RADIUS, PLATE_RADIUS, PLATE = 0.03, 0.008, 0.08, 0.02  # of the shapes [m]
-
-
-def urdf() -> str:
-    """The text of the URDF."""
-    lines = [HEADER, *_base()]
-    for leg in (1, 2, 3):
-        lines += _leg(leg)
-    lines += _platform()
-    return "\n".join([*lines, "</robot>", ""])
 
 
 HEADER = """<?xml version="1.0"?>
@@ -58,86 +60,86 @@ on it in delta.yaml. Nothing but the six rods keeps the platform level.
 """
 
 
-def _base() -> list[str]:
-    """A plate below the motors, small enough for the forearms to pass beside it, and three housings."""
-    lines = ['  <link name="base">', *_shape(_cylinder(0.14, 0.02), "frame", (0, 0, -0.05))]
+def files() -> dict[str, str]:
+    """The text of each file that is kept, by its place below urdf/."""
+    return {"delta/delta.urdf": urdf()}
+
+
+def urdf() -> str:
+    """The text of the URDF."""
+    parts = _base()
     for leg in (1, 2, 3):
-        place = (*_outward(leg, BASE), 0.0)
-        lines += _shape(_cylinder(0.035, 0.09), "frame", place, (-np.pi / 2, 0, _yaw(leg)))
-    return [*lines, "  </link>", ""]
+        parts += _leg(leg)
+    return document(HEADER, [*parts, *_platform()])
 
 
-def _leg(leg: int) -> list[str]:
-    across = ARM_MASS * (3 * ARM_RADIUS**2 + ARM**2) / 12
-    along = ARM_MASS * ARM_RADIUS**2 / 2
-    lines = [
+def _base() -> list[Element | str]:
+    """A plate below the motors, small enough for the forearms to pass beside it, and three housings."""
+    housings = [
+        shape(cylinder(0.035, 0.09), origin((*_outward(leg, BASE), 0.0), (-np.pi / 2, 0, _yaw(leg))), "frame")
+        for leg in (1, 2, 3)
+    ]
+    return ["", link("base", shape(cylinder(0.14, 0.02), origin((0, 0, -0.05)), "frame"), *housings), ""]
+
+
+def _leg(leg: int) -> list[Element | str]:
+    place = origin((*_outward(leg, BASE), 0.0), (0, 0, _yaw(leg)))
+    parts: list[Element | str] = [
         f"  <!-- Leg {leg}. -->",
-        *_joint(
-            f"motor_{leg}",
-            "base",
+        joint(f"motor_{leg}", "revolute", "base", f"arm_{leg}", place, "0 1 0", (-1.6, 4.2, 500, 20)),
+        link(
             f"arm_{leg}",
-            "0 1 0",
-            (*_outward(leg, BASE), 0.0),
-            (0, 0, _yaw(leg)),
-            'lower="-1.6" upper="4.2" effort="500" velocity="20"',
+            solid_cylinder(ARM_MASS, ARM_RADIUS, ARM, "x", (0.5 * ARM, 0, 0)),
+            shape(cylinder(ARM_RADIUS, ARM), origin((0.5 * ARM, 0, 0), (0, np.pi / 2, 0)), "arm"),
+            shape(cylinder(0.5 * ARM_RADIUS, WIDTH), origin((ARM, 0, 0), (np.pi / 2, 0, 0)), "steel"),
         ),
-        f'  <link name="arm_{leg}">',
-        *_inertial((0.5 * ARM, 0, 0), ARM_MASS, (along, across, across)),
-        *_shape(_cylinder(ARM_RADIUS, ARM), "arm", (0.5 * ARM, 0, 0), (0, np.pi / 2, 0)),
-        *_shape(_cylinder(0.5 * ARM_RADIUS, WIDTH), "steel", (ARM, 0, 0), (np.pi / 2, 0, 0)),
-        "  </link>",
     ]
     for rod, side in (("a", 0.5), ("b", -0.5)):
-        lines += _rod(leg, f"{leg}{rod}", side * WIDTH)
-    return [*lines, ""]
+        parts += _rod(leg, f"{leg}{rod}", side * WIDTH)
+    return [*parts, ""]
 
 
-def _rod(leg: int, name: str, y: float) -> list[str]:
+def _rod(leg: int, name: str, y: float) -> list[Element]:
     """One rod of the forearm on its universal joint, at y on the arm's end, with the frame at its tip."""
-    across = ROD_MASS * (3 * ROD_RADIUS**2 + ROD**2) / 12
-    along = ROD_MASS * ROD_RADIUS**2 / 2
+    middle = (0, 0, -0.5 * ROD)
     return [
-        *_joint(f"swing_{name}", f"arm_{leg}", f"cross_{name}", "0 1 0", (ARM, y, 0), limit=SWING),
-        f'  <link name="cross_{name}">',
-        *_shape('<sphere radius="0.018"/>', "steel", (0, 0, 0)),
-        "  </link>",
-        *_joint(f"lean_{name}", f"cross_{name}", f"rod_{name}", "1 0 0"),
-        f'  <link name="rod_{name}">',
-        *_inertial((0, 0, -0.5 * ROD), ROD_MASS, (across, across, along)),
-        *_shape(_cylinder(ROD_RADIUS, ROD), "rod", (0, 0, -0.5 * ROD)),
-        "  </link>",
-        *_joint(f"end_{name}", f"rod_{name}", f"tip_{name}", "", (0, 0, -ROD)),
-        f'  <link name="tip_{name}">',
-        *_shape('<sphere radius="0.015"/>', "steel", (0, 0, 0)),
-        "  </link>",
+        _passive(f"swing_{name}", f"arm_{leg}", f"cross_{name}", "0 1 0", (ARM, y, 0), SWING),
+        link(f"cross_{name}", shape(sphere("0.018"), origin(), "steel")),
+        _passive(f"lean_{name}", f"cross_{name}", f"rod_{name}", "1 0 0"),
+        link(
+            f"rod_{name}",
+            solid_cylinder(ROD_MASS, ROD_RADIUS, ROD, "z", middle),
+            shape(cylinder(ROD_RADIUS, ROD), origin(middle), "rod"),
+        ),
+        joint(f"end_{name}", "fixed", f"rod_{name}", f"tip_{name}", origin((0, 0, -ROD))),
+        link(f"tip_{name}", shape(sphere("0.015"), origin(), "steel")),
     ]
 
 
-def _platform() -> list[str]:
+def _platform() -> list[Element | str]:
     """The ball of rod 1a, the platform on it, and the places of the other balls."""
-    across = PLATFORM_MASS * (3 * PLATE_RADIUS**2 + PLATE**2) / 12
-    along = PLATFORM_MASS * PLATE_RADIUS**2 / 2
-    lines = [
+    centre = origin((-PLATFORM, -0.5 * WIDTH, 0))
+    parts: list[Element | str] = [
         "  <!-- The platform, on the ball of rod 1a. -->",
-        *_joint("ball_x", "tip_1a", "ball_1", "1 0 0"),
-        '  <link name="ball_1"/>',
-        *_joint("ball_y", "ball_1", "ball_2", "0 1 0"),
-        '  <link name="ball_2"/>',
-        *_joint("ball_z", "ball_2", "platform_1a", "0 0 1"),
-        '  <link name="platform_1a"/>',
-        *_joint("platform_centre", "platform_1a", "platform", "", (-PLATFORM, -0.5 * WIDTH, 0)),
-        '  <link name="platform">',
-        *_inertial((0, 0, 0), PLATFORM_MASS, (across, across, along)),
-        *_shape(_cylinder(PLATE_RADIUS, PLATE), "steel", (0, 0, 0)),
-        *_shape(_cylinder(0.03, 0.08), "payload", (0, 0, -0.05)),
-        "  </link>",
+        _passive("ball_x", "tip_1a", "ball_1", "1 0 0"),
+        link("ball_1"),
+        _passive("ball_y", "ball_1", "ball_2", "0 1 0"),
+        link("ball_2"),
+        _passive("ball_z", "ball_2", "platform_1a", "0 0 1"),
+        link("platform_1a"),
+        joint("platform_centre", "fixed", "platform_1a", "platform", centre),
+        link(
+            "platform",
+            solid_cylinder(PLATFORM_MASS, PLATE_RADIUS, PLATE, "z"),
+            shape(cylinder(PLATE_RADIUS, PLATE), origin(), "steel"),
+            shape(cylinder(0.03, 0.08), origin((0, 0, -0.05)), "payload"),
+        ),
     ]
     for name in ("1b", "2a", "2b", "3a", "3b"):
         leg, side = int(name[0]), 0.5 if name[1] == "a" else -0.5
         place = _outward(leg, PLATFORM) + side * WIDTH * np.array([-1, 1]) * _outward(leg, 1.0)[::-1]
-        lines += _joint(f"platform_ball_{name}", "platform", f"platform_{name}", "", (*place, 0.0))
-        lines += [f'  <link name="platform_{name}"/>']
-    return lines
+        parts += fixed(f"platform_ball_{name}", "platform", f"platform_{name}", (*place, 0.0))
+    return parts
 
 
 def _yaw(leg: int) -> float:
@@ -150,58 +152,8 @@ def _outward(leg: int, radius: float) -> Array:
     return radius * np.array([np.cos(_yaw(leg)), np.sin(_yaw(leg))])
 
 
-def _joint(
-    name: str,
-    parent: str,
-    child: str,
-    axis: str,
-    xyz: tuple[float, ...] = (0, 0, 0),
-    rpy: tuple[float, ...] = (0, 0, 0),
-    limit: str = 'lower="-3.2" upper="3.2" effort="0" velocity="30"',
-) -> list[str]:
-    """A revolute joint, or a fixed one without an axis."""
-    lines = [
-        f'  <joint name="{name}" type="{"revolute" if axis else "fixed"}">',
-        f'    <parent link="{parent}"/>',
-        f'    <child link="{child}"/>',
-        f'    <origin xyz="{_numbers(xyz)}" rpy="{_numbers(rpy)}"/>',
-    ]
-    if axis:
-        lines += [f'    <axis xyz="{axis}"/>', f"    <limit {limit}/>"]
-    return [*lines, "  </joint>"]
-
-
-def _inertial(xyz: tuple[float, ...], mass: float, moments: tuple[float, float, float]) -> list[str]:
-    ixx, iyy, izz = (_numbers((value,)) for value in moments)
-    return [
-        "    <inertial>",
-        f'      <origin xyz="{_numbers(xyz)}" rpy="0 0 0"/>',
-        f'      <mass value="{_numbers((mass,))}"/>',
-        f'      <inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/>',
-        "    </inertial>",
-    ]
-
-
-def _shape(
-    geometry: str, material: str, xyz: tuple[float, ...], rpy: tuple[float, ...] = (0, 0, 0)
-) -> list[str]:
-    """The same primitive to look at and to collide with."""
-    body = [
-        f'      <origin xyz="{_numbers(xyz)}" rpy="{_numbers(rpy)}"/>',
-        f"      <geometry>{geometry}</geometry>",
-    ]
-    seen = ["    <visual>", *body, f'      <material name="{material}"/>', "    </visual>"]
-    return [*seen, "    <collision>", *body, "    </collision>"]
-
-
-def _cylinder(radius: float, length: float) -> str:
-    return f'<cylinder radius="{_numbers((radius,))}" length="{_numbers((length,))}"/>'
-
-
-def _numbers(values: tuple[float, ...]) -> str:
-    """To 15 digits, so that the last one does not depend on the machine's sine."""
-    return " ".join(f"{round(float(value), 15) + 0.0:.15g}" for value in values)
-
-
-if __name__ == "__main__":
-    FILE.write_text(urdf(), encoding="utf-8")
+def _passive(
+    name: str, parent: str, child: str, axis: str, xyz: Value = ZERO, limit: Limit = (-3.2, 3.2, 0, 30)
+) -> Element:
+    """A revolute joint without a motor."""
+    return joint(name, "revolute", parent, child, origin(xyz), axis, limit)

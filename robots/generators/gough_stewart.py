@@ -1,7 +1,5 @@
 """Writes urdf/gough_stewart/gough_stewart.urdf: six equal legs, one of which carries the platform.
 
-    python -m robots.generators.gough_stewart
-
 Source of all dimensions: The MathWorks, Stewart platform example of SimMechanics, 1998-2003 (the variant of
 its control design case study, mech_stewart_control_setup.m): base radius 3 m, joints in pairs 2.5 degrees
 beside 0, 120 and 240 degrees; platform radius 1 m, joints 10 degrees beside 60, 180 and 300 degrees, 2 m
@@ -16,9 +14,22 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
-from robots.files import URDF
+from robots.generators.elements import (
+    ZERO,
+    Element,
+    cylinder,
+    document,
+    fixed,
+    inertial,
+    joint,
+    link,
+    oriented,
+    origin,
+    shape,
+    solid_cylinder,
+    sphere,
+)
 
-FILE = URDF / "gough_stewart" / "gough_stewart.urdf"
 LEGS = range(1, 7)
 BASE_RADIUS, PLATFORM_RADIUS, HOME_HEIGHT = 3.0, 1.0, 2.0  # [m]
 TUBE, BORE, THICKNESS = 0.05, 0.03, 0.05  # radii of the leg's tube and rod, platform [m]
@@ -45,16 +56,6 @@ def home_length() -> float:
     return float(np.linalg.norm(platform_joints()[0] + [0, 0, HOME_HEIGHT] - base_joints()[0]))
 
 
-def urdf() -> str:
-    """The text of the URDF."""
-    part = 0.75 * home_length()
-    lines = [HEADER, *_base()]
-    for i in LEGS:
-        lines += _leg(i, part)
-    lines += _platform()
-    return "\n".join([*lines, "</robot>", ""])
-
-
 HEADER = """<?xml version="1.0"?>
 <!--
 Gough-Stewart platform, 6-UPS. Written by robots/generators/gough_stewart.py: change that, not this.
@@ -77,77 +78,73 @@ at 0 the platform is at home, 2 m above the base, axes parallel.
 """
 
 
-def _base() -> list[str]:
-    lines = ['  <link name="base">']
-    lines += _shape(f"0 0 {-0.5 * THICKNESS - TUBE!r}", _cylinder(BASE_RADIUS + 2 * TUBE, THICKNESS), "frame")
-    return [*lines, "  </link>", ""]
+def files() -> dict[str, str]:
+    """The text of each file that is kept, by its place below urdf/."""
+    return {"gough_stewart/gough_stewart.urdf": urdf()}
 
 
-def _leg(i: int, part: float) -> list[str]:
+def urdf() -> str:
+    """The text of the URDF."""
+    part = 0.75 * home_length()
+    floor = origin(_along_z(-0.5 * THICKNESS - TUBE))
+    base = link("base", shape(cylinder(BASE_RADIUS + 2 * TUBE, THICKNESS), floor, "frame"))
+    parts: list[Element | str] = ["", base, ""]
+    for i in LEGS:
+        parts += _leg(i, part)
+    return document(HEADER, [*parts, *_platform()])
+
+
+def _leg(i: int, part: float) -> list[Element | str]:
     """Universal joint, tube, rod and tip of leg i; both parts are `part` [m] long."""
-    foot = base_joints()[i - 1]
-    place = _origin(foot, home_axes(i))
-    tube_mass, tube_inertia = _hollow_cylinder(part, TUBE, BORE)
-    rod_mass, rod_inertia = _hollow_cylinder(part, BORE, 0.0)
+    foot = oriented(base_joints()[i - 1], home_axes(i))
+    tube_mass, tube_moments = _hollow_cylinder(part, TUBE, BORE)
+    rod_mass, rod_moments = _hollow_cylinder(part, BORE, 0.0)
+    stroke = (repr(part), repr(2 * part), "1e6", 10)
+    tube, rod, tip = f"leg_{i}_tube", f"leg_{i}_rod", f"leg_{i}_tip"
     return [
         f"  <!-- Leg {i}. -->",
-        *_joint(f"leg_{i}_swing", "revolute", "base", f"leg_{i}_cross", place, "1 0 0"),
-        f'  <link name="leg_{i}_cross">',
-        *_shape("0 0 0", f'<sphere radius="{1.5 * TUBE!r}"/>', "joint"),
-        "  </link>",
-        *_joint(f"leg_{i}_tilt", "revolute", f"leg_{i}_cross", f"leg_{i}_tube", _origin(), "0 1 0"),
-        f'  <link name="leg_{i}_tube">',
-        *_inertial(0.5 * part, tube_mass, tube_inertia),
-        *_shape(f"0 0 {0.5 * part!r}", _cylinder(TUBE, part), "tube"),
-        "  </link>",
-        *_joint(
-            f"leg_{i}_motor",
-            "prismatic",
-            f"leg_{i}_tube",
-            f"leg_{i}_rod",
-            _origin(),
-            "0 0 1",
-            f'lower="{part!r}" upper="{2 * part!r}" effort="1e6" velocity="10"',
+        _passive(f"leg_{i}_swing", "base", f"leg_{i}_cross", "1 0 0", foot),
+        link(f"leg_{i}_cross", shape(sphere(repr(1.5 * TUBE)), origin(), "joint")),
+        _passive(f"leg_{i}_tilt", f"leg_{i}_cross", tube, "0 1 0"),
+        link(
+            tube,
+            inertial(tube_mass, (0, 0, 0.5 * part), tube_moments),
+            shape(cylinder(TUBE, part), origin(_along_z(0.5 * part), "0 0 0"), "tube"),
         ),
-        f'  <link name="leg_{i}_rod">',
-        *_inertial(-0.5 * part, rod_mass, rod_inertia),
-        *_shape(f"0 0 {-0.5 * part!r}", _cylinder(BORE, part), "rod"),
-        "  </link>",
-        *_joint(f"leg_{i}_end", "fixed", f"leg_{i}_rod", f"leg_{i}_tip", _origin()),
-        f'  <link name="leg_{i}_tip">',
-        *_shape("0 0 0", f'<sphere radius="{TUBE!r}"/>', "joint"),
-        "  </link>",
+        joint(f"leg_{i}_motor", "prismatic", tube, rod, origin(), "0 0 1", stroke),
+        link(
+            rod,
+            inertial(rod_mass, (0, 0, -0.5 * part), rod_moments),
+            shape(cylinder(BORE, part), origin(_along_z(-0.5 * part), "0 0 0"), "rod"),
+        ),
+        joint(f"leg_{i}_end", "fixed", rod, tip),
+        link(tip, shape(sphere(repr(TUBE)), origin(), "joint")),
         "",
     ]
 
 
-def _platform() -> list[str]:
+def _platform() -> list[Element | str]:
     """The ball of leg 1, the platform on it, and the places of the other balls."""
     joints = platform_joints()
     mass = DENSITY * np.pi * PLATFORM_RADIUS**2 * THICKNESS
-    across, along = (
-        mass * (3 * PLATFORM_RADIUS**2 + THICKNESS**2) / 12,
-        mass * PLATFORM_RADIUS**2 / 2,
-    )
-    level = _origin(np.zeros(3), home_axes(1).T)
-    lines = [
+    parts: list[Element | str] = [
         "  <!-- The platform, on the ball of leg 1. -->",
-        *_joint("ball_x", "revolute", "leg_1_tip", "ball_1", level, "1 0 0"),
-        '  <link name="ball_1"/>',
-        *_joint("ball_y", "revolute", "ball_1", "ball_2", _origin(), "0 1 0"),
-        '  <link name="ball_2"/>',
-        *_joint("ball_z", "revolute", "ball_2", "platform_1", _origin(), "0 0 1"),
-        '  <link name="platform_1"/>',
-        *_joint("platform_centre", "fixed", "platform_1", "platform", _origin(-joints[0])),
-        '  <link name="platform">',
-        *_inertial(0.0, mass, (across, across, along)),
-        *_shape("0 0 0", _cylinder(PLATFORM_RADIUS, THICKNESS), "platform"),
-        "  </link>",
+        _passive("ball_x", "leg_1_tip", "ball_1", "1 0 0", oriented(ZERO, home_axes(1).T)),
+        link("ball_1"),
+        _passive("ball_y", "ball_1", "ball_2", "0 1 0"),
+        link("ball_2"),
+        _passive("ball_z", "ball_2", "platform_1", "0 0 1"),
+        link("platform_1"),
+        joint("platform_centre", "fixed", "platform_1", "platform", origin(-joints[0])),
+        link(
+            "platform",
+            solid_cylinder(mass, PLATFORM_RADIUS, THICKNESS, "z"),
+            shape(cylinder(PLATFORM_RADIUS, THICKNESS), origin(), "platform"),
+        ),
     ]
     for i in LEGS[1:]:
-        lines += _joint(f"platform_joint_{i}", "fixed", "platform", f"platform_{i}", _origin(joints[i - 1]))
-        lines += [f'  <link name="platform_{i}"/>']
-    return lines
+        parts += fixed(f"platform_joint_{i}", "platform", f"platform_{i}", joints[i - 1])
+    return parts
 
 
 def home_axes(i: int) -> Array:
@@ -165,64 +162,11 @@ def _hollow_cylinder(length: float, outer: float, inner: float) -> tuple[float, 
     return mass, (across, across, mass * (outer**2 + inner**2) / 2)
 
 
-def _joint(
-    name: str, kind: str, parent: str, child: str, origin: str, axis: str = "", limit: str = ""
-) -> list[str]:
-    lines = [
-        f'  <joint name="{name}" type="{kind}">',
-        f'    <parent link="{parent}"/>',
-        f'    <child link="{child}"/>',
-        f"    {origin}",
-    ]
-    if axis:
-        limit = limit or 'lower="-3.2" upper="3.2" effort="0" velocity="20"'
-        lines += [f'    <axis xyz="{axis}"/>', f"    <limit {limit}/>"]
-    return [*lines, "  </joint>"]
+def _passive(name: str, parent: str, child: str, axis: str, place: Element | None = None) -> Element:
+    """A revolute joint without a motor."""
+    return joint(name, "revolute", parent, child, place, axis, (-3.2, 3.2, 0, 20))
 
 
-def _origin(xyz: Array | None = None, axes: Array | None = None) -> str:
-    """An <origin> with the axes, as columns, in fixed-axis roll, pitch and yaw."""
-    xyz = np.zeros(3) if xyz is None else xyz
-    R = np.eye(3) if axes is None else axes
-    rpy = (
-        np.arctan2(R[2, 1], R[2, 2]),
-        np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0])),
-        np.arctan2(R[1, 0], R[0, 0]),
-    )
-    return f'<origin xyz="{_numbers(xyz)}" rpy="{_numbers(rpy)}"/>'
-
-
-def _inertial(z: float, mass: float, moments: tuple[float, float, float]) -> list[str]:
-    ixx, iyy, izz = (_number(value) for value in moments)
-    return [
-        "    <inertial>",
-        f'      <origin xyz="0 0 {_number(z)}" rpy="0 0 0"/>',
-        f'      <mass value="{_number(mass)}"/>',
-        f'      <inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/>',
-        "    </inertial>",
-    ]
-
-
-def _shape(xyz: str, geometry: str, material: str) -> list[str]:
-    """The same primitive to look at and to collide with."""
-    place = f'      <origin xyz="{xyz}" rpy="0 0 0"/>'
-    body = [place, f"      <geometry>{geometry}</geometry>"]
-    seen = ["    <visual>", *body, f'      <material name="{material}"/>', "    </visual>"]
-    return [*seen, "    <collision>", *body, "    </collision>"]
-
-
-def _cylinder(radius: float, length: float) -> str:
-    return f'<cylinder radius="{_number(radius)}" length="{_number(length)}"/>'
-
-
-def _numbers(values: Array | tuple[float, ...]) -> str:
-    return " ".join(_number(value) for value in np.asarray(values, dtype=float))
-
-
-def _number(value: float) -> str:
-    """To 15 digits, so that the last one does not depend on the machine's sine."""
-    return f"{round(float(value), 15) + 0.0:.15g}"
-
-
-if __name__ == "__main__":
-    FILE.write_text(urdf(), encoding="utf-8")
+def _along_z(z: float) -> str:
+    """A point on z, to its last digit [m]."""
+    return f"0 0 {z!r}"

@@ -1,12 +1,26 @@
 """Writes the URDF and the robot file of the N-four-bar mechanism, for any number of loops.
 
-`python -m robots.generators.n_four_bar 2 urdf/n_four_bar` writes the kept files.
+`python -m robots.generators.n_four_bar LOOPS FOLDER` writes them; two loops are kept.
 """
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
+
+from robots.generators.elements import (
+    Element,
+    box,
+    cylinder,
+    document,
+    fixed,
+    inertial,
+    joint,
+    link,
+    material,
+    origin,
+    shape,
+)
 
 NAME = "n_four_bar"
 _COLOURS = {
@@ -69,20 +83,23 @@ scenes:
 """
 
 
+def files() -> dict[str, str]:
+    """The text of each file that is kept, by its place below urdf/: two loops."""
+    return {"n_four_bar/n_four_bar.urdf": urdf(2), "n_four_bar/n_four_bar.yaml": robot_file(2)}
+
+
 def urdf(loops: int) -> str:
     """The URDF of the open tree with this many loops."""
-    lines = [
-        f'  <material name="{name}"><color rgba="{rgb} 1"/></material>' for name, rgb in _COLOURS.items()
-    ]
-    lines += ["", *_base(loops)]
+    parts: list[Element | str] = [material(name, rgb) for name, rgb in _COLOURS.items()]
+    parts += ["", _base(loops)]
     for k in range(loops + 1):
-        lines += ["", *_joint(f"pivot_{k}", "base", f"rod_{k}", f"{k} 0 0", "200"), *_rod(k)]
+        parts += ["", _hinge(f"pivot_{k}", "base", f"rod_{k}", f"{k} 0 0", "200"), _rod(k)]
         if k > 0:
-            lines += _tip(f"rod_{k}", "0 0 1")
+            parts += fixed(f"rod_{k}_end", f"rod_{k}", f"rod_{k}_tip", "0 0 1", "0 0 0")
     for k in range(1, loops + 1):
-        lines += ["", *_joint(f"hinge_{k}", f"rod_{k - 1}", f"bar_{k}", "0 0 1", "0"), *_bar(k)]
-        lines += _tip(f"bar_{k}", "1 0 0")
-    return _URDF_HEAD.format(loops=loops) + "\n".join([*lines, "</robot>", ""])
+        parts += ["", _hinge(f"hinge_{k}", f"rod_{k - 1}", f"bar_{k}", "0 0 1", "0"), _bar(k)]
+        parts += fixed(f"bar_{k}_end", f"bar_{k}", f"bar_{k}_tip", "1 0 0", "0 0 0")
+    return document(_URDF_HEAD.format(loops=loops), parts)
 
 
 def robot_file(loops: int) -> str:
@@ -115,84 +132,46 @@ def write(folder: Path, loops: int) -> Path:
     return file
 
 
-def _joint(name: str, parent: str, child: str, xyz: str, effort: str) -> list[str]:
-    return [
-        f'  <joint name="{name}" type="revolute">',
-        f'    <parent link="{parent}"/>',
-        f'    <child link="{child}"/>',
-        f'    <origin xyz="{xyz}" rpy="0 0 0"/>',
-        '    <axis xyz="0 1 0"/>',
-        f'    <limit lower="-6.28" upper="6.28" effort="{effort}" velocity="20"/>',
-        "  </joint>",
+def _hinge(name: str, parent: str, child: str, xyz: str, effort: str) -> Element:
+    limit = ("-6.28", "6.28", effort, "20")
+    return joint(name, "revolute", parent, child, origin(xyz, "0 0 0"), "0 1 0", limit)
+
+
+_ALONG_X, _ALONG_Y, _ALONG_Z = "0 1.5707963267948966 0", "1.5707963267948966 0 0", "0 0 0"
+_LONG = cylinder("0.02", "0.9")
+
+
+def _base(loops: int) -> Element:
+    table = shape(box(f"{loops + 0.4} 0.2 0.04"), origin(f"{loops / 2} 0 -0.11", _ALONG_Z), "frame")
+    forks = [
+        shape(box("0.06 0.02 0.14"), origin(f"{k} {y} -0.04", _ALONG_Z), "frame")
+        for k in range(loops + 1)
+        for y in ("-0.04", "0.04")
     ]
+    return link("base", table, *forks)
 
 
-def _tip(link: str, xyz: str) -> list[str]:
-    return [
-        f'  <joint name="{link}_end" type="fixed">',
-        f'    <parent link="{link}"/>',
-        f'    <child link="{link}_tip"/>',
-        f'    <origin xyz="{xyz}" rpy="0 0 0"/>',
-        "  </joint>",
-        f'  <link name="{link}_tip"/>',
-    ]
+def _rod(k: int) -> Element:
+    eye = cylinder("0.025", "0.055")
+    return link(
+        f"rod_{k}",
+        inertial("1", "0 0 0.5", (_ACROSS, _ACROSS, _ALONG)),
+        shape(_LONG, origin("0 0 0.5", _ALONG_Z), "rod"),
+        shape(eye, origin("0 0 0", _ALONG_Y), "steel"),
+        shape(eye, origin("0 0 1", _ALONG_Y), "steel"),
+    )
 
 
-def _shape(origin: str, geometry: str, material: str) -> list[str]:
-    """The same shape to see and to touch."""
-    inner = [f"      <origin {origin}/>", f"      <geometry>{geometry}</geometry>"]
-    look = [*inner, f'      <material name="{material}"/>']
-    return ["    <visual>", *look, "    </visual>", "    <collision>", *inner, "    </collision>"]
-
-
-_ALONG_X, _ALONG_Y, _ALONG_Z = (
-    f'rpy="{turn}"' for turn in ("0 1.5707963267948966 0", "1.5707963267948966 0 0", "0 0 0")
-)
-_LONG = '<cylinder radius="0.02" length="0.9"/>'
-
-
-def _base(loops: int) -> list[str]:
-    lines = ['  <link name="base">']
-    lines += _shape(f'xyz="{loops / 2} 0 -0.11" {_ALONG_Z}', f'<box size="{loops + 0.4} 0.2 0.04"/>', "frame")
-    for k in range(loops + 1):
-        for y in ("-0.04", "0.04"):
-            lines += _shape(f'xyz="{k} {y} -0.04" {_ALONG_Z}', '<box size="0.06 0.02 0.14"/>', "frame")
-    return [*lines, "  </link>"]
-
-
-def _inertial(xyz: str, inertia: tuple[str, str, str]) -> list[str]:
-    xx, yy, zz = inertia
-    return [
-        "    <inertial>",
-        f'      <origin xyz="{xyz}" rpy="0 0 0"/>',
-        '      <mass value="1"/>',
-        f'      <inertia ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"/>',
-        "    </inertial>",
-    ]
-
-
-def _rod(k: int) -> list[str]:
-    return [
-        f'  <link name="rod_{k}">',
-        *_inertial("0 0 0.5", (_ACROSS, _ACROSS, _ALONG)),
-        *_shape(f'xyz="0 0 0.5" {_ALONG_Z}', _LONG, "rod"),
-        *_shape(f'xyz="0 0 0" {_ALONG_Y}', '<cylinder radius="0.025" length="0.055"/>', "steel"),
-        *_shape(f'xyz="0 0 1" {_ALONG_Y}', '<cylinder radius="0.025" length="0.055"/>', "steel"),
-        "  </link>",
-    ]
-
-
-def _bar(k: int) -> list[str]:
+def _bar(k: int) -> Element:
     y = "-0.055" if k % 2 else "0.055"
-    eye = '<cylinder radius="0.025" length="0.05"/>'
-    return [
-        f'  <link name="bar_{k}">',
-        *_inertial("0.5 0 0", (_ALONG, _ACROSS, _ACROSS)),
-        *_shape(f'xyz="0.5 {y} 0" {_ALONG_X}', _LONG, "bar"),
-        *_shape(f'xyz="0 {y} 0" {_ALONG_Y}', eye, "steel"),
-        *_shape(f'xyz="1 {y} 0" {_ALONG_Y}', eye, "steel"),
-        "  </link>",
-    ]
+    eye = cylinder("0.025", "0.05")
+    return link(
+        f"bar_{k}",
+        inertial("1", "0.5 0 0", (_ALONG, _ACROSS, _ACROSS)),
+        shape(_LONG, origin(f"0.5 {y} 0", _ALONG_X), "bar"),
+        shape(eye, origin(f"0 {y} 0", _ALONG_Y), "steel"),
+        shape(eye, origin(f"1 {y} 0", _ALONG_Y), "steel"),
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,5 @@
 """Writes urdf/orthoglide/orthoglide.urdf: three equal legs on orthogonal rails, and a platform on the first.
 
-    python -m robots.generators.orthoglide
-
 Source of the mechanism: D. Chablat and P. Wenger, "Architecture optimization of a 3-DOF translational
 parallel mechanism for machining applications, the Orthoglide", IEEE Trans. Robotics and Automation 19(3),
 2003, DOI 10.1109/TRA.2003.810242. The length of the legs follows from the rule of design that is told of
@@ -14,20 +12,30 @@ from __future__ import annotations
 
 from math import pi, sqrt
 
-from robots.files import robot_file
-from robots.generators.three_rrr import box, cylinder, inertial, joint, link, shape
+from robots.generators.elements import (
+    COMPACT,
+    ZERO,
+    Element,
+    Value,
+    box,
+    cylinder,
+    document,
+    fixed,
+    inertial,
+    joint,
+    link,
+    origin,
+    shape,
+    solid_cylinder,
+)
 
 CUBE = 0.2  # edge of the workspace [m]
 LENGTH = round(CUBE / (1 / sqrt(6) + 1 / sqrt(18)), 5)  # of a leg [m], 0.31058
 HALF = 0.04  # from the middle of a parallelogram to its rods [m]
 OFFSET = 0.05  # from the tool's point to the end of a leg, along its rail [m]
 CARRIAGE, COLUMN, CROSS, ROD, BAR, PLATFORM = 1.5, 0.5, 0.2, 0.12, 0.1, 2.5  # masses [kg]
-EDGE, RADIUS, BEAM, POST = (
-    0.06,
-    0.007,
-    0.012,
-    0.015,
-)  # edge of a carriage; radii of rod, cross and bar, column [m]
+EDGE = 0.06  # of a carriage [m]
+RADIUS, BEAM, POST = 0.007, 0.012, 0.015  # of rod, of cross and bar, of column [m]
 HEIGHT = 0.2  # of a column: so far the rail stands beside the leg [m]
 SPINDLE, SPINDLE_LENGTH = 0.025, 0.08  # radius and length [m]
 TURNED = ((0.0, 0.0, 0.0), (0.5 * pi, 0.0, 0.5 * pi), (-0.5 * pi, -0.5 * pi, 0.0))  # rpy of the legs
@@ -64,82 +72,97 @@ the end of the leg. A URDF is a tree: leg 1 carries the platform, rod a of each 
 """
 
 
-def tube(mass: float, radius: float, length: float, along: str, middle: tuple[float, ...]) -> str:
-    """Inertia of a uniform cylinder along an axis of the link's frame."""
-    across = mass * (3 * radius**2 + length**2) / 12
-    moments = tuple(0.5 * mass * radius**2 if axis == along else across for axis in "xyz")
-    return inertial(mass, middle, moments)
-
-
-def passive(name: str, parent: str, child: str, xyz: tuple[float, ...], axis: str) -> str:
+def passive(name: str, parent: str, child: str, xyz: Value, axis: str) -> Element:
     """A hinge without a motor."""
-    limit = 'lower="-3.14" upper="3.14" effort="0" velocity="30"'
-    return joint(name, "revolute", parent, child, xyz, axis, limit)
+    return joint(name, "revolute", parent, child, origin(xyz), axis, (-3.14, 3.14, 0, 30))
 
 
-def fixed(
-    name: str, parent: str, child: str, xyz: tuple[float, ...], rpy: tuple[float, ...] = (0, 0, 0)
-) -> str:
-    """A fixed joint to an empty link, a frame."""
-    return joint(name, "fixed", parent, child, xyz, rpy=rpy) + link(child)
-
-
-def leg(number: int) -> str:
+def leg(n: int) -> list[Element | str]:
     """Rail, carriage, column, cross, two rods and the bar at their ends."""
-    n = number
-    stroke = 'lower="0" upper="0.6" effort="3000" velocity="5"'
-    rail = shape(box(0.5, 0.03, 0.03), (0.4, 0, -HEIGHT - 0.035), "frame")
-    text = f"\n  <!-- Leg {n}: rail, carriage, column, cross, rods a and b, and the bar at their ends. -->\n"
-    text += joint(f"rail_{n}_mount", "fixed", "base", f"rail_{n}", (0, 0, 0), rpy=TURNED[n - 1])
-    text += link(f"rail_{n}", rail)
-    text += joint(f"slide_{n}", "prismatic", f"rail_{n}", f"carriage_{n}", (OFFSET, 0, 0), "1 0 0", stroke)
-    block = inertial(CARRIAGE, (0, 0, -HEIGHT), (CARRIAGE * EDGE**2 / 6,) * 3)
-    text += link(f"carriage_{n}", block, shape(box(EDGE, EDGE, EDGE / 2), (0, 0, -HEIGHT), "carriage"))
     post, middle = HEIGHT - BEAM, (0.0, 0.0, -0.5 * (HEIGHT + BEAM))
-    column = tube(COLUMN, POST, post, "z", middle) + shape(cylinder(POST, post), middle, "carriage")
-    text += joint(f"column_{n}_foot", "fixed", f"carriage_{n}", f"column_{n}", (0, 0, 0))
-    text += link(f"column_{n}", column)
-    text += passive(f"tilt_{n}", f"column_{n}", f"cross_{n}", (0, 0, 0), "0 1 0")
-    beam = shape(cylinder(BEAM, 2 * HALF), (0, 0, 0), "steel", ALONG_Y)
-    text += link(f"cross_{n}", tube(CROSS, BEAM, 2 * HALF, "y", (0, 0, 0)), beam)
+    parts: list[Element | str] = [
+        f"\n  <!-- Leg {n}: rail, carriage, column, cross, rods a and b, and the bar at their ends. -->",
+        joint(f"rail_{n}_mount", "fixed", "base", f"rail_{n}", origin(ZERO, TURNED[n - 1])),
+        link(f"rail_{n}", shape(box((0.5, 0.03, 0.03)), origin((0.4, 0, -HEIGHT - 0.035)), "frame")),
+        joint(
+            f"slide_{n}",
+            "prismatic",
+            f"rail_{n}",
+            f"carriage_{n}",
+            origin((OFFSET, 0, 0)),
+            "1 0 0",
+            (0, 0.6, 3000, 5),
+        ),
+        link(
+            f"carriage_{n}",
+            inertial(CARRIAGE, (0, 0, -HEIGHT), [CARRIAGE * EDGE**2 / 6] * 3),
+            shape(box((EDGE, EDGE, EDGE / 2)), origin((0, 0, -HEIGHT)), "carriage"),
+        ),
+        joint(f"column_{n}_foot", "fixed", f"carriage_{n}", f"column_{n}"),
+        link(
+            f"column_{n}",
+            solid_cylinder(COLUMN, POST, post, "z", middle),
+            shape(cylinder(POST, post), origin(middle), "carriage"),
+        ),
+        passive(f"tilt_{n}", f"column_{n}", f"cross_{n}", ZERO, "0 1 0"),
+        link(
+            f"cross_{n}",
+            solid_cylinder(CROSS, BEAM, 2 * HALF, "y"),
+            shape(cylinder(BEAM, 2 * HALF), origin(ZERO, ALONG_Y), "steel"),
+        ),
+    ]
     middle = (-0.5 * LENGTH, 0, 0)
-    rod = tube(ROD, RADIUS, LENGTH, "x", middle) + shape(cylinder(RADIUS, LENGTH), middle, "rod", ALONG_X)
+    rod = (
+        solid_cylinder(ROD, RADIUS, LENGTH, "x", middle),
+        shape(cylinder(RADIUS, LENGTH), origin(middle, ALONG_X), "rod"),
+    )
     for side, y in SIDES:
-        text += passive(f"swing_{n}{side}", f"cross_{n}", f"rod_{n}{side}", (0, y, 0), "0 0 1")
-        text += link(f"rod_{n}{side}", rod)
-    text += fixed(f"rod_{n}b_end", f"rod_{n}b", f"tip_{n}b", (-LENGTH, 0, 0))
-    text += passive(f"pin_{n}", f"rod_{n}a", f"bar_{n}", (-LENGTH, 0, 0), "0 0 1")
-    beam = shape(cylinder(BEAM, 2 * HALF), (0, -HALF, 0), "steel", ALONG_Y)
-    text += link(f"bar_{n}", tube(BAR, BEAM, 2 * HALF, "y", (0, -HALF, 0)), beam)
-    text += fixed(f"bar_{n}_b", f"bar_{n}", f"seat_{n}b", (0, -2 * HALF, 0))
-    return text + fixed(f"bar_{n}_middle", f"bar_{n}", f"middle_{n}", (0, -HALF, 0))
+        parts += [
+            passive(f"swing_{n}{side}", f"cross_{n}", f"rod_{n}{side}", (0, y, 0), "0 0 1"),
+            link(f"rod_{n}{side}", *rod),
+        ]
+    return [
+        *parts,
+        *fixed(f"rod_{n}b_end", f"rod_{n}b", f"tip_{n}b", (-LENGTH, 0, 0)),
+        passive(f"pin_{n}", f"rod_{n}a", f"bar_{n}", (-LENGTH, 0, 0), "0 0 1"),
+        link(
+            f"bar_{n}",
+            solid_cylinder(BAR, BEAM, 2 * HALF, "y", (0, -HALF, 0)),
+            shape(cylinder(BEAM, 2 * HALF), origin((0, -HALF, 0), ALONG_Y), "steel"),
+        ),
+        *fixed(f"bar_{n}_b", f"bar_{n}", f"seat_{n}b", (0, -2 * HALF, 0)),
+        *fixed(f"bar_{n}_middle", f"bar_{n}", f"middle_{n}", (0, -HALF, 0)),
+    ]
 
 
-def platform() -> str:
+def platform() -> list[Element | str]:
     """The platform on the bar of leg 1, and the frames at which the other bars hold it."""
-    text = "\n  <!-- The platform: its frame at the tool's point. -->\n"
-    text += passive("level_1", "middle_1", "mount_1", (0, 0, 0), "0 1 0") + link("mount_1")
-    text += joint("platform_point", "fixed", "mount_1", "platform", (-OFFSET, 0, 0))
-    spindle = shape(cylinder(SPINDLE, SPINDLE_LENGTH), (0, 0, 0), "spindle")
-    for middle, rpy in (((0.5, 0, 0), ALONG_X), ((0, 0.5, 0), ALONG_Y), ((0, 0, 0.5), (0, 0, 0))):
-        spindle += shape(cylinder(BEAM, OFFSET), tuple(OFFSET * m for m in middle), "steel", rpy)
-    text += link("platform", tube(PLATFORM, SPINDLE, SPINDLE_LENGTH, "z", (0, 0, 0)), spindle)
-    for n in (2, 3):
-        place = (0.0, OFFSET, 0.0) if n == 2 else (0.0, 0.0, OFFSET)
-        text += fixed(f"platform_mount_{n}", "platform", f"mount_{n}", place, TURNED[n - 1])
-    return text
+    arms = [
+        shape(cylinder(BEAM, OFFSET), origin(tuple(OFFSET * m for m in middle), rpy), "steel")
+        for middle, rpy in (((0.5, 0, 0), ALONG_X), ((0, 0.5, 0), ALONG_Y), ((0, 0, 0.5), ZERO))
+    ]
+    return [
+        "\n  <!-- The platform: its frame at the tool's point. -->",
+        passive("level_1", "middle_1", "mount_1", ZERO, "0 1 0"),
+        link("mount_1"),
+        joint("platform_point", "fixed", "mount_1", "platform", origin((-OFFSET, 0, 0))),
+        link(
+            "platform",
+            solid_cylinder(PLATFORM, SPINDLE, SPINDLE_LENGTH, "z"),
+            shape(cylinder(SPINDLE, SPINDLE_LENGTH), origin(), "spindle"),
+            *arms,
+        ),
+        *fixed("platform_mount_2", "platform", "mount_2", (0, OFFSET, 0), TURNED[1]),
+        *fixed("platform_mount_3", "platform", "mount_3", (0, 0, OFFSET), TURNED[2]),
+    ]
+
+
+def files() -> dict[str, str]:
+    """The text of each file that is kept, by its place below urdf/."""
+    return {"orthoglide/orthoglide.urdf": urdf()}
 
 
 def urdf() -> str:
     """The whole file."""
-    text = HEAD + link("base")
-    return text + "".join(leg(n) for n in (1, 2, 3)) + platform() + "</robot>\n"
-
-
-def main() -> None:
-    """Write the file beside its robot file."""
-    robot_file("orthoglide").with_suffix(".urdf").write_text(urdf(), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+    parts = [link("base"), *leg(1), *leg(2), *leg(3), *platform()]
+    return document(HEAD, parts, COMPACT)

@@ -4,8 +4,24 @@ from __future__ import annotations
 
 from math import atan2, hypot, pi, sqrt
 
-from robots.files import robot_file
-from robots.generators.three_rrr import bar, box, cylinder, inertial, joint, link, shape, turning
+import numpy as np
+
+from robots.generators.elements import (
+    COMPACT,
+    ZERO,
+    Element,
+    box,
+    cylinder,
+    document,
+    fixed,
+    inertial,
+    joint,
+    link,
+    origin,
+    shape,
+    solid_cylinder,
+    turning,
+)
 
 UNIT = 0.05  # [m], what we take for the source's unit of length
 PIVOTS = ((0.0, 0.0), (15.91 * UNIT, 0.0), (0.0, 10 * UNIT))  # A_i [m]
@@ -48,7 +64,7 @@ plane z = 0. The shapes stand in layers: leg 3, legs 1 and 2, the platform.
 """
 
 
-def plate() -> str:
+def plate() -> Element:
     """The platform: inertia of a uniform triangular plate, its edges and its middle as shapes."""
     x, y = (sum(corner[k] for corner in CORNERS) / 3 for k in range(2))
     spokes = [(cx - x, cy - y) for cx, cy in CORNERS]
@@ -57,66 +73,71 @@ def plate() -> str:
         for i, j in ((0, 0), (1, 1), (0, 1))
     )
     out = PLATFORM * THICKNESS**2 / 12
-    text = inertial(PLATFORM, (x, y, 0), (yy + out, xx + out, xx + yy), ixy=-xy)
-    for (ax, ay), (bx, by) in zip(CORNERS, (*CORNERS[1:], CORNERS[0]), strict=True):
-        size = box(hypot(bx - ax, by - ay), 0.03, THICKNESS)
-        middle = (0.5 * (ax + bx), 0.5 * (ay + by), LAYER)
-        text += shape(size, middle, "payload", (0, 0, atan2(by - ay, bx - ax)))
-    return text + shape(cylinder(0.06, THICKNESS), (x, y, LAYER), "payload")
+    moments = np.array([[yy + out, -xy, 0], [-xy, xx + out, 0], [0, 0, xx + yy]])
+    edges = [
+        shape(
+            box((hypot(bx - ax, by - ay), 0.03, THICKNESS)),
+            origin((0.5 * (ax + bx), 0.5 * (ay + by), LAYER), (0, 0, atan2(by - ay, bx - ax))),
+            "payload",
+        )
+        for (ax, ay), (bx, by) in zip(CORNERS, (*CORNERS[1:], CORNERS[0]), strict=True)
+    ]
+    return link(
+        "platform",
+        inertial(PLATFORM, (x, y, 0), moments),
+        *edges,
+        shape(cylinder(0.06, THICKNESS), origin((x, y, LAYER)), "payload"),
+    )
 
 
-def floor() -> str:
-    """The plate under everything."""
-    return shape(box(1.1, 0.8, 0.02), (0.4, 0.25, FLOOR - 0.01), "frame")
+def base() -> Element:
+    """Posts from the floor to the lower faces of the blocks, and the plate under everything."""
+    posts = []
+    for place, z in zip(PIVOTS, HEIGHTS, strict=True):
+        top = z - 0.5 * EDGE
+        posts.append(shape(cylinder(0.025, top - FLOOR), origin((*place, 0.5 * (top + FLOOR))), "frame"))
+    return link("base", *posts, shape(box((1.1, 0.8, 0.02)), origin((0.4, 0.25, FLOOR - 0.01)), "frame"))
 
 
-def post(place: tuple[float, float], z: float) -> str:
-    """From the floor to the lower face of a block at height z [m]."""
-    top = z - 0.5 * EDGE
-    return shape(cylinder(0.025, top - FLOOR), (*place, 0.5 * (top + FLOOR)), "frame")
-
-
-def block(z: float) -> str:
+def block(name: str, z: float) -> Element:
     """A block that turns on its post, its shape at height z [m]."""
-    text = inertial(BLOCK, (0, 0, 0), (BLOCK * EDGE**2 / 6,) * 3)
-    return text + shape(box(EDGE, EDGE, EDGE), (0, 0, z), "block")
+    cube = inertial(BLOCK, ZERO, [BLOCK * EDGE**2 / 6] * 3)
+    return link(name, cube, shape(box((EDGE, EDGE, EDGE)), origin((0, 0, z)), "block"))
 
 
-def rod(z: float) -> str:
+def rod(name: str, z: float) -> Element:
     """A rod, its shape at height z [m], with the pin at its tip that reaches the platform."""
-    text = bar(ROD, RADIUS, ROD_LENGTH, start=-ROD_LENGTH)
-    text += shape(cylinder(RADIUS, ROD_LENGTH), (-0.5 * ROD_LENGTH, 0, z), "rod", (0, 0.5 * pi, 0))
-    return text + shape(cylinder(0.015, LAYER - z), (0, 0, 0.5 * (LAYER + z)), "steel")
+    return link(
+        name,
+        solid_cylinder(ROD, RADIUS, ROD_LENGTH, "x", (-0.5 * ROD_LENGTH, 0, 0)),
+        shape(cylinder(RADIUS, ROD_LENGTH), origin((-0.5 * ROD_LENGTH, 0, z), (0, 0.5 * pi, 0)), "rod"),
+        shape(cylinder(0.015, LAYER - z), origin((0, 0, 0.5 * (LAYER + z))), "steel"),
+    )
+
+
+def files() -> dict[str, str]:
+    """The text of each file that is kept, by its place below urdf/."""
+    return {"three_rpr/three_rpr.urdf": urdf()}
 
 
 def urdf() -> str:
     """The whole file."""
-    text = HEAD + link("base", *[post(place, z) for place, z in zip(PIVOTS, HEIGHTS, strict=True)], floor())
-    stroke = f'lower="0" upper="{ROD_LENGTH}" effort="5000" velocity="5"'
-    for number, (x, y) in enumerate(PIVOTS, start=1):
-        z = HEIGHTS[number - 1]
-        text += f"\n  <!-- Leg {number}: pivot, block, sliding motor, rod, and the frame at its tip. -->\n"
-        text += turning(f"pivot_{number}", "base", f"block_{number}", (x, y, 0))
-        text += link(f"block_{number}", block(z))
-        text += joint(
-            f"motor_{number}", "prismatic", f"block_{number}", f"rod_{number}", (0, 0, 0), "1 0 0", stroke
-        )
-        text += link(f"rod_{number}", rod(z))
-        text += joint(f"rod_{number}_tip", "fixed", f"rod_{number}", f"tip_{number}", (0, 0, 0))
-        text += link(f"tip_{number}")
-    text += "\n  <!-- The platform: its frame at corner B_1, one frame at each other corner. -->\n"
-    text += turning("wrist_1", "tip_1", "platform", (0, 0, 0))
-    text += link("platform", plate())
-    for number, (x, y) in enumerate(CORNERS[1:], start=2):
-        text += joint(f"platform_corner_{number}", "fixed", "platform", f"corner_{number}", (x, y, 0))
-        text += link(f"corner_{number}")
-    return text + "</robot>\n"
-
-
-def main() -> None:
-    """Write the file beside its robot file."""
-    robot_file("three_rpr").with_suffix(".urdf").write_text(urdf(), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+    parts: list[Element | str] = [base()]
+    stroke = (0, ROD_LENGTH, 5000, 5)
+    for n, ((x, y), z) in enumerate(zip(PIVOTS, HEIGHTS, strict=True), start=1):
+        parts += [
+            f"\n  <!-- Leg {n}: pivot, block, sliding motor, rod, and the frame at its tip. -->",
+            turning(f"pivot_{n}", "base", f"block_{n}", (x, y, 0)),
+            block(f"block_{n}", z),
+            joint(f"motor_{n}", "prismatic", f"block_{n}", f"rod_{n}", origin(), "1 0 0", stroke),
+            rod(f"rod_{n}", z),
+            *fixed(f"rod_{n}_tip", f"rod_{n}", f"tip_{n}"),
+        ]
+    parts += [
+        "\n  <!-- The platform: its frame at corner B_1, one frame at each other corner. -->",
+        turning("wrist_1", "tip_1", "platform", ZERO),
+        plate(),
+    ]
+    for n, (x, y) in enumerate(CORNERS[1:], start=2):
+        parts += fixed(f"platform_corner_{n}", "platform", f"corner_{n}", (x, y, 0))
+    return document(HEAD, parts, COMPACT)

@@ -4,7 +4,21 @@ from __future__ import annotations
 
 from math import pi
 
-from robots.files import robot_file
+from robots.generators.elements import (
+    COMPACT,
+    ZERO,
+    Element,
+    box,
+    cylinder,
+    document,
+    fixed,
+    joint,
+    link,
+    origin,
+    shape,
+    solid_cylinder,
+    turning,
+)
 
 MOTORS = ((0.0, 0.0), (1.2, 0.0), (0.6, 1.0392304845413265))  # [m], 0.6 sqrt(3)
 CORNERS = ((-0.0928, -0.0535), (0.0928, -0.0535), (0.0, 0.107))  # of the platform, in its frame [m]
@@ -37,118 +51,52 @@ Every joint origin lies in the plane z = 0. The shapes stand in three layers: cr
 """
 
 
-def numbers(*values: float) -> str:
-    """Numbers as URDF writes them."""
-    return " ".join(f"{value + 0.0:.16g}" for value in values)
-
-
-def shape(geometry: str, xyz: tuple[float, ...], material: str, rpy: tuple[float, ...] = (0, 0, 0)) -> str:
-    """A visual and its collision shape."""
-    place = f'<origin xyz="{numbers(*xyz)}" rpy="{numbers(*rpy)}"/><geometry>{geometry}</geometry>'
-    colour = f'<material name="{material}"/>'
-    return f"    <visual>{place}{colour}</visual>\n    <collision>{place}</collision>\n"
-
-
-def box(*size: float) -> str:
-    """A box with these edges [m]."""
-    return f'<box size="{numbers(*size)}"/>'
-
-
-def cylinder(radius: float, length: float) -> str:
-    """A cylinder along z [m]."""
-    return f'<cylinder radius="{numbers(radius)}" length="{numbers(length)}"/>'
-
-
-def inertial(mass: float, centre: tuple[float, ...], moments: tuple[float, ...], ixy: float = 0.0) -> str:
-    """Mass [kg] at a centre [m], its moments of inertia about it [kg m^2]."""
-    tensor = " ".join(f'i{axis}{axis}="{numbers(m)}"' for axis, m in zip("xyz", moments, strict=True))
-    return (
-        f'    <inertial><origin xyz="{numbers(*centre)}" rpy="0 0 0"/><mass value="{numbers(mass)}"/>'
-        f'<inertia {tensor} ixy="{numbers(ixy)}" ixz="0" iyz="0"/></inertial>\n'
-    )
-
-
-def bar(mass: float, radius: float, length: float, start: float = 0.0) -> str:
-    """Inertia of a uniform round bar that runs along x from `start` [m]."""
-    along, across = 0.5 * mass * radius**2, mass * (3 * radius**2 + length**2) / 12
-    return inertial(mass, (start + 0.5 * length, 0, 0), (along, across, across))
-
-
-def link(name: str, *contents: str) -> str:
-    """A link."""
-    inside = "".join(contents)
-    return f'  <link name="{name}">\n{inside}  </link>\n' if inside else f'  <link name="{name}"/>\n'
-
-
-def joint(
-    name: str,
-    kind: str,
-    parent: str,
-    child: str,
-    xyz: tuple[float, ...],
-    axis: str = "",
-    limit: str = "",
-    *,
-    rpy: tuple[float, ...] = (0, 0, 0),
-) -> str:
-    """A joint; `axis` and `limit` only where it moves."""
-    place = f'<origin xyz="{numbers(*xyz)}" rpy="{numbers(*rpy)}"/>'
-    moves = f'<axis xyz="{axis}"/><limit {limit}/>' if axis else ""
-    ends = f'<parent link="{parent}"/><child link="{child}"/>'
-    return f'  <joint name="{name}" type="{kind}">{ends}{place}{moves}</joint>\n'
-
-
-def turning(name: str, parent: str, child: str, xyz: tuple[float, ...], effort: float = 0) -> str:
-    """A revolute joint about z; without a motor its effort is 0."""
-    limit = f'lower="-6.28" upper="6.28" effort="{effort}" velocity="20"'
-    return joint(name, "revolute", parent, child, xyz, "0 0 1", limit)
+def files() -> dict[str, str]:
+    """The text of each file that is kept, by its place below urdf/."""
+    return {"three_rrr/three_rrr.urdf": urdf()}
 
 
 def urdf() -> str:
     """The whole file."""
     flat = (0, 0.5 * pi, 0)  # a cylinder along x
-    table = [
-        shape(cylinder(0.05, 0.08), (x, y, -LAYER - 0.08), "frame")  # motor housings
-        for x, y in MOTORS
-    ]
-    table.append(shape(box(1.5, 1.3, 0.02), (0.6, 0.5, -LAYER - 0.13), "frame"))
-    text = HEAD + link("base", *table)
+    motors = [shape(cylinder(0.05, 0.08), origin((x, y, -LAYER - 0.08)), "frame") for x, y in MOTORS]
+    table = shape(box((1.5, 1.3, 0.02)), origin((0.6, 0.5, -LAYER - 0.13)), "frame")
+    parts: list[Element | str] = [link("base", *motors, table)]
     mass, radius = CRANK
-    crank = bar(mass, radius, LENGTH) + shape(
-        cylinder(radius, LENGTH), (0.5 * LENGTH, 0, -LAYER), "crank", flat
+    crank = (
+        solid_cylinder(mass, radius, LENGTH, "x", (0.5 * LENGTH, 0, 0)),
+        shape(cylinder(radius, LENGTH), origin((0.5 * LENGTH, 0, -LAYER), flat), "crank"),
+        shape(cylinder(0.02, 0.04), origin((0, 0, -LAYER - 0.02)), "steel"),
     )
-    crank += shape(cylinder(0.02, 0.04), (0, 0, -LAYER - 0.02), "steel")
     mass, radius = ROD
-    rod = bar(mass, radius, LENGTH) + shape(cylinder(radius, LENGTH), (0.5 * LENGTH, 0, 0), "rod", flat)
-    rod += shape(cylinder(0.015, LAYER), (0, 0, -0.5 * LAYER), "steel")
-    rod += shape(cylinder(0.015, LAYER), (LENGTH, 0, 0.5 * LAYER), "steel")
-    for number, (x, y) in enumerate(MOTORS, start=1):
-        text += f"\n  <!-- Leg {number}: motor, crank, elbow, rod, and the frame at the tip of the rod. -->\n"
-        text += turning(f"motor_{number}", "base", f"crank_{number}", (x, y, 0), effort=200)
-        text += link(f"crank_{number}", crank)
-        text += turning(f"elbow_{number}", f"crank_{number}", f"rod_{number}", (LENGTH, 0, 0))
-        text += link(f"rod_{number}", rod)
-        text += joint(f"rod_{number}_tip", "fixed", f"rod_{number}", f"tip_{number}", (LENGTH, 0, 0))
-        text += link(f"tip_{number}")
-    text += "\n  <!-- The platform: its frame at its centre, one frame at each corner. -->\n"
-    text += turning("wrist_1", "tip_1", "corner_1", (0, 0, 0))
-    text += link("corner_1")
+    rod = (
+        solid_cylinder(mass, radius, LENGTH, "x", (0.5 * LENGTH, 0, 0)),
+        shape(cylinder(radius, LENGTH), origin((0.5 * LENGTH, 0, 0), flat), "rod"),
+        shape(cylinder(0.015, LAYER), origin((0, 0, -0.5 * LAYER)), "steel"),
+        shape(cylinder(0.015, LAYER), origin((LENGTH, 0, 0.5 * LAYER)), "steel"),
+    )
+    for n, (x, y) in enumerate(MOTORS, start=1):
+        parts += [
+            f"\n  <!-- Leg {n}: motor, crank, elbow, rod, and the frame at the tip of the rod. -->",
+            turning(f"motor_{n}", "base", f"crank_{n}", (x, y, 0), effort=200),
+            link(f"crank_{n}", *crank),
+            turning(f"elbow_{n}", f"crank_{n}", f"rod_{n}", (LENGTH, 0, 0)),
+            link(f"rod_{n}", *rod),
+            *fixed(f"rod_{n}_tip", f"rod_{n}", f"tip_{n}", (LENGTH, 0, 0)),
+        ]
     x, y = CORNERS[0]
-    text += joint("platform_centre", "fixed", "corner_1", "platform", (-x, -y, 0))
     mass, radius = PLATFORM
-    across = mass * (3 * radius**2 + THICKNESS**2) / 12
-    disc = inertial(mass, (0, 0, 0), (across, across, 0.5 * mass * radius**2))
-    text += link("platform", disc, shape(cylinder(radius, THICKNESS), (0, 0, LAYER), "payload"))
-    for number, (x, y) in enumerate(CORNERS[1:], start=2):
-        text += joint(f"platform_corner_{number}", "fixed", "platform", f"corner_{number}", (x, y, 0))
-        text += link(f"corner_{number}")
-    return text + "</robot>\n"
-
-
-def main() -> None:
-    """Write the file beside its robot file."""
-    robot_file("three_rrr").with_suffix(".urdf").write_text(urdf(), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+    parts += [
+        "\n  <!-- The platform: its frame at its centre, one frame at each corner. -->",
+        turning("wrist_1", "tip_1", "corner_1", ZERO),
+        link("corner_1"),
+        joint("platform_centre", "fixed", "corner_1", "platform", origin((-x, -y, 0))),
+        link(
+            "platform",
+            solid_cylinder(mass, radius, THICKNESS, "z"),
+            shape(cylinder(radius, THICKNESS), origin((0, 0, LAYER)), "payload"),
+        ),
+    ]
+    for n, (x, y) in enumerate(CORNERS[1:], start=2):
+        parts += fixed(f"platform_corner_{n}", "platform", f"corner_{n}", (x, y, 0))
+    return document(HEAD, parts, COMPACT)

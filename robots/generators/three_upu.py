@@ -1,13 +1,20 @@
-"""Writes the URDF of the 3-UPU robot: three equal legs, 120 degrees apart.
-
-`python -m robots.generators.three_upu urdf/three_upu` writes the kept file.
-"""
+"""Writes the URDF of the 3-UPU robot: three equal legs, 120 degrees apart."""
 
 from __future__ import annotations
 
 import math
-import sys
-from pathlib import Path
+
+from robots.generators.elements import (
+    Element,
+    cylinder,
+    document,
+    fixed,
+    inertial,
+    joint,
+    link,
+    origin,
+    shape,
+)
 
 BASE_RADIUS, PLATFORM_RADIUS = 0.30, 0.12  # [m] circles through the centres of the universal joints
 TUBE, ROD, PLATFORM = 1.5, 0.8, 5.0  # [kg]
@@ -40,111 +47,63 @@ hinges to the platform about x, radial.
 """
 
 
+def files() -> dict[str, str]:
+    """The text of each file that is kept, by its place below urdf/."""
+    return {"three_upu/three_upu.urdf": urdf()}
+
+
 def urdf() -> str:
     """The URDF of the open tree."""
-    lines = ['  <link name="base">']
-    lines += _shape("0 0 -0.06", '<cylinder radius="0.34" length="0.04"/>', "frame")
-    lines += ["  </link>"]
+    floor = shape(cylinder("0.34", "0.04"), origin("0 0 -0.06"), "frame")
+    parts: list[Element | str] = [link("base", floor)]
     for i in (1, 2, 3):
-        lines += ["", *_leg(i, (i - 1) * 2 * math.pi / 3)]
-    lines += [""]
-    lines += _joint("wrist_1b", "revolute", "cross_1", "wrist_1", axis="1 0 0")
-    lines += ['  <link name="wrist_1"/>', "", *_joint("mount", "fixed", "wrist_1", "platform", _shifted(0))]
-    lines += [
-        '  <link name="platform">',
-        *_inertial("0 0 0", PLATFORM, ("0.018", "0.018", "0.036")),
-        *_shape("0 0 0.05", '<cylinder radius="0.14" length="0.03"/>', "platform_colour"),
-        "  </link>",
+        parts += ["", *_leg(i, (i - 1) * 2 * math.pi / 3)]
+    parts += ["", _hinge("wrist_1b", "cross_1", "wrist_1", "1 0 0"), link("wrist_1"), ""]
+    parts += [
+        joint("mount", "fixed", "wrist_1", "platform", origin(f"{-PLATFORM_RADIUS!r} 0 0", "0 0 0")),
+        link(
+            "platform",
+            inertial(f"{PLATFORM}", "0 0 0", ("0.018", "0.018", "0.036")),
+            shape(cylinder("0.14", "0.03"), origin("0 0 0.05"), "platform_colour"),
+        ),
     ]
     for i in (2, 3):
         angle = (i - 1) * 2 * math.pi / 3
-        place = f"{_at(PLATFORM_RADIUS, angle)}", f"0 0 {angle!r}"
-        lines += [*_joint(f"anchor_{i}_mount", "fixed", "platform", f"anchor_{i}", place)]
-        lines += [f'  <link name="anchor_{i}"/>']
-    return _HEAD + "\n".join([*lines, "</robot>", ""])
+        parts += fixed(f"anchor_{i}_mount", "platform", f"anchor_{i}", *_at(PLATFORM_RADIUS, angle))
+    return document(_HEAD, parts)
 
 
-def write(folder: Path) -> Path:
-    """Write the URDF; returns it."""
-    file = folder / "three_upu.urdf"
-    file.write_text(urdf(), encoding="utf-8")
-    return file
+def _at(radius: float, angle: float) -> tuple[str, str]:
+    """A place on a circle, x radial, to the last digit: xyz and rpy."""
+    return f"{radius * math.cos(angle):.17g} {radius * math.sin(angle):.17g} 0", f"0 0 {angle!r}"
 
 
-def _at(radius: float, angle: float) -> str:
-    return f"{radius * math.cos(angle):.17g} {radius * math.sin(angle):.17g} 0"
-
-
-def _shifted(angle: float) -> tuple[str, str]:
-    """From the platform joint of leg 1 to the centre of the platform."""
-    return f"{-PLATFORM_RADIUS!r} 0 0", f"0 0 {angle!r}"
-
-
-def _leg(i: int, angle: float) -> list[str]:
+def _leg(i: int, angle: float) -> list[Element | str]:
     """Local axes: x radial, y tangential, z up."""
-    eye = '<cylinder radius="0.02" length="0.05"/>'
+    eye, foot = cylinder("0.02", "0.05"), origin(*_at(BASE_RADIUS, angle))
+    tube, rod = f"tube_{i}", f"rod_{i}"
     return [
-        *_joint(f"hip_{i}a", "revolute", "base", f"yoke_{i}", (_at(BASE_RADIUS, angle), f"0 0 {angle!r}")),
-        f'  <link name="yoke_{i}"/>',
-        *_joint(f"hip_{i}b", "revolute", f"yoke_{i}", f"tube_{i}", axis="0 1 0"),
-        f'  <link name="tube_{i}">',
-        *_inertial(f"0 0 {TUBE_CENTRE}", TUBE, (TUBE_INERTIA[0], *TUBE_INERTIA)),
-        *_shape(f"0 0 {TUBE_CENTRE + 0.02}", '<cylinder radius="0.03" length="0.26"/>', "tube"),
-        *_shape("0 0 0", eye, "tube"),
-        "  </link>",
-        *_joint(f"slide_{i}", "prismatic", f"tube_{i}", f"rod_{i}", axis="0 0 1"),
-        f'  <link name="rod_{i}">',
-        *_inertial(f"0 0 {-ROD_CENTRE}", ROD, (ROD_INERTIA[0], *ROD_INERTIA)),
-        *_shape(f"0 0 {-ROD_CENTRE - 0.02}", '<cylinder radius="0.015" length="0.36"/>', "rod"),
-        *_shape("0 0 0", eye, "rod"),
-        "  </link>",
-        *_joint(f"rod_{i}_end", "fixed", f"rod_{i}", f"tip_{i}"),
-        f'  <link name="tip_{i}"/>',
-        *_joint(f"wrist_{i}a", "revolute", f"tip_{i}", f"cross_{i}", axis="0 1 0"),
-        f'  <link name="cross_{i}"/>',
+        _hinge(f"hip_{i}a", "base", f"yoke_{i}", "1 0 0", foot),
+        link(f"yoke_{i}"),
+        _hinge(f"hip_{i}b", f"yoke_{i}", tube, "0 1 0"),
+        link(
+            tube,
+            inertial(f"{TUBE}", f"0 0 {TUBE_CENTRE}", (TUBE_INERTIA[0], *TUBE_INERTIA)),
+            shape(cylinder("0.03", "0.26"), origin(f"0 0 {TUBE_CENTRE + 0.02}"), "tube"),
+            shape(eye, origin(), "tube"),
+        ),
+        joint(f"slide_{i}", "prismatic", tube, rod, None, "0 0 1", ("0.42", "0.9", "5000", "2")),
+        link(
+            rod,
+            inertial(f"{ROD}", f"0 0 {-ROD_CENTRE}", (ROD_INERTIA[0], *ROD_INERTIA)),
+            shape(cylinder("0.015", "0.36"), origin(f"0 0 {-ROD_CENTRE - 0.02}"), "rod"),
+            shape(eye, origin(), "rod"),
+        ),
+        *fixed(f"rod_{i}_end", rod, f"tip_{i}"),
+        _hinge(f"wrist_{i}a", f"tip_{i}", f"cross_{i}", "0 1 0"),
+        link(f"cross_{i}"),
     ]
 
 
-def _joint(
-    name: str,
-    kind: str,
-    parent: str,
-    child: str,
-    place: tuple[str, str] = ("0 0 0", "0 0 0"),
-    axis: str = "1 0 0",
-) -> list[str]:
-    lines = [
-        f'  <joint name="{name}" type="{kind}">',
-        f'    <parent link="{parent}"/>',
-        f'    <child link="{child}"/>',
-        f'    <origin xyz="{place[0]}" rpy="{place[1]}"/>',
-    ]
-    if kind == "revolute":
-        lines += [f'    <axis xyz="{axis}"/>']
-        lines += ['    <limit lower="-1.4" upper="1.4" effort="0" velocity="10"/>']
-    if kind == "prismatic":
-        lines += [f'    <axis xyz="{axis}"/>']
-        lines += ['    <limit lower="0.42" upper="0.9" effort="5000" velocity="2"/>']
-    return [*lines, "  </joint>"]
-
-
-def _inertial(xyz: str, mass: float, inertia: tuple[str, str, str]) -> list[str]:
-    xx, yy, zz = inertia
-    return [
-        "    <inertial>",
-        f'      <origin xyz="{xyz}" rpy="0 0 0"/>',
-        f'      <mass value="{mass}"/>',
-        f'      <inertia ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"/>',
-        "    </inertial>",
-    ]
-
-
-def _shape(xyz: str, geometry: str, material: str) -> list[str]:
-    """The same shape to see and to touch."""
-    inner = [f'      <origin xyz="{xyz}" rpy="0 0 0"/>', f"      <geometry>{geometry}</geometry>"]
-    look = [*inner, f'      <material name="{material}"/>']
-    return ["    <visual>", *look, "    </visual>", "    <collision>", *inner, "    </collision>"]
-
-
-if __name__ == "__main__":
-    write(Path(sys.argv[1]))
+def _hinge(name: str, parent: str, child: str, axis: str, place: Element | None = None) -> Element:
+    return joint(name, "revolute", parent, child, place, axis, ("-1.4", "1.4", "0", "10"))

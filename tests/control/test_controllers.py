@@ -12,7 +12,7 @@ import robots
 from framework import InvalidInput, plan_scene
 from framework.control.computed_torque import ComputedTorque
 from framework.control.controllers import CONTROLLERS, tuned_controller
-from framework.control.estimation import Measurement, State, consistent_inverse, estimated_state
+from framework.control.estimation import Measurement, State, consistent_solution, estimated_state
 from framework.control.lqr import riccati
 from framework.control.platform_dynamics import platform_dynamics
 from framework.control.reference import reference_of
@@ -103,13 +103,22 @@ def test_beside_the_crossing_the_naive_conclusion_is_noise_over_nothing():
     assert np.abs(aware.x[0] - ref.x[k]).max() < 5e-5
 
 
-def test_the_consistent_inverse_is_the_inverse_where_there_is_one():
+def test_the_consistent_solution_is_the_solution_where_there_is_one():
     random = np.random.default_rng(5)
-    regular = np.eye(4) + 0.1 * random.standard_normal((3, 4, 4))
-    np.testing.assert_allclose(consistent_inverse(regular), np.linalg.inv(regular), atol=1e-12)
+    regular, right = np.eye(4) + 0.1 * random.standard_normal((3, 4, 4)), random.standard_normal((3, 4))
+    np.testing.assert_allclose(
+        consistent_solution(regular, right), np.linalg.solve(regular, right[..., None])[..., 0], atol=1e-12
+    )
     u, _, v = np.linalg.svd(random.standard_normal((4, 4)))
     singular = u @ np.diag([3.0, 2.0, 1.0, 0.0]) @ v
-    np.testing.assert_allclose(consistent_inverse(singular[None])[0], np.linalg.pinv(singular), atol=1e-12)
+    found = consistent_solution(singular[None], right[:1])[0]
+    np.testing.assert_allclose(found, np.linalg.pinv(singular) @ right[0], atol=1e-12)
+
+
+def test_a_run_without_numbers_has_no_consistent_solution_and_leaves_the_others_theirs():
+    matrices, right = np.tile(np.eye(2), (3, 1, 1)), np.ones((3, 2))
+    matrices[1, 0, 0] = np.nan
+    np.testing.assert_array_equal(consistent_solution(matrices, right), [[1, 1], [np.nan, np.nan], [1, 1]])
 
 
 def test_the_aware_law_is_the_naive_one_far_from_the_crossing():

@@ -112,7 +112,7 @@ def test_raw_sampling_agrees_with_closed_forms_away_from_the_crossing():
 def test_gravity_in_the_plane_of_motion_bends_the_robot_at_rest():
     description = replace(robots.load("five_bar").description, gravity=(0.0, -9.81, 0.0))
     for flexibility in ("rigid", "flexible_links"):
-        hanging = ParallelRobot.from_description(description, flexibility)
+        hanging = ParallelRobot.from_description(description, flexibility=flexibility)
         plan = plan_crossing(hanging, CLEAR, duration=1.5)
         for end in (0.0, 1.5):
             # statics by virtual work: motor torque = -(gear) J' (weight), J = A^-1 B in closed form
@@ -129,7 +129,7 @@ def test_gravity_in_the_plane_of_motion_bends_the_robot_at_rest():
 
 def test_a_crossing_under_gravity_is_proved_by_power(robot):
     description = replace(robot.description, gravity=(0.0, -9.81, 0.0))
-    hanging = ParallelRobot.from_description(description, "flexible_links")
+    hanging = ParallelRobot.from_description(description, flexibility="flexible_links")
     plan = plan_crossing(hanging, LINE, duration=0.3)
     (crossing,) = plan.crossings
     # gravity pulls along t_s: 10 kg have to fall freely along it at that instant

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
+import eigenpy
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import robots
-from framework.kinematics.frames import frame_motions, frames_at
+from framework.kinematics.frames import frame_motions, frames_at, scratch_of
 from framework.model.description import FLEXIBILITIES
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -74,3 +76,28 @@ def test_threads_do_not_share_a_working_memory():
         found = list(pool.map(lambda part: frames_at(robot, part).position, [*q.reshape(4, 50, -1)] * 5))
     for positions, same in zip(found, expected * 5, strict=True):
         np.testing.assert_array_equal(positions, same)
+
+
+@pytest.fixture
+def copies():
+    """Within, eigenpy hands out copies of pinocchio's numbers and no views of its memory."""
+    eigenpy.sharedMemory(False)
+    yield
+    eigenpy.sharedMemory(True)
+
+
+@pytest.mark.parametrize("name", ["five_bar", "gough_stewart", "standing_quadruped"])
+def test_where_the_memory_cannot_be_read_the_accessors_take_over(copies, name):
+    robot = robots.load(name, flexibility="flexible_links")
+    q, v = states(robot, 4)
+    slow = frames_at(robot, q)
+    slow_motions = frame_motions(robot, slow, q, v)
+    assert scratch_of(robot).refresh is not None
+    eigenpy.sharedMemory(True)
+    other = replace(robot)  # the same robot with a working memory of its own
+    assert scratch_of(other).refresh is None
+    quick = frames_at(other, q)
+    for one, two in zip(slow, quick, strict=True):
+        np.testing.assert_array_equal(one, two)
+    for one, two in zip(slow_motions, frame_motions(other, quick, q, v), strict=True):
+        np.testing.assert_array_equal(one, two)

@@ -25,6 +25,7 @@ URDF = """
 ANGLES = [0.3, -1.1, 2.5]  # [rad], also far beyond a quarter turn
 KINDS = [(kind, axis) for kind in CLOSURE_KINDS for axis in "xyz"]
 UNIT = np.eye(3)
+ROD = 0.7  # [m] length of a distance
 
 
 @cache
@@ -36,7 +37,7 @@ def rows(axes: tuple[str, ...]) -> LoopRows:
         urdf_text=URDF,
         platform=Platform("two", ("x",)),
         actuators=(Actuator("turn"),),
-        closures=(Closure("c", ("one", "two"), axes),),
+        closures=(Closure("c", ("one", "two"), axes, ROD if "distance" in axes else None),),
     )
     return ParallelRobot.from_description(description).rows
 
@@ -76,6 +77,8 @@ def allowed(kind: str, axis: str, angle: float):
         "cylindrical": [(turn(axis, angle), b * along) for b in ANGLES],
         "spherical": [(turn("x", angle) * turn("z", b) * turn("y", angle), nowhere) for b in ANGLES],
         "planar": [(turn(axis, angle), b * across[0] - 0.4 * across[1]) for b in ANGLES],
+        # the second origin anywhere on a sphere about the first, its body turned anyhow
+        "distance": [(turn(second, b), turn(third, angle).apply(ROD * along)) for b in ANGLES],
     }[kind]
 
 
@@ -94,8 +97,10 @@ def test_what_a_kind_locks_opens_the_loop_wherever_it_stands(kind, axis, amount,
     names = locked(kind, axis)
     for name in names:
         for relative, apart in allowed(kind, axis, angle):
-            k = "xyz".index(name[-1])
-            if name.startswith("r"):
+            k = AXES.index(name) % 3 if name in AXES else 0
+            if name == "distance":
+                moved = (relative, (1 + abs(amount) / ROD) * apart)
+            elif name.startswith("r"):
                 if len([n for n in names if n.startswith("r")]) == 1:  # a cross: tilt its second pin
                     second, third = (other for other in "xyz" if other != axis)
                     moved = (turn(second, angle) * turn(axis, amount) * turn(third, 0.7), apart)
@@ -111,10 +116,12 @@ def test_what_a_kind_locks_opens_the_loop_wherever_it_stands(kind, axis, amount,
 def test_close_to_home_each_row_is_the_displacement_along_its_own_axis(kind, axis):
     names = locked(kind, axis)
     slip = 1e-6 * np.array([3.0, -2.0, 1.0, -1.0, 2.0, 3.0])
-    at = pair(Rotation.from_rotvec(slip[3:]), slip[:3])
+    along = UNIT["xyz".index(axis)]
+    home = ROD * along if kind == "distance" else np.zeros(3)
+    at = pair(Rotation.from_rotvec(slip[3:]), home + slip[:3])
     table = rows(names)
     assert table.names == tuple(f"c.{name}" for name in names)
-    expected = [slip[AXES.index(name)] for name in names]
+    expected = [slip[:3] @ along if name == "distance" else slip[AXES.index(name)] for name in names]
     np.testing.assert_allclose(loop_equations(table, at).residual[0], expected, atol=2e-11)  # slip squared
 
 
@@ -148,7 +155,14 @@ def _nudged(at: FrameStack, column: int, step: float) -> FrameStack:
 
 def test_the_number_of_locked_axes_is_that_of_mechanics():
     count = {"fixed": 6, "revolute": 5, "prismatic": 5, "universal": 4, "cylindrical": 4, "spherical": 3}
-    assert {kind: len(locked(kind)) for kind in CLOSURE_KINDS} == {**count, "planar": 3}
+    count |= {"planar": 3, "distance": 1}
+    assert {kind: len(locked(kind)) for kind in CLOSURE_KINDS} == count
+
+
+@pytest.mark.parametrize(("axes", "length"), [(("distance",), None), (("x", "y", "z"), 0.7), ((), 0.7)])
+def test_a_distance_and_nothing_else_has_a_length(axes, length):
+    with pytest.raises(RobotFileError, match="closure c: a distance needs a length"):
+        Closure("c", ("one", "two"), axes, length)
 
 
 @pytest.mark.parametrize(

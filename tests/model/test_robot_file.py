@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+import yaml
 
 import robots
 from framework import ParallelRobot
@@ -15,6 +16,9 @@ from tests.conftest import FIVE_BAR, REMOVED
 
 PATHS = [[0.1, 0.345], [-0.05, 0.195]]
 ROD = {"name": "rod", "part": "link", "after": "left_rod_tip", "motion": "x", "stiffness": 350000}
+TIPS = ("left_tip", "right_tip")
+ROD_OF = {"name": "rod", "frames": [*TIPS], "kind": "distance", "length": 0.25}
+DISTANCE = {"name": "bar", "frames": ["left_tip", "right_tip"], "kind": "distance", "length": 0.1}
 SOFT = {**ROD, "name": "soft", "motion": ["x", "rz"], "stiffness": [2, 3]}
 
 
@@ -53,6 +57,7 @@ def test_the_robot_file_of_the_5r_becomes_records():
         ("scenes.C.at", [0.5], lambda d: d.scenes["C"].at == (0.5,)),
         ("scenes.C", {"arc": [*PATHS, [0.1, 0]], "duration": 1}, lambda d: d.scenes["C"].kind == "arc"),
         ("scenes.C", {"spline": [*PATHS, *PATHS], "duration": 1}, lambda d: d.scenes["C"].kind == "spline"),
+        ("closures.0", ROD_OF, lambda d: d.closures == (Closure("rod", TIPS, ("distance",), 0.25),)),
         ("springs.2.motion", ["x"], lambda d: d.springs[2].coordinates == ("left_rod",)),
         ("springs.2", SOFT, lambda d: d.springs[2].coordinates == ("soft_x", "soft_rz")),
         ("springs.2", SOFT, lambda d: d.springs[2].stiffness == (2.0, 3.0)),
@@ -136,6 +141,9 @@ MALFORMED = [
     ("closures.0.kind", "weld", ["closures[0].kind", "unknown closure kind 'weld'", "revolute"]),
     ("closures.0.kind", REMOVED, ["closures[0]", "either kind or axes"]),
     ("closures.0.axes", ["x"], ["closures[0]", "either kind or axes"]),
+    ("closures.0.kind", "distance", ["closures[0].length: missing"]),
+    ("closures.0.length", 0.25, ["closures[0].length: unknown key"]),
+    ("closures.0", {**ROD_OF, "length": 0}, ["closures[0].length", "greater than zero"]),
     ("closures.0.axis", "w", ["closures[0]", "unknown closure axis 'w'", "x, y, z"]),
     ("closures.1", {"name": "tip", "frames": ["base", "left_rod"], "axes": "z"}, ["'tip'", "twice"]),
     ("springs", "soft", ["springs", "needs a list"]),
@@ -155,6 +163,21 @@ MALFORMED = [
     ("springs.0.name", "", ["springs[0].name", "needs a text"]),
     ("springs", [SOFT, {**ROD, "name": "soft_x"}], ["springs", "'soft_x'", "twice"]),
     ("springs.2.motion", "own", ["springs[2].motion", "'left_rod_tip' is fixed"]),
+    ("springs.0.motion", 5, ["springs[0].motion[0]", "unknown axis 5", "rx, ry, rz, x, y, z"]),
+    ("springs.0", {"name": "s", "joint": "left_elbow", "stiffness": 1, "part": "link"}, ["springs[0].part"]),
+    ("closures.0", {**DISTANCE, "axes": "x"}, ["closures[0].axes", "unknown key", "length"]),
+    ("closures.0", {**DISTANCE, "length": 0}, ["closures[0].length", "greater than zero", "0"]),
+    ("closures.0.length", 1, ["closures[0].length", "unknown key", "kind"]),
+    ("frames", None, ["frames", "at least one entry", "None"]),
+    ("frames", [{"name": "a", "parent": "nobody"}], ["frames[0].parent", "unknown link 'nobody'", "base"]),
+    (
+        "frames",
+        [{"name": "a", "parent": "base", "inertia": [1, 1, 1]}],
+        ["frames[0].inertia", "mass"],
+    ),
+    ("locked", {"left_elbow": "up"}, ["locked.left_elbow", "number", "'up'"]),
+    ("locked", {"left_rod_tip": 0}, ["locked.left_rod_tip", "unknown joint", "left_elbow"]),
+    ("root", "loose", ["root", "unknown root 'loose'", "fixed, free"]),
     ("gravity", [0, -9.81], ["gravity", "three numbers", "[0, -9.81]"]),
     ("gravity", [0, 0, math.nan], ["gravity[2]", "finite", "nan"]),
     ("gravity", -9.81, ["gravity", "needs a list", "-9.81"]),
@@ -207,6 +230,31 @@ def test_a_malformed_robot_file_is_refused_and_told_why(write_robot, key, value,
         assert word in message
 
 
+def mappings(content, place=()):
+    """Places of the mappings whose keys have meanings, and not names, in a robot file."""
+    if isinstance(content, list):
+        for i, item in enumerate(content):
+            yield from mappings(item, (*place, str(i)))
+    elif isinstance(content, dict):
+        if place not in (("reference",), ("scenes",)):
+            yield place
+        for key, value in content.items():
+            yield from mappings(value, (*place, key))
+
+
+@pytest.mark.parametrize("place", list(mappings(yaml.safe_load(FIVE_BAR.read_text(encoding="utf-8")))))
+def test_a_key_that_no_table_has_is_named_with_its_place(write_robot, place):
+    name = "".join(f"[{part}]" if part.isdigit() else f".{part}" for part in (*place, "colour"))
+    message = refused(write_robot((".".join((*place, "colour")), "red")))
+    assert message.startswith(f"{name[1:]}: unknown key 'colour'")
+
+
+def test_a_missing_key_points_to_its_misspelling_and_to_no_key_that_is_right(write_robot):
+    assert "misspelling" not in refused(write_robot(("closures.0.name", REMOVED)))  # `frames` is near it
+    message = refused(write_robot(("platform.axes", REMOVED), ("platform.axis", ["x", "y"])))
+    assert message.startswith("platform.axes: missing; is 'axis' a misspelling?")
+
+
 # the whole text of the robot file, words
 NO_ROBOT_FILES = [
     (b"", ["mapping"]),
@@ -231,9 +279,9 @@ def test_a_file_that_is_no_robot_file_is_refused(tmp_path, content, words):
         assert word in message
 
 
-@pytest.mark.parametrize("name", ["missing.yaml", "."])
-def test_a_robot_file_that_is_not_there_is_refused(tmp_path, name):
-    assert "cannot read" in refused(tmp_path / name)
+@pytest.mark.parametrize(("name", "reason"), [("missing.yaml", "cannot read"), (".", "a folder without")])
+def test_a_robot_file_that_is_not_there_is_refused(tmp_path, name, reason):
+    assert reason in refused(tmp_path / name)
 
 
 ELBOW = '<joint name="left_elbow" type="revolute">'
@@ -246,22 +294,22 @@ MALFORMED_URDFS = [
     ("</robot>", "", ["not well-formed XML"]),
     ('<robot name="five_bar">', '<sdf name="five_bar">', ["not well-formed XML"]),
     ('<link name="base">', '<link name="left_tip">', ["'left_tip'", "twice"]),
-    ('<link name="base">', "<link>", ["''", "empty"]),
+    ('<link name="base">', "<link>", ["<link>", "'name'", "empty"]),
     (ELBOW, '<joint name="left_motor" type="revolute">', ["'left_motor'", "twice"]),
     (AT_ELBOW, AT_ELBOW.replace('"left_crank"', '"crank"'), ["left_elbow", "parent", "'crank'", "left_rod"]),
     (AT_ELBOW, AT_ELBOW.replace('"left_rod"', '"right_rod"'), ["'right_rod' has two parents", "closures"]),
-    (AT_ELBOW, ELBOW, ["left_elbow", "parent", "link"]),
+    (AT_ELBOW, ELBOW, ["left_elbow", "<parent>", "missing"]),
     (AT_ELBOW, AT_ELBOW.replace('"left_crank"', '"left_rod"'), ["left_rod"]),  # its own parent
     (AT_ELBOW, AT_ELBOW.replace('"left_crank"', '"left_tip"'), ["left_rod"]),  # a ring beside the tree
     ("</robot>", '<link name="alone"/></robot>', ["one root link", "base", "alone"]),
     (ELBOW, f'{ELBOW}<mimic joint="left_motor"/>', ["left_elbow", "mimic"]),
     (ELBOW, ELBOW.replace("revolute", "floating"), ["left_elbow", "'floating'", "continuous"]),
-    (ELBOW, '<joint name="left_elbow">', ["left_elbow", "None", "revolute"]),
+    (ELBOW, '<joint name="left_elbow">', ["left_elbow", "'type'", "missing"]),
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', ["left_motor", "axis", "zero"]),
-    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0"/>', ["left_motor", "axis xyz", "three numbers", "'0 0'"]),
-    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 one"/>', ["left_motor", "axis xyz", "'one'"]),
-    (ORIGIN, '<origin xyz="nan 0 0"/>', ["left_elbow", "origin xyz", "'nan'"]),
-    (ORIGIN, '<origin rpy="0 inf 0"/>', ["left_elbow", "origin rpy", "'inf'"]),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0"/>', ["left_motor", "<axis> xyz", "3 numbers", "'0 0'"]),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 one"/>', ["left_motor", "<axis> xyz", "'0 0 one'"]),
+    (ORIGIN, '<origin xyz="nan 0 0"/>', ["left_elbow", "<origin> xyz", "'nan 0 0'"]),
+    (ORIGIN, '<origin rpy="0 inf 0"/>', ["left_elbow", "<origin> rpy", "'0 inf 0'"]),
     ('<mass value="10"/>', '<mass value="heavy"/>', ["mass", "'heavy'"]),
     ('<mass value="10"/>', '<mass value="-10"/>', ["mass", "-10"]),
     ('<mass value="10"/>', "", ["mass"]),

@@ -53,7 +53,7 @@ def chain(closure: Closure, first: str, second: str, between: pin.SE3) -> tuple[
     place, after = pin.SE3.Identity(), pin.SE3.Identity()
     steps: list[tuple[str, str, float, pin.SE3]] = []  # kind, axis, value, origin
     if closure.length is not None:
-        if closure.axes:
+        if len(closure.axes) > 1:
             raise ValueError(f"{closure.name}: both a distance and axes")
         aim = along_z(between.translation)
         rod = pin.SE3(np.eye(3), np.array([0, 0, closure.length]))

@@ -12,7 +12,6 @@ import robots
 from framework import Line, assemble, locate_singularities, plan_scene, scene_path, velocity_matrices
 from framework.errors import Type1Singularity
 from framework.kinematics.assembly import loop_rows
-from robots.generators import agile_eye as generator
 from tests.robots.spherical_oracle import BASE, GEAR, WRISTS, Spherical, rodrigues, spin_matrix
 
 ORACLE = Spherical(np.pi / 2, (1, 1, 1))
@@ -25,10 +24,6 @@ def robot():
 
 def places(count):
     return 0.7 * np.random.default_rng(1).uniform(-1, 1, (count, 3))
-
-
-def test_the_kept_urdf_is_what_the_generator_writes():
-    assert generator.file("agile_eye").read_text(encoding="utf-8") == generator.urdf("agile_eye")
 
 
 def test_at_the_reference_all_neighbouring_axes_are_orthogonal(robot):

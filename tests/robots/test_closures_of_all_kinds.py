@@ -27,8 +27,10 @@ from tests.robots.joint_chain import chain, urdf
 PAIR = '<robot name="pair"><link name="ground"/><link name="one"/><link name="two"/></robot>'
 KINDS = {f"{kind} {axis}": locked_axes(kind, axis) for kind in CLOSURE_KINDS for axis in "xyz"}
 KINDS |= {"rotations": ("rx", "ry", "rz"), "list": ("x", "rz"), "free": ()}
-CLOSURES = {name: Closure("joint", ("one", "two"), axes) for name, axes in KINDS.items()}
-CLOSURES["distance"] = Closure("joint", ("one", "two"), (), 0.7)
+CLOSURES = {
+    name: Closure("joint", ("one", "two"), axes, 0.7 if "distance" in axes else None)
+    for name, axes in KINDS.items()
+}
 FLOATING = Closure("float", ("ground", "one"), ())
 # Where a cut leaves three rows for one freedom out of the plane, the row that the framework keeps for it at
 # the reference vanishes on the way: it refuses the motion, though the robot could go on.
@@ -109,7 +111,7 @@ def without_right_rod(description):
     return replace(
         description,
         urdf_text=ElementTree.tostring(root, encoding="unicode"),
-        closures=(Closure("rod", ("right_end", "left_tip"), (), 0.25),),
+        closures=(Closure("rod", ("right_end", "left_tip"), locked_axes("distance"), 0.25),),
         springs=(),
         reference={k: v for k, v in description.reference.items() if k != "right_elbow"},
     )

@@ -24,7 +24,6 @@ from framework import (
 )
 from framework.errors import UnboundedTorque
 from framework.kinematics.frames import frames_at
-from robots.generators import delta as generator
 from tests.forward_simulation import forward_simulate
 from tests.robots import lagrange_oracle
 
@@ -139,10 +138,6 @@ def plan(robot):
 def places(count):
     spread = np.array([0.15, 0.15, 0.15])
     return [0, 0, -1.2] + spread * np.random.default_rng(3).uniform(-1, 1, (count, 3))
-
-
-def test_the_kept_urdf_is_what_the_generator_writes():
-    assert generator.FILE.read_text(encoding="utf-8") == generator.urdf()
 
 
 def test_motor_angles_have_their_closed_form_and_the_platform_stays_level(robot):

@@ -54,7 +54,9 @@ def test_torques_do_not_depend_on_how_the_closures_are_written(original, change)
     else:
         # a universal joint has one axis on either body: turned round it is another joint
         closures = tuple(c if is_universal(c) else replace(c, frames=c.frames[::-1]) for c in closures)
-    other = ParallelRobot.from_description(replace(description, closures=closures), original.flexibility)
+    other = ParallelRobot.from_description(
+        replace(description, closures=closures), flexibility=original.flexibility
+    )
     assert len(loop_rows(other).names) == len(loop_rows(original).names)
     one, two = planned(original), planned(other)
     t = np.linspace(0.0, one.duration, 201)
@@ -74,7 +76,7 @@ def test_torques_do_not_depend_on_the_scale_of_the_closure_rows(case):
     original = robots.load(name, flexibility=flexibility)
     if change == "on other frames":
         description = with_other_frames(original.description)
-        other = ParallelRobot.from_description(description, flexibility)
+        other = ParallelRobot.from_description(description, flexibility=flexibility)
     elif change.startswith("rotations"):
         factor = 1e3 if change.endswith("x 1000") else 1e-3
         other = replace(original, rows=original.rows._replace(sign=factor * original.rows.sign))
@@ -98,12 +100,14 @@ def test_torques_do_not_depend_on_where_a_loop_is_cut(case):
     plan = crossing(robot)
     for opening in found if flexibility == "rigid" else found[:1]:
         description = cut_elsewhere(robot.description, closure, opening)
-        assert_same_torques(plan, crossing(ParallelRobot.from_description(description, flexibility)))
+        assert_same_torques(
+            plan, crossing(ParallelRobot.from_description(description, flexibility=flexibility))
+        )
 
 
 def test_torques_do_not_depend_on_where_the_robot_stands(original):
     shifted = ParallelRobot.from_description(
-        moved(original.description, (3.0, -2.0, 1.0)), original.flexibility
+        moved(original.description, (3.0, -2.0, 1.0)), flexibility=original.flexibility
     )
     one, two = planned(original), planned(shifted)
     t = np.linspace(0.0, one.duration, 201)
@@ -115,7 +119,9 @@ def test_torques_do_not_depend_on_where_the_robot_stands(original):
 @pytest.mark.parametrize("size", [1e-3, 1e3])
 def test_torques_of_a_robot_of_another_size_scale_with_its_square(original, size):
     """A robot drawn in millimetres, or as small as one drawn so: no tolerance may know metres."""
-    other = ParallelRobot.from_description(scaled(original.description, size), original.flexibility)
+    other = ParallelRobot.from_description(
+        scaled(original.description, size), flexibility=original.flexibility
+    )
     one, two = planned(original), planned(other)
     t = np.linspace(0.0, one.duration, 201)
     peak = np.abs(one.torque(t)).max()

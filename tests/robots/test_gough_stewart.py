@@ -30,7 +30,6 @@ from framework.kinematics.platform import platform_coordinates, platform_residua
 from framework.kinematics.tracking import track_path
 from framework.motion.chebyshev import TimeGrid
 from framework.motion.path import along
-from robots.generators import gough_stewart as generator
 from tests.forward_simulation import forward_simulate
 
 H = 1e-30
@@ -170,10 +169,6 @@ def poses(count, turn):
     """Random poses whose rotation vector measures up to `turn` [rad] a component."""
     spread = np.array([0.4, 0.4, 0.4, *turn])
     return [0, 0, 2.2, 0, 0, 0] + spread * np.random.default_rng(5).uniform(-1, 1, (count, 6))
-
-
-def test_the_kept_urdf_is_what_the_generator_writes():
-    assert generator.FILE.read_text(encoding="utf-8") == generator.urdf()
 
 
 def test_leg_lengths_have_their_closed_form(robot):

@@ -26,7 +26,6 @@ from framework.kinematics.inverse_kinematics import reference_system, system_at
 from framework.kinematics.loop_matrices import instantaneous_motions
 from framework.kinematics.platform import platform_coordinates
 from framework.model.description import FLEXIBILITIES
-from robots.files import URDF
 from robots.generators import n_four_bar as generator
 
 GRAVITY = 9.81
@@ -45,12 +44,6 @@ def configuration(loops: int, x: float) -> dict[str, float]:
 
 def by_joint(robot: ParallelRobot, q) -> dict[str, float]:
     return {robot.joint_of(column): value for column, value in enumerate(q)}
-
-
-def test_the_kept_files_are_what_the_generator_writes():
-    kept = URDF / "n_four_bar"
-    assert (kept / "n_four_bar.urdf").read_text(encoding="utf-8") == generator.urdf(2)
-    assert (kept / "n_four_bar.yaml").read_text(encoding="utf-8") == generator.robot_file(2)
 
 
 def test_a_row_without_loops_is_refused(tmp_path):

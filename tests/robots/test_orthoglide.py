@@ -28,7 +28,6 @@ from framework import (
 from framework.errors import NotConverged, OutOfReach, UnboundedTorque
 from framework.kinematics.assembly import loop_rows
 from framework.kinematics.frames import frames_at
-from robots.generators import orthoglide as generator
 from tests.robots.lagrange_oracle import platform_force
 
 LENGTH, HALF = 0.31058, 0.04  # [m]
@@ -116,12 +115,6 @@ def plan(robot):
 
 def places(count):
     return np.random.default_rng(5).uniform(-0.12679, 0.07321, (count, 3))
-
-
-def test_the_kept_urdf_is_what_the_generator_writes():
-    assert generator.urdf() == robots.CATALOGUE["orthoglide"].file.with_suffix(".urdf").read_text(
-        encoding="utf-8"
-    )
 
 
 def test_slides_have_their_closed_form_and_the_platform_does_not_turn(robot):

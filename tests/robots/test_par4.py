@@ -24,7 +24,6 @@ from framework import (
 )
 from framework.errors import UnboundedTorque
 from framework.kinematics.assembly import loop_rows
-from robots.generators import par4 as generator
 from tests.robots import lagrange_oracle
 
 ARM, ROD, BAR = 0.35, 0.8, 0.16  # [m]
@@ -149,10 +148,6 @@ def plan(robot):
 def places(count):
     spread = np.array([0.1, 0.1, 0.1, 0.4])
     return [0, 0, -0.75, 0.7] + spread * np.random.default_rng(3).uniform(-1, 1, (count, 4))
-
-
-def test_the_kept_urdf_is_what_the_generator_writes():
-    assert generator.FILE.read_text(encoding="utf-8") == generator.urdf()
 
 
 def test_motor_angles_have_their_closed_form_and_the_half_plates_do_not_turn(robot):

@@ -18,7 +18,6 @@ from framework import (
     velocity_matrices,
 )
 from framework.errors import UnboundedTorque
-from robots.generators import agile_eye as generator
 from tests.robots.spherical_oracle import GEAR, Spherical
 
 ORACLE = Spherical(np.pi / 3, (1, 1, 1))
@@ -40,10 +39,6 @@ def places(count):
 
 def exact_singular_s(path):
     return brentq(lambda s: ORACLE.measure(path(s)), 0.1, 0.95, xtol=1e-15, rtol=1e-15)
-
-
-def test_the_kept_urdf_is_what_the_generator_writes():
-    assert generator.file("spherical_rrr").read_text(encoding="utf-8") == generator.urdf("spherical_rrr")
 
 
 def test_motor_angles_have_their_closed_form(robot):

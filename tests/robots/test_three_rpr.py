@@ -22,8 +22,6 @@ from framework import (
     velocity_matrices,
 )
 from framework.errors import UnboundedTorque
-from robots.files import robot_file
-from robots.generators import three_rpr as generator
 from tests.forward_simulation import forward_simulate
 
 with mp.workdps(50):
@@ -160,11 +158,6 @@ def robot():
 @pytest.fixture(scope="module")
 def plan(robot):
     return plan_scene(robot, "crossing")
-
-
-def test_the_kept_urdf_is_what_the_generator_writes():
-    kept = robot_file("three_rpr").with_suffix(".urdf").read_text(encoding="utf-8")
-    assert kept == generator.urdf()
 
 
 def test_inverse_kinematics_of_all_joints(robot):

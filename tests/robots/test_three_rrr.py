@@ -14,8 +14,6 @@ from scipy.optimize import brentq
 import robots
 from framework import assemble, locate_singularities, plan_scene, scene_path, velocity_matrices
 from framework.errors import UnboundedTorque
-from robots.files import robot_file
-from robots.generators import three_rrr as generator
 from tests.forward_simulation import forward_simulate
 
 MOTORS = [(0, 0), (mp.mpf("1.2"), 0), (mp.mpf("0.6"), mp.mpf("1.0392304845413265"))]  # A_i
@@ -123,11 +121,6 @@ def robot():
 @pytest.fixture(scope="module")
 def plan(robot):
     return plan_scene(robot, "crossing")
-
-
-def test_the_kept_urdf_is_what_the_generator_writes():
-    kept = robot_file("three_rrr").with_suffix(".urdf").read_text(encoding="utf-8")
-    assert kept == generator.urdf()
 
 
 def test_inverse_kinematics_of_all_joints(robot):

@@ -27,7 +27,6 @@ from framework.kinematics.loop_matrices import instantaneous_motions, passive_ma
 from framework.kinematics.tracking import track_path
 from framework.model.description import FLEXIBILITIES
 from framework.singularity.classification import uncontrolled_motion
-from robots.files import URDF
 from robots.generators import three_upu as generator
 
 SHIFT = 0.12 - 0.30  # [m] platform less base radius
@@ -109,10 +108,6 @@ def system_of(robot, p) -> System:
     for name, value in joints(p).items():
         q[robot.model.joints[robot.model.getJointId(name)].idx_q] = value
     return system_at(robot, q[None], np.array([p]))
-
-
-def test_the_kept_file_is_what_the_generator_writes():
-    assert (URDF / "three_upu" / "three_upu.urdf").read_text(encoding="utf-8") == generator.urdf()
 
 
 def test_three_freedoms_and_no_redundant_row():

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 import robots
-from framework import finite_difference_torques, plan_scene
+from framework import finite_difference_torques, plan_crossing, plan_scene
+from framework.errors import InvalidInput
 from framework.show import plots
+from framework.show.eye import plot_eye
+from framework.show.phase_plane import plot_phase_plane
 from framework.show.style import figure
 
 CASES = [("C", "rigid"), ("C", "flexible_links"), ("A", "flexible_joints")]
@@ -116,6 +119,26 @@ def test_the_wrench_is_drawn_over_time_and_vanishes_at_the_crossings(plan):
         assert np.interp(crossing.time, t, wrench) == pytest.approx(0.0, abs=1e-4 * np.abs(wrench).max())
 
 
+def test_the_eye_closes_to_a_point_that_the_motion_passes(crossing_plan):
+    """At any torque limit: the band has no width at the singular instant, and the curve goes through it."""
+    plan = crossing_plan
+    for limit in (0.2, 20.0):
+        ax = plot_eye(plan, torque_limit=limit)
+        (curve,) = curves(ax)
+        (band,) = (part.get_paths()[0].vertices for part in ax.collections)
+        width = np.abs(band[:, 1])
+        inside = np.abs(band[:, 0]) < 1e-9 * plan.duration
+        assert width[inside].max() < 1e-6 * width.max()
+        assert np.interp(0.0, *curve.get_data()) == pytest.approx(0.0, abs=1e-6 * width.max())
+        assert f"{limit:.3g} N m" in ax.get_legend().get_texts()[0].get_text()
+
+
+@pytest.mark.parametrize(("crossing", "limit"), [(1, None), (0, -1.0), (0, [1.0, 2.0, 3.0]), (0, np.nan)])
+def test_an_eye_that_cannot_be_drawn_is_refused(crossing_plan, crossing, limit):
+    with pytest.raises(InvalidInput, match=r"crossing|torque_limit"):
+        plot_eye(crossing_plan, crossing=crossing, torque_limit=limit)
+
+
 def test_raw_torques_are_drawn_sample_by_sample_with_their_poles(crossing_plan):
     robot, plan = crossing_plan.robot, crossing_plan
     raw = finite_difference_torques(robot, plan.path, plan.law, samples=101)
@@ -144,7 +167,7 @@ def test_all_figures_are_saved_as_pdf_and_png(crossing_plan, tmp_path):
     settings = dict(matplotlib.rcParams)
     paths = plots.save_figures(crossing_plan, tmp_path)
     assert dict(matplotlib.rcParams) == settings
-    names = ("law", "torques", "singularity", "wrench")
+    names = ("law", "torques", "singularity", "wrench", "eye")
     assert [path.name for path in paths] == [f"{name}.{end}" for name in names for end in ("pdf", "png")]
     assert set(paths) == set(tmp_path.iterdir())
     for path in paths:
@@ -158,3 +181,27 @@ def test_all_figures_are_saved_as_pdf_and_png(crossing_plan, tmp_path):
             assert image[..., :3].std() > 0.05  # there is something on it
     again = plots.save(lambda: plots.plot_torques(crossing_plan), tmp_path / "again")
     assert [path.read_bytes() for path in again] == [path.read_bytes() for path in paths[2:4]]
+
+
+def test_the_phase_plane_holds_both_laws_between_what_the_motors_allow(crossing_plan):
+    robot = robots.load("five_bar")
+    quickest = plan_crossing(robot, crossing_plan.path, optimize="time", torque_limit=0.165)
+    axes = plot_phase_plane(quickest, beside=crossing_plan)
+    (crossing,) = quickest.crossings
+    for order, (ax, unit) in enumerate(zip(axes, ("[1/s]", "[1/s$^2$]"), strict=True), start=1):
+        assert [line.get_label() for line in curves(ax)] == ["optimal, 0.738 s", "polynomial, 1.5 s"]
+        s, value = curves(ax)[0].get_data()
+        times = np.linspace(0.0, quickest.duration, len(s))
+        np.testing.assert_array_equal(value, quickest.law(times, order))
+        assert marks(ax) == [(crossing.s, (crossing.speed, crossing.acceleration)[order - 1])]
+        assert unit in ax.get_ylabel()
+    legend = [text.get_text() for text in axes[0].get_legend().get_texts()]
+    assert "within 0.165 N m" in legend
+
+
+def test_an_optimal_law_is_saved_with_its_phase_plane(tmp_path, crossing_plan):
+    plan = plan_crossing(robots.load("five_bar"), crossing_plan.path, duration=1.5, law="optimal")
+    assert {"phase_plane.pdf", "phase_plane.png"} <= {
+        path.name for path in plots.save_figures(plan, tmp_path)
+    }
+    assert not [path for path in tmp_path.glob("*") if path.stat().st_size == 0]

@@ -96,7 +96,9 @@ def without_rotors(flexibility: str = "rigid", **changes: Any) -> ParallelRobot:
     """The 5R whose motors have no inertia: its torques are load torques. `changes` of the description."""
     description = robots.load("five_bar").description
     actuators = tuple(replace(motor, rotor_inertia=0.0) for motor in description.actuators)
-    return ParallelRobot.from_description(replace(description, actuators=actuators, **changes), flexibility)
+    return ParallelRobot.from_description(
+        replace(description, actuators=actuators, **changes), flexibility=flexibility
+    )
 
 
 def crossing_coordinate() -> Number:

@@ -47,7 +47,7 @@ def with_rods(stiffness: float) -> ParallelRobot:
         replace(spring, stiffness=(stiffness,)) if spring.part == "link" else spring
         for spring in description.springs
     )
-    return ParallelRobot.from_description(replace(description, springs=springs), "flexible_links")
+    return ParallelRobot.from_description(replace(description, springs=springs), flexibility="flexible_links")
 
 
 @cache

@@ -73,4 +73,4 @@ def test_a_platform_that_keeps_turning_is_told_to_cut_its_path():
     found = locate_singularities(robot, path)
     assert len(found) > MOST_CROSSINGS
     with pytest.raises(NoLaw, match=f"meets {len(found)} singular points.*cut the path"):
-        plan_crossing(robot, path, duration=10.0)
+        plan_crossing(robot, path, duration=10.0, law="polynomial")

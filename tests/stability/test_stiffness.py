@@ -34,7 +34,7 @@ def with_springs(part: str, stiffness: float) -> ParallelRobot:
         for spring in description.springs
     )
     flexibility = "flexible_joints" if part == "joint" else "flexible_links"
-    return ParallelRobot.from_description(replace(description, springs=springs), flexibility)
+    return ParallelRobot.from_description(replace(description, springs=springs), flexibility=flexibility)
 
 
 def exact_drives(t: float, stiffness: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -26,7 +26,7 @@ SIZES = 10.0 ** np.arange(-9, 10, 3)  # units of length in one metre: 1000 descr
 @cache
 def robot_of(size: float, flexibility: str = "rigid") -> ParallelRobot:
     return ParallelRobot.from_description(
-        scaled(robots.load("five_bar").description, float(size)), flexibility
+        scaled(robots.load("five_bar").description, float(size)), flexibility=flexibility
     )
 
 

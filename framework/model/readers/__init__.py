@@ -2,6 +2,6 @@
 `framework.model.description`; and the writer of our own robot file."""
 
 from framework.model.readers.recognise import DIALECTS, dialect_of, read_any
-from framework.model.readers.writer import spring_entry, write_robot_file
+from framework.model.robot_file_writer import spring_entry, write_robot_file
 
 __all__ = ["DIALECTS", "dialect_of", "read_any", "spring_entry", "write_robot_file"]

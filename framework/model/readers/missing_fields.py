@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from framework.errors import RobotFileError, choose_from
+from framework.errors import RobotFileError, choose_from, short
 from framework.model.description import AXES, Actuator, Platform
-from framework.model.readers.placement import short
 
 _SHOWN = 24  # candidates named in a message
 
@@ -27,14 +26,14 @@ class Options:
     reference: Mapping[str, float] = field(default_factory=dict)
 
 
-class Said(NamedTuple):
+class Resolved(NamedTuple):
     """Platform and motors, from the options and else from the file."""
 
     platform: Platform
     actuators: tuple[Actuator, ...]
 
 
-def settle(
+def resolve(
     options: Options,
     *,
     frames: Sequence[str],
@@ -42,7 +41,7 @@ def settle(
     platform: Platform | None = None,
     actuators: Sequence[Actuator] = (),
     likely_motors: Sequence[str] = (),
-) -> Said:
+) -> Resolved:
     """What the options say, else the file; `frames` and movable `joints` are the valid names.
 
     Raises:
@@ -71,7 +70,7 @@ def settle(
         raise RobotFileError(
             f"--axes: got {' '.join(axes)}; a platform turns about none, one or all three of rx, ry, rz"
         )
-    return Said(Platform(frame, axes), _actuators(options.motors, joints, actuators))
+    return Resolved(Platform(frame, axes), _actuators(options.motors, joints, actuators))
 
 
 def _actuators(

@@ -24,10 +24,12 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import Actuator, Closure, RobotDescription, locked_axes
+from framework.model.description import Actuator, Closure, ParsedRobot, locked_axes
+from framework.model.placement import placement, turning
+from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options
-from framework.model.readers.placement import numbers, placement, turning
-from framework.model.readers.urdf_tree import UrdfTree, attribute, axis_of, only, origin_of, required
+from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.xml_reading import attribute, axis_of, numbers, only, origin_of, required
 
 ELEMENTS = ("loop", "coupling")
 _KINDS = {"revolute": "revolute", "continuous": "revolute"} | {
@@ -36,7 +38,7 @@ _KINDS = {"revolute": "revolute", "continuous": "revolute"} | {
 _WITHOUT_AXIS = ("spherical", "fixed")
 
 
-def read_urdf_plus(file: Path, root: ElementTree.Element, options: Options) -> RobotDescription:
+def read_urdf_plus(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
     """The description in a URDF+ file.
 
     Raises:
@@ -53,7 +55,7 @@ def read_urdf_plus(file: Path, root: ElementTree.Element, options: Options) -> R
         if element.tag == "coupling" and (closure := _coupling(tree, element)) is not None:
             closures.append(closure)
     driven = [Actuator(name) for name in tree.motors if name in tree.movable]
-    return tree.describe(file, options, closures, actuators=driven, likely_motors=independent)
+    return describe(tree, file, options, closures, actuators=driven, likely_motors=independent)
 
 
 def _loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:

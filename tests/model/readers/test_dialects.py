@@ -14,6 +14,7 @@ from framework import Line, locate_singularities
 from framework.errors import OutputError, RobotFileError
 from framework.kinematics.diagnostics import check_robot
 from framework.model import ParallelRobot
+from framework.model.description import CLOSURE_KINDS, locked_axes
 from framework.model.readers import DIALECTS, dialect_of, read_any, write_robot_file
 from framework.model.robot_file import read_robot_file
 
@@ -86,6 +87,15 @@ def test_every_robot_of_the_catalogue_can_be_written(name, tmp_path):
     description = read_any(robots.CATALOGUE[name].file)
     again = read_robot_file(write_robot_file(description, tmp_path))
     assert replace(again, file=description.file, urdf_text=description.urdf_text) == description
+
+
+@pytest.mark.parametrize("kind", CLOSURE_KINDS)
+def test_every_closure_kind_can_be_written(kind, tmp_path):
+    description = read_any(*FIVE_BARS["own"][:1])
+    length = 0.25 if kind == "distance" else None
+    (tip,) = description.closures
+    described = replace(description, closures=(replace(tip, axes=locked_axes(kind), length=length),))
+    assert read_robot_file(write_robot_file(described, tmp_path)).closures == described.closures
 
 
 def test_writing_over_the_file_that_is_read_is_refused(tmp_path):

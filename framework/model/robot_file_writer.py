@@ -21,7 +21,7 @@ from framework.model.description import (
 from framework.model.robot_file import VERSION, read_robot_file
 from framework.output import written_together
 
-_KINDS = {locked_axes(kind): kind for kind in ("fixed", "spherical")}  # kinds without an axis
+_KINDS = {locked_axes(kind): kind for kind in ("fixed", "spherical", "distance")}  # without an axis
 
 
 def write_robot_file(description: RobotDescription, folder: str | Path) -> Path:
@@ -95,11 +95,11 @@ def _actuator(actuator: Actuator) -> dict[str, Any]:
 
 def _closure(closure: Closure) -> dict[str, Any]:
     entry: dict[str, Any] = {"name": closure.name, "frames": list(closure.frames)}
-    if closure.length is not None:
-        return {**entry, "kind": "distance", "length": closure.length}
     if closure.axes in _KINDS:
-        return {**entry, "kind": _KINDS[closure.axes]}
-    return {**entry, "axes": list(closure.axes)}
+        entry["kind"] = _KINDS[closure.axes]
+    else:
+        entry["axes"] = list(closure.axes)
+    return entry if closure.length is None else {**entry, "length": closure.length}
 
 
 def _scene(scene: Scene) -> dict[str, Any]:

@@ -1,43 +1,15 @@
-"""Rigid placements as 4 x 4 matrices, and the ways in which XML files write them."""
+"""Rigid placements as 4 x 4 matrices, and the ways in which files write turns."""
 
 from __future__ import annotations
 
 import math
-import reprlib
 from collections.abc import Sequence
 
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError
 
 Vector3 = tuple[float, float, float]
-
-
-def numbers(where: str, text: str | None, count: int) -> tuple[float, ...]:
-    """`count` finite numbers out of an attribute.
-
-    Raises:
-        RobotFileError: another count, or no finite number among them.
-    """
-    parts = (text or "").split()
-    values = []
-    for part in parts:
-        try:
-            value = float(part)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise RobotFileError(f"{where}: needs finite numbers, got {short(text)}")
-        values.append(value)
-    if len(values) != count:
-        raise RobotFileError(f"{where}: needs {count} number{'s' * (count != 1)}, got {short(text)}")
-    return tuple(values)
-
-
-def short(value: object) -> str:
-    """What was given, cut to a length that fits a message of one line."""
-    return reprlib.repr(value)
 
 
 def placement(rotation: Array | None = None, translation: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:

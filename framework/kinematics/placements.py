@@ -1,6 +1,8 @@
-"""Where the joints of a robot are, and which way they move: placements for the screen."""
+"""Where the joints and frames of a robot are, and which way they move, along a motion: what is drawn."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -52,22 +54,36 @@ def rotated(quaternion: Array, vector: Array) -> Array:
     return np.asarray(vector + w * across + np.cross(axis, across))
 
 
-def joint_axis(robot: ParallelRobot, column: int) -> tuple[int, Array, Array, bool]:
-    """Where an entry of the velocity vector acts: parent joint, place (3,) and axis (3,) in it, slides."""
-    joint, axis, slides = _own_axis(robot, column)
+class JointAxis(NamedTuple):
+    """Where a coordinate acts, seen from one of pinocchio's joints (0 is the base)."""
+
+    joint: int
+    place: Array  # (3,) [m]
+    axis: Array  # (3,) unit
+
+
+def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
+    """Where an entry of the velocity vector acts, seen from the joint before: it stays there."""
+    joint, _, axis = carried_axis(robot, column)
     placement = robot.model.jointPlacements[joint]
-    return (
+    return JointAxis(
         int(robot.model.parents[joint]),
         np.asarray(placement.translation),
         np.asarray(placement.rotation @ axis),
-        slides,
     )
 
 
-def carried(robot: ParallelRobot, column: int) -> tuple[int, Array, Array]:
-    """The joint of a coordinate itself, with place and axis in its own frame: what moves with it."""
-    joint, axis, _ = _own_axis(robot, column)
-    return joint, np.zeros(3), axis
+def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
+    """Where an entry of the velocity vector acts, seen from its own joint: it moves along."""
+    model = robot.model
+    joint = next(
+        j for j in range(1, model.njoints) if 0 <= column - model.joints[j].idx_v < model.joints[j].nv
+    )
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    local = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)[:, column]
+    axis = local[:3] if robot.sliding[column] else local[3:]
+    return JointAxis(joint, np.zeros(3), np.asarray(axis / np.linalg.norm(axis)))
 
 
 def planar_normal(robot: ParallelRobot) -> Array | None:
@@ -82,16 +98,3 @@ def planar_normal(robot: ParallelRobot) -> Array | None:
     aside = np.linalg.norm(np.cross(turns, normal), axis=1).max()
     along = np.abs(slides @ normal).max(initial=0.0)
     return normal if max(aside, along) < 1e-6 else None
-
-
-def _own_axis(robot: ParallelRobot, column: int) -> tuple[int, Array, bool]:
-    model = robot.model
-    joint = next(
-        j for j in range(1, model.njoints) if 0 <= column - model.joints[j].idx_v < model.joints[j].nv
-    )
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    local = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)[:, column]
-    slides = bool(np.linalg.norm(local[:3]) > np.linalg.norm(local[3:]))
-    axis = local[:3] if slides else local[3:]
-    return joint, np.asarray(axis / np.linalg.norm(axis)), slides

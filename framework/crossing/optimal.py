@@ -1,0 +1,384 @@
+"""The best law along a path: the cone program set up from what the robot asks, and its solution made a law.
+
+Torques at the points of the program are those of a rigid robot, or of one whose deflections are known as
+functions of the path parameter. Between the points, and at the crossings themselves where only the limit of
+the torque exists, they follow by interpolation; what exceeds a limit there becomes a row of the next round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sparse
+from numpy.polynomial import chebyshev, legendre
+from scipy.optimize import brentq
+
+from framework.arrays import Array, IntArray
+from framework.crossing.phase_plane import Demand
+from framework.errors import InvalidInput
+from framework.motion.chebyshev import coefficients as series_through
+from framework.motion.chebyshev import derivative_matrix, evaluate, nodes
+from framework.motion.cone_program import Affine, ConeProgram, Infeasible, Optimum, Unsolved, solve
+from framework.motion.optimal_law import OptimalLaw, Stretch, least_value
+
+DEGREES = (40, 80)  # of the squared speed; the second where the first finds no law
+MANY = 4  # crossings, beyond which the second is tried at once
+ROUNDS = 4  # of solving with further rows where a limit was exceeded
+KEPT = 1e-3  # share of the limits that is kept at the rows, for what lies between them
+# Weight of the coefficients of z, grown with the square of their degree; ten times as much for each
+# derivative of s that is to vanish: an elastic robot's torque differentiates twice what a rigid one's does.
+ROUGHNESS = 1e-5
+FLOOR = 1e-2  # least z, over the mean speed squared
+PANELS = 160  # of the quadrature that decides the duration
+# times the least peak, what a law that must be slower may take
+LAXER = (1.002, 1.005, 1.01, 1.02, 1.05, 1.2, 1.5, 2.0, 4.0)
+SLOWER = 4  # steps from the quickest towards the slowest law
+SLOWEST = 0.02  # least z of such a law, over the mean speed squared
+COMPARABLE = 4.0  # factor between the guessed and the found scale that needs no second solution
+
+
+@dataclass(frozen=True, eq=False)
+class Wish:
+    """What a law is to be best at, and within which limits.
+
+    goal: "time", "peak_torque": the largest torque over its limit (or over the same number, for motors
+        without one), or "energy": the integral of the sum of (torque over limit)^2.
+    duration: to be met exactly [s]; `longest`: not to be exceeded [s].
+    torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite where there is none.
+    """
+
+    goal: str
+    duration: float | None
+    longest: float | None
+    torque_limit: Array
+    speed_limit: Array
+    smoothness: int
+
+    def tightened(self, share: float) -> Wish:
+        """The same with limits multiplied by `share`."""
+        return replace(self, torque_limit=self.torque_limit * share, speed_limit=self.speed_limit * share)
+
+    @property
+    def limited(self) -> bool:
+        """Whether any torque has a limit."""
+        return bool(np.isfinite(self.torque_limit).any())
+
+    @property
+    def most(self) -> float | None:
+        """The duration not to be exceeded [s], if any."""
+        return self.duration if self.duration is not None else self.longest
+
+
+class OnPath(NamedTuple):
+    """What the robot asks on its path."""
+
+    sigma: Array  # (M,) Chebyshev points of `stretch`, none of them on a crossing
+    demand: Demand  # at `sigma`
+    crossings: Array  # (k,) sigma
+    conditions: Array  # (k, 3): constant + per_z z + per_u u = 0 there
+    stretch: Stretch = Stretch()  # xi(sigma), in which z is a Chebyshev series
+
+
+class Units(NamedTuple):
+    """What the program measures times [s] and torques (n_a,) [N m] in."""
+
+    time: float
+    torque: Array
+
+
+class Best(NamedTuple):
+    """The best law of its degree; `peak` of torque over `reference` (n_a,) [N m] is what the program saw."""
+
+    law: OptimalLaw
+    peak: float
+    reference: Array
+
+
+def points_of(degree: int, crossings: Array, stretch: Stretch) -> Array:
+    """sigma of Chebyshev points that resolve torques of z of this degree and stay clear of the crossings."""
+    sizes = [3 * degree + 1 + 2 * extra for extra in range(5)]
+    places = stretch(crossings)
+
+    def gap(size: int) -> float:
+        return float(np.abs(nodes(size)[:, None] - places).min(initial=1.0)) * size
+
+    sigma = stretch.inverse(nodes(max(sizes, key=gap)))
+    sigma[[0, -1]] = 0.0, 1.0
+    return sigma
+
+
+class Basis(NamedTuple):
+    """Values of z and u at points, as matrices on the coefficients."""
+
+    z: Array
+    u: Array
+
+    @staticmethod
+    def at(sigma: Array, degree: int, stretch: Stretch) -> Basis:
+        """Of the Chebyshev series of this degree in xi(sigma)."""
+        values = np.asarray(chebyshev.chebvander(stretch(sigma), degree), dtype=float)
+        slope = 0.5 * stretch(sigma, 1)[:, None]
+        return Basis(values, slope * (values @ derivative_matrix(degree + 1)))  # u = z'/2
+
+
+def guessed_units(on_path: OnPath, wish: Wish) -> Units:
+    """Units in which the solution may be near 1."""
+    demand, limit = on_path.demand, wish.torque_limit
+    time = wish.most
+    if time is None:  # what the limits allow at half of the points, z constant
+        spare = np.maximum(limit - np.abs(demand.torque.constant), 0.1 * limit)
+        by_torque = np.sqrt(np.abs(demand.torque.per_z) / spare).max(axis=1)
+        time = float(np.median(np.maximum(by_torque, (demand.speed / wish.speed_limit).max(axis=1)))) or 1.0
+    if wish.limited:
+        return Units(time, np.where(np.isfinite(limit), limit, limit[np.isfinite(limit)].max()))
+    steady = np.abs(demand.torque.constant + demand.torque.per_z / time**2).max(axis=1)
+    size = float(np.median(steady)) or float(np.abs(demand.torque.per_u).max()) / time**2 or 1.0
+    return Units(time, np.full(len(limit), size))
+
+
+def better_units(units: Units, wish: Wish, found: Optimum) -> Units:
+    """The units that the solution turned out to have; the same object if they were near enough."""
+    longer = found.duration if wish.most is None else 1.0
+    heavier = 1.0 if wish.limited else found.peak
+    if max(longer, 1 / longer, heavier, 1 / heavier) < COMPARABLE:
+        return units
+    return Units(units.time * longer, units.torque * heavier)
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """The cone program of a wish for z of one degree, in units."""
+
+    on_path: OnPath
+    wish: Wish
+    degree: int
+    units: Units
+    roughness: float = ROUGHNESS
+
+    @cached_property
+    def scale(self) -> float:
+        """What the coefficients are multiplied with to be a z [1/s^2]."""
+        return self.units.time**-2
+
+    @cached_property
+    def _torque(self) -> tuple[Array, Array]:
+        """Torques at the points as affine functions of the coefficients: (M, n_a, n) and (M, n_a)."""
+        constant, per_z, per_u = self.on_path.demand.torque
+        basis = Basis.at(self.on_path.sigma, self.degree, self.on_path.stretch)
+        matrix = per_z[:, :, None] * basis.z[:, None] + per_u[:, :, None] * basis.u[:, None]
+        return self.scale * matrix / self.units.torque[:, None], constant / self.units.torque
+
+    def torque_rows(self, take: Array) -> Affine:
+        """Torques of all motors at combinations `take` (R, M) of the points, (R n_a)."""
+        matrix, offset = self._torque
+        rows = np.tensordot(take, matrix, axes=1)
+        return Affine(rows.reshape(-1, self.degree + 1), (take @ offset).ravel())
+
+    @cached_property
+    def _between(self) -> Array:
+        """Combinations of the points that give the values between them and at the crossings."""
+        size = len(self.on_path.sigma)
+        at_crossings = evaluate(self.on_path.stretch(self.on_path.crossings), series_through(np.eye(size)))
+        return np.concatenate([_dense(size), at_crossings])
+
+    def torques(self, y: Array) -> Array:
+        """The largest torque over its unit between the points and at the crossings (R,)."""
+        matrix, offset = self._torque
+        return np.asarray(np.abs(self._between @ (matrix @ y + offset)).max(axis=1))
+
+    def conditions(self) -> Affine:
+        """What a crossing asks of the coefficients."""
+        here = self.on_path
+        return conditions_on_speed(here.crossings, here.conditions, self.degree, here.stretch, self.scale)
+
+    def program(self) -> ConeProgram:
+        """The program with rows at every other point."""
+        wish, degree = self.wish, self.degree
+        points, weights = legendre.leggauss(degree + degree // 2)
+        every_other = np.eye(len(self.on_path.sigma))[::2]
+        limited = np.isfinite(wish.speed_limit)
+        squared = self.scale * (self.on_path.demand.speed[::2, limited] / wish.speed_limit[limited]) ** 2
+        z = chebyshev.chebvander(nodes(len(self.on_path.sigma))[::2], degree)
+        power = Affine(np.empty((0, degree + 1)), np.empty(0))
+        if wish.goal == "energy":
+            power = self.torque_rows(evaluate(points, series_through(np.eye(len(self.on_path.sigma)))))
+        return ConeProgram(
+            speeds=np.asarray(chebyshev.chebvander(points, degree), dtype=float),
+            average=sparse.eye_array(len(weights)),
+            weights=weights / self.on_path.stretch(self.on_path.stretch.inverse(points), 1),
+            positive=np.empty((0, degree + 1)),
+            torque=self.torque_rows(every_other),
+            below_one=(squared[:, :, None] * z[:, None]).reshape(-1, degree + 1),
+            power=power,
+            equalities=self.conditions(),
+            roughness=self.roughness * 10.0 ** (wish.smoothness - 2) * np.diag(np.arange(degree + 1.0) ** 2),
+            floor=FLOOR,
+            kept=KEPT if wish.limited else 0.0,
+        )
+
+    def solved(self, program: ConeProgram) -> Optimum | Infeasible | Unsolved:
+        """The optimum of the program, or why there is none."""
+        most = self.wish.most
+        longest = None if most is None else most / self.units.time
+        return solve(program, self.wish.goal, limited=self.wish.limited, longest=longest)
+
+    def held(self, program: ConeProgram, found: Optimum) -> Best | Infeasible | Unsolved:
+        """The law of an optimum, solved again with rows where a limit does not hold between the points."""
+        fine = chebyshev.chebvander(_fine(len(self.on_path.sigma)), self.degree)
+        for _ in range(ROUNDS):
+            torques = self.torques(found.y)
+            hard = self.wish.limited and self.wish.goal != "peak_torque"
+            allowed = 1.0 if hard else found.peak * (1.0 + 2.0 * KEPT)
+            over, low = _peaks(torques, allowed), _peaks(-(fine @ found.y), -0.5 * FLOOR)
+            if not len(over) and not len(low):
+                break
+            extra = self.torque_rows(self._between[over])
+            program = replace(program, torque=_both(program.torque, extra))
+            if len(low):
+                before = program.positive if len(program.positive) else fine[::2]
+                program = replace(program, positive=np.concatenate([before, fine[low]]))
+            again = self.solved(program)
+            if not isinstance(again, Optimum):
+                return again
+            found = again
+        y: Array | None = found.y
+        if self.wish.duration is not None and y is not None:
+            points = np.concatenate([fine[::2], program.positive])
+            most = 1.0 if self.wish.limited else np.inf
+            y = self._lasting(program, points, y, found.peak, most)
+        if y is None or least_value(y) <= 0:
+            return Unsolved("no law of this degree advances all the time and takes so long")
+        try:
+            law = OptimalLaw(
+                y * self.scale, self.wish.smoothness, self.wish.duration or 0.0, self.on_path.stretch.at
+            )
+        except InvalidInput as problem:
+            return Unsolved(str(problem))
+        return Best(law, float(self.torques(y).max()), self.units.torque)
+
+    def _lasting(
+        self, program: ConeProgram, points: Array, quick: Array, peak: float, most: float
+    ) -> Array | None:
+        """Coefficients of a law of the wish's duration: between the quick one and a slow one.
+
+        Admissible z are a convex set, and the duration is continuous along a blend of two. The slow law keeps
+        to the same peak of the torques but for a small share, grown as far as it must, and to `most` at any
+        rate; it is positive at `points` (M, n).
+
+        The duration is convex in z, so it is at least its linearisation about any z0: the integral of
+        -z0^(-3/2)/2 (z - z0) added to that of z0. The z that makes this largest takes longer than z0, and so
+        on (the convex-concave procedure: Yuille and Rangarajan 2003).
+        """
+        duration = (self.wish.duration or 0.0) / self.units.time
+        stretch = self.on_path.stretch
+        integral = _integral(len(quick), stretch)
+        if integral(quick) > duration * (1.0 - 1e-6):  # a rounding away, or nearly so
+            return adjusted(quick, program.equalities, duration, stretch)
+        slower = replace(program, positive=points, floor=SLOWEST)
+        for lax in LAXER:
+            allowed, before = min(lax * peak, most), quick
+            for _ in range(SLOWER):
+                bounded = replace(slower, torque=_scaled(slower.torque, allowed))
+                slow = solve(bounded, "slowest", limited=True, about=before)
+                if not isinstance(slow, Optimum) or least_value(slow.y) <= 0:
+                    break
+                over = _peaks(self.torques(slow.y), allowed * (1.0 + 2.0 * KEPT))
+                if len(over):
+                    slower = replace(
+                        slower, torque=_both(slower.torque, self.torque_rows(self._between[over]))
+                    )
+                    continue
+                if integral(slow.y) > duration:
+                    share = brentq(_missing, 0.0, 1.0, args=(integral, before, slow.y, duration), xtol=1e-14)
+                    blend = before + share * (slow.y - before)
+                    return adjusted(blend, program.equalities, duration, stretch)
+                before = slow.y
+        return None
+
+
+def _both(one: Affine, two: Affine) -> Affine:
+    return Affine(np.concatenate([one.matrix, two.matrix]), np.concatenate([one.offset, two.offset]))
+
+
+def _missing(
+    share: float, integral: Callable[[Array], float], quick: Array, slow: Array, duration: float
+) -> float:
+    return integral(quick + share * (slow - quick)) - duration
+
+
+def _scaled(rows: Affine, unit: float) -> Affine:
+    return Affine(rows.matrix / unit, rows.offset / unit)
+
+
+def _integral(size: int, stretch: Stretch) -> Callable[[Array], float]:
+    """The duration of coefficients (size,): the integral of z^(-1/2) over [0, 1]."""
+    values, weights = _quadrature(size, stretch)
+    return lambda y: float(weights @ np.maximum(values @ y, 1e-300) ** -0.5)
+
+
+@lru_cache(maxsize=8)
+def _quadrature(size: int, stretch: Stretch) -> tuple[Array, Array]:
+    """Values of the Chebyshev polynomials (P, size) of xi and weights (P,) in sigma, for sharp bends."""
+    edges = -np.cos(np.pi * np.arange(PANELS + 1) / PANELS)
+    points, weights = legendre.leggauss(20)
+    half = 0.5 * np.diff(edges)[:, None]
+    at = (edges[:-1, None] + half * (points + 1.0)).ravel()
+    values = np.asarray(chebyshev.chebvander(at, size - 1), dtype=float)
+    return values, (half * weights).ravel() / stretch(stretch.inverse(at), 1)
+
+
+def adjusted(y: Array, equalities: Affine, duration: float, stretch: Stretch) -> Array | None:
+    """The coefficients nearest to y, low degrees first, that meet the equalities and take exactly this long.
+
+    None where Newton's method on the duration finds no positive z.
+    """
+    n = len(y)
+    weight = (1.0 + np.arange(n)) ** -4.0
+    values, weights = _quadrature(n, stretch)
+    for _ in range(12):
+        z = values @ y
+        if z.min() <= 0:
+            return None
+        taken = weights @ z**-0.5
+        gradient = -0.5 * (weights * z**-1.5) @ values
+        rows = np.concatenate([equalities.matrix, gradient[None]])
+        size = np.linalg.norm(rows, axis=1)
+        size[size == 0] = 1.0  # a condition that holds anyway
+        miss = np.append(equalities(y), taken - duration) / size
+        rows = rows / size[:, None]
+        step = weight * (rows.T @ np.linalg.lstsq((rows * weight) @ rows.T, miss, rcond=None)[0])
+        y = y - step
+        if np.abs(step).max() <= 1e-15 * np.abs(y).max():
+            break
+    return y
+
+
+def conditions_on_speed(
+    sigma: Array, conditions: Array, degree: int, stretch: Stretch, scale: float = 1.0
+) -> Affine:
+    """constant + per_z z + per_u u at sigma (k,), for z of this degree in multiples of `scale`."""
+    at = Basis.at(sigma, degree, stretch)
+    constant, per_z, per_u = conditions.T[:, :, None]
+    return Affine(scale * (per_z * at.z + per_u * at.u), constant[:, 0])
+
+
+def _fine(size: int) -> Array:
+    """Points in (-1, 1), six times as dense as `size` Chebyshev points."""
+    return np.asarray(-np.cos(np.pi * (np.arange(6 * size) + 0.5) / (6 * size)))
+
+
+@lru_cache(maxsize=8)
+def _dense(size: int) -> Array:
+    """Values between `size` Chebyshev points, from those at them."""
+    return evaluate(_fine(size), series_through(np.eye(size)))
+
+
+def _peaks(values: Array, allowed: float) -> IntArray:
+    """Indices of the local maxima above what is allowed."""
+    padded = np.concatenate(([-np.inf], values, [-np.inf]))
+    highest = (values >= padded[:-2]) & (values >= padded[2:])
+    return np.flatnonzero(highest & (values > allowed))

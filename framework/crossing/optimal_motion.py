@@ -1,0 +1,315 @@
+"""The best motion along a path: cone program and certified inverse dynamics in turn.
+
+A rigid robot needs each once. An elastic one is optimised with its deflections frozen as functions of the
+path parameter, and resolved anew; while `resolve` iterates on the deflections of one law, that law follows
+the condition (8) of the deflected robot with the least change of its speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.crossing.condition import CrossingPoint, Deflection, crossing_point
+from framework.crossing.optimal import (
+    DEGREES,
+    MANY,
+    ROUGHNESS,
+    Best,
+    OnPath,
+    Setting,
+    Units,
+    Wish,
+    adjusted,
+    better_units,
+    conditions_on_speed,
+    guessed_units,
+    points_of,
+)
+from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, crossing_row, demand
+from framework.crossing.polynomial import Ground, check_contacts
+from framework.dynamics.inverse_dynamics import resolve
+from framework.dynamics.result import InverseDynamics
+from framework.errors import NoLaw, NotConverged
+from framework.kinematics.tracking import Branch
+from framework.motion.chebyshev import TimeFunction
+from framework.motion.cone_program import Infeasible, Optimum, Unsolved
+from framework.motion.law import MotionLaw
+from framework.motion.optimal_law import OptimalLaw, Smoothstep, Stretch
+from framework.singularity.points_on_path import SingularPoint
+
+MOST_PASSES = 8  # of optimising and resolving in turn
+FORESEEN = 2e-3  # peak torque of the program and of the certified motion may differ by this share
+SMOOTHER = 30.0  # times the weight on roughness, for a law that could not be resolved
+ROUGHEST = 1e-2
+ROOM = 1e-5  # share of a limit that is left free when it was exceeded
+
+
+class Task(NamedTuple):
+    """Where a law is to pass, and what it is to be best at."""
+
+    branch: Branch
+    points: tuple[SingularPoint, ...]
+    targets: Sequence[SingularPoint | CrossingPoint]  # where condition (8) is to hold
+    speeds: Sequence[float] | None  # s' at each of them [1/s], if asked
+    wish: Wish
+    geometry: str
+
+    @property
+    def phi(self) -> Smoothstep:
+        return Smoothstep(self.wish.smoothness)
+
+    @property
+    def stretch(self) -> Stretch:
+        """Dense at the crossings of the undeformed robot."""
+        return Stretch(tuple(float(self.phi.inverse(target.s)) for target in self.targets))
+
+
+class OptimalMotion(NamedTuple):
+    """The certified motion with the law that was found best, and what the cone program said of it."""
+
+    dynamics: InverseDynamics
+    law: OptimalLaw
+    best: Best
+
+
+def optimal_motion(task: Task, *, tolerance: float) -> OptimalMotion:
+    """The best law of the least degree that is enough, certified, with all limits kept.
+
+    Raises:
+        NoLaw: no law is admissible; says what stands against it.
+        NotConverged: deflections and law do not settle together, or the solver gave up.
+        As `resolve`.
+    """
+    check_contacts(Ground(task.branch, task.points, task.targets))
+    deflections: Deflections | None = None
+    places = _places(task, None, None)
+    wish = task.wish
+    elastic = task.branch.robot.n_e > 0
+    _check_speeds(task, places)
+    setting, known = _first(task, places)
+    degree, units = setting.degree, setting.units
+    roughness, excess = ROUGHNESS, np.inf
+    for k in range(MOST_PASSES):
+        if k > 0:
+            setting = replace(_setting(task, places, deflections, wish, degree, units), roughness=roughness)
+        try:
+            best = _solved(setting, task, known if k == 0 else None)
+        except NotConverged:
+            higher = [more for more in DEGREES if more > degree]
+            if not higher:
+                raise
+            degree = higher[0]
+            continue
+        try:
+            dynamics, law = _resolved(task, best.law, places, tolerance)
+        except NotConverged:
+            if roughness >= ROUGHEST:
+                raise
+            roughness *= SMOOTHER
+            continue
+        excess = _excess(dynamics, task.wish)
+        settled = not elastic
+        if elastic:
+            settled = (
+                abs(_peak(dynamics, best.reference) / best.peak - 1.0) <= FORESEEN and deflections is not None
+            )
+            deflections = DeflectionsOnPath(law, dynamics.deflections)
+            places = _places(task, deflections, places)
+        if settled and excess <= 1.0:
+            return OptimalMotion(dynamics, law, best)
+        if excess > 1.0 and settled:
+            wish = wish.tightened((1.0 - ROOM) / excess)
+    raise NotConverged(
+        f"{task.branch.robot.name}: law and deflections do not settle together in {MOST_PASSES} passes: "
+        f"stiffen the springs, take more time, or use geometry rigid",
+        residual=abs(excess - 1.0),
+    )
+
+
+def _places(
+    task: Task, deflections: Deflections | None, before: Sequence[CrossingPoint] | None
+) -> list[CrossingPoint]:
+    """The crossing points of the robot with these deflections; `before` are points near them."""
+    found = []
+    for k, target in enumerate(task.targets):
+        if not isinstance(target, SingularPoint):
+            found.append(target)
+            continue
+        near = target.s if before is None else before[k].s
+        deflection = None
+        if deflections is not None and task.geometry == "deformed":
+            at = deflections(task.phi.inverse(np.array([near])))[0]
+            deflection = Deflection(at, 0 * at, 0 * at)
+        found.append(crossing_point(task.branch, target, deflection, near))
+    return found
+
+
+def _conditions(
+    task: Task, places: Sequence[CrossingPoint], deflections: Deflections | None
+) -> tuple[Array, Array]:
+    """sigma (k,) and rows (k, 3) of all conditions on z and u: (8) at each place, and the speeds asked."""
+    carrying = deflections if task.geometry == "deformed" else None
+    rows = [crossing_row(task.branch, task.phi, place, carrying) for place in places]
+    at = [sigma for sigma, _ in rows]
+    conditions = [row for _, row in rows]
+    for place, speed in zip(places, task.speeds or (), strict=bool(task.speeds)):
+        sigma = float(task.phi.inverse(place.s))
+        at.append(sigma)
+        conditions.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0]))
+    return np.array(at), np.array(conditions).reshape(-1, 3)
+
+
+def _check_speeds(task: Task, places: Sequence[CrossingPoint]) -> None:
+    """Raise NoLaw where the path is orthogonal to t_s and no speed meets what is left of condition (8)."""
+    for place, (constant, per_z, per_u) in zip(places, _conditions(task, places, None)[1], strict=False):
+        if per_u == 0.0 and (per_z != 0.0 or constant != 0.0) and not -constant * per_z > 0.0:
+            why = (
+                "both pull the same way"
+                if constant * per_z > 0.0
+                else "one of them is zero and the other not"
+            )
+            raise NoLaw(
+                f"{task.branch.robot.name}: at s = {place.s:.6g} the path runs orthogonal to t_s: condition "
+                f"(8) leaves beta s'^2 + gamma = 0, which no speed meets ({why})"
+            )
+
+
+def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[Setting, Optimum]:
+    """The program of the least degree that has an optimum, in units that fit it, and that optimum."""
+    failure: NoLaw | NotConverged | None = None
+    for degree in DEGREES[len(task.targets) > MANY :]:
+        setting = _setting(task, places, None, task.wish, degree, None)
+        found = setting.solved(setting.program())
+        for _ in range(2):
+            better = better_units(setting.units, task.wish, found) if isinstance(found, Optimum) else None
+            if better is None or better is setting.units:
+                break
+            setting = replace(setting, units=better)
+            found = setting.solved(setting.program())
+        if isinstance(found, Optimum):
+            return setting, found
+        failure = failure or _refusal(task, setting, found)
+    raise failure or NoLaw(f"{task.branch.robot.name}: no degree was tried")
+
+
+def _setting(
+    task: Task,
+    places: Sequence[CrossingPoint],
+    deflections: Deflections | None,
+    wish: Wish,
+    degree: int,
+    units: Units | None,
+) -> Setting:
+    at, conditions = _conditions(task, places, deflections)
+    sigma = points_of(degree, at, task.stretch)
+    asked = demand(task.branch, task.phi, sigma, deflections, task.geometry)
+    on_path = OnPath(sigma, asked, at, conditions, task.stretch)
+    guessed = guessed_units(on_path, wish)
+    if units is not None:
+        guessed = Units(units.time, guessed.torque if wish.limited else units.torque)
+    return Setting(on_path, wish, degree, guessed)
+
+
+def _solved(setting: Setting, task: Task, known: Optimum | None) -> Best:
+    """The law that a setting finds best; `known` is its optimum, if it was found before.
+
+    Raises:
+        NoLaw: none is admissible; NotConverged: the solver gave up.
+    """
+    program = setting.program()
+    found = known or setting.solved(program)
+    best = setting.held(program, found) if isinstance(found, Optimum) else found
+    if not isinstance(best, Best):
+        raise _refusal(task, setting, best)
+    return best
+
+
+def _refusal(task: Task, setting: Setting, found: Infeasible | Unsolved) -> NoLaw | NotConverged:
+    name = task.branch.robot.name
+    if isinstance(found, Infeasible):
+        return NoLaw(
+            f"{name}: no law of free shape (degree {setting.degree}) is admissible: "
+            f"{_against(task, setting.on_path)}"
+        )
+    return NotConverged(
+        f"{name}: no optimal law of degree {setting.degree} found ({found.status})", residual=np.inf
+    )
+
+
+def _against(task: Task, on_path: OnPath) -> str:
+    """What stands against every law, as far as it can be told."""
+    wish, robot = task.wish, task.branch.robot
+    still = np.abs(on_path.demand.torque.constant)[[0, -1]]
+    over = np.argwhere(still > wish.torque_limit)
+    if len(over):
+        end, motor = over[0]
+        return (
+            f"at the {('start', 'end')[end]} {robot.actuator_names[motor]} must hold {still[end, motor]:.4g} "
+            f"{robot.torque_units[motor]} at rest, and may {wish.torque_limit[motor]:.4g}"
+        )
+    limits = "the limits are too low" if wish.limited or np.isfinite(wish.speed_limit).any() else ""
+    within = (
+        "" if wish.most is None else f"within {wish.most:g} s no speed meets condition (8) at the crossings"
+    )
+    return " or ".join(part for part in (limits, within) if part)
+
+
+def _resolved(
+    task: Task, law: OptimalLaw, places: Sequence[CrossingPoint], tolerance: float
+) -> tuple[InverseDynamics, OptimalLaw]:
+    """The certified motion of this law, its speed moved with the conditions of the deflecting robot."""
+    branch = task.branch
+    at_rest = _places(task, None, None)
+
+    def follow(
+        here: Sequence[CrossingPoint], deflections: Deflections | None, base: OptimalLaw
+    ) -> OptimalLaw:
+        at, conditions = _conditions(task, here, deflections)
+        equalities = conditions_on_speed(at, conditions, base.degree, base.stretch)
+        y = adjusted(base.coefficients, equalities, base.duration, base.stretch)
+        if y is None:
+            raise NotConverged(
+                f"{branch.robot.name}: no law near the best crosses where the deflected robot is singular: "
+                f"the springs are too soft; stiffen them, take more time, or use geometry rigid",
+                residual=np.inf,
+            )
+        return OptimalLaw(y, base.smoothness, base.duration, base.dense_at)
+
+    if not branch.robot.n_e or task.geometry == "rigid":
+        dynamics = resolve(branch, task.points, lambda *_: law, geometry=task.geometry, tolerance=tolerance)
+        return dynamics, law
+    near, chosen = list(places), [law]
+
+    def choose_law(deflections: TimeFunction | None, before: MotionLaw | None) -> MotionLaw:
+        last = next((known for known in reversed(chosen) if known is before), None)
+        if deflections is None or last is None:
+            chosen.append(follow(at_rest, None, law))
+        else:
+            on_path = DeflectionsOnPath(last, deflections)
+            near[:] = _places(task, on_path, near)
+            chosen.append(follow(near, on_path, law))
+        return chosen[-1]
+
+    dynamics = resolve(branch, task.points, choose_law, geometry=task.geometry, tolerance=tolerance)
+    return dynamics, next(known for known in reversed(chosen) if known is dynamics.law)
+
+
+def _sampled(dynamics: InverseDynamics) -> tuple[Array, Array]:
+    """Largest torques [N m] and speeds [rad/s] (n_a,) of the motors, eight times as finely as solved."""
+    t = np.linspace(0.0, dynamics.duration, 8 * dynamics.certificate.nodes)
+    return np.abs(dynamics.torque(t)).max(axis=0), np.abs(dynamics.motor_angle(t, 1)).max(axis=0)
+
+
+def _excess(dynamics: InverseDynamics, wish: Wish) -> float:
+    """The largest torque or speed over its limit; 0 without limits."""
+    torque, speed = _sampled(dynamics)
+    return float(max((torque / wish.torque_limit).max(), (speed / wish.speed_limit).max()))
+
+
+def _peak(dynamics: InverseDynamics, reference: Array) -> float:
+    return float((_sampled(dynamics)[0] / reference).max())

@@ -1,0 +1,182 @@
+"""The paper's law: one polynomial through the times, speeds and accelerations of its crossings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from framework.crossing.condition import (
+    Condition8,
+    CrossingPoint,
+    Deflection,
+    condition_at,
+    crossing_point,
+)
+from framework.crossing.request import Request
+from framework.crossing.timing import CrossingTime, check_advance, choose_timing
+from framework.dynamics.inverse_dynamics import resolve
+from framework.dynamics.result import InverseDynamics
+from framework.errors import InvalidInput, NoLaw
+from framework.kinematics.tracking import Branch
+from framework.motion.chebyshev import TimeFunction
+from framework.motion.law import Condition, Law, MotionLaw
+from framework.singularity.points_on_path import SingularPoint
+
+OF_A_SCENE = (
+    "times and speeds of a scene belong to its own duration: give others for this one, or take law optimal, "
+    "which finds its own"
+)
+
+
+class Ground(NamedTuple):
+    """The path followed, its singular points, and where on it condition (8) is to hold."""
+
+    branch: Branch
+    points: tuple[SingularPoint, ...]
+    targets: Sequence[SingularPoint | CrossingPoint]
+
+
+class PolynomialMotion(NamedTuple):
+    """The certified motion, and the conditions (8) that its law was made to meet, by timing."""
+
+    dynamics: InverseDynamics
+    law: Law
+    met: dict[CrossingTime, Condition8]
+
+
+def polynomial_motion(
+    ground: Ground, request: Request, *, geometry: str, tolerance: float
+) -> PolynomialMotion:
+    """The certified motion with the polynomial of least degree; what is open of its timing is chosen.
+
+    Raises:
+        As `plan_crossing`.
+    """
+    branch, points, targets = ground
+    robot, choice = branch.robot, timing_of(ground, request)
+
+    def crossings(
+        deflections: TimeFunction | None, before: MotionLaw | None
+    ) -> list[tuple[CrossingPoint, Condition8]]:
+        found = []
+        for target, crossing_time in zip(targets, choice, strict=True):
+            here = _deflection(deflections, crossing_time.time) if geometry == "deformed" else None
+            if isinstance(target, SingularPoint):
+                near = target.s if before is None else float(before(crossing_time.time))
+                place = crossing_point(branch, target, here, near)
+            else:
+                place = target
+            found.append((place, condition_at(branch, place, here)))
+        return found
+
+    def choose_law(deflections: TimeFunction | None, before: MotionLaw | None) -> Law:
+        law = _law(crossings(deflections, before), choice, request)
+        if before is None:
+            check_advance(law, [point.s for point in points], robot.name)
+        chosen.append(law)
+        return law
+
+    chosen: list[Law] = []
+
+    dynamics = resolve(branch, points, choose_law, geometry=geometry, tolerance=tolerance)
+    law = next(law for law in reversed(chosen) if law is dynamics.law)
+    check_advance(law, [found.s for found in dynamics.crossings], robot.name)
+    met = {
+        crossing_time: condition
+        for (_, condition), crossing_time in zip(crossings(dynamics.deflections, law), choice, strict=True)
+    }
+    return PolynomialMotion(dynamics, law, met)
+
+
+def polynomial_at_rest(ground: Ground, request: Request) -> Law:
+    """The law of the undeformed robot before anything is proved.
+
+    Raises:
+        As `plan_crossing`, but no UnboundedTorque and no NotConverged.
+    """
+    crossings = [(place, condition_at(ground.branch, place, None)) for place in _at_rest(ground)]
+    law = _law(crossings, timing_of(ground, request), request)
+    check_advance(law, [point.s for point in ground.points], ground.branch.robot.name)
+    return law
+
+
+def _at_rest(ground: Ground) -> list[CrossingPoint]:
+    """The crossing points of the undeformed robot."""
+    return [
+        crossing_point(ground.branch, target, None, target.s) if isinstance(target, SingularPoint) else target
+        for target in ground.targets
+    ]
+
+
+def _deflection(deflections: TimeFunction | None, t: float) -> Deflection | None:
+    if deflections is None:
+        return None
+    return Deflection(*(deflections(t, order) for order in range(3)))
+
+
+def _law(
+    crossings: list[tuple[CrossingPoint, Condition8]],
+    crossing_times: Sequence[CrossingTime],
+    request: Request,
+) -> Law:
+    inner = [
+        Condition(crossing_time.time, order, value)
+        for (place, condition), crossing_time in zip(crossings, crossing_times, strict=True)
+        for order, value in enumerate(
+            (place.s, crossing_time.speed, condition.acceleration(crossing_time.speed))
+        )
+    ]
+    duration = _duration(request)
+    try:
+        return Law.rest_to_rest(duration, request.smoothness, inner)
+    except InvalidInput as problem:
+        through = ", ".join(f"t = {one.time:g} s (s' = {one.speed:g} 1/s)" for one in crossing_times)
+        raise InvalidInput(
+            f"times: no polynomial over {duration:g} s through {through or 'the ends'} could be computed: "
+            f"{problem}; {OF_A_SCENE}"
+        ) from None
+
+
+def timing_of(ground: Ground, request: Request) -> tuple[CrossingTime, ...]:
+    """Times and speeds of the crossings on the undeformed robot, those left open chosen."""
+    times, speeds, duration = request.times, request.speeds, _duration(request)
+    if not ground.targets:
+        return ()
+    check_contacts(ground)
+    for t in times or ():
+        if not 0 < t < duration:
+            raise InvalidInput(
+                f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
+                f"{OF_A_SCENE}"
+            )
+    crossings = [(place, condition_at(ground.branch, place, None)) for place in _at_rest(ground)]
+
+    def build(crossing_times: Sequence[CrossingTime]) -> Law:
+        return _law(crossings, crossing_times, request)
+
+    return choose_timing(
+        [place.s for place, _ in crossings],
+        duration,
+        times,
+        speeds,
+        request.smoothness,
+        build,
+        ground.branch.robot.name,
+    )
+
+
+def check_contacts(ground: Ground) -> None:
+    """Raise NoLaw where the path touches the locus."""
+    for target in ground.targets:
+        if isinstance(target, SingularPoint) and target.contact == "tangential":
+            raise NoLaw(
+                f"{ground.branch.robot.name}: at s = {target.s:.6g} the path touches the locus without "
+                f"crossing it; finite torques would ask for condition (8) and its time derivative at once: "
+                f"move the path off the locus or across it"
+            )
+
+
+def _duration(request: Request) -> float:
+    if request.duration is None:
+        raise InvalidInput("duration: a polynomial law needs one; only the optimal law can find its own")
+    return request.duration

@@ -1,0 +1,75 @@
+"""What a motion asks of the platform and what the motors can give there.
+
+By virtual work along a twist v of the platform that closes the loops with the springs held, the motor
+torques tau (motor side, rotors included) and the forces r of the open tree do the same work,
+
+    v . W = tau . G v,        W = (dq/dv)' r + rotors,        G = (d motor speed)/dv,
+
+so W = G' tau is the wrench that the motion asks for, legs included (W_p of the paper where the legs have
+no mass), and G' maps the box of motor torques onto the wrenches that the motors can give: a zonotope. At a
+Type 2 singularity G t_s = 0: along t_s the zonotope has no width, and W must have no component there,
+condition (8) of Briot and Arakelian 2010.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.dynamics.forces import tree_forces
+from framework.kinematics.inverse_kinematics import Motion, System, joint_rates
+from framework.model import ParallelRobot
+
+
+class PlatformWrench(NamedTuple):
+    """At T instants: W = G' tau with tau the motor torques."""
+
+    asked: Array  # (T, n) W [N, N m] on the platform's axes, inertia and weight of all bodies and rotors
+    motor_speed: Array  # (T, n_a, n) G: motor speeds [rad/s] for unit twists along the platform's axes
+
+    def along(self, twist: Array) -> Array:
+        """The force (T,) asked for along a twist (n,) or (T, n)."""
+        return np.asarray(np.sum(self.asked * twist, axis=1))
+
+    def reach(self, twist: Array, torque_limit: Array) -> Array:
+        """The largest force (T,) along a twist (n,) or (T, n) that motor torques up to limits (n_a,) give."""
+        return np.asarray(np.abs(_applied(self.motor_speed, twist)) @ torque_limit)
+
+    def vertices(self, torque_limit: Array) -> Array:
+        """Wrenches (T, 2^n_a, n) of all motors at plus or minus their limits (n_a,).
+
+        Their convex hull is what the motors can give.
+        """
+        corners = np.array(list(product((-1.0, 1.0), repeat=len(torque_limit)))) * torque_limit
+        return np.asarray(np.einsum("ca,tan->tcn", corners, self.motor_speed))
+
+
+def _applied(matrix: Array, twist: Array) -> Array:
+    return np.asarray(np.einsum("tan,tn->ta", matrix, np.broadcast_to(twist, (len(matrix), matrix.shape[2]))))
+
+
+def motor_speeds(robot: ParallelRobot, system: System) -> tuple[Array, Array]:
+    """G (T, n_a, n), and the joint rates (T, nv, n) for unit twists along the platform's axes."""
+    count = len(system.residual)
+    rates = np.empty((count, robot.model.nv, robot.n))
+    still = np.zeros((count, robot.n_e))
+    for k in range(robot.n):
+        unit = np.zeros((count, robot.n))
+        unit[:, k] = 1.0
+        rates[:, :, k] = joint_rates(robot, system, unit, still)
+    return robot.gear_ratio[:, None] * rates[:, robot.actuated], rates
+
+
+def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:
+    """The wrench that a motion asks of the platform, and the motors' share in it.
+
+    Raises:
+        NotAssembled: the platform does not determine the joints at some instant (Type 1).
+    """
+    G, rates = motor_speeds(robot, motion.system)
+    rotors = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]  # (T, n_a) motor side
+    asked = np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion)) + np.einsum("tan,ta->tn", G, rotors)
+    return PlatformWrench(asked, G)

@@ -1,0 +1,95 @@
+"""Follow a branch of assembled configurations by predictor and corrector, never jumping to another branch.
+
+One loop for both ways to lead a robot: its platform along a path (`tracking`), its motors from angle to angle
+(`forward_kinematics`). A step along the tangent counts only if what corrects it is small against it, and if
+the place where it arrives belongs to the branch; otherwise it is halved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.kinematics.closures import column_scale
+from framework.kinematics.frames import difference, integrate
+from framework.kinematics.inverse_kinematics import System
+from framework.model import ParallelRobot
+
+FIRST_STEP = 1 / 8  # of the way
+SHORTEST_STEP = 1e-7  # of the way: between the last place that closes and the first that does not
+LARGEST_CORRECTION = 0.03  # [rad, lengths]: the corrector of a step, or a quarter of the predictor
+# Where branches cross, the corrector may land on another one, close by but heading elsewhere. On one branch
+# the rates change over a step by k times its correction if the offset goes as s^k.
+LARGEST_TURN = 5.0
+
+
+class Place(NamedTuple):
+    """An assembled configuration of the branch, and how it goes on."""
+
+    q: Array  # (1, nq)
+    system: System
+    rate: Array  # (1, nv) joint rates with respect to the parameter of the way
+
+
+class Way(NamedTuple):
+    """A branch as far as it could be followed, at K places."""
+
+    at: Array  # (K,) parameter, from 0 ascending; the last one is 1 if the whole way could be followed
+    q: Array  # (K, nq)
+    rate: Array  # (K, nv)
+    last: Place
+
+    @property
+    def complete(self) -> bool:
+        """Whether the whole way was followed."""
+        return bool(self.at[-1] == 1.0)
+
+
+def follow(
+    robot: ParallelRobot,
+    start: Place,
+    arrive: Callable[[float, Array], Place | None],
+    belongs: Callable[[Place, Place, bool], bool],
+    *,
+    step: float = FIRST_STEP,
+) -> Way:
+    """The branch through `start`, at parameter 0, towards parameter 1.
+
+    Args:
+        arrive: the place at a parameter near a configuration (1, nq); None where no loops close.
+        belongs: whether a place (the second) is on the branch of the one before it; the third argument says
+            whether the tangent has turned no more than the corrections of one branch allow.
+        step: the first one, as a share of the way.
+    """
+    lengths = column_scale(robot)
+    at, here, places = 0.0, start, [(0.0, start)]
+    while at < 1.0:
+        step = min(step, 1.0 - at)
+        if step < SHORTEST_STEP:
+            break
+        following = 1.0 if at + step > 1.0 - 1e-12 else at + step
+        predicted = integrate(robot, here.q, here.rate * (following - at))
+        there = arrive(following, predicted)
+        if there is None:
+            step *= 0.5
+            continue
+        correction = np.abs(difference(robot, predicted[0], there.q) / lengths).max()
+        advance = np.abs(here.rate * (following - at) / lengths).max()
+        turned = np.abs((there.rate - here.rate) * (following - at) / lengths).max()
+        straight = bool(turned <= LARGEST_TURN * correction + 0.25 * advance)
+        if correction > max(LARGEST_CORRECTION, 0.25 * advance) or not belongs(here, there, straight):
+            step *= 0.5
+            continue
+        at, here = following, there
+        places.append((at, here))
+        step *= 2.0 if correction < 0.2 * LARGEST_CORRECTION else 1.0
+        step = min(step, 2 * FIRST_STEP)
+    return Way(
+        at=np.array([at for at, _ in places]),
+        q=np.concatenate([place.q for _, place in places]),
+        rate=np.concatenate([place.rate for _, place in places]),
+        last=here,
+    )

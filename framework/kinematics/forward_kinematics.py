@@ -1,0 +1,168 @@
+"""From the motors to the pose: all joints and the platform for given motor joints, near a known pose.
+
+The motors turn from where they are to where they are asked for, all at once and in proportion, and the loops
+take the passive joints along: P dq_p = -J_a dq_a, with P and J_a the passive and the actuated columns of the
+loop equations. Away from Type 2 singularities P is regular: there is one way to go, and at its end the pose
+of the same assembly mode. Where P loses rank assembly modes meet and the motors no longer say where the robot
+goes: the way ends there. (That is Type 2 in the wide sense; `singularity.classification` tells whether the
+platform or only joints inside a leg escape.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike, IntArray
+from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
+from framework.kinematics.assembly import Configuration, loop_rows, passive_columns, reference_configuration
+from framework.kinematics.closures import column_scale, loop_equations
+from framework.kinematics.continuation import FIRST_STEP, Place, Way, follow
+from framework.kinematics.frames import actuated_coordinates, difference, integrate
+from framework.kinematics.inverse_kinematics import (
+    ClosedStack,
+    System,
+    assembled_at,
+    keeps_assembly_mode,
+    reference_system,
+    system_at,
+)
+from framework.kinematics.loop_matrices import VANISHED, passive_matrix
+from framework.kinematics.newton import Linear, newton
+from framework.kinematics.platform import platform_coordinates, unwrap
+from framework.model import ParallelRobot
+
+CROSSING = 0.1  # least singular value of P above which no assembly modes meet near by
+SHORT = 0.05  # [rad, lengths] that the joints may move by in a single step
+NEAR_TYPE_2 = 0.05  # of the usual least singular value of P: a way that ends below does so at Type 2
+
+
+@dataclass(frozen=True, eq=False)
+class ForwardPose(Configuration):
+    """The pose that the motors lead to, with its certificate.
+
+    `q` (nq,) and platform `x` (n,), its turns counted on from those at the start; `residual`, the largest of
+    all loop equations [m or rad], those dropped as redundant included; `iterations`, the steps of the way;
+    `clearance`, the least singular value of P met on the way (radians, robot lengths), which is 0 at a Type 2
+    singularity; infinite for a robot without passive joints.
+    """
+
+    clearance: float
+
+
+def forward_kinematics(robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike | None = None) -> ForwardPose:
+    """All joints and the platform for given motor joints, in the assembly mode of a known pose.
+
+    Args:
+        q_a: actuated joints (n_a,), joint side of the gears [rad, m], in the order of the robot file. Hinges
+            are taken by their word: a target one full turn away is a full turn.
+        near: an assembled configuration (nq,) to start from, the reference by default. Springs keep the
+            deflections that they have there.
+
+    Raises:
+        InvalidInput: q_a or near has the wrong length or is not finite, the loops are open at near, or the
+            motors depend on one another, so that none can be chosen by itself.
+        Type2Singularity: one lies between, or near is one; carries the last configuration before it.
+        NotAssembled: the way cannot be followed for another reason.
+    """
+    target = finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a)
+    if not motors_are_free(robot):
+        raise InvalidInput(
+            f"{robot.name}: its {robot.n_a} motors drive {robot.n} degrees of freedom, so none of them can "
+            f"move while all others rest; move the platform"
+        )
+    start = assembled_at(robot, reference_configuration(robot).q if near is None else near)
+    way = _follow_motors(robot, start, target)
+    on_the_way = system_at(robot, way.q, np.repeat(start.x, len(way.q), axis=0))
+    x = start.x
+    for there in platform_coordinates(robot, on_the_way.frames):
+        x = unwrap(robot, there[None], x[0])
+    clearances = _clearances(robot, on_the_way)
+    if not way.complete:
+        raise _stopped(robot, way, x[0], clearances, target)
+    q = way.q[-1].copy()
+    residual = loop_equations(robot.rows, way.last.system.frames).residual
+    return ForwardPose(
+        q=q,
+        x=x[0],
+        residual=float(np.abs(residual).max(initial=0.0)),
+        iterations=len(way.at) - 1,
+        clearance=float(clearances.min()),
+    )
+
+
+def motors_are_free(robot: ParallelRobot) -> bool:
+    """Whether one motor can move while the others rest: P is square, and as many motors as platform axes."""
+    return robot.n_a == robot.n and len(passive_columns(robot)) == len(loop_rows(robot).names)
+
+
+def _follow_motors(robot: ParallelRobot, start: ClosedStack, q_a: Array) -> Way:
+    """Turn the motors to q_a (n_a,) from an assembled configuration, as far as that goes."""
+    columns = passive_columns(robot)
+    turn = np.zeros((1, robot.model.nv))
+    turn[0, robot.actuated] = q_a - actuated_coordinates(robot, start.q)[0]
+
+    def evaluate(q: Array, which: IntArray) -> System:
+        return system_at(robot, q, np.repeat(start.x, len(q), axis=0))
+
+    def linear(system: System) -> Linear:
+        return Linear(system.residual[:, robot.n :], system.passive_factors)
+
+    def place(q: Array, system: System) -> Place | None:
+        rate = turn.copy()
+        if len(columns):
+            try:
+                rate[:, columns] = -system.passive_factors.solve(system.closures @ turn[0])
+            except np.linalg.LinAlgError:
+                return None
+        return Place(q, system, rate)
+
+    def arrive(share: float, predicted: Array) -> Place | None:
+        step = np.zeros_like(turn)  # what the rounding of many steps has left of the motors' angles
+        off = share * turn - difference(robot, start.q[0], predicted)
+        step[:, robot.actuated] = off[:, robot.actuated]
+        guess = integrate(robot, predicted, step)
+        if not len(columns):
+            return place(guess, evaluate(guess, np.zeros(1, dtype=np.intp)))
+        q, system, closed = newton(robot, guess, columns, evaluate, linear)
+        return place(q, system) if closed.all() else None
+
+    def belongs(before: Place, after: Place, straight: bool) -> bool:
+        apart = straight or _clearances(robot, after.system)[0] > CROSSING
+        return bool(apart) and keeps_assembly_mode(before.system, after.system)
+
+    here = place(start.q, start.system)
+    if here is None or _clearances(robot, start.system)[0] < VANISHED:  # on the meeting of two modes
+        here = Place(start.q, start.system, turn)
+        return Way(np.zeros(1), start.q, turn, here)
+    short = np.abs(here.rate / column_scale(robot)).max() < SHORT
+    return follow(robot, here, arrive, belongs, step=1.0 if short else FIRST_STEP)
+
+
+def _clearances(robot: ParallelRobot, system: System) -> Array:
+    """Least singular values (T,) of P; infinite without passive joints."""
+    values = np.linalg.svd(passive_matrix(robot, system), compute_uv=False)
+    return np.asarray(values.min(axis=1, initial=np.inf))
+
+
+def _stopped(robot: ParallelRobot, way: Way, x: Array, clearances: Array, q_a: Array) -> NotAssembled:
+    """What ends the way of the motors to q_a, at platform x."""
+    where = (
+        f"on the way to {', '.join(robot.actuator_names)} = {point(q_a)}, after {way.at[-1]:.6g} of it, at "
+        f"{', '.join(robot.axis_names)} = {point(x)}"
+    )
+    residual = float(np.abs(way.last.system.residual[:, robot.n :]).max(initial=0.0))
+    usual = float(max(clearances.max(), _clearances(robot, reference_system(robot))[0]))
+    if clearances[-1] > NEAR_TYPE_2 * usual:
+        return NotAssembled(
+            f"{robot.name}: the loops cannot be followed {where}", q=way.q[-1], residual=residual
+        )
+    return Type2Singularity(
+        f"{robot.name}: a Type 2 singularity {where}: with its motors locked the robot can still move there, "
+        f"and this assembly mode ends",
+        q=way.q[-1],
+        residual=residual,
+        share=float(way.at[-1]),
+        platform=x,
+    )

@@ -1,0 +1,145 @@
+"""XML and YAML texts of strangers, parsed within limits."""
+
+from __future__ import annotations
+
+import reprlib
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Hashable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from framework.errors import MissingPackage, RobotFileError
+
+BLANK = "\ufeff \t\r\n"  # may stand before the first element
+LARGEST_XML = 200_000  # elements
+LARGEST_YAML_TEXT = 500_000  # characters
+LARGEST_YAML = 20_000  # values, aliases written out
+
+
+@contextmanager
+def naming(path: Path | str) -> Iterator[None]:
+    """Put the name of the file in front of complaints about what is in it.
+
+    Raises:
+        RobotFileError: with the name; also for what is nested so deeply that Python gives up.
+    """
+    try:
+        yield
+    except MissingPackage as error:
+        raise MissingPackage(f"{path}: {error}", package=error.package) from None
+    except RobotFileError as error:
+        raise RobotFileError(f"{path}: {error}") from None
+    except RecursionError:
+        raise RobotFileError(f"{path}: nested too deeply") from None
+
+
+def parse_xml(text: str) -> ElementTree.Element:
+    """The root of an XML text without a document type.
+
+    Raises:
+        RobotFileError: it has one (entities can grow without bound), has more than LARGEST_XML elements,
+            or is not well-formed.
+    """
+    try:
+        return ElementTree.fromstring(text.lstrip(BLANK), ElementTree.XMLParser(target=_Builder()))
+    except (ElementTree.ParseError, ValueError) as error:
+        if isinstance(error, RobotFileError):
+            raise
+        raise RobotFileError(f"not well-formed XML: {error}") from None
+
+
+class _Builder(ElementTree.TreeBuilder):
+    """Builds a tree, and counts."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._count = 0
+
+    def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:
+        self._count += 1
+        if self._count > LARGEST_XML:
+            raise RobotFileError(f"more than {LARGEST_XML} XML elements")
+        return super().start(tag, attrs)
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise RobotFileError("<!DOCTYPE>: document types and entities are not read; leave them out")
+
+
+def parse_yaml(text: str) -> Any:
+    """The content of a YAML text, if it is of a sensible size with its aliases written out.
+
+    Raises:
+        RobotFileError: it is not, has a key twice, or is no YAML.
+    """
+    if len(text) > LARGEST_YAML_TEXT:
+        raise RobotFileError(f"{len(text)} characters of YAML; at most {LARGEST_YAML_TEXT} are read")
+    try:
+        loader = _Loader(text)
+        try:
+            node = loader.get_single_node()
+            if node is None:
+                return None
+            if _size(node, {}) > LARGEST_YAML:
+                raise _too_many()
+            return loader.construct_document(node)
+        finally:
+            loader.dispose()
+    except RobotFileError:
+        raise
+    # PyYAML on odd scalars and keys raises anything
+    except (yaml.YAMLError, ValueError, TypeError, OverflowError, AttributeError) as error:
+        raise RobotFileError(f"not valid YAML: {' '.join(str(error).split())}") from None
+
+
+class _Loader(yaml.SafeLoader):
+    """SafeLoader that counts nodes as they come, and refuses a key given twice."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._count = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        self._count += 1
+        if self._count > LARGEST_YAML:
+            raise _too_many()
+        return super().compose_node(parent, index)
+
+    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
+        value = super().construct_scalar(node)
+        if any("\ud800" <= letter <= "\udfff" for letter in value):
+            raise RobotFileError(f"line {node.start_mark.line + 1}: {reprlib.repr(value)} is no text")
+        return value
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        lines: dict[Hashable, int] = {}
+        for key_node, _ in node.value:
+            key, line = self.construct_object(key_node, deep=True), key_node.start_mark.line + 1
+            if not isinstance(key, Hashable):
+                continue  # told below
+            if key in lines:
+                raise RobotFileError(
+                    f"{reprlib.repr(key)}: the key is there twice, in line {lines[key]} and in line {line}"
+                )
+            lines[key] = line
+        return super().construct_mapping(node, deep=deep)
+
+
+def _too_many() -> RobotFileError:
+    return RobotFileError(f"aliases: more than {LARGEST_YAML} values when written out, or endless")
+
+
+def _size(node: yaml.Node, known: dict[int, int]) -> int:
+    """Values of a node with its aliases written out; an alias of itself counts as too many."""
+    if id(node) in known:
+        return known[id(node)]
+    known[id(node)] = LARGEST_YAML + 1  # for those met again below themselves
+    total = 1
+    if isinstance(node, yaml.SequenceNode):
+        total += sum(_size(child, known) for child in node.value)
+    elif isinstance(node, yaml.MappingNode):
+        total += sum(_size(child, known) for pair in node.value for child in pair)
+    known[id(node)] = total
+    return total

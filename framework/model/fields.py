@@ -1,0 +1,200 @@
+"""Typed values out of the mappings of a YAML file: a table a mapping, from its keys to how each is read.
+
+A reader is called with the place of a value, such as `actuators[0].joint`, and what was given there; it
+returns the value or raises a RobotFileError that names the place, what was given and what is valid.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from difflib import get_close_matches
+from typing import Any, NamedTuple, TypeVar
+
+from framework.errors import RobotFileError, choose_from
+
+T = TypeVar("T")
+Reader = Callable[[str, Any], T]
+
+
+class Field(NamedTuple):
+    """How the value of a key is read, and what it is where the key is left out."""
+
+    read: Reader[Any]
+    default: Any = None
+    required: bool = False
+
+
+def required(read: Reader[Any]) -> Field:
+    """A key that must be there."""
+    return Field(read, required=True)
+
+
+def optional(read: Reader[Any], default: Any = None) -> Field:
+    """A key that may be left out."""
+    return Field(read, default)
+
+
+Table = Mapping[str, Field]
+
+
+def below(where: str, key: object) -> str:
+    """The place of a key in the mapping at `where`; that of the file is empty."""
+    return f"{where}.{key}" if where else str(key)
+
+
+# ------------------------------------------------------------------ mappings and lists
+
+
+def mapping(where: str, given: Any) -> dict[Any, Any]:
+    """A mapping of whatever keys.
+
+    Raises:
+        RobotFileError: it is none.
+    """
+    if not isinstance(given, dict):
+        raise RobotFileError(f"{where or 'the file'}: needs a mapping of keys, got {str(given)[:60]!r}")
+    return given
+
+
+def read_table(
+    where: str, given: Any, table: Table, *, others: Collection[str] | None = ()
+) -> dict[str, Any]:
+    """The value of each key of the table; `others` may be there too, None for any.
+
+    Raises:
+        RobotFileError: a key is missing or unknown, or its reader refuses the value.
+    """
+    content, values = mapping(where, given), {}
+    for key, field in table.items():
+        if key in content:
+            values[key] = field.read(below(where, key), content[key])
+        elif field.required:
+            near = get_close_matches(key, [str(name) for name in content if name not in table], n=1)
+            hint = f"; is {near[0]!r} a misspelling?" if near else ""
+            listed = ", ".join(map(str, content)) or "nothing"
+            raise RobotFileError(f"{below(where, key)}: missing{hint} (given: {listed})")
+        else:
+            values[key] = field.default
+    for key in content if others is not None else ():
+        if key not in table and key not in (others or ()):
+            valid = (*table, *(others or ()))
+            raise RobotFileError(f"{below(where, key)}: {choose_from('key', key, valid)}")
+    return values
+
+
+def record(table: Table, make: Callable[[str, dict[str, Any]], T]) -> Reader[T]:
+    """A mapping with these keys, made into something out of its place and its values."""
+    return lambda where, given: make(where, read_table(where, given, table))
+
+
+def named(read: Reader[T], read_name: Reader[str] | None = None) -> Reader[dict[str, T]]:
+    """A mapping from names to values of one kind."""
+
+    def read_named(where: str, given: Any) -> dict[str, T]:
+        values = {}
+        for name, value in mapping(where, given).items():
+            place = below(where, name)
+            values[read_name(place, name) if read_name else str(name)] = read(place, value)
+        return values
+
+    return read_named
+
+
+def list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
+    """A list of values of one kind."""
+
+    def read_list(where: str, given: Any) -> tuple[T, ...]:
+        if not isinstance(given, list):
+            raise RobotFileError(f"{where}: needs a list, got {given!r}")
+        return tuple(read(f"{where}[{i}]", item) for i, item in enumerate(given))
+
+    return read_list
+
+
+def one_or_list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
+    """A list of values of one kind, or one such value."""
+    return lambda where, given: list_of(read)(where, given if isinstance(given, list) else [given])
+
+
+def entries(read: Reader[T]) -> Reader[tuple[T, ...]]:
+    """A list with at least one entry."""
+
+    def read_entries(where: str, given: Any) -> tuple[T, ...]:
+        if not isinstance(given, list) or not given:
+            raise RobotFileError(f"{where}: needs a list with at least one entry, got {given!r}")
+        return list_of(read)(where, given)
+
+    return read_entries
+
+
+# ------------------------------------------------------------------ texts and numbers
+
+
+def anything(where: str, given: Any) -> Any:
+    """Whatever it is."""
+    return given
+
+
+def text(where: str, given: Any) -> str:
+    """A text that is not empty."""
+    if not isinstance(given, str) or not given:
+        raise RobotFileError(f"{where}: needs a text, got {given!r}")
+    return given
+
+
+def one_of(what: str, valid: Collection[str]) -> Reader[str]:
+    """One of some names; `what` they are."""
+
+    def read_name(where: str, given: Any) -> str:
+        if not isinstance(given, str) or given not in valid:
+            raise RobotFileError(f"{where}: {choose_from(what, given, valid)}")
+        return given
+
+    return read_name
+
+
+def whole(where: str, given: Any) -> int:
+    """A whole number."""
+    if not isinstance(given, int) or isinstance(given, bool):
+        raise RobotFileError(f"{where}: needs a whole number, got {given!r}")
+    return given
+
+
+def number(where: str, given: Any) -> float:
+    """A finite number; a text, too: YAML 1.1 reads 1e5 as one."""
+    try:
+        if isinstance(given, bool) or not isinstance(given, int | float | str):
+            raise ValueError
+        value = float(given)
+    except ValueError:
+        raise RobotFileError(f"{where}: needs a number, got {given!r}") from None
+    except OverflowError:
+        value = math.inf
+    if not math.isfinite(value):
+        raise RobotFileError(f"{where}: needs a finite number, got {given!r}")
+    return value
+
+
+def positive(where: str, given: Any) -> float:
+    """A finite number greater than zero."""
+    value = number(where, given)
+    if value <= 0:
+        raise RobotFileError(f"{where}: must be greater than zero, got {given!r}")
+    return value
+
+
+def not_negative(where: str, given: Any) -> float:
+    """A finite number of at least zero."""
+    value = number(where, given)
+    if value < 0:
+        raise RobotFileError(f"{where}: must not be negative, got {given!r}")
+    return value
+
+
+def vector3(where: str, given: Any) -> tuple[float, float, float]:
+    """Three finite numbers."""
+    vector = list_of(number)(where, given)
+    if len(vector) != 3:
+        raise RobotFileError(f"{where}: needs three numbers, got {given!r}")
+    return vector[0], vector[1], vector[2]

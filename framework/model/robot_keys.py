@@ -1,0 +1,208 @@
+"""What the keys of a robot file hold, below those of its tree: a table a mapping, key to reader."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from framework.errors import RobotFileError
+from framework.model.description import (
+    AXES,
+    Actuator,
+    Closure,
+    JointSpring,
+    Platform,
+    Scene,
+    Spring,
+    locked_axes,
+)
+from framework.model.fields import (
+    Reader,
+    Table,
+    below,
+    entries,
+    list_of,
+    mapping,
+    named,
+    not_negative,
+    number,
+    one_of,
+    one_or_list_of,
+    optional,
+    positive,
+    read_table,
+    record,
+    required,
+    text,
+    vector3,
+)
+from framework.model.urdf import Urdf
+from framework.model.urdf_elements import MOVING
+
+PATH_KINDS = {"line": 2, "arc": 3, "spline": 2}  # least number of points
+
+
+def robot_table(urdf: Urdf) -> Table:
+    """The keys of the robot on the tree of this URDF."""
+    movable = [name for name, kind in urdf.joints.items() if kind != "fixed"]
+    return {
+        "platform": required(_platform(urdf)),
+        "actuators": required(entries(_actuator(urdf))),
+        "closures": required(entries(_closure(urdf))),
+        "springs": optional(entries(_spring(urdf, movable)), ()),
+        "gravity": optional(vector3, (0.0, 0.0, -9.81)),
+        "reference": optional(named(number, one_of("joint", movable)), {}),
+        "scenes": optional(_scenes, {}),
+    }
+
+
+def _axes(where: str, given: Any) -> tuple[str, ...]:
+    axes = one_or_list_of(one_of("axis", AXES))(where, given)
+    if not axes or len(set(axes)) < len(axes):
+        raise RobotFileError(f"{where}: needs different axes out of {', '.join(AXES)}, got {given!r}")
+    return axes
+
+
+def _frame(urdf: Urdf) -> Reader[str]:
+    """The link of a frame: a joint stands for its child, which moves when a spring behind it gives."""
+
+    def read(where: str, given: Any) -> str:
+        name = one_of("frame", urdf.names)(where, given)
+        return name if name in urdf.links else urdf.children[name]
+
+    return read
+
+
+def _platform(urdf: Urdf) -> Reader[Platform]:
+    def axes(where: str, given: Any) -> tuple[str, ...]:
+        found = _axes(where, given)
+        if sum(axis.startswith("r") for axis in found) == 2:
+            raise RobotFileError(
+                f"{where}: got {list(found)}; a platform turns about none, one or all three of rx, ry, rz"
+            )
+        return found
+
+    table = {"frame": required(_frame(urdf)), "axes": required(axes)}
+    return record(table, lambda _, values: Platform(**values))
+
+
+def _actuator(urdf: Urdf) -> Reader[Actuator]:
+    table = {
+        "joint": required(one_of("joint", urdf.joints)),
+        "gear_ratio": optional(positive, 1.0),
+        "rotor_inertia": optional(not_negative, 0.0),
+        "torque_limit": optional(positive),
+        "speed_limit": optional(positive),
+    }
+    return record(table, lambda _, values: Actuator(**values))
+
+
+def _closure(urdf: Urdf) -> Reader[Closure]:
+    """One that locks axes, said by a kind or one by one, or one that keeps a distance."""
+    table = {"name": required(text), "frames": required(_pair(urdf))}
+    by_kind = {"kind": required(text), "axis": optional(text, "z")}
+    by_length = {"kind": required(text), "length": required(positive)}
+
+    def read(where: str, given: Any) -> Closure:
+        content = mapping(where, given)
+        if content.get("kind") == "distance":
+            values = read_table(where, given, table | by_length)
+            return Closure(values["name"], values["frames"], locked_axes("distance"), values["length"])
+        if ("kind" in content) == ("axes" in content):
+            raise RobotFileError(f"{where}: needs either kind or axes, and not both")
+        if "axes" in content:
+            values = read_table(where, given, table | {"axes": required(_axes)})
+            return Closure(values["name"], values["frames"], tuple(a for a in AXES if a in values["axes"]))
+        values = read_table(where, given, table | by_kind)
+        try:
+            return Closure(values["name"], values["frames"], locked_axes(values["kind"], values["axis"]))
+        except RobotFileError as error:
+            raise RobotFileError(f"{below(where, 'kind')}: {error}") from None
+
+    return read
+
+
+def _pair(urdf: Urdf) -> Reader[tuple[str, str]]:
+    """Two frames of different bodies."""
+
+    def read(where: str, given: Any) -> tuple[str, str]:
+        pair = list_of(_frame(urdf))(where, given)
+        if len(pair) != 2 or pair[0] == pair[1]:
+            raise RobotFileError(f"{where}: needs two different frames, got {list(pair)}")
+        if urdf.body(pair[0]) == urdf.body(pair[1]):
+            raise RobotFileError(
+                f"{where}: {pair[0]!r} and {pair[1]!r} are on one rigid body: nothing to close"
+            )
+        return pair[0], pair[1]
+
+    return read
+
+
+def _spring(urdf: Urdf, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
+    """One behind a joint, or one on a joint of the URDF."""
+    virtual = {
+        "name": required(text),
+        "part": required(one_of("part", ("joint", "link"))),
+        "after": required(one_of("joint", urdf.joints)),
+        "motion": optional(lambda where, given: () if given == "own" else _axes(where, given), ()),
+        "stiffness": required(one_or_list_of(positive)),
+    }
+    on_joint = {
+        "name": required(text),
+        "joint": required(one_of("joint", movable)),
+        "stiffness": required(positive),
+        "rest": optional(number, 0.0),
+    }
+
+    def read(where: str, given: Any) -> Spring | JointSpring:
+        if "joint" in mapping(where, given):
+            return JointSpring(**read_table(where, given, on_joint))
+        spring = Spring(**read_table(where, given, virtual))
+        count = max(len(spring.motion), 1)
+        if len(spring.stiffness) != count:
+            raise RobotFileError(
+                f"{where}.stiffness: needs one value an axis of motion ({count}), got {len(spring.stiffness)}"
+            )
+        kind = urdf.joints[spring.after]
+        if not spring.motion and kind not in MOVING:
+            raise RobotFileError(
+                f"{where}.motion: required, because joint {spring.after!r} is {kind} and has no "
+                f"motion of its own (valid: {', '.join(AXES)} or a list of them)"
+            )
+        return spring
+
+    return read
+
+
+# ------------------------------------------------------------------ scenes
+
+_SCENE: Table = {
+    **{kind: optional(list_of(list_of(number))) for kind in PATH_KINDS},
+    "duration": required(positive),
+    "times": optional(list_of(number)),
+    "speeds": optional(one_or_list_of(positive)),
+    "at": optional(list_of(number)),
+}
+
+
+def _scene(where: str, values: dict[str, Any]) -> Scene:
+    """A scene still without its name."""
+    paths = {kind: values.pop(kind) for kind in PATH_KINDS}
+    kinds = [kind for kind, points in paths.items() if points is not None]
+    if len(kinds) != 1:
+        raise RobotFileError(
+            f"{where}: needs exactly one path ({', '.join(PATH_KINDS)}), got {kinds or 'none'}"
+        )
+    kind, points, least = kinds[0], paths[kinds[0]], PATH_KINDS[kinds[0]]
+    if len(points) < least or (kind != "spline" and len(points) > least):
+        raise RobotFileError(
+            f"{where}.{kind}: needs {'at least ' if kind == 'spline' else ''}{least} points, "
+            f"got {len(points)}"
+        )
+    return Scene(name="", kind=kind, points=points, **values)
+
+
+def _scenes(where: str, given: Any) -> dict[str, Scene]:
+    found = named(record(_SCENE, _scene))(where, given)
+    return {name: replace(scene, name=name) for name, scene in found.items()}

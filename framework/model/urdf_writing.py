@@ -1,0 +1,51 @@
+"""Elements of a URDF, to be put into its tree."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
+
+from framework.arrays import Array
+from framework.model.placement import to_rpy
+
+AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+
+
+def vector_text(values: Iterable[float]) -> str:
+    """Numbers to their last digit."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def origin_element(matrix: Array) -> ElementTree.Element:
+    """The `<origin>` of a placement (4, 4)."""
+    return ElementTree.Element(
+        "origin", xyz=vector_text(matrix[:3, 3]), rpy=vector_text(to_rpy(matrix[:3, :3]))
+    )
+
+
+def joint_element(
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    *,
+    origin: ElementTree.Element | None = None,
+    axis: str | None = None,
+    effort: str = "1e9",
+) -> ElementTree.Element:
+    """A `<joint>` that goes as far as it wants: a limit stands there where URDF asks for one."""
+    element = ElementTree.Element("joint", name=name, type=kind)
+    ElementTree.SubElement(element, "parent", link=parent)
+    ElementTree.SubElement(element, "child", link=child)
+    if origin is not None:
+        element.append(origin)
+    if axis is not None:
+        ElementTree.SubElement(element, "axis", xyz=axis)
+    if kind in ("revolute", "prismatic"):
+        element.append(no_limit(effort))
+    return element
+
+
+def no_limit(effort: str = "1e9") -> ElementTree.Element:
+    """A `<limit>` that nothing reaches."""
+    return ElementTree.Element("limit", lower="-1e9", upper="1e9", effort=effort, velocity="1e9")

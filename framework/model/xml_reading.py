@@ -1,0 +1,96 @@
+"""Attributes and children of an XML element: there, known, and numbers where numbers are due.
+
+`where` names the element in messages.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import RobotFileError, choose_from, short
+from framework.model.placement import from_rpy, placement
+
+
+def numbers(where: str, text: str | None, count: int) -> tuple[float, ...]:
+    """`count` finite numbers out of an attribute.
+
+    Raises:
+        RobotFileError: another count, or no finite number among them.
+    """
+    parts = (text or "").split()
+    values = []
+    for part in parts:
+        try:
+            value = float(part)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise RobotFileError(f"{where}: needs finite numbers, got {short(text)}")
+        values.append(value)
+    if len(values) != count:
+        raise RobotFileError(f"{where}: needs {count} number{'s' * (count != 1)}, got {short(text)}")
+    return tuple(values)
+
+
+def only(
+    element: ElementTree.Element, where: str, children: Iterable[str], attributes: Iterable[str]
+) -> None:
+    """Complain about children and attributes that are not known, and children given twice."""
+    tags = [child.tag for child in element]
+    for tag in tags:
+        if tag not in children:
+            raise RobotFileError(f"{where}: {choose_from('element', tag, children)}")
+        if tags.count(tag) > 1:
+            raise RobotFileError(f"{where}: <{tag}> is there twice")
+    for attribute in element.attrib:
+        if attribute not in attributes:
+            raise RobotFileError(f"{where}: {choose_from('attribute', attribute, attributes)}")
+
+
+def required(element: ElementTree.Element, where: str, tag: str) -> ElementTree.Element:
+    """The child with this tag."""
+    found = element.find(tag)
+    if found is None:
+        given = ", ".join(f"<{child.tag}>" for child in element) or "nothing"
+        raise RobotFileError(f"{where}: <{tag}> is missing (given: {given})")
+    return found
+
+
+def attribute(element: ElementTree.Element, where: str, key: str) -> str:
+    """An attribute that must be there and not empty."""
+    value = element.get(key)
+    if not value:
+        given = ", ".join(element.attrib) or "nothing"
+        raise RobotFileError(f"{where}: attribute {key!r} is missing or empty (given: {given})")
+    return value
+
+
+def origin_of(element: ElementTree.Element | None, where: str) -> Array:
+    """The placement of an `<origin xyz rpy>`; the identity without one."""
+    xyz, rpy = origin_numbers(element, where)
+    return placement(from_rpy(rpy) if any(rpy) else None, xyz)
+
+
+def origin_numbers(
+    element: ElementTree.Element | None, where: str
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The xyz (3,) [m] and rpy (3,) [rad] of an `<origin>`; zeros without one."""
+    if element is None:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    only(element, where, (), ("xyz", "rpy"))
+    xyz = numbers(f"{where} xyz", element.get("xyz", "0 0 0"), 3)
+    return xyz, numbers(f"{where} rpy", element.get("rpy", "0 0 0"), 3)
+
+
+def axis_of(element: ElementTree.Element, where: str) -> Array:
+    """The direction of an `<axis xyz>`, which must not be zero."""
+    only(element, where, (), ("xyz",))
+    axis = np.array(numbers(f"{where} xyz", attribute(element, where, "xyz"), 3))
+    if not axis.any():
+        raise RobotFileError(f"{where}: the axis is zero")
+    return axis

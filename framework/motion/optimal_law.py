@@ -1,0 +1,280 @@
+"""When the platform is where: a law of free shape, written down as the speed of a path parameter.
+
+    s = phi(sigma),    z(sigma) = (d sigma/dt)^2,    u = z'/2          (prime: d/d sigma)
+
+phi is the smoothstep whose first R derivatives vanish at sigma = 0 and 1, so s is at rest to order R at both
+ends whatever z > 0 is. With z a Chebyshev series in xi(sigma), which is dense where the law changes most
+(beside crossings: slow, then a sprint), sigma(t) is analytic, and all that torques need of the
+law is linear in z: (ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z.
+
+The square of the speed along the path as the unknown is from Verscheure, Demeulenaere, Swevers, De Schutter
+and Diehl, Time-optimal path tracking for robots: a convex optimization approach, IEEE TAC 54 (2009).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.polynomial import chebyshev, polynomial
+from scipy.special import betainc, betaincinv
+
+from framework.arrays import Array, ArrayLike
+from framework.errors import InvalidInput
+from framework.motion.chebyshev import TimeFunction, TimeGrid, extrema
+from framework.motion.law import SLACK
+
+HIGHEST_SMOOTHNESS = 6  # beyond, the squared speed grows so much at the ends that its digits are lost
+HIGHEST_ORDER = 4  # derivatives of s that an elastic robot's torque needs
+PANEL = 24  # nodes of a panel of t(sigma)
+RESOLVED = 1e-15  # of the duration, what a panel may lose by the last coefficients of dt/d sigma
+MOST_PANELS = 1024
+DEGREES_A_PANEL = 3  # degrees of z for each panel in time
+WIDTH = 0.1  # in sigma, of the stretch about a place where z is resolved more finely
+SHARE = 0.3  # of such a stretch: points are 1 + SHARE/WIDTH times as dense in its middle
+SAME = 1e-12  # of the duration by which the integral of a given speed may miss it
+
+
+@dataclass(frozen=True)
+class Smoothstep:
+    """phi from 0 to 1 on [0, 1] with phi' ~ (sigma (1 - sigma))^order: the incomplete beta function."""
+
+    order: int
+
+    def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
+        """phi or its derivative of the given order, with the shape of sigma; exact near both ends."""
+        sigma = np.asarray(sigma, dtype=float)
+        if order == 0:
+            return np.asarray(betainc(self.order + 1, self.order + 1, sigma))
+        near = np.minimum(sigma, 1.0 - sigma)
+        value = polynomial.polyval(near, _slope_powers(self.order, order))
+        return np.asarray(np.where(sigma > 0.5, (-1.0) ** (order + 1) * value, value))
+
+    def inverse(self, s: ArrayLike) -> Array:
+        """sigma with phi(sigma) = s."""
+        return np.asarray(betaincinv(self.order + 1, self.order + 1, np.asarray(s, dtype=float)))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """xi from -1 to 1 on [0, 1], steeper near given places: sigma + SHARE times an arctangent for each.
+
+    After the maps that Tee and Trefethen (2006, SIAM J. Sci. Comput. 28) put under Chebyshev series.
+    """
+
+    at: tuple[float, ...] = ()  # sigma
+
+    def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
+        """xi or its derivative up to order 3, with the shape of sigma."""
+        sigma = np.asarray(sigma, dtype=float)
+        start, end = self._ends
+        scaled = 2.0 * (self._raw(sigma, order) - (0.0 if order else start)) / (end - start)
+        return np.asarray(scaled if order else scaled - 1.0)
+
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
+        start, end = self._raw(np.array([0.0, 1.0]), 0)
+        return float(start), float(end)
+
+    def _raw(self, sigma: Array, order: int) -> Array:
+        own = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
+        if not self.at:
+            return own
+        away = sigma[..., None] - np.array(self.at)
+        if order == 0:
+            bends = np.arctan(away / WIDTH)
+        elif order == 1:
+            bends = WIDTH / (WIDTH**2 + away**2)
+        elif order == 2:
+            bends = -2.0 * WIDTH * away / (WIDTH**2 + away**2) ** 2
+        else:
+            bends = WIDTH * (6.0 * away**2 - 2.0 * WIDTH**2) / (WIDTH**2 + away**2) ** 3
+        return np.asarray(own + SHARE * bends.sum(axis=-1))
+
+    def inverse(self, xi: ArrayLike) -> Array:
+        """sigma with the given xi."""
+        xi = np.asarray(xi, dtype=float)
+        known = np.linspace(0.0, 1.0, 513)
+        sigma = np.interp(xi, self(known), known)
+        for _ in range(4):  # from a few digits, which each step doubles
+            sigma = np.clip(sigma - (self(sigma) - xi) / self(sigma, 1), 0.0, 1.0)
+        return np.asarray(sigma)
+
+
+@lru_cache(maxsize=64)
+def _slope_powers(smoothness: int, order: int) -> Array:
+    """Powers of sigma in the derivative of phi of this order, at least 1."""
+    bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
+    whole = polynomial.polyint(bump)
+    return np.asarray(polynomial.polyder(bump / polynomial.polyval(1.0, whole), order - 1), dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class OptimalLaw:
+    """The law s = phi(sigma(t)) with (d sigma/dt)^2 a Chebyshev series in xi(sigma).
+
+    `coefficients` (degree + 1,) [1/s^2] are those of the series. `dense_at`: places sigma where xi is
+    steeper, 2 sigma - 1 without any (see `Stretch`). `smoothness` R derivatives of s vanish at
+    both ends. `duration` [s] is the integral of dt/d sigma = z^(-1/2), worked out unless given.
+
+    Raises:
+        InvalidInput: the series is not positive everywhere, or so nearly zero that time is not resolved.
+    """
+
+    coefficients: Array
+    smoothness: int
+    duration: float = (
+        0.0  # [s]; if not given, the integral of dt/d sigma, and else no more than rounding off it
+    )
+
+    dense_at: tuple[float, ...] = ()
+
+    kind: ClassVar[str] = "optimal"
+
+    def __post_init__(self) -> None:
+        if not np.all(np.isfinite(self.coefficients)) or least_value(self.coefficients) <= 0:
+            raise InvalidInput("law: the squared speed of an optimal law must be positive on all of [0, 1]")
+        taken = float(self._time[1][-1])
+        object.__setattr__(self, "duration", self.duration or taken)
+        if not abs(taken - self.duration) <= SAME * self.duration:
+            raise InvalidInput(f"law: its speed takes {taken!r} s, not {self.duration!r} s")
+
+    @property
+    def degree(self) -> int:
+        return len(self.coefficients) - 1
+
+    @cached_property
+    def phi(self) -> Smoothstep:
+        return Smoothstep(self.smoothness)
+
+    @cached_property
+    def stretch(self) -> Stretch:
+        return Stretch(self.dense_at)
+
+    @cached_property
+    def _time(self) -> tuple[TimeFunction, Array]:
+        """t(sigma) on panels without the time before each, and the time at the panels' edges."""
+        count = 4
+        while True:
+            # panels are narrower where an optimal law changes most: towards the ends, and where xi is steep
+            inner = self.stretch.inverse(-np.cos(np.pi * np.arange(1, count) / count))
+            grid = TimeGrid(np.concatenate(([0.0], inner, [1.0])), PANEL)
+            slowness = grid.fit(self.squared_speed(grid.times)[:, None] ** -0.5)
+            lost = np.abs(slowness.coefficients[:, -2:, 0]).max(axis=1) * np.diff(grid.edges)
+            taken = slowness.coefficients[:, 0, 0] @ np.diff(grid.edges)
+            if lost.max() <= RESOLVED * taken or count >= MOST_PANELS:
+                break
+            count *= 2
+        if count >= MOST_PANELS:
+            raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
+        half = 0.5 * np.diff(grid.edges)[:, None, None]
+        series = np.asarray(chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1)) * half
+        steps = series.sum(axis=1)[:, 0]
+        begin = np.concatenate(([0.0], np.cumsum(steps)))
+        if abs(begin[-1] - self.duration) <= SAME * self.duration:  # of the duration to the last bit
+            series, begin = series * (self.duration / begin[-1]), begin * (self.duration / begin[-1])
+        return TimeFunction(grid.edges, series), begin
+
+    def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
+        """z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma up to order 3, by the chain rule."""
+        xi = self.stretch(sigma)
+        if order == 0:
+            return np.asarray(chebyshev.chebval(xi, self.coefficients))
+        z = [chebyshev.chebval(xi, chebyshev.chebder(self.coefficients, k)) for k in range(1, order + 1)]
+        steps = [self.stretch(sigma, k) for k in range(1, order + 1)]
+        if order == 1:
+            return np.asarray(z[0] * steps[0])
+        if order == 2:
+            return np.asarray(z[1] * steps[0] ** 2 + z[0] * steps[1])
+        return np.asarray(z[2] * steps[0] ** 3 + 3 * z[1] * steps[0] * steps[1] + z[0] * steps[2])
+
+    def time(self, sigma: ArrayLike) -> Array:
+        """The instant t [s] at which the parameter is sigma, with the shape of sigma."""
+        within, begin = self._time
+        flat = np.atleast_1d(np.asarray(sigma, dtype=float))
+        panel = np.clip(np.searchsorted(within.edges, flat, side="right") - 1, 0, len(begin) - 2)
+        return np.asarray((begin[panel] + within(flat)[:, 0]).reshape(np.shape(sigma)))
+
+    def parameter(self, t: ArrayLike) -> Array:
+        """sigma at the instants t [s]: t(sigma) inverted to rounding by Newton's method within its panel.
+
+        Raises:
+            InvalidInput: t lies outside [0, duration], or is not finite.
+        """
+        times = np.asarray(t, dtype=float)
+        if not np.all(np.abs(2.0 * times / self.duration - 1.0) <= 1.0 + SLACK):
+            raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
+        within, begin = self._time
+        flat = np.clip(np.atleast_1d(times).ravel(), 0.0, self.duration)
+        panel = np.clip(np.searchsorted(begin, flat, side="right") - 1, 0, len(begin) - 2)
+        start, width = within.edges[panel], np.diff(within.edges)[panel]
+        sought = flat - begin[panel]
+        series = within.coefficients[panel, :, 0]  # (T, PANEL + 1)
+        k = np.arange(series.shape[1])
+        x = np.clip(2.0 * sought / np.diff(begin)[panel] - 1.0, -1.0, 1.0)  # on the panel
+        for _ in range(12):
+            time = np.einsum("tk,tk->t", np.cos(np.arccos(x)[:, None] * k), series)
+            slowness = self.squared_speed(start + 0.5 * width * (x + 1.0)) ** -0.5
+            step = (sought - time) / (0.5 * width * slowness)
+            x = np.clip(x + step, -1.0, 1.0)
+            if np.abs(step).max(initial=0.0) < 1e-9:  # the next one would be its square
+                break
+        return np.asarray((start + 0.5 * width * (x + 1.0)).reshape(times.shape))
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """s(t) or its derivative [1/s^order] up to order 4, with the shape of t.
+
+        Raises:
+            InvalidInput: t lies outside [0, duration], or the order is above 4.
+        """
+        if not 0 <= order <= HIGHEST_ORDER:
+            raise InvalidInput(f"law: order {order} (valid: 0 .. {HIGHEST_ORDER})")
+        return self.at_parameter(self.parameter(t), order)
+
+    def at_parameter(self, sigma: ArrayLike, order: int = 0) -> Array:
+        """s or its time derivative [1/s^order] where the parameter is sigma."""
+        phi = [self.phi(sigma, k) for k in range(order + 1)]
+        if order == 0:
+            return phi[0]
+        z = self.squared_speed(sigma)
+        if order == 1:
+            return np.asarray(phi[1] * np.sqrt(z))
+        u = [0.5 * self.squared_speed(sigma, k) for k in range(1, order)]
+        if order == 2:
+            return np.asarray(phi[1] * u[0] + phi[2] * z)
+        jerk = phi[1] * u[1] + 3 * phi[2] * u[0] + phi[3] * z  # of s, over d sigma/dt
+        if order == 3:
+            return np.asarray(np.sqrt(z) * jerk)
+        slope = phi[1] * u[2] + 4 * phi[2] * u[1] + 5 * phi[3] * u[0] + phi[4] * z
+        return np.asarray(u[0] * jerk + z * slope)
+
+    @property
+    def edges(self) -> Array:
+        """Instants (k,) [s] between which s(t) is resolved by some thirty points."""
+        count = max(self.degree // DEGREES_A_PANEL, 1)
+        inner = self.time(self.stretch.inverse(-np.cos(np.pi * np.arange(1, count) / count)))
+        return np.concatenate(([0.0], inner, [self.duration]))
+
+    def advance(self, smoothness: int) -> float:
+        """Least z over its mean: s' > 0 between the ends because it is positive."""
+        mean = float(chebyshev.chebint(self.coefficients, lbnd=-1) @ np.ones(self.degree + 2)) / 2
+        return least_value(self.coefficients) / mean
+
+    def to_dict(self) -> dict[str, Any]:
+        """The law as plan.json has it."""
+        return {
+            "kind": self.kind,
+            "smoothness": self.smoothness,
+            "degree": self.degree,
+            "squared_speed": self.coefficients.tolist(),
+            "dense_at": list(self.dense_at),
+            "domain": [0.0, self.duration],
+        }
+
+
+def least_value(series: Array) -> float:
+    """Least value on [-1, 1] of one Chebyshev series (size,)."""
+    at = np.concatenate(([-1.0, 1.0], extrema(series)))
+    return float(chebyshev.chebval(at, series).min())

@@ -1,0 +1,88 @@
+"""The eye of the needle: what the motors can give along t_s, and what a motion asks for there.
+
+The band that the motors reach closes to a point at the singular instant, whatever their limit: a motion
+passes only through that point, t_s . W = 0, condition (8) of Briot and Arakelian 2010.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from framework.arrays import Array, ArrayLike
+from framework.crossing.result import CrossingPlan
+from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
+from framework.errors import InvalidInput, finite_numbers
+from framework.model import ParallelRobot
+from framework.show.style import COLORS, CROSSING, figure
+
+SAMPLES = 401
+BESIDE = 0.25  # of the duration, shown on either side of the crossing
+HEADROOM = 1.5  # over the plan's largest torque, where a motor of the robot file has no limit
+
+
+def plot_eye(
+    plan: CrossingPlan, ax: Axes | None = None, *, crossing: int = 0, torque_limit: ArrayLike | None = None
+) -> Axes:
+    """Force along t_s near one crossing: the band that the motors reach, and what the plan asks for.
+
+    Args:
+        crossing: which one of `plan.crossings`.
+        torque_limit: of each motor [N m], motor side, or one for all; those of the robot file when None, and
+            1.5 times the plan's largest torque for motors that have none there.
+
+    Raises:
+        InvalidInput: the plan has no such crossing, or a limit is not a positive number.
+    """
+    if not 0 <= crossing < len(plan.crossings):
+        raise InvalidInput(f"crossing: the plan has {len(plan.crossings)}, got {crossing!r}")
+    at = plan.crossings[crossing]
+    limit = shown_limit(plan.robot, plan.torque(np.linspace(0.0, plan.duration, SAMPLES)), torque_limit)
+    times = at.time + np.linspace(-BESIDE, BESIDE, SAMPLES) * plan.duration
+    times = times[(times >= 0.0) & (times <= plan.duration)]
+    wrench = platform_wrench(plan.robot, plan.dynamics.motion(times))
+    return draw_eye(plan.robot, times - at.time, wrench, at.twist, limit, ax)
+
+
+def draw_eye(
+    robot: ParallelRobot,
+    time: Array,
+    wrench: PlatformWrench,
+    twist: Array,
+    limit: Array,
+    ax: Axes | None = None,
+) -> Axes:
+    """The band and the curve over `time` (T,) from the singular instant [s], for motor limits (n_a,)."""
+    ax = figure()[1][0] if ax is None else ax
+    asked, reach = wrench.along(twist), wrench.reach(twist, limit)
+    top = 1.6 * max(float(np.abs(asked).max()), 1e-300)
+    unit = "N" if np.any(twist[robot.translations]) else "N m"
+    motors = f"{limit[0]:.3g} {robot.torque_units[0]}" if np.ptp(limit) == 0 else "the limits"
+    given = f"what motors of {motors} can give"
+    ax.fill_between(time, -reach, reach, color=COLORS[4], alpha=0.3, linewidth=0, label=given)
+    ax.plot(time, asked, color=COLORS[1], label="what the motion asks for")
+    ax.axvline(0.0, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
+    ax.plot([0.0], [np.interp(0.0, time, asked)], "o", color=CROSSING, markersize=4, zorder=3)
+    ax.set_ylim(-top, top)
+    ax.set_xlim(time[0], time[-1])
+    ax.set_xlabel("time from the singular instant  [s]")
+    ax.set_ylabel(rf"{'force' if unit == 'N' else 'torque'} along $\mathbf{{t}}_s$  [{unit}]")
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+    return ax
+
+
+def shown_limit(robot: ParallelRobot, torque: Array, given: ArrayLike | None) -> Array:
+    """Torque limits (n_a,) [N m] of a picture; `torque` (T, n_a) is what the motion takes.
+
+    Raises:
+        InvalidInput: the given limits are not positive finite numbers, one or one a motor.
+    """
+    if given is not None:
+        one_a_motor = given if np.ndim(given) else np.full(robot.n_a, given)
+        limit = finite_numbers("torque_limit", np.asarray(one_a_motor), robot.n_a)
+        if np.any(limit <= 0):
+            raise InvalidInput(f"torque_limit: must be greater than zero, got {limit.tolist()}")
+        return limit
+    own = [motor.torque_limit for motor in robot.description.actuators]
+    largest = HEADROOM * float(np.abs(torque[np.isfinite(torque)]).max(initial=0.0)) or 1.0
+    return np.array([largest if limit is None else limit for limit in own])

@@ -1,0 +1,80 @@
+"""The root of the bordered measure g near a guess, to rounding, however the matrix is moved.
+
+One parameter p moves the matrix: the path coordinate s of a robot at rest or with given deflections, the
+time t of a motion. Newton's method, each step with the border of the matrix at its own p and with the slope
+by central differences; so g is smooth at the root itself, where any border from elsewhere would do less well.
+Source of g: Govaerts 2000, see `bordered_system`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.singularity.bordered_system import Border, bordered
+
+STENCIL = 1e-4  # half the width of the central difference, as a share of the interval of p
+# The slope is known to the square of the stencil: after a step this small, as a share of the interval, the
+# next one would be rounding.
+LAST_STEP = 1e-8
+ITERATIONS = 20
+
+
+class Slope(NamedTuple):
+    """g and its derivative by p at one place, with the border of the matrix there."""
+
+    g: float
+    slope: float
+    beyond: float  # g at the upper end of the stencil
+
+
+class Root(NamedTuple):
+    """Where Newton's method has ended."""
+
+    place: float
+    depth: float  # what is left of g: 0 if the last step was small enough for the next one to be rounding
+    converged: bool
+
+
+def stencil(place: float, low: float = 0.0, high: float = 1.0) -> Array:
+    """The places (3,) about p between which the slope is taken; at an end of [low, high] on one side."""
+    half = STENCIL * (high - low)
+    return np.clip([place - half, place, place + half], low, high)
+
+
+def slope_of_g(matrices: Array, at: Array, size: int = 1) -> Slope:
+    """g and dg/dp from matrices (3, n, n) at the places (3,) of a `stencil`, the border of width `size`."""
+    g = bordered(matrices, Border.of(matrices[1], size)).g
+    return Slope(float(g[1]), float((g[2] - g[0]) / (at[2] - at[0])), float(g[2]))
+
+
+def root_of_g(
+    matrices: Callable[[Array], Array],
+    start: float,
+    *,
+    low: float = 0.0,
+    high: float = 1.0,
+    size: int = 1,
+    longest: float = np.inf,
+) -> Root:
+    """The root of g near `start`, within [low, high].
+
+    Args:
+        matrices: the matrices (3, n, n) at three values (3,) of p.
+        size: width of the border; more than 1 where other singular values are small beside the one sought.
+        longest: a Newton step beyond this leads away from the root sought, and none is found.
+    """
+    place, depth = start, np.inf
+    for _ in range(ITERATIONS):
+        at = stencil(place, low, high)
+        depth, slope, _ = slope_of_g(matrices(at), at, size)
+        step = -depth / slope if slope else np.inf
+        if not abs(step) < longest:
+            break
+        place = float(np.clip(place + step, low, high))
+        if abs(step) < LAST_STEP * (high - low):
+            return Root(place, 0.0, True)
+    return Root(place, depth, False)

@@ -1,0 +1,134 @@
+"""A run comes out the same to the last bit alone and among others: failures come back by their seeds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import robots
+from framework import plan_scene
+from framework.control.closed_loop import Loop, run_closed_loop
+from framework.control.controllers import CONTROLLERS, tuned_controller
+from framework.control.estimation import Measurement, State
+from framework.control.reference import reference_of
+from framework.control.variation import Spread, draw, unvaried, varied
+from framework.kinematics.frames import integrate
+from framework.simulation import Stepper
+
+LENGTHS = (1, 2, 3, 7, 100)
+# planar, one turn, three turns of a platform and a nearly full band of equations, closures that lock turns
+ROBOTS = {"five_bar": "C", "four_bar": "clear", "gough_stewart": "tilt", "spherical_rrr": "clear"}
+STEPPERS = [
+    ("five_bar", "rigid", "midpoint"),
+    ("gough_stewart", "rigid", "midpoint"),
+    ("spherical_rrr", "flexible_joints", "midpoint"),
+    ("five_bar", "flexible_links", "extrapolated"),
+    ("biglide", "flexible_joints", "contacts"),
+]
+SPREAD = Spread(
+    payload=0.05, stiffness=0.1, places=1e-5, friction=0.02, delay=0.02, noise=1e-6, speed_noise=1e-4
+)
+
+
+@cache
+def reference(name):
+    plan = plan_scene(robots.load(name), ROBOTS[name], smoothness=4)
+    return reference_of(plan, period=plan.duration / 10)
+
+
+def stacks(count):
+    """Some of so many runs, in stacks of each length, each time others and in another order."""
+    random = np.random.default_rng(count)
+    return [random.permutation(count)[:length] for length in LENGTHS]
+
+
+@cache
+def seen_by(name, k):
+    """What the encoders of a hundred runs say beside the plan."""
+    ref, random = reference(name), np.random.default_rng(3)
+
+    def around(value, size):
+        return value + size * random.standard_normal((max(LENGTHS), *value.shape))
+
+    state = State(
+        integrate(ref.robot, ref.motion.q[k], around(np.zeros(ref.robot.model.nv), 1e-3)),
+        around(ref.motion.v[k], 1e-2),
+        around(ref.x[k], 1e-3),
+        around(ref.dx[k], 1e-2),
+    )
+    return Measurement(around(ref.motor_angle[k], 1e-2), around(ref.motor_speed[k], 1e-1), state)
+
+
+@pytest.mark.parametrize("sensors", ["motors", "joints"])
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_torque_of_a_run_does_not_depend_on_the_others(name, controller, sensors):
+    law = tuned_controller(controller, reference(name))
+    for k in (0, 4, 7):
+        everyone = seen_by(name, k)
+        if sensors == "motors":
+            everyone = everyone._replace(state=None)
+        together = law.torque(k, everyone)
+        for runs in stacks(len(together)):
+            state = everyone.state and State(*(part[runs] for part in everyone.state))
+            some = Measurement(everyone.motor_angle[runs], everyone.motor_speed[runs], state)
+            np.testing.assert_array_equal(law.torque(k, some), together[runs])
+
+
+@pytest.mark.parametrize(("name", "flexibility", "scheme"), STEPPERS)
+def test_a_step_of_a_run_does_not_depend_on_the_others(name, flexibility, scheme):
+    robot, random = robots.load(name, flexibility=flexibility), np.random.default_rng(4)
+    alike = unvaried(robot)
+    others = [varied(robot, draw(robot, SPREAD, (0, k))) for k in range(max(LENGTHS))]
+    nv = robot.model.nv
+    q = integrate(robot, robot.q_near, 1e-3 * random.standard_normal((len(others), nv)))
+    v, torque = random.standard_normal((len(others), nv)), random.standard_normal((len(others), robot.n_a))
+    torque[5] = np.nan  # a neighbour that is lost
+    for one_robot in (False, True):
+        together = None
+        for runs in reversed(stacks(len(others))):
+            stepper = Stepper.of(
+                alike if one_robot else [others[run] for run in runs],
+                scheme=scheme,
+                damping=0.01,
+                like=alike,
+            )
+            state = stepper.step(q[runs], v[runs], torque[runs], 1e-3)
+            x = stepper.platform(*state)
+            if together is None:
+                order, together = list(runs), (*state, *x)
+            for part, whole in zip((*state, *x), together, strict=True):
+                np.testing.assert_array_equal(part, whole[[order.index(run) for run in runs]])
+
+
+@pytest.mark.parametrize("sensors", ["motors", "joints"])
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_a_run_alone_is_the_run_among_others(controller, sensors):
+    """From the start to the verdict, with everything that may differ."""
+    plan = plan_scene(robots.load("five_bar"), "C", smoothness=4)
+    law, loop = tuned_controller(controller, reference_of(plan, period=2e-2)), Loop(sensors=sensors)
+    variations = [draw(plan.robot, SPREAD, (1, k)) for k in range(7)]
+    together = run_closed_loop(law, loop, SPREAD, variations, record=True)
+    for some in ([4], [6, 1]):
+        alone = run_closed_loop(law, loop, SPREAD, [variations[k] for k in some], record=True)
+        for k, run in enumerate(some):
+            assert alone.why[k] == together.why[run]
+            assert alone.tracking_error[k] == together.tracking_error[run]
+            np.testing.assert_array_equal(alone.x[:, k], together.x[: len(alone.x), run])
+            np.testing.assert_array_equal(alone.torque[:, k], together.torque[: len(alone.torque), run])
+
+
+def test_a_run_whose_equations_are_singular_leaves_the_others_alone():
+    robot = robots.load("five_bar")
+    weightless = replace(robot, stiffness=robot.stiffness)
+    stepper = Stepper.of([robot, weightless, robot], like=robot)
+    start = stepper.start(np.repeat(robot.q_near[None], 3, axis=0))
+    stepper.stack.rotors[1] = 0.0
+    for inertia in stepper.stack.robots[1].model.inertias:
+        inertia.setZero()
+    state = stepper.step(*start, np.full((3, 2), 0.1), 1e-3)
+    assert not np.any(np.isfinite(state.v[1]))
+    np.testing.assert_array_equal(state.v[0], state.v[2])

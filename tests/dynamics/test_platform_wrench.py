@@ -1,0 +1,70 @@
+"""W = G' tau: what a motion asks of the platform is what its motor torques give there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+import robots
+from framework import plan_scene
+from framework.dynamics.platform_wrench import motor_speeds, platform_wrench
+from framework.kinematics.inverse_kinematics import close_loops
+
+
+def planned(name, scene, flexibility="rigid"):
+    """A plan and its motion at a few instants, the crossing left out (there G' tau is 0 times a limit)."""
+    plan = plan_scene(robots.load(name, flexibility=flexibility), scene)
+    t = np.linspace(0.03, 0.97, 41) * plan.duration
+    return plan, t, plan.dynamics.motion(t)
+
+
+@pytest.mark.parametrize(
+    ("name", "scene", "flexibility"),
+    [
+        ("five_bar", "C", "rigid"),
+        ("five_bar", "C", "flexible_links"),
+        ("five_bar_heavy", "C", "flexible_joints"),
+        ("delta", "cross", "rigid"),
+        ("three_rrr", "crossing", "rigid"),
+    ],
+)
+def test_the_torques_of_a_plan_give_the_wrench_that_its_motion_asks_for(name, scene, flexibility):
+    plan, t, motion = planned(name, scene, flexibility)
+    wrench = platform_wrench(plan.robot, motion)
+    given = np.einsum("tan,ta->tn", wrench.motor_speed, plan.torque(t))
+    scale = np.abs(wrench.asked).max(axis=0)
+    assert np.abs(given - wrench.asked).max() <= 1e-8 * scale.max()
+
+
+def test_on_massless_legs_it_is_the_payload_and_the_rotors():
+    """10 kg at the tip of the 5R, horizontal: m x" and the rotors, Eqs. (5) and (9)."""
+    plan, t, motion = planned("five_bar", "C")
+    wrench = platform_wrench(plan.robot, motion)
+    rotors = 6.4e-6 * plan.motor_angle(t, 2)
+    payload = wrench.asked - np.einsum("tan,ta->tn", wrench.motor_speed, rotors)
+    assert payload == pytest.approx(10.0 * plan.platform(t, 2), abs=1e-9)
+
+
+def test_along_t_s_the_motors_can_give_nothing_at_the_crossing_and_much_beside_it():
+    plan = plan_scene(robots.load("five_bar"), "C")
+    (crossing,) = plan.crossings
+    s = np.array([crossing.s - 0.05, crossing.s])
+    closed = close_loops(plan.robot, plan.path(s), plan.dynamics.configuration(plan.duration * s))
+    G, _ = motor_speeds(plan.robot, closed.system)
+    reach = np.abs(G @ crossing.twist).sum(axis=1)
+    assert reach[1] < 1e-9 * np.abs(G).max()  # G t_s = 0 at s to rounding, and G is steep there
+    assert reach[0] > 1e-2 * np.abs(G[0]).max()
+
+
+def test_the_corners_are_those_of_the_zonotope_and_reach_is_its_width():
+    _, _, motion = planned("delta", "cross")
+    robot = robots.load("delta")
+    wrench, limit = platform_wrench(robot, motion), np.array([1.0, 2.0, 3.0])
+    rng = np.random.default_rng(0)
+    corners = wrench.vertices(limit)[5]
+    inside = (rng.uniform(-1, 1, (50, 3)) * limit) @ wrench.motor_speed[5]
+    hull = ConvexHull(corners)
+    assert (inside @ hull.equations[:, :3].T + hull.equations[:, 3]).max() <= 1e-9 * np.abs(corners).max()
+    for twist in rng.normal(size=(5, 3)):
+        assert wrench.reach(twist, limit)[5] == pytest.approx((corners @ twist).max(), rel=1e-12)

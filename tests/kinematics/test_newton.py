@@ -1,0 +1,75 @@
+"""Newton's method on a stack: each instant for itself, whatever stands beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework.errors import NotAssembled
+from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.closures import column_scale
+from framework.kinematics.inverse_kinematics import close_each, close_loops
+from framework.kinematics.newton import LAST_STEP
+
+REACHED = np.array([[0.1, 0.345], [0.08, 0.33], [0.02, 0.3]])
+TOO_FAR = np.array([[0.1, 2.0]])
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("five_bar")
+
+
+def guesses(robot, count: int):
+    return np.repeat(reference_configuration(robot).q[None], count, axis=0)
+
+
+def spoilt(robot):
+    """Guesses that lead nowhere: out of reach; no numbers; all links along x, a singular matrix."""
+    near = reference_configuration(robot).q
+    return np.array([near, np.full(len(near), np.nan), np.zeros(len(near))])
+
+
+def test_what_closes_is_what_closes_alone(robot):
+    alone = close_loops(robot, REACHED, guesses(robot, 3))
+    places = np.concatenate([REACHED[:1], TOO_FAR, REACHED[1:2], REACHED[:1], REACHED[2:], REACHED[:1]])
+    starts = guesses(robot, 6)
+    starts[[1, 3, 5]] = spoilt(robot)
+    found = close_each(robot, places, starts)
+    np.testing.assert_array_equal(found.closed, [True, False, True, False, True, False])
+    np.testing.assert_allclose(found.q[found.closed], alone.q, rtol=0, atol=1e-14)
+    assert np.abs(found.system.residual[found.closed]).max() < 1e-15
+
+
+def test_the_equations_given_back_are_those_at_the_configuration_given_back(robot):
+    found = close_each(robot, np.concatenate([REACHED, TOO_FAR]), guesses(robot, 4), iterations=3)
+    again = close_each(robot, np.concatenate([REACHED, TOO_FAR]), found.q, iterations=0)
+    np.testing.assert_array_equal(found.system.entries, again.system.entries)
+    np.testing.assert_array_equal(found.system.residual, again.system.residual)
+
+
+def test_an_instant_whose_step_is_too_long_is_given_up_and_not_moved(robot):
+    starts = guesses(robot, 3)
+    near = np.repeat(close_loops(robot, REACHED[:1], starts[:1]).q, 3, axis=0)
+    places = REACHED[0] + np.array([[0.0, 0.0], [1e-3, 0.0], [0.05, 0.0]])
+    found = close_each(robot, places, near, farthest=0.02)
+    np.testing.assert_array_equal(found.closed, [True, True, False])
+    np.testing.assert_array_equal(found.q[2], near[2])
+
+
+@pytest.mark.parametrize("name", ["delta", "gough_stewart", "three_upu", "agile_eye"])
+def test_closed_means_that_the_error_is_the_square_of_the_last_step(name):
+    robot = robots.load(name)
+    reference = reference_configuration(robot)
+    rng = np.random.default_rng(2)
+    aside = 0.02 * rng.standard_normal((20, robot.model.nv)) * column_scale(robot)
+    found = close_each(robot, np.repeat(reference.x[None], 20, axis=0), reference.q + aside)
+    assert found.closed.all()
+    size = np.where(robot.translations, robot.length, 1.0).max()
+    assert np.abs(found.system.residual).max() < 10 * LAST_STEP**2 * size + 1e-14 * robot.length
+
+
+def test_close_loops_wants_all_of_them(robot):
+    with pytest.raises(NotAssembled, match=r"x, y = \(0.1, 2\)"):
+        close_loops(robot, np.concatenate([REACHED, TOO_FAR]), guesses(robot, 4))

@@ -1,0 +1,81 @@
+"""Pinocchio parses what moves and nothing else: the same model, and no line of its parser's own."""
+
+from __future__ import annotations
+
+import os
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework.cli import main
+from framework.model import ParallelRobot
+from framework.model.bare_urdf import bare_urdf
+from framework.model.spring_joints import count_turns
+from tests.urdf_edits import edited
+
+VISUALS = [
+    '<box size="a b c"/>',
+    '<box size="1 2"/>',
+    '<box size="nan 1 1"/>',
+    '<cylinder radius="x" length="1"/>',
+    '<sphere radius=""/>',
+    "<sphere/>",
+    '<mesh filename=""/>',
+    "<mesh/>",
+    "<cone/>",
+    "",
+]
+ODDITIES = [  # beside the shapes of a link, beside the axis of a joint
+    ("</link>", '<visual><origin xyz="1 2"/><geometry><sphere radius="1"/></geometry></visual></link>'),
+    ("</link>", '<visual><material><color rgba="red"/></material></visual></link>'),
+    ("</link>", "<visual/></link>"),
+    ("</joint>", '<dynamics damping="none"/></joint>'),
+    ("</joint>", '<safety_controller k_velocity="x"/></joint>'),
+    ("</joint>", '<calibration rising="x"/></joint>'),
+    ("</robot>", '<material name="red"/></robot>'),
+    ("</robot>", '<material name="red"><color rgba="1 0"/></material></robot>'),
+    ("</robot>", "<gazebo><a/></gazebo></robot>"),
+]
+
+
+@pytest.mark.parametrize("name", robots.CATALOGUE)
+def test_the_model_is_the_one_of_the_whole_urdf(name):
+    text = re.sub("<dynamics[^>]*>", "", robots.load(name).description.urdf_text)  # damping is not ours
+    stripped = ElementTree.tostring(bare_urdf(ElementTree.fromstring(text)), encoding="unicode")
+    whole, bare = (pin.buildModelFromXML(edited(urdf, (count_turns,))) for urdf in (text, stripped))
+    assert whole == bare  # joints, placements, inertias, limits, to the last bit
+
+
+@pytest.mark.parametrize("part", ["visual", "collision"])
+@pytest.mark.parametrize("shape", VISUALS)
+def test_a_malformed_shape_prints_nothing_and_changes_nothing(write_robot, capfd, part, shape):
+    many = f"<{part}><geometry>{shape}</geometry></{part}>" * 40
+    robot = ParallelRobot.from_file(write_robot(urdf=(("</link>", f"{many}</link>"),)))
+    assert robot.model == robots.load("five_bar").model
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(("old", "new"), ODDITIES)
+def test_what_does_not_move_is_not_judged(write_robot, capfd, old, new):
+    robot = ParallelRobot.from_file(write_robot(urdf=((old, new),)))
+    assert robot.model == robots.load("five_bar").model
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_command_prints_its_report_and_nothing_else(write_robot, capfd):
+    file = write_robot(urdf=(("</link>", '<visual><geometry><box size="a"/></geometry></visual></link>'),))
+    assert main(["check", os.fspath(file), "--json"]) == 0
+    out, err = capfd.readouterr()
+    assert (out.count("\n"), err) == (1, "")
+
+
+@pytest.mark.parametrize("number", ["1_0e-1", " 1. ", "+1", "1E0", "0.1e1", "\u0661"])  # one, as Python reads
+def test_numbers_are_those_that_python_reads(write_robot, number):
+    mass = '<mass value="10"/>'
+    file = write_robot(urdf=((mass, f'<mass value="{number}"/>'),))
+    inertias = ParallelRobot.from_file(file).model.inertias
+    np.testing.assert_array_equal(sum(float(inertia.mass) for inertia in inertias), 1.0)

@@ -1,0 +1,29 @@
+"""Planned motions obey the equations of motion as the tests write them: for every robot and flexibility.
+
+Generated: a robot added to the catalogue is tested here without a line written. `simulate` shares frames,
+loop equations, their choice and the platform's coordinates with the planner, and would go along with a fault
+in them. The witness here shares the tree and the words of the robot file (see `tests.equations_of_motion`).
+It looks at instants and costs little; `test_every_robot_simulated.py` integrates.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+import robots
+from tests.equations_of_motion import defects_of
+from tests.robots.every_robot import CASES, crossing
+
+
+@pytest.mark.parametrize("case", CASES, ids="-".join)
+def test_a_plan_obeys_the_equations_of_motion_written_anew(case):
+    name, flexibility = case
+    robot = robots.load(name, flexibility=flexibility)
+    found = defects_of(crossing(robot))
+    size = max(robot.length, 1.0)
+    assert found.open < 1e-12 * size  # measured: 1e-14 at most
+    assert found.platform < 1e-12 * size
+    # derivatives of Chebyshev series lose three digits a time or more; measured: 1e-11, 2e-8, 3e-8 at most
+    assert found.speed < 1e-9
+    assert found.acceleration < 1e-6
+    assert found.force < 1e-6

@@ -1,0 +1,92 @@
+"""The root of g: where a matrix of known determinant loses rank, whatever moves it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Line, locate_singularities, plan_crossing
+from framework.kinematics.inverse_kinematics import system_at
+from framework.kinematics.loop_matrices import measured_matrix
+from framework.kinematics.tracking import track_path
+from framework.singularity.root_of_g import STENCIL, root_of_g, slope_of_g, stencil
+
+LINE = Line([0.1, 0.345], [-0.05, 0.195])
+
+
+def moved_by(values, seed: int = 3):
+    """Matrices U diag(values(p)) V' of a parameter p, with orthogonal U and V that turn with p."""
+    rng = np.random.default_rng(seed)
+    size = len(values(0.0))
+    turns = [part - part.T for part in rng.standard_normal((2, size, size))]
+
+    def orthogonal(generator, p):  # Cayley's map
+        return np.linalg.solve(np.eye(size) + p * generator, np.eye(size) - p * generator)
+
+    return lambda at: np.array([orthogonal(turns[0], p) * values(p) @ orthogonal(turns[1], p) for p in at])
+
+
+@pytest.mark.parametrize("root", [0.0, 1e-5, 0.37, 1.0])
+@pytest.mark.parametrize("size", [1, 2])
+def test_the_root_is_that_of_the_singular_value_that_vanishes(root, size):
+    def values(p):
+        return np.array([1.3, 0.02, np.sin(3.0 * (p - root))])
+
+    for start in (root - 3e-4, root, root + 2e-3):
+        found = root_of_g(moved_by(values), float(np.clip(start, 0.0, 1.0)), size=size)
+        assert found.converged
+        assert found.place == pytest.approx(root, abs=5e-15)
+        assert found.depth == 0.0
+
+
+@pytest.mark.parametrize("high", [1e-3, 1.0, 1e3])
+def test_the_unit_of_the_parameter_does_not_matter(high):
+    matrices = moved_by(lambda p: np.array([1.0, np.expm1(p - 0.4)]))
+    found = root_of_g(lambda t: matrices(t / high), 0.41 * high, high=high)
+    assert found.place == pytest.approx(0.4 * high, rel=1e-14)
+
+
+def test_without_a_root_none_is_found():
+    assert not root_of_g(moved_by(lambda p: np.array([1.0, 0.1 + (p - 0.5) ** 2])), 0.45).converged
+    assert not root_of_g(moved_by(lambda p: np.array([1.0, 0.3])), 0.45).converged  # no slope either
+    away = moved_by(lambda p: np.array([1.0, p - 0.9]))
+    assert root_of_g(away, 0.2).place == pytest.approx(0.9, abs=1e-14)
+    lost = root_of_g(away, 0.2, longest=0.1)
+    assert (lost.converged, lost.place) == (False, 0.2)
+    assert abs(lost.depth) == pytest.approx(0.7, rel=1e-12)
+
+
+@pytest.mark.parametrize("place", [0.0, 0.4, 1.0])
+def test_the_slope_is_the_derivative_of_the_singular_value(place):
+    matrices = moved_by(lambda p: np.array([2.0, np.sin(p - place)]))
+    at = stencil(place)
+    assert at[2] - at[0] == pytest.approx(STENCIL * (2 if 0 < place < 1 else 1))
+    found = slope_of_g(matrices(at), at)
+    # a central difference errs by the square of the stencil, one on a side by the stencil, times derivatives
+    # of order ten, since the singular vectors turn
+    assert abs(found.slope) == pytest.approx(1.0, abs=10 * STENCIL ** (2 if 0 < place < 1 else 1))
+    assert found.g == pytest.approx(0.0, abs=1e-15)
+    # at the upper end nothing lies beyond
+    assert abs(found.beyond) == pytest.approx(0.0 if place == 1.0 else STENCIL, rel=1e-3, abs=1e-15)
+
+
+def test_path_and_time_lead_to_the_same_singular_point():
+    """The same g once as a function of s, once as one of t under a law: the roots belong together."""
+    robot = robots.load("five_bar")
+    (point,) = locate_singularities(robot, LINE)
+    branch = track_path(robot, LINE)
+    plan = plan_crossing(robot, LINE, duration=1.5)
+
+    def of_s(s):
+        return measured_matrix(robot, branch.closed(s).system)
+
+    def of_t(t):
+        return measured_matrix(robot, system_at(robot, plan.dynamics.configuration(t), plan.platform(t)))
+
+    (crossing,) = plan.crossings
+    s = root_of_g(of_s, point.s + 1e-3).place
+    t = root_of_g(of_t, crossing.time - 2e-3, high=plan.duration).place
+    assert s == pytest.approx(point.s, abs=1e-13)
+    assert t == pytest.approx(crossing.time, abs=1e-12)
+    assert float(plan.law(t)) == pytest.approx(s, abs=1e-12)

@@ -1,0 +1,34 @@
+"""Bounds on what a call may take that hold on a loaded machine, too."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+import pytest
+
+
+@contextmanager
+def bounded(work: float, *, hang: float = 300.0) -> Iterator[None]:
+    """Fail if the body takes more than `work` seconds of processor time in this thread.
+
+    Waiting for a processor that others use is not counted. What waits for something that never comes does
+    no work at all: it is ended after `hang` seconds of the clock.
+    """
+
+    def end(signum: int, frame: FrameType | None) -> None:
+        pytest.fail(f"not done within {hang:g} s of the clock")
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, hang)
+    start = time.thread_time()
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    spent = time.thread_time() - start
+    assert spent < work, f"took {spent:.3g} s of processor time; at most {work:g} s"
