@@ -28,6 +28,7 @@ from framework.model import ParallelRobot
 from framework.model.description import AXES
 
 AT_REST = 1e-6  # [lengths of the robot a radian, radians a radian]: slower, and it does not count as moving
+BALANCED = 1e-4  # the same for centres of mass: a tenth of a millimetre off the axis in a robot of one metre
 WELL = 0.02  # least singular value of axes to be proposed, in lengths of the robot and radians
 NEIGHBOURS = 3  # closed poses beside the configuration
 BESIDE = 0.1  # [rad, lengths of the robot] that the joint that moves most moves to reach them
@@ -69,8 +70,8 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
         beside = [(_hidden_motions(robot, pose), pose) for pose in _neighbours(robot, q)]
         hidden, q = min([(hidden, q), *beside], key=lambda found: found[0].shape[1])
     centres = _centres_of_mass(robot, q) @ hidden
-    idle = _pivots(hidden @ _null_space(centres))
-    loose = _pivots(hidden @ _row_space(centres), but=idle)
+    idle = _pivots(hidden @ _null_space(centres, BALANCED))
+    loose = _pivots(hidden @ _row_space(centres, BALANCED), but=idle)
     return Mobility(
         _motions(robot, q).shape[1],
         tuple(map(robot.joint_of, idle)),
@@ -175,16 +176,16 @@ def _in_words(stuck: Array, names: tuple[str, ...]) -> str:
     return ", ".join([*alone, f"{together} independently of each other"])
 
 
-def _null_space(matrix: Array) -> Array:
-    """Orthonormal columns (c, k) that a matrix (r, c) takes to less than AT_REST."""
+def _null_space(matrix: Array, level: float = AT_REST) -> Array:
+    """Orthonormal columns (c, k) that a matrix (r, c) takes to less than a level."""
     _, values, right = np.linalg.svd(matrix)
-    return np.asarray(right[int(np.sum(values > AT_REST)) :].T)
+    return np.asarray(right[int(np.sum(values > level)) :].T)
 
 
-def _row_space(matrix: Array) -> Array:
+def _row_space(matrix: Array, level: float = AT_REST) -> Array:
     """Orthonormal columns (c, c - k), the complement of the null space."""
     _, values, right = np.linalg.svd(matrix, full_matrices=False)
-    return np.asarray(right[: int(np.sum(values > AT_REST))].T)
+    return np.asarray(right[: int(np.sum(values > level))].T)
 
 
 def _pivots(motions: Array, but: tuple[int, ...] = ()) -> tuple[int, ...]:
