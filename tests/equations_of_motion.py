@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework import ParallelRobot
+from framework import CrossingPlan, ParallelRobot
 from tests.closure_rows import closure_errors, closure_rows, frame_of
 from tests.forward_simulation import kinematics, mass_matrix, motors, rotors, springs
 
@@ -25,9 +25,9 @@ class Defects(NamedTuple):
     """The largest of what the equations leave at some instants."""
 
     open: float  # closures [m, rad]
-    speed: float  # their rates [m/s, rad/s]
-    acceleration: float  # their second derivatives [m/s2, rad/s2]
-    force: float  # generalised force that nothing holds, over the largest of all terms of all instants
+    speed: float  # rates of the closures, over the largest sum of the sizes of their terms
+    acceleration: float  # their second derivatives, over that of theirs
+    force: float  # generalised force that nothing holds, over the largest of the terms
     platform: float  # distance from where the platform is said to be [m, rad]
 
 
@@ -42,30 +42,38 @@ def defects(
 ) -> Defects:
     """Of configurations q (T, nq), v and a (T, nv), motor torques (T, n_a) [N m] and platform x (T, n)."""
     model, closures = robot.model, robot.description.closures
-    data, found, largest = model.createData(), [], 0.0
+    data, found, sizes = model.createData(), [], []
     platform = frame_of(model, robot.description.platform.frame)
     for k in range(len(q)):
         kinematics(model, data, q[k], v[k])
-        rows = closure_rows(model, data, closures)
-        pose = data.oMf[platform]
+        J, drift = closure_rows(model, data, closures)
         gaps = closure_errors(model, data, closures)
+        off = apart(robot, data.oMf[platform], x[k])
         inertia = (mass_matrix(model, data, q[k]) + np.diag(rotors(robot))) @ a[k]
         terms = [inertia, pin.nonLinearEffects(model, data, q[k], v[k]), -springs(robot, q[k])]
         terms.append(-motors(robot, torque[k]))
         load = np.sum(terms, axis=0)
-        held = rows.jacobian.T @ np.linalg.lstsq(rows.jacobian.T, load, rcond=1e-12)[0]
-        found.append(
-            (
-                np.abs(gaps).max(),
-                np.abs(rows.jacobian @ v[k]).max(),
-                np.abs(rows.jacobian @ a[k] + rows.drift).max(),
-                np.abs(load - held).max(),
-                np.abs(apart(robot, pose, x[k])).max(),
-            )
+        held = J.T @ np.linalg.lstsq(J.T, load, rcond=1e-12)[0]
+        found.append([np.abs(left).max() for left in (gaps, J @ v[k], J @ a[k] + drift, load - held, off)])
+        speeds = np.abs(J) @ np.abs(v[k])
+        sizes.append(
+            [1.0, speeds.max(), (np.abs(J) @ np.abs(a[k]) + np.abs(drift)).max(), np.abs(terms).max(), 1.0]
         )
-        largest = max(largest, np.abs([*terms, held]).max())
-    worst = Defects(*np.max(found, axis=0).tolist())
-    return worst._replace(force=worst.force / largest)
+    return Defects(*(np.max(found, axis=0) / np.max(sizes, axis=0)).tolist())
+
+
+def defects_of(plan: CrossingPlan) -> Defects:
+    """What 23 instants of a plan leave of the equations of motion."""
+    t = np.linspace(0.0, plan.duration, 23)
+    motion = plan.dynamics
+    return defects(
+        plan.robot,
+        q=motion.configuration(t),
+        v=motion.velocity(t),
+        a=motion.velocity(t, 2),
+        torque=plan.torque(t),
+        x=plan.platform(t),
+    )
 
 
 def apart(robot: ParallelRobot, pose: pin.SE3, x: np.ndarray) -> np.ndarray:

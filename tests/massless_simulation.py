@@ -1,15 +1,16 @@
-"""Forward dynamics of robots with motions that move no mass: there the springs are in balance.
+"""Forward dynamics of robots with motions that move no mass: there springs and motors are in balance.
 
-A spring at the end of a massless rod leaves directions W, J W = 0 and M W = 0, in which nothing is
-accelerated. W' (inertia and gravity) vanishes with them, so the equations of motion leave there
+A spring at the end of a massless rod, or behind a motor whose rotor has no inertia, leaves directions W,
+J W = 0 and M W = 0, in which nothing is accelerated. W' (inertia and gravity) vanishes with them, so the
+equations of motion leave there
 
-    W' (force of the springs) = 0
+    W' (forces of the springs and the motors) = 0
 
 an algebraic condition on the configuration. The state of the integration is what the masses do: phi and
 phi', with phi a choice among the motor angles, the centres of mass and the directions of the principal
 axes of inertia. At every instant
 
-    1. q from  closures(q) = 0,  phi(q) = phi,  W' (force of the springs) = 0          by Newton's method
+    1. q from  closures(q) = 0,  phi(q) = phi,  W' (springs and motors) = 0            by Newton's method
     2. v from  J v = 0,  Phi v = phi'                   its part along W moves no mass and is left out
     3. a from the equations of motion, with unit inertia along W, where no force is left; phi" = Phi a + ...
 
@@ -117,9 +118,15 @@ class Witness:
         return np.sort(fixed[order[: closed.shape[1] - still.shape[1]]])
 
     def configuration(
-        self, phi: np.ndarray, chosen: np.ndarray, keep: np.ndarray, near: np.ndarray
+        self,
+        phi: np.ndarray,
+        chosen: np.ndarray,
+        *,
+        drive: np.ndarray,
+        keep: np.ndarray,
+        near: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """q (nq,) with the masses at phi and the springs in balance, and W (nv, r) there.
+        """q (nq,) with the masses at phi and the springs in balance with `drive` (nv,), and W (nv, r) there.
 
         Raises:
             ArithmeticError: Newton's method does not settle.
@@ -135,7 +142,7 @@ class Witness:
                 [
                     closure_errors(model, self.data, closures)[keep],
                     masses.value[chosen] - phi,
-                    still.T @ -springs(self.robot, q) / self.stiffness.max(),
+                    still.T @ -(springs(self.robot, q) + drive) / self.stiffness.max(),
                 ]
             )
             slope = np.vstack([moving, still.T * self.stiffness / self.stiffness.max()])
@@ -172,7 +179,8 @@ def simulate_massless(
     def slope(t: float, state: np.ndarray) -> np.ndarray:
         nonlocal near
         count = len(chosen)
-        near, still = witness.configuration(state[:count], chosen, keep, near)
+        drive = motors(robot, torque(t))
+        near, still = witness.configuration(state[:count], chosen, drive=drive, keep=keep, near=near)
         witness.at(near, np.zeros(model.nv))
         jacobian = closure_rows(witness.model, witness.data, closures).jacobian[keep]
         v = velocity(jacobian, witness.masses(near).jacobian[chosen], state[count:])
@@ -180,7 +188,7 @@ def simulate_massless(
         rows = closure_rows(witness.model, witness.data, closures)
         mass = mass_matrix(witness.model, witness.data, near) + armature
         mass += np.abs(mass).max() * still @ still.T
-        load = springs(robot, near) + motors(robot, torque(t))
+        load = springs(robot, near) + drive
         load -= pin.nonLinearEffects(witness.model, witness.data, near, v)
         masses = witness.masses(near)
         a, _ = accelerations(mass, load, ClosureRows(rows.jacobian[keep], rows.drift[keep]))
@@ -192,7 +200,9 @@ def simulate_massless(
         masses = witness.masses(near)
         state = np.concatenate([masses.value[chosen], masses.jacobian[chosen] @ rate])
         state = integrate(slope, start, end, state, rtol=rtol, atol=atol, longest_step=step)
-        near, _ = witness.configuration(state[: len(chosen)], chosen, keep, near)
+        near, _ = witness.configuration(
+            state[: len(chosen)], chosen, drive=motors(robot, torque(end)), keep=keep, near=near
+        )
         witness.at(near, np.zeros(model.nv))
         jacobian = closure_rows(witness.model, witness.data, closures).jacobian[keep]
         rate = velocity(jacobian, witness.masses(near).jacobian[chosen], state[len(chosen) :])

@@ -126,6 +126,21 @@ def test_locate_finds_the_singular_points(document, path):
     assert point["slope"] != 0.0
 
 
+def test_locate_tells_what_the_crossing_asks_of_a_law(document, crossing):
+    (at,) = document("locate", "five_bar", "--scene", "C")["singularities"]
+    alpha, acceleration = at["condition"]["alpha"], at["condition"]["acceleration"]
+    np.testing.assert_allclose(abs(alpha), 10 * 0.15 * abs(np.sum(at["twist"])), rtol=1e-9)  # 10 kg
+    np.testing.assert_allclose(acceleration, 0.0, atol=1e-9)
+    assert "condition (8) at s = 0.667007 has alpha = " in crossing("locate", "five_bar", "--scene", "C")[1]
+
+
+def test_a_scenes_times_are_named_where_another_duration_does_not_suit_them(crossing):
+    code, _, err = crossing("plan", "five_bar", "--scene", "C", "--duration", 1500)
+    assert code == 2
+    assert "t = 1 s (s' = 1.5 1/s)" in err
+    assert "a scene belong to its own duration" in err
+
+
 def test_locate_finds_none_where_there_is_none(document, crossing):
     assert document("locate", "five_bar", *CLEAR)["singularities"] == []
     assert "no singularity" in crossing("locate", "five_bar", "--scene", "A")[1]
@@ -468,6 +483,37 @@ def test_an_out_that_cannot_be_written_is_told(refusal, tmp_path, place, raw):
 def test_a_malformed_robot_file_or_urdf_is_misuse(refusal, write_robot):
     assert "springs[0].stiffness" in refusal(2, "check", write_robot(("springs.0.stiffness", 0)))
     assert "mass" in refusal(2, "check", write_robot(urdf=(('<mass value="10"/>', ""),)))
+
+
+def test_the_quickest_way_is_planned_simulated_and_reported(crossing, tmp_path):
+    folder = tmp_path / "quick"
+    limits = ("--optimize", "time", "--torque-limit", 0.165, "--margin", "10%")
+    code, out, _ = crossing("plan", "five_bar", "--scene", "C", *limits, "--out", folder)
+    assert code == 0
+    assert "optimal law over" in out
+    saved = json.loads((folder / "plan.json").read_text())
+    assert saved["law"]["kind"] == "optimal"
+    assert max(saved["peak_torque"].values()) <= 0.9 * 0.165
+    assert crossing("simulate", folder)[0] == 0
+    assert crossing("report", folder)[0] == 0
+    page = (folder / "report.html").read_text()
+    assert "--law optimal --optimize time" in page.replace(" \\\n   ", "")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--margin", "ten"), "--margin: needs a share"),
+        (("--law", "optimal", "--raw"), "--raw samples the polynomial"),
+        (("--law", "optimal", "--times", 1.0), "times: belong to the polynomial"),
+        (("--optimize", "time"), "needs a limit"),
+        (("--law", "polynomial", "--torque-limit", 1.0), "for the optimal law"),
+    ],
+)
+def test_options_of_the_laws_that_do_not_go_together(crossing, options, words):
+    code, _, err = crossing("plan", "five_bar", "--scene", "C", *options)
+    assert code == 2
+    assert words in err
 
 
 @pytest.mark.parametrize("command", [["--help"], ["plan", "--help"]])

@@ -38,6 +38,38 @@ FILES = {
 FRAMEWORK = [name for name in FILES if name.startswith("framework.")]
 
 
+# What people look at and type with. They ask questions of the parts below; they compute no answers.
+FACES = [name for name in FRAMEWORK if name.split(".")[1] in ("show", "cli")]
+# From the parts that compute, only what answers a question whole may come in: these modules, or these of
+# their names. No equations, no solvers, no measures to evaluate.
+QUESTIONS = {
+    "framework.kinematics.assembly": {"reference_configuration"},
+    "framework.kinematics.diagnostics": None,
+    "framework.kinematics.forward_kinematics": None,
+    "framework.kinematics.mobility": None,
+    "framework.kinematics.placements": None,
+    "framework.kinematics.tracking": {"assemble"},
+    "framework.kinematics.velocity_matrices": None,
+    "framework.singularity.jogging": None,
+    "framework.singularity.locus": {"LocusCurves", "locus_curves", "locus_patch"},
+    "framework.singularity.points_on_path": {
+        "SearchedPath",
+        "SingularPoint",
+        "locate_singularities",
+        "search_path",
+    },
+    "framework.singularity.spring_shift": None,
+    "framework.dynamics.finite_differences": None,
+    "framework.dynamics.measure_along_path": None,
+    "framework.dynamics.platform_wrench": None,
+    "framework.dynamics.result": None,
+    "framework.dynamics.wrench": None,
+    "framework.simulation": {"Simulation", "simulate"},
+    "framework.simulation.methods": {"METHODS"},
+}
+COMPUTE = ("linalg", "kinematics", "singularity", "simulation", "dynamics")
+
+
 def imports(module: str) -> set[str]:
     """Modules that a module imports, wherever in its text."""
     found = set()
@@ -62,16 +94,44 @@ def test_a_part_of_the_framework_imports_only_from_the_floors_below(module):
 
 
 def test_what_the_readers_of_dialects_are_made_of_stands_below_them():
-    for module in FRAMEWORK:
-        if module.startswith("framework.model.") and not module.startswith("framework.model.readers."):
-            found = {name for name in imports(module) if name.startswith("framework.model.readers")}
-            assert not found, f"{module} imports {found}"
+    readers = {name for name in FRAMEWORK if name.startswith("framework.model.readers.")}
+    below, waiting = set[str](), sorted(readers)
+    while waiting:
+        new = imports(waiting.pop()) & set(FRAMEWORK) - readers - below
+        below |= new
+        waiting += new
+    assert "framework.model.robot_file" in below
+    for module in below:
+        assert not imports(module) & readers, f"{module} imports {imports(module) & readers}"
 
 
 @pytest.mark.parametrize("module", FILES)
 def test_drawing_is_for_show_alone(module):
     drawing = {name for name in imports(module) if name.split(".")[0] in ("matplotlib", "meshcat")}
     assert not drawing or module.startswith("framework.show."), f"{module} imports {drawing}"
+
+
+@pytest.mark.parametrize("module", FACES)
+def test_what_is_looked_at_and_typed_computes_nothing(module):
+    """show draws and cli parses: no equations, no solver, no linear algebra but lengths of vectors."""
+    for node in ast.walk(ast.parse(FILES[module].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            taken = {node.module: {alias.name for alias in node.names}}
+        elif isinstance(node, ast.Import):
+            taken = {alias.name: {"*"} for alias in node.names}
+        elif isinstance(node, ast.Attribute) and ast.unparse(node.value).endswith(".linalg"):
+            assert node.attr == "norm", f"{module} uses {ast.unparse(node)}"
+            continue
+        else:
+            continue
+        for source, names in taken.items():
+            package, _, rest = source.partition(".")
+            assert package not in ("scipy", "pinocchio", "coal"), f"{module} imports {source}"
+            assert package != "numpy" or rest in ("", "typing"), f"{module} imports {source}"
+            if package == "framework" and rest.split(".")[0] in COMPUTE:
+                assert source in QUESTIONS, f"{module} imports {source}"
+                others = names - (names if QUESTIONS[source] is None else QUESTIONS[source])
+                assert not others, f"{module} imports {others} of {source}"
 
 
 def test_no_module_imports_itself_by_way_of_others():

@@ -92,7 +92,7 @@ def tree(links: int, *, kind: str = "revolute", star: bool = True) -> str:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        (tree(20_001), "20001 links; at most 5000"),
+        (tree(20_001), "20001 links or joints; at most 5000"),
         (tree(5000, kind="fixed", star=False), "more than 1000 joints in a row"),
         ("<robot name='r'>" + "<a/>" * LARGEST_XML + "</robot>", f"more than {LARGEST_XML} XML elements"),
         ("<!DOCTYPE robot [<!ENTITY a 'a'>]><robot name='&a;'/>", "document types and entities"),

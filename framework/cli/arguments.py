@@ -12,18 +12,20 @@ from framework.catalogue import robot_file
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import is_plan_folder, load_plan
-from framework.crossing.scenes import scene, scene_path
+from framework.crossing.scenes import asked_by_scene, scene, scene_path
 from framework.errors import InvalidInput
 from framework.model import ParallelRobot
 from framework.model.description import RobotDescription
 from framework.model.readers.recognise import read_any
 from framework.motion.path import Line, Path
 
+OF_THE_OPTIMAL_LAW = ("law", "optimize", "longest", "torque_limit", "speed_limit", "margin")
+
 
 def load(options: argparse.Namespace) -> ParallelRobot:
     """The robot, with the springs of --flexibility where the command has it; warns if there are none."""
     asked = getattr(options, "flexibility", "rigid")
-    robot = ParallelRobot.from_description(describe(options), flexibility=asked)
+    robot = ParallelRobot.from_file(robot_file(options.robot), flexibility=asked, **_said(options))
     if robot.flexibility != asked:
         options.warnings.append(
             f"{robot.name} has no springs of its own for --flexibility {asked}: taken as {robot.flexibility}"
@@ -33,13 +35,17 @@ def load(options: argparse.Namespace) -> ParallelRobot:
 
 def describe(options: argparse.Namespace) -> RobotDescription:
     """The description in the robot file, or in a file of a foreign dialect and what the options add to it."""
-    return read_any(
-        robot_file(options.robot),
-        platform=getattr(options, "platform", None),
-        axes=getattr(options, "axes", None),
-        motors=getattr(options, "motors", None),
-        reference=_reference(getattr(options, "reference", None) or []),
-    )
+    return read_any(robot_file(options.robot), **_said(options))
+
+
+def _said(options: argparse.Namespace) -> dict[str, Any]:
+    """What the options say that a foreign file does not."""
+    return {
+        "platform": getattr(options, "platform", None),
+        "axes": getattr(options, "axes", None),
+        "motors": getattr(options, "motors", None),
+        "reference": _reference(getattr(options, "reference", None) or []),
+    }
 
 
 def _reference(given: Sequence[str]) -> dict[str, float]:
@@ -79,15 +85,32 @@ def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
 def motion_options(options: argparse.Namespace, robot: ParallelRobot) -> dict[str, Any]:
     """Arguments of `plan_crossing`; what is typed overrides what the scene says."""
     given: dict[str, Any] = {"duration": None, "times": None, "speeds": None, "at": None}
+    best = _of_the_optimal_law(options)
     if options.scene is not None:
-        chosen = scene(robot, options.scene)
-        given = {key: getattr(chosen, key) for key in given}
+        given = asked_by_scene(scene(robot, options.scene), best)
     for key in ("duration", "times", "speeds"):
         if getattr(options, key) is not None:
             given[key] = getattr(options, key)
-    if given["duration"] is None:
+    if given["duration"] is None and not (best.get("optimize") == "time" or "longest" in best):
         raise InvalidInput("--duration: required with --from and --to")
-    return {**given, "geometry": options.geometry, "smoothness": options.smoothness}
+    return {**given, "geometry": options.geometry, "smoothness": options.smoothness, **best}
+
+
+def _of_the_optimal_law(options: argparse.Namespace) -> dict[str, Any]:
+    """What is typed of the options that choose the law and its limits."""
+    typed = {key: getattr(options, key, None) for key in OF_THE_OPTIMAL_LAW}
+    best = {key: value for key, value in typed.items() if value is not None}
+    if "margin" in best:
+        best["margin"] = _share("--margin", best["margin"])
+    return best
+
+
+def _share(name: str, text: str) -> float:
+    """A share out of 10% or 0.1."""
+    try:
+        return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
+    except ValueError:
+        raise InvalidInput(f"{name}: needs a share such as 10% or 0.1, got {text!r}") from None
 
 
 def planned(options: argparse.Namespace) -> CrossingPlan:
@@ -115,7 +138,7 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
     for key in _OF_A_MOTION:
         value = getattr(options, key, None)
         if value is not None and (key, value) != ("flexibility", "rigid"):  # rigid may be its default
-            name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key)
+            name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key).replace("_", "-")
             raise InvalidInput(
                 f"--{name}: the plan in {options.robot} has its own; leave it out, or plan again"
             )
@@ -125,4 +148,5 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
 _OF_A_MOTION = (
     *("scene", "scenes", "start", "end", "duration", "times", "speeds"),
     *("geometry", "smoothness", "flexibility"),
+    *OF_THE_OPTIMAL_LAW,
 )

@@ -27,6 +27,7 @@ def run(options: argparse.Namespace) -> Report:
     rank = f"{found.rank} of {found.loop_equations} loop equations independent"
     if found.redundant_rows:
         rank += f"; redundant: {', '.join(found.redundant_rows)}"
+    idle = f", {len(found.idle_joints)} of them idle" if found.idle_joints else ""
     lines = [
         f"{found.robot}, {found.flexibility}",
         f"  platform          {', '.join(found.platform_axes)} at {point(found.platform)}",
@@ -34,7 +35,7 @@ def run(options: argparse.Namespace) -> Report:
         f"  passive joints    {', '.join(found.passive_joints)}",
         f"  idle joints       {', '.join(found.idle_joints) or 'none'}",
         f"  springs           {', '.join(found.springs) or 'none'}",
-        f"  mobility          {found.mobility}; A is {'square' if found.square else 'NOT square'}",
+        f"  mobility          {found.mobility}{idle}; A is {'square' if found.square else 'NOT square'}",
         f"  closures          {rank}; closed to {found.closure_error:.1e}",
         f"  mass              {found.mass:g} kg; without mass of their own: "
         f"{', '.join(found.massless_joints) or 'none'}",

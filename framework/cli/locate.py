@@ -9,9 +9,9 @@ import numpy as np
 
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_path, add_robot, command
+from framework.crossing.feasibility import feasibility_on_path
 from framework.errors import point
-from framework.kinematics.tracking import Branch, track_path
-from framework.singularity.points_on_path import SingularPoint, locate_singularities
+from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.spring_shift import spring_shift
 
 
@@ -32,9 +32,10 @@ def run(options: argparse.Namespace) -> Report:
     """The singular points in the order of the path."""
     robot = arguments.load(options)
     path = arguments.path(options, robot)
-    branch = track_path(robot, path)
-    points = locate_singularities(robot, path, branch=branch)
-    shifts = [_shift(branch, found) for found in points]
+    searched = search_path(robot, path)
+    points = searched.points
+    shifts = [_shift(searched, found) for found in points]
+    feasible = feasibility_on_path(searched)
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,
@@ -48,15 +49,16 @@ def run(options: argparse.Namespace) -> Report:
                 "platform": found.platform.tolist(),
                 "slope": found.slope,
                 "shift": shift,
+                "condition": None if asked is None else asked.to_dict(),
             }
-            for found, shift in zip(points, shifts, strict=True)
+            for found, shift, asked in zip(points, shifts, feasible, strict=True)
         ],
     }
     if not points:
         return document, f"{robot.name}: no singularity on the path"
     axes = ", ".join(robot.axis_names)
     lines = []
-    for found, shift in zip(points, shifts, strict=True):
+    for found, shift, asked in zip(points, shifts, feasible, strict=True):
         lines.append(
             f"s = {found.s:.15f}  {found.kind} ({found.contact})  {axes} = {point(found.platform)}  "
             f"t_s = {point(found.twist)}  dg/ds = {found.slope:.6g}"
@@ -64,12 +66,14 @@ def run(options: argparse.Namespace) -> Report:
         if shift is not None and robot.n_e:
             moved = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
             lines.append(f"  springs at rest; ds for each m or rad of deflection: {moved or 'none'}")
+        if asked is not None:
+            lines.append(f"  {asked.sentence()}")
     return document, "\n".join(lines)
 
 
-def _shift(branch: Branch, found: SingularPoint) -> dict[str, float] | None:
+def _shift(searched: SearchedPath, found: SingularPoint) -> dict[str, float] | None:
     """ds for each m or rad of deflection by spring; None where a deflection does not move the point."""
-    rates = spring_shift(branch, found)
+    rates = spring_shift(searched.branch, found)
     if np.any(np.isnan(rates)):
         return None
-    return dict(zip(branch.robot.elastic_names, map(float, rates), strict=True))
+    return dict(zip(searched.branch.robot.elastic_names, map(float, rates), strict=True))

@@ -8,7 +8,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
+from framework.crossing.plan import LAWS
 from framework.model.description import FLEXIBILITIES
+from framework.motion.cone_program import GOALS
 
 Report = tuple[dict[str, Any], str]  # for machines, for people
 
@@ -104,6 +106,20 @@ def add_motion(parser: argparse.ArgumentParser) -> None:
         metavar="R",
         help="derivatives of s that vanish at both ends (default: 2 rigid, 4 elastic)",
     )
+    parser.add_argument(
+        "--law",
+        choices=LAWS,
+        help="polynomial through times and speeds, optimal, or auto: polynomial where it advances (default)",
+    )
+    parser.add_argument("--optimize", choices=GOALS, help="what the optimal law is best at (peak_torque)")
+    parser.add_argument("--longest", type=float, metavar="T", help="bound on a duration that is found [s]")
+    parser.add_argument(
+        "--torque-limit", type=float, nargs="+", metavar="N", help="of all motors, or of each, motor side"
+    )
+    parser.add_argument(
+        "--speed-limit", type=float, nargs="+", metavar="N", help="of all motors, or of each [rad/s]"
+    )
+    parser.add_argument("--margin", metavar="P", help="share of the limits left free, such as 10%% or 0.1")
 
 
 @contextmanager

@@ -13,10 +13,12 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command, whole
 from framework.cli.raw import report_raw
+from framework.crossing.bound import estimated_best
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, point
 from framework.model import ParallelRobot
+from framework.motion.law import Law, PlannedLaw
 from framework.motion.path import Path
 from framework.output import written_together
 
@@ -86,13 +88,33 @@ def _write_plan(plan: CrossingPlan, folder: FilePath, samples: int) -> None:
     save_figures(plan, folder)
 
 
+def named(law: PlannedLaw) -> str:
+    """A law by its kind and degree."""
+    return f"law of degree {law.degree}" if law.kind == Law.kind else f"{law.kind} law"
+
+
+def _best(plan: CrossingPlan) -> list[str]:
+    """How far an optimal law may be from the best there is, as far as that can be estimated."""
+    best = estimated_best(plan)
+    if best is None or plan.optimality is None:
+        return []
+    peak = np.array(list(plan.peak_torque.values())) / plan.optimality.reference
+    quickest = plan.optimality.wish.goal == "time"
+    over = (plan.duration if quickest else float(peak.max())) / best - 1.0
+    least = f"{best:.4g} s" if quickest else f"a peak of {best * plan.optimality.reference.max():.4g} N m"
+    return [f"  estimate          any law needs about {least} at least, this one {100 * over:.1f} % more"]
+
+
 def plan_text(plan: CrossingPlan) -> str:
     """A plan for people."""
     robot, certificate = plan.robot, plan.certificate
     lines = [
-        f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: law of degree {plan.law.degree} over "
+        f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {named(plan.law)} over "
         f"{plan.duration:g} s"
     ]
+    if plan.law.kind != Law.kind:
+        lines.append(f"  law               {plan.reason}")
+        lines += _best(plan)
     for crossing in plan.crossings:
         lines.append(
             f"  crossing          t = {crossing.time:.6g} s at s = {crossing.s:.15f}, "

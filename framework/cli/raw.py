@@ -12,8 +12,11 @@ import numpy as np
 from framework.cli.parser import Report
 from framework.crossing.plan import uncertified_law
 from framework.dynamics.finite_differences import finite_difference_torques
+from framework.errors import InvalidInput
 from framework.model import ParallelRobot
 from framework.motion.path import Path
+
+KNOWN = ("duration", "times", "speeds", "at", "smoothness")  # what `uncertified_law` can be told
 
 
 def report_raw(
@@ -23,8 +26,15 @@ def report_raw(
     given: dict[str, Any],
     folder: FilePath | None,
 ) -> Report:
-    """The law without its proof: torques sampled as they come."""
-    law, crossings = uncertified_law(robot, path, **{k: v for k, v in given.items() if k != "geometry"})
+    """The law without its proof: torques sampled as they come.
+
+    Raises:
+        InvalidInput: the optimal law is asked for, which is nothing without its proof.
+    """
+    other = sorted(set(given) - {*KNOWN, "geometry"})
+    if other and given.get("law") != "polynomial":
+        raise InvalidInput(f"--{other[0].replace('_', '-')}: --raw samples the polynomial law only")
+    law, crossings = uncertified_law(robot, path, **{k: v for k, v in given.items() if k in KNOWN})
     raw = finite_difference_torques(robot, path, law, samples=options.samples, geometry=given["geometry"])
     largest = dict(zip(robot.actuator_names, map(float, np.abs(raw.torque).max(axis=0)), strict=True))
     document = {

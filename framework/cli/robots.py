@@ -8,7 +8,7 @@ from typing import Any
 from framework.catalogue import catalogue
 from framework.cli.parser import Report, command
 from framework.errors import MissingPackage
-from framework.kinematics.diagnostics import check_robot
+from framework.kinematics.mobility import mobility_of
 
 
 def add(commands: Any) -> None:
@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> Report:
         else:
             description = robot.description
             figures = {
-                "degrees_of_freedom": check_robot(robot).mobility,
+                "degrees_of_freedom": mobility_of(robot).working,
                 "loops": len(description.closures),
                 "springs": len(description.springs),
                 "scenes": list(description.scenes),

@@ -84,7 +84,14 @@ def _films(options: argparse.Namespace) -> list[Film]:
         return [film_plan(saved, name=plan_name(saved, FilePath(options.robot).resolve().name))]
     line = options.start is not None or options.end is not None
     if options.scenes is None and not line:
-        for option in ("duration", "times", "speeds", "geometry", "smoothness"):
+        for option in (
+            "duration",
+            "times",
+            "speeds",
+            "geometry",
+            "smoothness",
+            *arguments.OF_THE_OPTIMAL_LAW,
+        ):
             if getattr(options, option) is not None:
                 raise InvalidInput(f"--{option}: needs a motion; give --scene, or --from and --to")
         return []

@@ -47,11 +47,11 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
             f"period: must lie in ({shortest:g}, {longest:g}] s for a motion of {plan.duration:g} s, "
             f"got {period!r}"
         )
-    robot, dynamics = plan.robot, plan.dynamics
+    robot = plan.robot
     count = int(np.floor(plan.duration / period * (1 + 1e-12))) + 1
     times = np.minimum(period * np.arange(count), plan.duration)
     x, dx, ddx = (plan.platform(times, order) for order in range(3))
-    motion = dynamics.motion(times)
+    motion = plan.dynamics.motion(times)
     return Reference(
         robot=robot,
         period=period,

@@ -119,6 +119,28 @@ def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | N
         NotConverged: the same, but only with these deflections.
     """
     robot = branch.robot
+    condition, own = coefficients_at(branch, here, deflection)
+    if condition.holds_anyway or abs(condition.alpha) > NO_HOLD * own:
+        return condition
+    where = f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = {point(branch.path(here.s))}"
+    if deflection is not None and robot.n_e:
+        raise NotConverged(
+            f'{where} s" has no effect on t_s . W_p once the robot deflects (alpha = '
+            f"{condition.alpha:.2g}): the springs are too soft for this motion; stiffen them, take more "
+            f"time, or use geometry rigid",
+            residual=abs(condition.alpha) / own,
+        )
+    raise NoLaw(
+        f"{where} the path runs orthogonal to t_s (alpha = "
+        f'{condition.alpha:.2g}): s" has no effect on t_s . W_p there; cross in another direction'
+    )
+
+
+def coefficients_at(
+    branch: Branch, here: CrossingPoint, deflection: Deflection | None
+) -> tuple[Condition8, float]:
+    """Coefficients of condition (8), and the size of the terms of alpha before they cancel."""
+    robot = branch.robot
     speed, acceleration = np.array([0.0, 0.0, 1.0, -1.0]), np.array([0.0, 1.0, 0.0, 0.0])
     q = np.repeat(here.q[None], 4, axis=0)
     x = np.repeat(branch.path(here.s)[None], 4, axis=0)
@@ -142,17 +164,4 @@ def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | N
         delta=float(0.5 * (forth - back)),
         scale=scale,
     )
-    if condition.holds_anyway or abs(condition.alpha) > NO_HOLD * own:
-        return condition
-    where = f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = {point(branch.path(here.s))}"
-    if rates:
-        raise NotConverged(
-            f'{where} s" has no effect on t_s . W_p once the robot deflects (alpha = '
-            f"{condition.alpha:.2g}): the springs are too soft for this motion; stiffen them, take more "
-            f"time, or use geometry rigid",
-            residual=abs(condition.alpha) / own,
-        )
-    raise NoLaw(
-        f"{where} the path runs orthogonal to t_s (alpha = "
-        f'{condition.alpha:.2g}): s" has no effect on t_s . W_p there; cross in another direction'
-    )
+    return condition, own

@@ -23,19 +23,20 @@ from framework.errors import InvalidInput
 from framework.motion.chebyshev import coefficients as series_through
 from framework.motion.chebyshev import derivative_matrix, evaluate, nodes
 from framework.motion.cone_program import Affine, ConeProgram, Infeasible, Optimum, Unsolved, solve
-from framework.motion.optimal_law import OptimalLaw, least_value
+from framework.motion.optimal_law import OptimalLaw, Stretch, least_value
 
-DEGREES = (20, 40, 80)  # of the squared speed, tried in turn
-GAIN = 0.01  # by doubling the degree, below which it is not worth it
-ORDER = 2  # the distance to the best falls with this power of the degree
+DEGREES = (40, 80)  # of the squared speed; the second where the first finds no law
+MANY = 4  # crossings, beyond which the second is tried at once
 ROUNDS = 4  # of solving with further rows where a limit was exceeded
 KEPT = 1e-3  # share of the limits that is kept at the rows, for what lies between them
 # Weight of the coefficients of z, grown with the square of their degree; ten times as much for each
 # derivative of s that is to vanish: an elastic robot's torque differentiates twice what a rigid one's does.
 ROUGHNESS = 1e-5
-FLOOR = 1e-4  # least z, over the mean speed squared
+FLOOR = 1e-2  # least z, over the mean speed squared
 PANELS = 160  # of the quadrature that decides the duration
-LAXER = (1.0, 1.2, 1.5, 2.0, 4.0)  # times the least peak, what a law that must be slower may take
+# times the least peak, what a law that must be slower may take
+LAXER = (1.002, 1.005, 1.01, 1.02, 1.05, 1.2, 1.5, 2.0, 4.0)
+SLOWER = 4  # steps from the quickest towards the slowest law
 SLOWEST = 0.02  # least z of such a law, over the mean speed squared
 COMPARABLE = 4.0  # factor between the guessed and the found scale that needs no second solution
 
@@ -75,10 +76,11 @@ class Wish:
 class OnPath(NamedTuple):
     """What the robot asks on its path."""
 
-    sigma: Array  # (M,) Chebyshev points in [0, 1], none of them on a crossing
+    sigma: Array  # (M,) Chebyshev points of `stretch`, none of them on a crossing
     demand: Demand  # at `sigma`
     crossings: Array  # (k,) sigma
     conditions: Array  # (k, 3): constant + per_z z + per_u u = 0 there
+    stretch: Stretch = Stretch()  # xi(sigma), in which z is a Chebyshev series
 
 
 class Units(NamedTuple):
@@ -96,15 +98,17 @@ class Best(NamedTuple):
     reference: Array
 
 
-def points_of(degree: int, crossings: Array) -> Array:
-    """Chebyshev points in [0, 1] that resolve torques of z of this degree and stay clear of the crossings."""
+def points_of(degree: int, crossings: Array, stretch: Stretch) -> Array:
+    """sigma of Chebyshev points that resolve torques of z of this degree and stay clear of the crossings."""
     sizes = [3 * degree + 1 + 2 * extra for extra in range(5)]
+    places = stretch(crossings)
 
     def gap(size: int) -> float:
-        at = 0.5 * (nodes(size) + 1.0)
-        return float(np.abs(at[:, None] - crossings).min(initial=1.0)) * size
+        return float(np.abs(nodes(size)[:, None] - places).min(initial=1.0)) * size
 
-    return np.asarray(0.5 * (nodes(max(sizes, key=gap)) + 1.0))
+    sigma = stretch.inverse(nodes(max(sizes, key=gap)))
+    sigma[[0, -1]] = 0.0, 1.0
+    return sigma
 
 
 class Basis(NamedTuple):
@@ -114,10 +118,11 @@ class Basis(NamedTuple):
     u: Array
 
     @staticmethod
-    def at(sigma: Array, degree: int) -> Basis:
-        """Of the Chebyshev series of this degree on [0, 1]."""
-        values = np.asarray(chebyshev.chebvander(2.0 * sigma - 1.0, degree), dtype=float)
-        return Basis(values, values @ derivative_matrix(degree + 1))  # u = z'/2, d/d sigma = 2 d/dx
+    def at(sigma: Array, degree: int, stretch: Stretch) -> Basis:
+        """Of the Chebyshev series of this degree in xi(sigma)."""
+        values = np.asarray(chebyshev.chebvander(stretch(sigma), degree), dtype=float)
+        slope = 0.5 * stretch(sigma, 1)[:, None]
+        return Basis(values, slope * (values @ derivative_matrix(degree + 1)))  # u = z'/2
 
 
 def guessed_units(on_path: OnPath, wish: Wish) -> Units:
@@ -163,7 +168,7 @@ class Setting:
     def _torque(self) -> tuple[Array, Array]:
         """Torques at the points as affine functions of the coefficients: (M, n_a, n) and (M, n_a)."""
         constant, per_z, per_u = self.on_path.demand.torque
-        basis = Basis.at(self.on_path.sigma, self.degree)
+        basis = Basis.at(self.on_path.sigma, self.degree, self.on_path.stretch)
         matrix = per_z[:, :, None] * basis.z[:, None] + per_u[:, :, None] * basis.u[:, None]
         return self.scale * matrix / self.units.torque[:, None], constant / self.units.torque
 
@@ -177,7 +182,7 @@ class Setting:
     def _between(self) -> Array:
         """Combinations of the points that give the values between them and at the crossings."""
         size = len(self.on_path.sigma)
-        at_crossings = evaluate(2.0 * self.on_path.crossings - 1.0, series_through(np.eye(size)))
+        at_crossings = evaluate(self.on_path.stretch(self.on_path.crossings), series_through(np.eye(size)))
         return np.concatenate([_dense(size), at_crossings])
 
     def torques(self, y: Array) -> Array:
@@ -187,23 +192,24 @@ class Setting:
 
     def conditions(self) -> Affine:
         """What a crossing asks of the coefficients."""
-        return conditions_on_speed(self.on_path.crossings, self.on_path.conditions, self.degree, self.scale)
+        here = self.on_path
+        return conditions_on_speed(here.crossings, here.conditions, self.degree, here.stretch, self.scale)
 
     def program(self) -> ConeProgram:
         """The program with rows at every other point."""
         wish, degree = self.wish, self.degree
-        points, weights = legendre.leggauss(degree + degree // 5)
+        points, weights = legendre.leggauss(degree + degree // 2)
         every_other = np.eye(len(self.on_path.sigma))[::2]
         limited = np.isfinite(wish.speed_limit)
         squared = self.scale * (self.on_path.demand.speed[::2, limited] / wish.speed_limit[limited]) ** 2
-        z = Basis.at(self.on_path.sigma[::2], degree).z
+        z = chebyshev.chebvander(nodes(len(self.on_path.sigma))[::2], degree)
         power = Affine(np.empty((0, degree + 1)), np.empty(0))
         if wish.goal == "energy":
             power = self.torque_rows(evaluate(points, series_through(np.eye(len(self.on_path.sigma)))))
         return ConeProgram(
-            speeds=Basis.at(0.5 * (points + 1.0), degree).z,
+            speeds=np.asarray(chebyshev.chebvander(points, degree), dtype=float),
             average=sparse.eye_array(len(weights)),
-            weights=0.5 * weights,
+            weights=weights / self.on_path.stretch(self.on_path.stretch.inverse(points), 1),
             positive=np.empty((0, degree + 1)),
             torque=self.torque_rows(every_other),
             below_one=(squared[:, :, None] * z[:, None]).reshape(-1, degree + 1),
@@ -222,58 +228,80 @@ class Setting:
 
     def held(self, program: ConeProgram, found: Optimum) -> Best | Infeasible | Unsolved:
         """The law of an optimum, solved again with rows where a limit does not hold between the points."""
+        fine = chebyshev.chebvander(_fine(len(self.on_path.sigma)), self.degree)
         for _ in range(ROUNDS):
             torques = self.torques(found.y)
             hard = self.wish.limited and self.wish.goal != "peak_torque"
             allowed = 1.0 if hard else found.peak * (1.0 + 2.0 * KEPT)
-            over, low = _peaks(torques, allowed), least_value(found.y) < 0.5 * FLOOR
-            if not len(over) and not low:
+            over, low = _peaks(torques, allowed), _peaks(-(fine @ found.y), -0.5 * FLOOR)
+            if not len(over) and not len(low):
                 break
             extra = self.torque_rows(self._between[over])
             program = replace(program, torque=_both(program.torque, extra))
-            if low:
-                program = replace(program, positive=Basis.at(self.on_path.sigma, self.degree).z)
+            if len(low):
+                before = program.positive if len(program.positive) else fine[::2]
+                program = replace(program, positive=np.concatenate([before, fine[low]]))
             again = self.solved(program)
             if not isinstance(again, Optimum):
                 return again
             found = again
         y: Array | None = found.y
         if self.wish.duration is not None and y is not None:
-            points = Basis.at(self.on_path.sigma, self.degree).z
+            points = np.concatenate([fine[::2], program.positive])
             most = 1.0 if self.wish.limited else np.inf
-            y = _lasting(program, points, y, found.peak, most, self.wish.duration / self.units.time)
+            y = self._lasting(program, points, y, found.peak, most)
         if y is None or least_value(y) <= 0:
             return Unsolved("no law of this degree advances all the time and takes so long")
         try:
-            law = OptimalLaw(y * self.scale, self.wish.smoothness, self.wish.duration or 0.0)
+            law = OptimalLaw(
+                y * self.scale, self.wish.smoothness, self.wish.duration or 0.0, self.on_path.stretch.at
+            )
         except InvalidInput as problem:
             return Unsolved(str(problem))
         return Best(law, float(self.torques(y).max()), self.units.torque)
 
+    def _lasting(
+        self, program: ConeProgram, points: Array, quick: Array, peak: float, most: float
+    ) -> Array | None:
+        """Coefficients of a law of the wish's duration: between the quick one and a slow one.
+
+        Admissible z are a convex set, and the duration is continuous along a blend of two. The slow law keeps
+        to the same peak of the torques but for a small share, grown as far as it must, and to `most` at any
+        rate; it is positive at `points` (M, n).
+
+        The duration is convex in z, so it is at least its linearisation about any z0: the integral of
+        -z0^(-3/2)/2 (z - z0) added to that of z0. The z that makes this largest takes longer than z0, and so
+        on (the convex-concave procedure: Yuille and Rangarajan 2003).
+        """
+        duration = (self.wish.duration or 0.0) / self.units.time
+        stretch = self.on_path.stretch
+        integral = _integral(len(quick), stretch)
+        if integral(quick) > duration * (1.0 - 1e-6):  # a rounding away, or nearly so
+            return adjusted(quick, program.equalities, duration, stretch)
+        slower = replace(program, positive=points, floor=SLOWEST)
+        for lax in LAXER:
+            allowed, before = min(lax * peak, most), quick
+            for _ in range(SLOWER):
+                bounded = replace(slower, torque=_scaled(slower.torque, allowed))
+                slow = solve(bounded, "slowest", limited=True, about=before)
+                if not isinstance(slow, Optimum) or least_value(slow.y) <= 0:
+                    break
+                over = _peaks(self.torques(slow.y), allowed * (1.0 + 2.0 * KEPT))
+                if len(over):
+                    slower = replace(
+                        slower, torque=_both(slower.torque, self.torque_rows(self._between[over]))
+                    )
+                    continue
+                if integral(slow.y) > duration:
+                    share = brentq(_missing, 0.0, 1.0, args=(integral, before, slow.y, duration), xtol=1e-14)
+                    blend = before + share * (slow.y - before)
+                    return adjusted(blend, program.equalities, duration, stretch)
+                before = slow.y
+        return None
+
 
 def _both(one: Affine, two: Affine) -> Affine:
     return Affine(np.concatenate([one.matrix, two.matrix]), np.concatenate([one.offset, two.offset]))
-
-
-def _lasting(
-    program: ConeProgram, points: Array, quick: Array, peak: float, most: float, duration: float
-) -> Array | None:
-    """Coefficients of a law that takes exactly this long: between the quick one and a slow one.
-
-    Admissible z are a convex set, and the duration is continuous along a blend of two. The slow law keeps to
-    the same peak of the torques if it can, and to `most` at any rate; it is positive at `points` (M, n).
-    """
-    integral = _integral(len(quick))
-    if integral(quick) > duration * (1.0 - 1e-6):  # a rounding away, or nearly so
-        return adjusted(quick, program.equalities, duration)
-    for lax in LAXER:
-        allowed = min(lax * peak, most)
-        bounded = replace(program, torque=_scaled(program.torque, allowed), positive=points, floor=SLOWEST)
-        slow = solve(bounded, "slowest", limited=True)
-        if isinstance(slow, Optimum) and least_value(slow.y) > 0 and integral(slow.y) > duration:
-            share = brentq(_missing, 0.0, 1.0, args=(integral, quick, slow.y, duration), xtol=1e-14)
-            return adjusted(quick + share * (slow.y - quick), program.equalities, duration)
-    return None
 
 
 def _missing(
@@ -286,31 +314,31 @@ def _scaled(rows: Affine, unit: float) -> Affine:
     return Affine(rows.matrix / unit, rows.offset / unit)
 
 
-def _integral(size: int) -> Callable[[Array], float]:
+def _integral(size: int, stretch: Stretch) -> Callable[[Array], float]:
     """The duration of coefficients (size,): the integral of z^(-1/2) over [0, 1]."""
-    values, weights = _quadrature(size)
+    values, weights = _quadrature(size, stretch)
     return lambda y: float(weights @ np.maximum(values @ y, 1e-300) ** -0.5)
 
 
 @lru_cache(maxsize=8)
-def _quadrature(size: int) -> tuple[Array, Array]:
-    """Values of the Chebyshev polynomials (P, size) on [0, 1] and weights (P,), for sharp bends."""
-    edges = 0.5 - 0.5 * np.cos(np.pi * np.arange(PANELS + 1) / PANELS)
+def _quadrature(size: int, stretch: Stretch) -> tuple[Array, Array]:
+    """Values of the Chebyshev polynomials (P, size) of xi and weights (P,) in sigma, for sharp bends."""
+    edges = -np.cos(np.pi * np.arange(PANELS + 1) / PANELS)
     points, weights = legendre.leggauss(20)
     half = 0.5 * np.diff(edges)[:, None]
     at = (edges[:-1, None] + half * (points + 1.0)).ravel()
-    values = np.asarray(chebyshev.chebvander(2.0 * at - 1.0, size - 1), dtype=float)
-    return values, (half * weights).ravel()
+    values = np.asarray(chebyshev.chebvander(at, size - 1), dtype=float)
+    return values, (half * weights).ravel() / stretch(stretch.inverse(at), 1)
 
 
-def adjusted(y: Array, equalities: Affine, duration: float) -> Array | None:
+def adjusted(y: Array, equalities: Affine, duration: float, stretch: Stretch) -> Array | None:
     """The coefficients nearest to y, low degrees first, that meet the equalities and take exactly this long.
 
     None where Newton's method on the duration finds no positive z.
     """
     n = len(y)
     weight = (1.0 + np.arange(n)) ** -4.0
-    values, weights = _quadrature(n)
+    values, weights = _quadrature(n, stretch)
     for _ in range(12):
         z = values @ y
         if z.min() <= 0:
@@ -319,6 +347,7 @@ def adjusted(y: Array, equalities: Affine, duration: float) -> Array | None:
         gradient = -0.5 * (weights * z**-1.5) @ values
         rows = np.concatenate([equalities.matrix, gradient[None]])
         size = np.linalg.norm(rows, axis=1)
+        size[size == 0] = 1.0  # a condition that holds anyway
         miss = np.append(equalities(y), taken - duration) / size
         rows = rows / size[:, None]
         step = weight * (rows.T @ np.linalg.lstsq((rows * weight) @ rows.T, miss, rcond=None)[0])
@@ -328,18 +357,24 @@ def adjusted(y: Array, equalities: Affine, duration: float) -> Array | None:
     return y
 
 
-def conditions_on_speed(sigma: Array, conditions: Array, degree: int, scale: float = 1.0) -> Affine:
+def conditions_on_speed(
+    sigma: Array, conditions: Array, degree: int, stretch: Stretch, scale: float = 1.0
+) -> Affine:
     """constant + per_z z + per_u u at sigma (k,), for z of this degree in multiples of `scale`."""
-    at = Basis.at(sigma, degree)
+    at = Basis.at(sigma, degree, stretch)
     constant, per_z, per_u = conditions.T[:, :, None]
     return Affine(scale * (per_z * at.z + per_u * at.u), constant[:, 0])
+
+
+def _fine(size: int) -> Array:
+    """Points in (-1, 1), six times as dense as `size` Chebyshev points."""
+    return np.asarray(-np.cos(np.pi * (np.arange(6 * size) + 0.5) / (6 * size)))
 
 
 @lru_cache(maxsize=8)
 def _dense(size: int) -> Array:
     """Values between `size` Chebyshev points, from those at them."""
-    x = -np.cos(np.pi * (np.arange(6 * size) + 0.5) / (6 * size))
-    return evaluate(x, series_through(np.eye(size)))
+    return evaluate(_fine(size), series_through(np.eye(size)))
 
 
 def _peaks(values: Array, allowed: float) -> IntArray:

@@ -17,8 +17,7 @@ from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint, Deflection, crossing_point
 from framework.crossing.optimal import (
     DEGREES,
-    GAIN,
-    ORDER,
+    MANY,
     ROUGHNESS,
     Best,
     OnPath,
@@ -40,7 +39,7 @@ from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.cone_program import Infeasible, Optimum, Unsolved
 from framework.motion.law import MotionLaw
-from framework.motion.optimal_law import OptimalLaw, Smoothstep
+from framework.motion.optimal_law import OptimalLaw, Smoothstep, Stretch
 from framework.singularity.points_on_path import SingularPoint
 
 MOST_PASSES = 8  # of optimising and resolving in turn
@@ -64,6 +63,11 @@ class Task(NamedTuple):
     def phi(self) -> Smoothstep:
         return Smoothstep(self.wish.smoothness)
 
+    @property
+    def stretch(self) -> Stretch:
+        """Dense at the crossings of the undeformed robot."""
+        return Stretch(tuple(float(self.phi.inverse(target.s)) for target in self.targets))
+
 
 class OptimalMotion(NamedTuple):
     """The certified motion with the law that was found best, and what the cone program said of it."""
@@ -86,11 +90,21 @@ def optimal_motion(task: Task, *, tolerance: float) -> OptimalMotion:
     places = _places(task, None, None)
     wish = task.wish
     elastic = task.branch.robot.n_e > 0
-    degree, units = _enough(task, places, None)
+    _check_speeds(task, places)
+    setting, known = _first(task, places)
+    degree, units = setting.degree, setting.units
     roughness, excess = ROUGHNESS, np.inf
-    for _ in range(MOST_PASSES):
-        setting = _setting(task, places, deflections, wish, degree, units)
-        best = _solved(replace(setting, roughness=roughness), task)
+    for k in range(MOST_PASSES):
+        if k > 0:
+            setting = replace(_setting(task, places, deflections, wish, degree, units), roughness=roughness)
+        try:
+            best = _solved(setting, task, known if k == 0 else None)
+        except NotConverged:
+            higher = [more for more in DEGREES if more > degree]
+            if not higher:
+                raise
+            degree = higher[0]
+            continue
         try:
             dynamics, law = _resolved(task, best.law, places, tolerance)
         except NotConverged:
@@ -150,38 +164,37 @@ def _conditions(
     return np.array(at), np.array(conditions).reshape(-1, 3)
 
 
-def _enough(
-    task: Task, places: Sequence[CrossingPoint], deflections: Deflections | None
-) -> tuple[int, Units]:
-    """The degree of z beyond which doubling it would gain too little, and units for its program.
+def _check_speeds(task: Task, places: Sequence[CrossingPoint]) -> None:
+    """Raise NoLaw where the path is orthogonal to t_s and no speed meets what is left of condition (8)."""
+    for place, (constant, per_z, per_u) in zip(places, _conditions(task, places, None)[1], strict=False):
+        if per_u == 0.0 and (per_z != 0.0 or constant != 0.0) and not -constant * per_z > 0.0:
+            why = (
+                "both pull the same way"
+                if constant * per_z > 0.0
+                else "one of them is zero and the other not"
+            )
+            raise NoLaw(
+                f"{task.branch.robot.name}: at s = {place.s:.6g} the path runs orthogonal to t_s: condition "
+                f"(8) leaves beta s'^2 + gamma = 0, which no speed meets ({why})"
+            )
 
-    The gain of the next doubling follows from that of the last one, as the distance to the best falls with
-    a power of the degree.
-    """
-    worth: list[float] = []
-    units: Units | None = None
-    enough, failure = None, None
-    for degree in DEGREES:
-        setting = _setting(task, places, deflections, task.wish, degree, units)
+
+def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[Setting, Optimum]:
+    """The program of the least degree that has an optimum, in units that fit it, and that optimum."""
+    failure: NoLaw | NotConverged | None = None
+    for degree in DEGREES[len(task.targets) > MANY :]:
+        setting = _setting(task, places, None, task.wish, degree, None)
         found = setting.solved(setting.program())
         for _ in range(2):
-            if (
-                not isinstance(found, Optimum)
-                or better_units(setting.units, task.wish, found) is setting.units
-            ):
+            better = better_units(setting.units, task.wish, found) if isinstance(found, Optimum) else None
+            if better is None or better is setting.units:
                 break
-            setting = replace(setting, units=better_units(setting.units, task.wish, found))
+            setting = replace(setting, units=better)
             found = setting.solved(setting.program())
-        if not isinstance(found, Optimum):
-            failure = failure or (setting, found)
-            continue
-        enough, units = degree, setting.units
-        worth.append(found.duration * units.time if task.wish.goal == "time" else found.value)
-        if len(worth) > 1 and (worth[-2] - worth[-1]) / abs(worth[-1]) < GAIN * 2**ORDER:
-            break
-    if enough is None or units is None:
-        raise _refusal(task, *failure) if failure else NoLaw("no degree was tried")
-    return enough, units
+        if isinstance(found, Optimum):
+            return setting, found
+        failure = failure or _refusal(task, setting, found)
+    raise failure or NoLaw(f"{task.branch.robot.name}: no degree was tried")
 
 
 def _setting(
@@ -193,23 +206,23 @@ def _setting(
     units: Units | None,
 ) -> Setting:
     at, conditions = _conditions(task, places, deflections)
-    sigma = points_of(degree, at)
+    sigma = points_of(degree, at, task.stretch)
     asked = demand(task.branch, task.phi, sigma, deflections, task.geometry)
-    on_path = OnPath(sigma, asked, at, conditions)
+    on_path = OnPath(sigma, asked, at, conditions, task.stretch)
     guessed = guessed_units(on_path, wish)
     if units is not None:
         guessed = Units(units.time, guessed.torque if wish.limited else units.torque)
     return Setting(on_path, wish, degree, guessed)
 
 
-def _solved(setting: Setting, task: Task) -> Best:
-    """The law that a setting finds best.
+def _solved(setting: Setting, task: Task, known: Optimum | None) -> Best:
+    """The law that a setting finds best; `known` is its optimum, if it was found before.
 
     Raises:
         NoLaw: none is admissible; NotConverged: the solver gave up.
     """
     program = setting.program()
-    found = setting.solved(program)
+    found = known or setting.solved(program)
     best = setting.held(program, found) if isinstance(found, Optimum) else found
     if not isinstance(best, Best):
         raise _refusal(task, setting, best)
@@ -257,15 +270,15 @@ def _resolved(
         here: Sequence[CrossingPoint], deflections: Deflections | None, base: OptimalLaw
     ) -> OptimalLaw:
         at, conditions = _conditions(task, here, deflections)
-        equalities = conditions_on_speed(at, conditions, base.degree)
-        y = adjusted(base.coefficients, equalities, base.duration)
+        equalities = conditions_on_speed(at, conditions, base.degree, base.stretch)
+        y = adjusted(base.coefficients, equalities, base.duration, base.stretch)
         if y is None:
             raise NotConverged(
                 f"{branch.robot.name}: no law near the best crosses where the deflected robot is singular: "
                 f"the springs are too soft; stiffen them, take more time, or use geometry rigid",
                 residual=np.inf,
             )
-        return OptimalLaw(y, base.smoothness, base.duration)
+        return OptimalLaw(y, base.smoothness, base.duration, base.dense_at)
 
     if not branch.robot.n_e or task.geometry == "rigid":
         dynamics = resolve(branch, task.points, lambda *_: law, geometry=task.geometry, tolerance=tolerance)

@@ -17,10 +17,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.condition import CrossingPoint
+from framework.crossing.condition import NO_HOLD, CrossingPoint
 from framework.dynamics.forces import loop_forces, motor_torque, tree_forces
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import ClosedStack, Motion, close_loops, motion_at, system_at
+from framework.kinematics.platform import path_twist
 from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.optimal_law import OptimalLaw, Smoothstep
@@ -93,12 +94,25 @@ def demand(
 def crossing_row(
     branch: Branch, phi: Smoothstep, at: CrossingPoint, deflections: Deflections | None
 ) -> tuple[float, Array]:
-    """sigma of a crossing, and t_s . W_p there as (constant, per z, per u)."""
+    """sigma of a crossing, and t_s . W_p there as (constant, per z, per u).
+
+    What is not beyond rounding is zero: all three on a straight path orthogonal to t_s, and the
+    share of u on a bent one.
+    """
+    robot = branch.robot
     sigma, q, x = phi.inverse(np.array([at.s])), at.q[None], branch.path(np.array([at.s]))
-    closed = ClosedStack(q, x, system_at(branch.robot, q, x))
+    closed = ClosedStack(q, x, system_at(robot, q, x))
     motion = _three_motions(branch, phi, sigma, deflections, closed)
-    rest, one, pushed = tree_forces(branch.robot, motion) @ at.motion
-    return float(sigma[0]), np.array([rest, one - rest, pushed - rest])
+    parts = tree_forces(robot, motion) * at.motion
+    rest, one, pushed = parts.sum(axis=1)
+    row = np.array([rest, one - rest, pushed - rest])
+    # on massless legs the forces of a payload cancel before they get here
+    mass = sum(inertia.mass for inertia in robot.model.inertias)
+    moved = np.abs(path_twist(robot, branch.path, at.s)) * np.where(robot.translations, 1.0, robot.length)
+    slope, bend = (float(phi(sigma, order)[0]) for order in (1, 2))
+    push = mass * float(moved.max()) * np.array([0.0, slope**2 + abs(bend), slope])
+    size = np.maximum(np.abs(parts).sum(axis=1), push)
+    return float(sigma[0]), np.where(np.abs(row) > NO_HOLD * size, row, 0.0)
 
 
 def _three_motions(

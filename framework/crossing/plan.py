@@ -11,13 +11,14 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.condition import Condition8
+from framework.crossing.feasibility import feasibility_on_path
 from framework.crossing.limits import Limit, motor_limits
 from framework.crossing.optimal import Wish
 from framework.crossing.optimal_motion import Task, optimal_motion
 from framework.crossing.polynomial import Ground, polynomial_at_rest, polynomial_motion
 from framework.crossing.request import Request, checked_smoothness, targets_of
 from framework.crossing.result import Crossing, CrossingPlan, Optimality
-from framework.crossing.timing import COMFORTABLE, CrossingTime
+from framework.crossing.timing import CrossingTime
 from framework.dynamics.crossings import rigid_crossings
 from framework.dynamics.inverse_dynamics import TOLERANCE, checked_geometry
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
@@ -29,14 +30,14 @@ from framework.errors import (
     UncontrolledMotions,
     choose_from,
 )
-from framework.kinematics.tracking import track_path
 from framework.model import ParallelRobot
 from framework.motion.cone_program import GOALS
 from framework.motion.law import Law, MotionLaw, check_duration
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
 from framework.motion.path import Path
-from framework.singularity.points_on_path import locate_singularities
+from framework.singularity.points_on_path import SearchedPath, search_path
 
+CREEPING = 0.1  # least speed over its mean (the ends divided out) below which a polynomial is given up
 LAWS = ("auto", "polynomial", "optimal")
 
 
@@ -58,6 +59,7 @@ def plan_crossing(
     speed_limit: Limit = None,
     margin: float = 0.0,
     keep_limits: bool = False,
+    searched: SearchedPath | None = None,
 ) -> CrossingPlan:
     """A rest-to-rest law along the path that crosses its singular points with finite torques.
 
@@ -84,6 +86,7 @@ def plan_crossing(
         margin: share of all limits that is left to the controllers.
         keep_limits: refuse a plan that leaves the limits of its motors or of the URDF's joints, which is
             otherwise returned and says so (`CrossingPlan.exceeded`).
+        searched: what `search_path` found on this path, if at hand.
 
     Raises:
         InvalidInput: an argument that cannot be right; says what is valid.
@@ -105,12 +108,17 @@ def plan_crossing(
     kind = _kind_of_law(law, asked, request)
     free = kind == "optimal" or (kind == "auto" and request.smoothness <= HIGHEST_SMOOTHNESS)
     wish = _wish(optimize, longest, limits, request) if free else None
-    branch = track_path(robot, path)
-    points = locate_singularities(robot, path, branch=branch)
+    branch, points = search_path(robot, path) if searched is None else searched
     work = _Work(
         Ground(branch, points, targets_of(branch, points, request)), request, geometry, tolerance, started
     )
-    plan = _best(work, wish if kind == "optimal" else None, fallback=wish)
+    try:
+        plan = _best(work, wish if kind == "optimal" else None, fallback=wish)
+    except UncontrolledMotions:
+        raise
+    except NoLaw as refusal:
+        told = [found.sentence(duration) for found in feasibility_on_path(work.searched) if found is not None]
+        raise NoLaw("; ".join([str(refusal), *told])) from None
     exceeded = plan.exceeded if keep_limits else {}
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
@@ -133,7 +141,7 @@ def _best(work: _Work, wish: Wish | None, *, fallback: Wish | None) -> CrossingP
             return _optimal(work, fallback, f"there is no polynomial: {refusal}")
         except (NoLaw, NotConverged) as second:
             raise NoLaw(f"{refusal}; nor does the optimal law help: {second}") from None
-    if fallback is None or not plan.crossings or work.request.speeds is not None or advance >= COMFORTABLE:
+    if fallback is None or not plan.crossings or work.request.speeds is not None or advance >= CREEPING:
         return plan
     nearly_stops = f"the polynomial nearly stops: its least speed is {advance:.2g} of its mean"
     try:
@@ -150,6 +158,10 @@ class _Work(NamedTuple):
     geometry: str
     tolerance: float
     started: float
+
+    @property
+    def searched(self) -> SearchedPath:
+        return SearchedPath(self.ground.branch, self.ground.points)
 
 
 def _kind_of_law(law: str, asked: bool, request: Request) -> str:
@@ -260,6 +272,7 @@ def uncertified_law(
     speeds: Sequence[float] | None = None,
     at: Sequence[float] | None = None,
     smoothness: int | None = None,
+    searched: SearchedPath | None = None,
 ) -> tuple[Law, tuple[SingularityCrossing, ...]]:
     """The law of `plan_crossing` on the undeformed robot before anything is proved, for raw sampling.
 
@@ -269,8 +282,7 @@ def uncertified_law(
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
     request = Request(duration, times, speeds, at, checked_smoothness(robot, smoothness))
-    branch = track_path(robot, path)
-    points = locate_singularities(robot, path, branch=branch)
+    branch, points = search_path(robot, path) if searched is None else searched
     ground = Ground(branch, points, targets_of(branch, points, request))
     law = polynomial_at_rest(ground, request)
     return law, rigid_crossings(branch, points, law)

@@ -22,6 +22,11 @@ from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import Condition, Law, MotionLaw
 from framework.singularity.points_on_path import SingularPoint
 
+OF_A_SCENE = (
+    "times and speeds of a scene belong to its own duration: give others for this one, or take law optimal, "
+    "which finds its own"
+)
+
 
 class Ground(NamedTuple):
     """The path followed, its singular points, and where on it condition (8) is to hold."""
@@ -121,7 +126,15 @@ def _law(
             (place.s, crossing_time.speed, condition.acceleration(crossing_time.speed))
         )
     ]
-    return Law.rest_to_rest(_duration(request), request.smoothness, inner)
+    duration = _duration(request)
+    try:
+        return Law.rest_to_rest(duration, request.smoothness, inner)
+    except InvalidInput as problem:
+        through = ", ".join(f"t = {one.time:g} s (s' = {one.speed:g} 1/s)" for one in crossing_times)
+        raise InvalidInput(
+            f"times: no polynomial over {duration:g} s through {through or 'the ends'} could be computed: "
+            f"{problem}; {OF_A_SCENE}"
+        ) from None
 
 
 def timing_of(ground: Ground, request: Request) -> tuple[CrossingTime, ...]:
@@ -133,7 +146,8 @@ def timing_of(ground: Ground, request: Request) -> tuple[CrossingTime, ...]:
     for t in times or ():
         if not 0 < t < duration:
             raise InvalidInput(
-                f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s"
+                f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
+                f"{OF_A_SCENE}"
             )
     crossings = [(place, condition_at(ground.branch, place, None)) for place in _at_rest(ground)]
 

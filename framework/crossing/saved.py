@@ -105,7 +105,10 @@ def _law(saved: dict[str, Any], duration: float) -> PlannedLaw:
     series = np.array(saved[key], dtype=float)
     if series.ndim != 1 or series.size < 2 or not np.all(np.isfinite(series)):
         raise InvalidInput(f"law: {key} must be a list of finite numbers")
-    return Law(series, duration) if kind == Law.kind else OptimalLaw(series, saved["smoothness"], duration)
+    if kind == Law.kind:
+        return Law(series, duration)
+    dense_at = tuple(float(sigma) for sigma in saved.get("dense_at", ()))
+    return OptimalLaw(series, saved["smoothness"], duration, dense_at)
 
 
 def read_document(file: FilePath, command: str) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from framework.crossing.plan import plan_crossing
@@ -49,10 +49,18 @@ def path_of(kind: str, points: Sequence[Sequence[float]]) -> Path:
 def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:
     """`plan_crossing` with what the scene says; keyword options override it."""
     chosen = scene(robot, name)
-    given = {
-        "duration": chosen.duration,
-        "times": chosen.times,
-        "speeds": chosen.speeds,
-        "at": chosen.at,
-    }
-    return plan_crossing(robot, scene_path(chosen), **{**given, **options})
+    return plan_crossing(robot, scene_path(chosen), **{**asked_by_scene(chosen, options), **options})
+
+
+def asked_by_scene(scene: Scene, options: Mapping[str, Any]) -> dict[str, Any]:
+    """What a scene says of the motion, as far as it fits a law of these options of `plan_crossing`.
+
+    The timing of its crossings belongs to the polynomial; its duration not to a law that finds its own.
+    """
+    given = {"duration": scene.duration, "times": scene.times, "speeds": scene.speeds, "at": scene.at}
+    wanted = [options.get(key) for key in ("optimize", "longest", "torque_limit", "speed_limit", "margin")]
+    if options.get("law") == "optimal" or any(value is not None for value in wanted):
+        given.update(times=None, speeds=None)
+    if options.get("optimize") == "time" or options.get("longest") is not None:
+        given.update(duration=None)
+    return given

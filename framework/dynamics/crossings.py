@@ -110,22 +110,13 @@ def deformed_crossing(result: InverseDynamics, near: SingularityCrossing) -> Sin
         return measured_matrix(robot, system_at(robot, result.configuration(t), result.platform(t)))
 
     t = root_of_g(passive, near.time, high=result.duration).place
-    closed = close_loops(robot, result.platform(np.array([t])), result.configuration(t))
-    times = np.array([t])
-    motion = motion_at(
-        robot,
-        closed,
-        result.platform(times, 1),
-        result.platform(times, 2),
-        result.deflections(times, 1),
-        result.deflections(times, 2),
-    )
-    uncontrolled = uncontrolled_motion(robot, closed.system)
+    motion = result.motion(t)
+    uncontrolled = uncontrolled_motion(robot, motion.system)
     along_path = -1.0 if np.dot(uncontrolled.twist, near.twist) < 0 else 1.0
     wrench = float(tree_forces(robot, motion)[0] @ uncontrolled.motion) * along_path
     return SingularityCrossing(
         time=t,
-        s=float(result.law(times)[0]),
+        s=float(result.law(np.array([t]))[0]),
         platform=result.platform(t),
         twist=along_path * uncontrolled.twist,
         kind=uncontrolled.kind,

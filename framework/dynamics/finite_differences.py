@@ -31,6 +31,7 @@ class FiniteDifferenceTorques(NamedTuple):
     torque: Array  # (T, n_a) [N m], motor side
     motor_angle: Array  # (T, n_a) [rad], motor side
     deflection: Array  # (T, n_e) [m, rad]
+    motion: Motion  # that the torques belong to, its loops closed
 
 
 def finite_difference_torques(
@@ -41,11 +42,13 @@ def finite_difference_torques(
     samples: int = 1501,
     geometry: str | None = None,
     passes: int = 4,
+    branch: Branch | None = None,
 ) -> FiniteDifferenceTorques:
     """Torques at equidistant instants; velocities of motors and springs by finite differences.
 
     Args:
         passes: how often forces and deflections are computed in turn (deformed geometry only).
+        branch: the path as followed by `track_path`, if at hand.
 
     Raises:
         InvalidInput: fewer than 5 samples, geometry unknown, path does not fit the robot.
@@ -54,7 +57,7 @@ def finite_difference_torques(
     if not (is_number(samples) and int(samples) == samples >= 5):
         raise InvalidInput(f"samples: raw sampling needs a whole number of at least 5, got {samples!r}")
     geometry = checked_geometry(robot, geometry)
-    branch = track_path(robot, path)
+    branch = track_path(robot, path) if branch is None else branch
     times = np.linspace(0.0, law.duration, samples)
     q_e = np.zeros((samples, robot.n_e))
     motion = _motion(branch, law, times, q_e)
@@ -67,7 +70,7 @@ def finite_difference_torques(
     angle = robot.gear_ratio * actuated_coordinates(robot, motion.q)
     _, acceleration = _differences(angle, times)
     torque = robot.rotor_inertia * acceleration + forces.joint_torque / robot.gear_ratio
-    return FiniteDifferenceTorques(times, torque, angle, q_e)
+    return FiniteDifferenceTorques(times, torque, angle, q_e, motion)
 
 
 def _motion(branch: Branch, law: MotionLaw, times: Array, q_e: Array) -> Motion:

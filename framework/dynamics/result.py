@@ -88,15 +88,11 @@ class InverseDynamics:
         return integrate(self.robot, self.origin, self.offsets(np.atleast_1d(t)))
 
     def motion(self, t: ArrayLike) -> Motion:
-        """Positions, velocities and accelerations of all coordinates at t (T,), loops closed at each instant.
-
-        Raises:
-            NotAssembled: the loops do not close.
-        """
+        """Positions, velocities and accelerations of all joints at t (T,), the loops closed to rounding."""
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        closed = close_loops(self.robot, self.platform(times), self.configuration(times))
-        x, q_e = ([of(times, order) for order in (1, 2)] for of in (self.platform, self.deflection))
-        return motion_at(self.robot, closed, *x, *q_e)
+        x, dx, ddx = along(self.path, [self.law(times, order) for order in range(3)])
+        closed = close_loops(self.robot, x, self.configuration(times))
+        return motion_at(self.robot, closed, dx, ddx, self.deflection(times, 1), self.deflection(times, 2))
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Joint velocities (order 1) or accelerations (order 2), (T, nv)."""

@@ -1,28 +1,51 @@
-"""t_s . W_p along a whole motion: the quantity that condition (8) sends through zero at the crossing."""
+"""t_s and W_p along a whole motion: their product is what condition (8) sends through zero at a crossing."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics
-from framework.kinematics.inverse_kinematics import close_loops, motion_at
+from framework.kinematics.inverse_kinematics import Motion, joint_rates
+from framework.model import ParallelRobot
 from framework.singularity.classification import singularity_measure, unit_twist
+
+
+class WrenchCurves(NamedTuple):
+    """What a motion asks for along the twist that its motors hold least, at T instants.
+
+    t_s is continued smoothly away from the singularity and has unit size where |g| is least. `power` is
+    eta . r with eta the joint rates of t_s: at a singularity t_s . W_p whatever the mass of the legs, away
+    from it the same if the legs have none.
+    """
+
+    g: Array  # (T,) the measure of singularity
+    twist: Array  # (T, n) t_s
+    wrench: Array  # (T, n) W_p = (dq/dv)' r, what inertia and weight of all bodies ask of the platform
+    power: Array  # (T,) [N, or N m for a pure turn]
+
+
+def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
+    """g, t_s, W_p and t_s . W_p along a motion in time."""
+    forces = tree_forces(robot, motion)
+    still = np.zeros((len(forces), robot.n_e))
+    wrench = np.empty((len(forces), robot.n))
+    for k, axis in enumerate(np.eye(robot.n)):
+        rates = joint_rates(robot, motion.system, np.broadcast_to(axis, wrench.shape), still)
+        wrench[:, k] = np.sum(rates * forces, axis=1)
+    measure = singularity_measure(robot, motion.system)
+    twist = np.einsum("tnv,tv->tn", motion.system.platform, measure.motion)
+    size = unit_twist(robot, twist[int(np.argmin(np.abs(measure.g)))]) or 1.0
+    return WrenchCurves(measure.g, twist / size, wrench, np.sum(forces * measure.motion, axis=1) / size)
 
 
 def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
     """g (T,) and t_s . W_p (T,) [N, or N m for a pure turn] at ascending instants t (T,).
 
-    t_s is continued smoothly away from the singularity and has unit size where |g| is least; there
-    t_s . W_p is what `SingularityCrossing.wrench` is, up to sign.
+    At a crossing t_s . W_p is what `SingularityCrossing.wrench` is, up to sign.
     """
-    robot = result.robot
-    closed = close_loops(robot, result.platform(t), result.configuration(t))
-    rates = (result.deflection(t, 1), result.deflection(t, 2))
-    motion = motion_at(robot, closed, result.platform(t, 1), result.platform(t, 2), *rates)
-    measure = singularity_measure(robot, closed.system)
-    nearest = int(np.argmin(np.abs(measure.g)))
-    twist = closed.system.platform[nearest] @ measure.motion[nearest]
-    size = unit_twist(robot, twist) or 1.0
-    return measure.g, np.sum(tree_forces(robot, motion) * measure.motion, axis=1) / size
+    curves = wrench_curves(result.robot, result.motion(t))
+    return curves.g, curves.power

@@ -13,6 +13,7 @@ from framework.arrays import Array, IntArray
 from framework.errors import NotAssembled, SingularReference
 from framework.kinematics.closures import column_scale, loop_equations, scaled
 from framework.kinematics.frames import difference, frames_at, integrate
+from framework.kinematics.locked_directions import turned_over
 from framework.kinematics.platform import platform_coordinates, platform_jacobian
 from framework.model import ParallelRobot
 from framework.model.parallel_robot import LoopRows
@@ -56,8 +57,8 @@ def reference_configuration(robot: ParallelRobot) -> Configuration:
     pure function of a frozen robot.
 
     Raises:
-        NotAssembled: the loops do not close from there, or only far from what the file gives; carries
-            the last iterate and the residual.
+        NotAssembled: the loops do not close from there, or only far from what the file gives, or turned
+            over; carries the last iterate and the residual.
     """
     model = robot.model
     given = [model.joints[model.getJointId(name)].idx_v for name in robot.description.reference]
@@ -77,6 +78,14 @@ def reference_configuration(robot: ParallelRobot) -> Configuration:
             f"lengths and give a reference nearer to an assembled configuration",
             q=closing.q,
             residual=float(residual[row]),
+        )
+    turned = turned_over(robot, at)
+    if turned is not None:
+        raise NotAssembled(
+            f"{robot.name}: near the reference the loops close only with {turned} turned over, its frames "
+            f"pointing apart; give a reference nearer to an assembled configuration",
+            q=closing.q,
+            residual=float(residual.max()),
         )
     _check_near(robot, closing.q, float(residual.max()), given)
     x = platform_coordinates(robot, at)[0]

@@ -6,19 +6,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from framework.arrays import Array
+from framework.errors import NotAssembled
 from framework.kinematics.assembly import (
-    idle_columns,
     independent_at_reference,
     independent_rows,
     nearby_configurations,
-    passive_columns,
     reference_configuration,
     rows_of_springs_alone,
     singular_reference,
 )
-from framework.kinematics.inverse_kinematics import mode_signs, moving_columns, reference_system
+from framework.kinematics.closing_search import find_closed_pose
+from framework.kinematics.inverse_kinematics import mode_signs, reference_system
 from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.loop_matrices import passive_matrix
+from framework.kinematics.mobility import Mobility, PlatformAxes, mobility_of, platform_axes_of
 from framework.model import ParallelRobot
 
 
@@ -31,10 +33,13 @@ class Checkup:
     platform_axes: tuple[str, ...]
     actuators: tuple[str, ...]
     passive_joints: tuple[str, ...]
-    idle_joints: tuple[str, ...]  # passive joints held still because their motion moves nothing
+    idle_joints: tuple[str, ...]  # a passive joint for each motion that moves no centre of mass; held still
+    loose_joints: tuple[
+        str, ...
+    ]  # one for each that moves masses and that no motor or platform axis is told of
     springs: tuple[str, ...]
-    mobility: int  # with all springs locked, without the idle joints
-    redundant_motors: int  # actuators beyond the mobility
+    mobility: int  # degrees of freedom with all springs locked, the idle ones counted
+    redundant_motors: int  # actuators beyond the mobility less the idle ones
     loop_equations: int
     rank: int
     redundant_rows: tuple[str, ...]  # closure.axis
@@ -46,25 +51,44 @@ class Checkup:
     working_mode: int  # sign; changes at Type 1
     assembly_mode: int  # sign; changes at Type 2
     smallest_singular_value: float | None  # of P, without dimension; None without square A or passive joints
-    square: bool  # as many platform axes as degrees of freedom, and no fewer actuators
+    square: bool  # as many platform axes as degrees of freedom, all of them moving, and no fewer actuators
+    stuck_axes: str  # what the platform cannot move along; empty if there is nothing
+    axes_that_do: tuple[tuple[str, ...], ...]  # platform axes to take instead, where the given ones do not do
+    assembled: bool  # whether the loops close near the reference of the file; if not, a pose was looked for
     advice: tuple[str, ...]
 
 
 def check_robot(robot: ParallelRobot) -> Checkup:
-    """Examine a robot at its assembled reference, or beside it where that is on a singularity of its loops.
+    """Examine a robot at its assembled reference.
+
+    Where the loops do not close there, at a pose found; where that is a singularity of its loops, beside it.
 
     Raises:
-        NotAssembled: the loops do not close near the reference.
+        NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
     """
+    given, found = robot, list[str]()
+    try:
+        reference = reference_configuration(robot)
+    except NotAssembled:
+        pose = find_closed_pose(robot)
+        found.append(
+            f"the loops do not close near the reference that is given; a search within the joints' limits "
+            f"has found the one that is printed, {pose.joint} {pose.moved} away: paste it into "
+            f"the file (or give it by --reference) if the robot is meant to be assembled that way"
+        )
+        robot = _assembled_at(robot, pose.q)
+        reference = reference_configuration(robot)
     singular = singular_reference(robot)
     if singular is not None:
         beside = check_robot(replace(robot, q_near=nearby_configurations(robot)[0]))
-        return replace(beside, advice=(f"said of a pose beside the reference: {singular}", *beside.advice))
-    reference = reference_configuration(robot)
+        return replace(
+            beside, advice=(*found, f"said of a pose beside the reference: {singular}", *beside.advice)
+        )
     kept = independent_rows(robot)
     names = robot.rows.names
-    mobility = len(moving_columns(robot)) - len(kept)
-    square = robot.n == mobility <= robot.n_a
+    motions = mobility_of(robot)
+    axes = platform_axes_of(robot, motions.working - len(motions.loose))
+    square = robot.n == motions.working <= robot.n_a and not axes.stuck_here
     system = reference_system(robot)
     working, assembly, smallest = 0, 0, None
     if square:
@@ -73,25 +97,27 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         smallest = float(values[-1]) if len(values) else None
     masses = _link_masses(robot)
     massless = tuple(name for name, mass in masses.items() if mass == 0.0)
-    idle = tuple(robot.joint_of(int(column)) for column in idle_columns(robot))
     redundant = tuple(name for i, name in enumerate(names) if i not in kept)
-    advice = _advice(robot, mobility, idle, redundant, masses)
+    found += _advice_on_motions(robot, motions, axes) + _advice(robot, redundant, masses)
     beyond = positions_beyond_limits(robot, reference.q[None])
     if beyond:
         listed = "; ".join(f"{joint}: {position}" for joint, position in beyond.items())
-        advice.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
+        found.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
     if smallest is not None and smallest < 1e-6:
-        advice.append("the reference is itself singular: give one away from the locus")
+        found.append("the reference is itself singular: give one away from the locus")
     return Checkup(
         robot=robot.name,
         flexibility=robot.flexibility,
         platform_axes=robot.axis_names,
         actuators=robot.actuator_names,
-        passive_joints=tuple(robot.joint_of(int(column)) for column in passive_columns(robot)),
-        idle_joints=idle,
+        passive_joints=tuple(
+            joint for joint in map(robot.joint_of, map(int, robot.passive)) if joint not in motions.idle
+        ),
+        idle_joints=motions.idle,
+        loose_joints=motions.loose,
         springs=robot.elastic_names,
-        mobility=mobility,
-        redundant_motors=max(robot.n_a - mobility, 0),
+        mobility=motions.freedoms,
+        redundant_motors=max(robot.n_a - motions.working, 0),
         loop_equations=len(names),
         rank=len(kept),
         redundant_rows=redundant,
@@ -108,23 +134,43 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         assembly_mode=assembly,
         smallest_singular_value=smallest,
         square=square,
-        advice=tuple(advice),
+        stuck_axes=axes.stuck,
+        axes_that_do=axes.proposals,
+        assembled=robot is given,
+        advice=tuple(found),
     )
 
 
-def _advice(
-    robot: ParallelRobot,
-    mobility: int,
-    idle: tuple[str, ...],
-    redundant: tuple[str, ...],
-    masses: dict[str, float],
-) -> list[str]:
-    """What is wrong or remarkable about a robot, each with what to do."""
-    found = []
+def _assembled_at(robot: ParallelRobot, q: Array) -> ParallelRobot:
+    """The robot with another reference, q (nq,)."""
+    values = {
+        robot.joint_of(column): float(q[column]) for column in range(len(q)) if column not in robot.elastic
+    }
+    return ParallelRobot.from_description(
+        replace(robot.description, reference=values), flexibility=robot.flexibility
+    )
+
+
+def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> list[str]:
+    """What is wrong or remarkable about the freedoms of a robot and the axes of its platform."""
+    found, mobility = [], motions.working
+    listed = " or ".join(f"[{', '.join(proposal)}]" for proposal in axes.proposals)
+    instead = f"; axes that would do: {listed}" if listed else ""
+    if axes.stuck:
+        found.append(
+            f"the platform's frame {robot.description.platform.frame} cannot move along {axes.stuck}: it has "
+            f"{axes.velocities} independent velocit{'y' if axes.velocities == 1 else 'ies'}"
+            f"{instead or '; choose another frame'}"
+        )
+    elif axes.stuck_here:
+        found.append(
+            f"at the reference the platform cannot move along {axes.stuck_here}, but it can beside it: a "
+            f"Type 1 singularity; give another reference"
+        )
     if robot.n != mobility:
         found.append(
             f"{robot.n} platform axes for {mobility} degrees of freedom: planning needs as many; change the "
-            f"platform's axes or the closures{_suspects(robot, mobility)}"
+            f"platform's axes or the closures{_suspects(robot, mobility)}{'' if axes.stuck else instead}"
         )
     if robot.n_a < mobility:
         found.append(
@@ -135,11 +181,21 @@ def _advice(
             f"{robot.n_a} actuators for {mobility} degrees of freedom: torques will be those of least norm; "
             f"drop actuators if that is not meant"
         )
-    if idle:
+    if motions.loose:
         found.append(
-            f"{', '.join(idle)} may turn without moving anything else and is held still: fine if what it "
-            f"turns is balanced about it; else lock it by a closure"
+            f"{', '.join(motions.loose)}: masses move there by themselves, without a motor and without the "
+            f"platform's axes: add a motor, or lock them (locked, a closure)"
         )
+    if motions.idle:
+        found.append(
+            f"{', '.join(motions.idle)} may turn without moving any centre of mass; planning holds it still"
+        )
+    return found
+
+
+def _advice(robot: ParallelRobot, redundant: tuple[str, ...], masses: dict[str, float]) -> list[str]:
+    """What else is wrong or remarkable about a robot, each with what to do."""
+    found = []
     if redundant:
         found.append(
             f"{', '.join(redundant)}: other loop equations say the same at the reference, as it should be in "

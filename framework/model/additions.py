@@ -1,7 +1,7 @@
 """What a robot file changes in a URDF of somebody else: frames and bodies on its links, joints that are
 locked, and a root that is free to move.
 
-All are written into the URDF text, so that everything downstream sees one tree of one-degree joints.
+All are written into the URDF, so that everything downstream sees one tree of one-degree joints.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import RobotFileError, choose_from
-from framework.model.urdf import MOVING
+from framework.model.urdf_elements import MOVING
 from framework.model.urdf_writing import AXIS, joint_element, vector_text
 
 GROUND = "ground"
@@ -35,11 +35,8 @@ class AddedFrame(NamedTuple):
     inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-def add_frames(urdf_text: str, frames: Sequence[AddedFrame]) -> str:
-    """The URDF with a link, fixed to its parent, for each frame; without mass unless the frame has one."""
-    if not frames:
-        return urdf_text
-    root = ElementTree.fromstring(urdf_text)
+def add_frames(root: ElementTree.Element, frames: Sequence[AddedFrame]) -> None:
+    """Add to a URDF a link, fixed to its parent, for each frame; without mass unless the frame has one."""
     for frame in frames:
         link = ElementTree.SubElement(root, "link", name=frame.name)
         place = ElementTree.Element("origin", xyz=vector_text(frame.xyz), rpy=vector_text(frame.rpy))
@@ -49,23 +46,20 @@ def add_frames(urdf_text: str, frames: Sequence[AddedFrame]) -> str:
             ElementTree.SubElement(inertial, "mass", value=repr(frame.mass))
             ixx, iyy, izz = map(repr, frame.inertia)
             ElementTree.SubElement(inertial, "inertia", ixx=ixx, iyy=iyy, izz=izz, ixy="0", ixz="0", iyz="0")
-    return ElementTree.tostring(root, encoding="unicode")
 
 
-def lock_joints(urdf_text: str, locked: Mapping[str, float]) -> str:
-    """The URDF with some joints fixed at given values [rad, m]; a locked joint mimics no other.
+def lock_joints(root: ElementTree.Element, locked: Mapping[str, float]) -> None:
+    """Fix some joints of a URDF at given values [rad, m]; a locked joint mimics no other.
 
     Raises:
         RobotFileError: a name is not that of a revolute, continuous or prismatic joint.
     """
-    root = ElementTree.fromstring(urdf_text)
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
     movable = [name for name, joint in joints.items() if joint.get("type") in MOVING]
     for name, value in locked.items():
         if name not in movable:
             raise RobotFileError(f"locked.{name}: {choose_from('joint', name, movable)}")
         _fix(joints[name], value)
-    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _fix(joint: ElementTree.Element, value: float) -> None:
@@ -93,13 +87,12 @@ def _numbers(text: str) -> np.ndarray:
     return np.array([float(part) for part in text.split()])
 
 
-def free_root(urdf_text: str) -> str:
-    """The URDF on a new root link `ground`, its old root carried by six joints, ROOT_JOINTS.
+def free_root(root: ElementTree.Element) -> None:
+    """Stand a URDF on a new root link `ground`, its old root carried by six joints, ROOT_JOINTS.
 
     Three slides along the base axes, then turns about z, y and x: singular only when the root pitches by
     90 degrees.
     """
-    root = ElementTree.fromstring(urdf_text)
     children = {child.get("link") for child in root.iter("child")}
     (old,) = (link.get("name", "") for link in root.findall("link") if link.get("name") not in children)
     parent = GROUND
@@ -111,4 +104,3 @@ def free_root(urdf_text: str) -> str:
             ElementTree.SubElement(root, "link", name=child)
         root.append(joint_element(name, kind, parent, child, axis=AXIS[name[-1]], effort="0"))
         parent = child
-    return ElementTree.tostring(root, encoding="unicode")

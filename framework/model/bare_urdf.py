@@ -13,12 +13,11 @@ _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _LIMIT = ("lower", "upper", "effort", "velocity")
 
 
-def bare_urdf(urdf_text: str) -> str:
-    """The URDF without shapes, materials and what else does not move.
+def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
+    """A copy of the URDF without shapes, materials and what else does not move.
 
-    The text must be one that `parse_urdf` or `UrdfTree` has checked.
+    The URDF must be one that `check_urdf` or `UrdfTree` has checked.
     """
-    root = ElementTree.fromstring(urdf_text)
     bare = ElementTree.Element("robot", name=root.get("name", ""))
     for link in root.findall("link"):
         copy = ElementTree.SubElement(bare, "link", name=link.get("name", ""))
@@ -38,7 +37,7 @@ def bare_urdf(urdf_text: str) -> str:
         if joint.get("type") != "fixed":
             _copy(joint, copy, "axis", ("xyz",))
             _copy(joint, copy, "limit", _LIMIT)
-    return ElementTree.tostring(bare, encoding="unicode")
+    return bare
 
 
 def _copy(source: ElementTree.Element, target: ElementTree.Element, tag: str, keys: tuple[str, ...]) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from framework.errors import RobotFileError, choose_from
 
@@ -178,3 +180,10 @@ class RobotDescription:
         if flexibility not in FLEXIBILITIES:
             raise RobotFileError(choose_from("flexibility", flexibility, FLEXIBILITIES))
         return tuple(spring for spring in self.springs if spring.exists_in(flexibility))
+
+
+class ParsedRobot(NamedTuple):
+    """A description, and the root of the URDF that its `urdf_text` holds: parsed once, not to be changed."""
+
+    description: RobotDescription
+    urdf: ElementTree.Element

@@ -4,17 +4,36 @@ from __future__ import annotations
 
 import reprlib
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import yaml
 
-from framework.errors import RobotFileError
+from framework.errors import MissingPackage, RobotFileError
 
 BLANK = "\ufeff \t\r\n"  # may stand before the first element
 LARGEST_XML = 200_000  # elements
 LARGEST_YAML_TEXT = 500_000  # characters
 LARGEST_YAML = 20_000  # values, aliases written out
+
+
+@contextmanager
+def naming(path: Path | str) -> Iterator[None]:
+    """Put the name of the file in front of complaints about what is in it.
+
+    Raises:
+        RobotFileError: with the name; also for what is nested so deeply that Python gives up.
+    """
+    try:
+        yield
+    except MissingPackage as error:
+        raise MissingPackage(f"{path}: {error}", package=error.package) from None
+    except RobotFileError as error:
+        raise RobotFileError(f"{path}: {error}") from None
+    except RecursionError:
+        raise RobotFileError(f"{path}: nested too deeply") from None
 
 
 def parse_xml(text: str) -> ElementTree.Element:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -14,8 +15,9 @@ from numpy.typing import NDArray
 from framework.arrays import Array, IntArray
 from framework.errors import RobotFileError
 from framework.model.bare_urdf import bare_urdf
-from framework.model.description import AXES, Closure, RobotDescription
-from framework.model.robot_file import read_robot_file
+from framework.model.description import AXES, Closure, ParsedRobot, RobotDescription
+from framework.model.documents import naming, parse_xml
+from framework.model.readers.recognise import parse_any
 from framework.model.spring_joints import count_turns, insert_springs
 
 MOST_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
@@ -141,13 +143,25 @@ class ParallelRobot:
         return str(self.model.names[int(np.searchsorted(_first_columns(self.model), column, "right"))])
 
     @staticmethod
-    def from_file(file: str | Path, *, flexibility: str = "rigid") -> ParallelRobot:
-        """The robot of a robot file with the springs of one flexibility.
+    def from_file(
+        file: str | Path,
+        *,
+        flexibility: str = "rigid",
+        platform: str | None = None,
+        axes: Sequence[str] | None = None,
+        motors: Sequence[str] | None = None,
+        reference: Mapping[str, float] | None = None,
+    ) -> ParallelRobot:
+        """The robot of a file with the springs of one flexibility.
+
+        The file is ours or of any dialect that `framework.model.readers` knows; `platform`, `axes`, `motors`
+        and `reference` [rad, m] say what a foreign file does not, as for `read_any`.
 
         Raises:
-            RobotFileError: see `read_robot_file`; or pinocchio refuses the URDF.
+            RobotFileError: see `read_any`; or pinocchio refuses the URDF.
         """
-        return ParallelRobot.from_description(read_robot_file(file), flexibility=flexibility)
+        parsed = parse_any(file, platform=platform, axes=axes, motors=motors, reference=reference)
+        return ParallelRobot._built(parsed, flexibility)
 
     @staticmethod
     def from_description(description: RobotDescription, *, flexibility: str = "rigid") -> ParallelRobot:
@@ -156,11 +170,19 @@ class ParallelRobot:
         Raises:
             RobotFileError: unknown flexibility, pinocchio refuses the URDF, or too many joints.
         """
+        with naming(f"{description.file}: urdf"):
+            urdf = parse_xml(description.urdf_text)
+        return ParallelRobot._built(ParsedRobot(description, urdf), flexibility)
+
+    @staticmethod
+    def _built(parsed: ParsedRobot, flexibility: str) -> ParallelRobot:
+        description, urdf = parsed
         springs = description.active_springs(flexibility)
+        moving = bare_urdf(urdf)
+        count_turns(moving)
+        insert_springs(moving, springs)
         try:
-            model = pin.buildModelFromXML(
-                insert_springs(count_turns(bare_urdf(description.urdf_text)), springs)
-            )
+            model = pin.buildModelFromXML(ElementTree.tostring(moving, encoding="unicode"))
         except (ValueError, RuntimeError) as error:
             raise RobotFileError(
                 f"{description.file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}"

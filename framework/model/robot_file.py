@@ -6,17 +6,18 @@ key, says what was given and what is valid.
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from framework.errors import MissingPackage, RobotFileError
+from framework.errors import RobotFileError
 from framework.input import read_text
 from framework.model.additions import AddedFrame, add_frames, free_root, lock_joints
-from framework.model.description import JointSpring, RobotDescription, Spring
-from framework.model.documents import BLANK, parse_yaml
+from framework.model.description import JointSpring, ParsedRobot, RobotDescription, Spring
+from framework.model.documents import BLANK, naming, parse_xml, parse_yaml
 from framework.model.fields import (
     Reader,
     Table,
@@ -38,7 +39,8 @@ from framework.model.fields import (
 from framework.model.inertia import check_inertia
 from framework.model.robot_keys import robot_table
 from framework.model.spring_joints import virtual_link
-from framework.model.urdf import MOVING, Urdf, locate_urdf, parse_urdf
+from framework.model.urdf import Urdf, check_urdf, locate_urdf
+from framework.model.urdf_elements import MOVING
 
 VERSION = 1
 
@@ -52,19 +54,18 @@ def read_robot_file(file: str | Path) -> RobotDescription:
     """
     path = Path(file)
     said = read_text(path, f"{path}: cannot read the robot file", error=RobotFileError)
-    try:
-        return _description(path, parse_yaml(said))
-    except MissingPackage as error:
-        raise MissingPackage(f"{path}: {error}", package=error.package) from None
-    except RobotFileError as error:
-        raise RobotFileError(f"{path}: {error}") from None
-    except RecursionError:
-        raise RobotFileError(f"{path}: nested too deeply") from None
+    with naming(path):
+        return parse_robot(path, parse_yaml(said)).description
 
 
-def _description(path: Path, content: Any) -> RobotDescription:
+def parse_robot(path: Path, content: Any) -> ParsedRobot:
+    """The description in the content of the robot file `path`, and its URDF.
+
+    Raises:
+        RobotFileError: as `read_robot_file`, without the name of the file.
+    """
     tree = read_table("", content, _TREE, others=None)
-    urdf_text, urdf = _urdf(path.parent, tree)
+    urdf_text, root, urdf = _urdf(path.parent, tree)
     robot = read_table("", content, robot_table(urdf), others=_TREE)
     springs = robot.pop("springs")
     description = RobotDescription(
@@ -77,7 +78,7 @@ def _description(path: Path, content: Any) -> RobotDescription:
     )
     _check_scenes(description)
     _check_names(description, urdf)
-    return description
+    return ParsedRobot(description, root)
 
 
 # ------------------------------------------------------------------ the tree
@@ -99,21 +100,25 @@ _TREE: Table = {
 }
 
 
-def _urdf(folder: Path, tree: Mapping[str, Any]) -> tuple[str, Urdf]:
-    """The URDF with what the robot file changes in it, and its names."""
+def _urdf(folder: Path, tree: Mapping[str, Any]) -> tuple[str, ElementTree.Element, Urdf]:
+    """The URDF with what the robot file changes in it, as text and parsed, and its names."""
     path = locate_urdf(folder, tree["urdf"])
     urdf_text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(BLANK)
-    if tree["locked"]:
-        parse_urdf(path, urdf_text, tree["locked"])
-        urdf_text = lock_joints(urdf_text, tree["locked"])
-    if tree["root"] == "free":
-        parse_urdf(path, urdf_text)
-        urdf_text = free_root(urdf_text)
-    urdf = parse_urdf(path, urdf_text)
-    if not tree["frames"]:
-        return urdf_text, urdf
-    urdf_text = add_frames(urdf_text, list_of(_added_frame(urdf))("frames", list(tree["frames"])))
-    return urdf_text, parse_urdf(path, urdf_text)
+    with naming(f"urdf: {path}"):
+        root = parse_xml(urdf_text)
+    urdf = check_urdf(path, root, tree["locked"])
+    locked, free, frames = tree["locked"], tree["root"] == "free", tree["frames"]
+    if not (locked or free or frames):
+        return urdf_text, root, urdf
+    lock_joints(root, locked)
+    if free:
+        free_root(root)
+    if locked or free:
+        urdf = check_urdf(path, root)
+    if frames:
+        add_frames(root, list_of(_added_frame(urdf))("frames", list(frames)))
+        urdf = check_urdf(path, root)
+    return ElementTree.tostring(root, encoding="unicode"), root, urdf
 
 
 def _added_frame(urdf: Urdf) -> Reader[AddedFrame]:

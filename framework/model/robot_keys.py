@@ -37,7 +37,8 @@ from framework.model.fields import (
     text,
     vector3,
 )
-from framework.model.urdf import MOVING, Urdf
+from framework.model.urdf import Urdf
+from framework.model.urdf_elements import MOVING
 
 PATH_KINDS = {"line": 2, "arc": 3, "spline": 2}  # least number of points
 

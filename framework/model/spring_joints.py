@@ -1,4 +1,4 @@
-"""Write springs into the URDF text as virtual joints, before pinocchio parses it.
+"""Write springs into the URDF as virtual joints, before pinocchio parses it.
 
     parent --after--> child      becomes      parent --after--> (massless) --spring--> child
 
@@ -20,33 +20,26 @@ def virtual_link(name: str) -> str:
     return f"{name}_base"
 
 
-def count_turns(urdf_text: str) -> str:
-    """The URDF with continuous joints as revolute ones without limits.
+def count_turns(root: ElementTree.Element) -> None:
+    """Make the continuous joints of a URDF revolute ones without limits.
 
     Pinocchio keeps a continuous joint as a point on a circle; a motor behind a gear needs the angle,
     with its full turns.
     """
-    root = ElementTree.fromstring(urdf_text)
     continuous = [joint for joint in root.findall("joint") if joint.get("type") == "continuous"]
-    if not continuous:
-        return urdf_text
     for joint in continuous:
         joint.set("type", "revolute")
         for limit in joint.findall("limit"):
             joint.remove(limit)
         joint.append(no_limit())
-    return ElementTree.tostring(root, encoding="unicode")
 
 
-def insert_springs(urdf_text: str, springs: Sequence[Spring]) -> str:
-    """The URDF with one virtual joint for each coordinate of each spring.
+def insert_springs(root: ElementTree.Element, springs: Sequence[Spring]) -> None:
+    """Put one virtual joint for each coordinate of each spring into a URDF.
 
     The springs' names and `after` must be valid for this URDF, as `read_robot_file` checks. Several
     springs behind one joint follow it in the order given.
     """
-    if not springs:
-        return urdf_text
-    root = ElementTree.fromstring(urdf_text)
     joints = {joint.get("name"): joint for joint in root.findall("joint")}
     last = dict(joints)  # the joint that now stands nearest to the child of each `after`
     for spring in springs:
@@ -62,7 +55,6 @@ def insert_springs(urdf_text: str, springs: Sequence[Spring]) -> str:
             motions = [(kind, own.get("xyz", "1 0 0") if own is not None else "1 0 0")]
         for name, (kind, axis) in zip(spring.coordinates, motions, strict=True):
             last[spring.after] = _append(root, last[spring.after], name, kind, axis)
-    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _append(

@@ -72,12 +72,19 @@ def attribute(element: ElementTree.Element, where: str, key: str) -> str:
 
 def origin_of(element: ElementTree.Element | None, where: str) -> Array:
     """The placement of an `<origin xyz rpy>`; the identity without one."""
+    xyz, rpy = origin_numbers(element, where)
+    return placement(from_rpy(rpy) if any(rpy) else None, xyz)
+
+
+def origin_numbers(
+    element: ElementTree.Element | None, where: str
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The xyz (3,) [m] and rpy (3,) [rad] of an `<origin>`; zeros without one."""
     if element is None:
-        return np.eye(4)
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     only(element, where, (), ("xyz", "rpy"))
     xyz = numbers(f"{where} xyz", element.get("xyz", "0 0 0"), 3)
-    rpy = numbers(f"{where} rpy", element.get("rpy", "0 0 0"), 3)
-    return placement(from_rpy(rpy), xyz)
+    return xyz, numbers(f"{where} rpy", element.get("rpy", "0 0 0"), 3)
 
 
 def axis_of(element: ElementTree.Element, where: str) -> Array:

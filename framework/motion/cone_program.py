@@ -87,15 +87,21 @@ class Unsolved(NamedTuple):
 
 
 def solve(
-    program: ConeProgram, goal: str, *, limited: bool, longest: float | None = None
+    program: ConeProgram,
+    goal: str,
+    *,
+    limited: bool,
+    longest: float | None = None,
+    about: Array | None = None,
 ) -> Optimum | Infeasible | Unsolved:
     """The best admissible y.
 
     Args:
         goal: "time", "peak_torque" (the largest |torque|), "energy" (the integral of the sum of torque^2) or
-            "slowest" (the least integral of z).
+            "slowest" (the least integral of z z0^(-3/2), the longest duration to first order about z0).
         limited: |torque| <= 1 is to hold; else the torques are free.
         longest: bound on the duration.
+        about: y of z0.
     """
     start, free = eliminate(program.equalities)
     parts = _Parts(free.shape[1], len(program.speeds), len(program.weights), goal == "energy")
@@ -138,7 +144,9 @@ def solve(
     elif goal == "energy":
         cost[parts.place("e")] = program.weights
     else:
-        cost[parts.place("x")] = program.weights @ (program.average @ program.speeds) @ free
+        speeds = program.average @ program.speeds
+        slowness = np.maximum(speeds @ (start if about is None else about), program.floor) ** -1.5
+        cost[parts.place("x")] = (program.weights * slowness / slowness.max()) @ speeds @ free
     rough = program.roughness @ free
     cost[parts.place("x")] += 2.0 * rough.T @ (program.roughness @ start)
     return _optimum(program, parts, (start, free), 2.0 * rough.T @ rough, cost, linear, cones)
@@ -164,10 +172,17 @@ def _optimum(
         kinds += [clarabel.SecondOrderConeT(len(members))] * len(members[0].offset)
     rest = parts.size - len(quadratic)
     upper = sparse.block_diag([np.triu(quadratic), sparse.csc_array((rest, rest))], format="csc")
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    found = clarabel.DefaultSolver(upper, cost, matrix, right, kinds, settings).solve()
-    status = str(found.status)
+    for careful in (
+        False,
+        True,
+    ):  # refining each step's solution takes a third of the time, and is rarely needed
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.iterative_refinement_enable = careful
+        found = clarabel.DefaultSolver(upper, cost, matrix, right, kinds, settings).solve()
+        status = str(found.status)
+        if status in ("Solved", "PrimalInfeasible"):
+            break
     if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
         return Infeasible(np.array(found.z), matrix, right, tuple(map(len, cones)))
     if status not in ("Solved", "AlmostSolved"):

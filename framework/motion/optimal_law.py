@@ -3,7 +3,8 @@
     s = phi(sigma),    z(sigma) = (d sigma/dt)^2,    u = z'/2          (prime: d/d sigma)
 
 phi is the smoothstep whose first R derivatives vanish at sigma = 0 and 1, so s is at rest to order R at both
-ends whatever z > 0 is. With z a Chebyshev series sigma(t) is analytic, and all that torques need of the
+ends whatever z > 0 is. With z a Chebyshev series in xi(sigma), which is dense where the law changes most
+(beside crossings: slow, then a sprint), sigma(t) is analytic, and all that torques need of the
 law is linear in z: (ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z.
 
 The square of the speed along the path as the unknown is from Verscheure, Demeulenaere, Swevers, De Schutter
@@ -31,6 +32,8 @@ PANEL = 24  # nodes of a panel of t(sigma)
 RESOLVED = 1e-15  # of the duration, what a panel may lose by the last coefficients of dt/d sigma
 MOST_PANELS = 1024
 DEGREES_A_PANEL = 3  # degrees of z for each panel in time
+WIDTH = 0.1  # in sigma, of the stretch about a place where z is resolved more finely
+SHARE = 0.3  # of such a stretch: points are 1 + SHARE/WIDTH times as dense in its middle
 SAME = 1e-12  # of the duration by which the integral of a given speed may miss it
 
 
@@ -54,6 +57,52 @@ class Smoothstep:
         return np.asarray(betaincinv(self.order + 1, self.order + 1, np.asarray(s, dtype=float)))
 
 
+@dataclass(frozen=True)
+class Stretch:
+    """xi from -1 to 1 on [0, 1], steeper near given places: sigma + SHARE times an arctangent for each.
+
+    After the maps that Tee and Trefethen (2006, SIAM J. Sci. Comput. 28) put under Chebyshev series.
+    """
+
+    at: tuple[float, ...] = ()  # sigma
+
+    def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
+        """xi or its derivative up to order 3, with the shape of sigma."""
+        sigma = np.asarray(sigma, dtype=float)
+        start, end = self._ends
+        scaled = 2.0 * (self._raw(sigma, order) - (0.0 if order else start)) / (end - start)
+        return np.asarray(scaled if order else scaled - 1.0)
+
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
+        start, end = self._raw(np.array([0.0, 1.0]), 0)
+        return float(start), float(end)
+
+    def _raw(self, sigma: Array, order: int) -> Array:
+        own = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
+        if not self.at:
+            return own
+        away = sigma[..., None] - np.array(self.at)
+        if order == 0:
+            bends = np.arctan(away / WIDTH)
+        elif order == 1:
+            bends = WIDTH / (WIDTH**2 + away**2)
+        elif order == 2:
+            bends = -2.0 * WIDTH * away / (WIDTH**2 + away**2) ** 2
+        else:
+            bends = WIDTH * (6.0 * away**2 - 2.0 * WIDTH**2) / (WIDTH**2 + away**2) ** 3
+        return np.asarray(own + SHARE * bends.sum(axis=-1))
+
+    def inverse(self, xi: ArrayLike) -> Array:
+        """sigma with the given xi."""
+        xi = np.asarray(xi, dtype=float)
+        known = np.linspace(0.0, 1.0, 513)
+        sigma = np.interp(xi, self(known), known)
+        for _ in range(4):  # from a few digits, which each step doubles
+            sigma = np.clip(sigma - (self(sigma) - xi) / self(sigma, 1), 0.0, 1.0)
+        return np.asarray(sigma)
+
+
 @lru_cache(maxsize=64)
 def _slope_powers(smoothness: int, order: int) -> Array:
     """Powers of sigma in the derivative of phi of this order, at least 1."""
@@ -64,9 +113,10 @@ def _slope_powers(smoothness: int, order: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class OptimalLaw:
-    """The law s = phi(sigma(t)) with (d sigma/dt)^2 a Chebyshev series in sigma on [0, 1].
+    """The law s = phi(sigma(t)) with (d sigma/dt)^2 a Chebyshev series in xi(sigma).
 
-    `coefficients` (degree + 1,) [1/s^2] are those of the series. `smoothness` R derivatives of s vanish at
+    `coefficients` (degree + 1,) [1/s^2] are those of the series. `dense_at`: places sigma where xi is
+    steeper, 2 sigma - 1 without any (see `Stretch`). `smoothness` R derivatives of s vanish at
     both ends. `duration` [s] is the integral of dt/d sigma = z^(-1/2), worked out unless given.
 
     Raises:
@@ -78,6 +128,8 @@ class OptimalLaw:
     duration: float = (
         0.0  # [s]; if not given, the integral of dt/d sigma, and else no more than rounding off it
     )
+
+    dense_at: tuple[float, ...] = ()
 
     kind: ClassVar[str] = "optimal"
 
@@ -98,12 +150,17 @@ class OptimalLaw:
         return Smoothstep(self.smoothness)
 
     @cached_property
+    def stretch(self) -> Stretch:
+        return Stretch(self.dense_at)
+
+    @cached_property
     def _time(self) -> tuple[TimeFunction, Array]:
         """t(sigma) on panels without the time before each, and the time at the panels' edges."""
         count = 4
         while True:
-            # panels are narrower towards the ends, where an optimal law changes most
-            grid = TimeGrid(0.5 - 0.5 * np.cos(np.pi * np.arange(count + 1) / count), PANEL)
+            # panels are narrower where an optimal law changes most: towards the ends, and where xi is steep
+            inner = self.stretch.inverse(-np.cos(np.pi * np.arange(1, count) / count))
+            grid = TimeGrid(np.concatenate(([0.0], inner, [1.0])), PANEL)
             slowness = grid.fit(self.squared_speed(grid.times)[:, None] ** -0.5)
             lost = np.abs(slowness.coefficients[:, -2:, 0]).max(axis=1) * np.diff(grid.edges)
             taken = slowness.coefficients[:, 0, 0] @ np.diff(grid.edges)
@@ -121,9 +178,17 @@ class OptimalLaw:
         return TimeFunction(grid.edges, series), begin
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma."""
-        series = chebyshev.chebder(self.coefficients, order, scl=2.0)
-        return np.asarray(chebyshev.chebval(2.0 * np.asarray(sigma, dtype=float) - 1.0, series))
+        """z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma up to order 3, by the chain rule."""
+        xi = self.stretch(sigma)
+        if order == 0:
+            return np.asarray(chebyshev.chebval(xi, self.coefficients))
+        z = [chebyshev.chebval(xi, chebyshev.chebder(self.coefficients, k)) for k in range(1, order + 1)]
+        steps = [self.stretch(sigma, k) for k in range(1, order + 1)]
+        if order == 1:
+            return np.asarray(z[0] * steps[0])
+        if order == 2:
+            return np.asarray(z[1] * steps[0] ** 2 + z[0] * steps[1])
+        return np.asarray(z[2] * steps[0] ** 3 + 3 * z[1] * steps[0] * steps[1] + z[0] * steps[2])
 
     def time(self, sigma: ArrayLike) -> Array:
         """The instant t [s] at which the parameter is sigma, with the shape of sigma."""
@@ -189,7 +254,7 @@ class OptimalLaw:
     def edges(self) -> Array:
         """Instants (k,) [s] between which s(t) is resolved by some thirty points."""
         count = max(self.degree // DEGREES_A_PANEL, 1)
-        inner = self.time(0.5 - 0.5 * np.cos(np.pi * np.arange(1, count) / count))
+        inner = self.time(self.stretch.inverse(-np.cos(np.pi * np.arange(1, count) / count)))
         return np.concatenate(([0.0], inner, [self.duration]))
 
     def advance(self, smoothness: int) -> float:
@@ -204,6 +269,7 @@ class OptimalLaw:
             "smoothness": self.smoothness,
             "degree": self.degree,
             "squared_speed": self.coefficients.tolist(),
+            "dense_at": list(self.dense_at),
             "domain": [0.0, self.duration],
         }
 

@@ -13,19 +13,13 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.plan import plan_crossing, uncertified_law
+from framework.crossing.refused import plan_or_sample
 from framework.crossing.result import CrossingPlan
-from framework.dynamics.finite_differences import finite_difference_torques
-from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import SingularityCrossing
-from framework.errors import UnboundedTorque
-from framework.kinematics.assembly import passive_columns
-from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, joint_rates, motion_at
-from framework.kinematics.tracking import track_path
+from framework.dynamics.wrench import WrenchCurves, wrench_curves
 from framework.model import ParallelRobot
 from framework.motion.law import MotionLaw
-from framework.motion.path import Path, along
-from framework.singularity.classification import singularity_measure, unit_twist
+from framework.motion.path import Path
 
 FRAMES = 481
 
@@ -81,68 +75,57 @@ def film_motion(robot: ParallelRobot, path: Path, *, name: str = "", **options: 
     Raises:
         As `plan_crossing`, but no UnboundedTorque.
     """
-    try:
-        plan = plan_crossing(robot, path, **options)
-    except UnboundedTorque as refusal:
-        return _film_unproved(robot, path, name, str(refusal), options)
-    return film_plan(plan, name=name)
+    found = plan_or_sample(robot, path, samples=FRAMES, **options)
+    if isinstance(found, CrossingPlan):
+        return film_plan(found, name=name)
+    raw = found.samples
+    return _film(
+        found.robot,
+        raw.motion.q,
+        wrench_curves(found.robot, raw.motion),
+        name=name,
+        path=path,
+        law=found.law,
+        plan=None,
+        refusal=found.reason,
+        time=raw.time,
+        torque=raw.torque,
+        deflection=raw.deflection,
+        instants=_instants(found.crossings),
+        drawn_rigid=robot.n_e > 0,
+    )
 
 
 def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
     """The film of a proven plan; each crossing is a frame of its own."""
     times = _frame_times(plan.duration, [crossing.time for crossing in plan.dynamics.crossings])
-    closed = close_loops(plan.robot, plan.platform(times), plan.dynamics.configuration(times))
-    rates = [along(plan.path, [plan.law(times, k) for k in range(order + 1)])[order] for order in (1, 2)]
-    deflection = [plan.deflection(times, order) for order in range(3)]
-    g, t_s, W_p = _singularity_along(plan.robot, closed, rates=rates, deflection=deflection[1:])
-    return Film(
-        robot=plan.robot,
+    motion = plan.dynamics.motion(times)
+    return _film(
+        plan.robot,
+        motion.q,
+        wrench_curves(plan.robot, motion),
         name=name,
         path=plan.path,
         law=plan.law,
         plan=plan,
         refusal="",
         time=times,
-        q=closed.q,
-        x=closed.x,
         torque=plan.torque(times),
-        deflection=deflection[0],
-        g=g,
-        t_s=t_s,
-        W_p=W_p,
+        deflection=plan.deflection(times),
         instants=_instants(plan.dynamics.crossings),
     )
 
 
-def _film_unproved(
-    robot: ParallelRobot, path: Path, name: str, refusal: str, options: dict[str, Any]
-) -> Film:
-    """The law as it is, on the rigid robot: at the pole an elastic one's loops would tear."""
-    known = ("duration", "times", "speeds", "at", "smoothness")
-    law, crossings = uncertified_law(robot, path, **{key: options[key] for key in known if key in options})
-    rigid = ParallelRobot.from_description(robot.description, flexibility="rigid")
-    raw = finite_difference_torques(rigid, path, law, samples=FRAMES)
-    x, dx, ddx = along(path, [law(raw.time, order) for order in range(3)])
-    closed = close_loops(rigid, x, track_path(rigid, path).guess(law(raw.time)))
-    still = np.zeros((FRAMES, 0))
-    g, t_s, W_p = _singularity_along(rigid, closed, rates=(dx, ddx), deflection=(still, still))
+def _film(robot: ParallelRobot, q: Array, curves: WrenchCurves, **facts: Any) -> Film:
+    """A film of configurations q (F, nq) with what was measured along them."""
     return Film(
-        robot=rigid,
-        name=name,
-        path=path,
-        law=law,
-        plan=None,
-        refusal=refusal,
-        time=raw.time,
-        q=closed.q,
-        x=closed.x,
-        torque=raw.torque,
-        deflection=raw.deflection,
-        g=g,
-        t_s=t_s,
-        W_p=W_p,
-        instants=_instants(crossings),
-        drawn_rigid=robot.n_e > 0,
+        robot=robot,
+        q=q,
+        x=facts["path"](facts["law"](facts["time"])),
+        g=curves.g if robot.n_p else np.full_like(curves.g, np.nan),
+        t_s=curves.twist,
+        W_p=curves.wrench,
+        **facts,
     )
 
 
@@ -156,26 +139,3 @@ def _frame_times(duration: float, instants: list[float]) -> Array:
     for instant in instants:
         times[np.argmin(np.abs(times - instant))] = instant
     return times
-
-
-def _singularity_along(
-    robot: ParallelRobot, closed: ClosedStack, *, rates: Sequence[Array], deflection: Sequence[Array]
-) -> tuple[Array, Array, Array]:
-    """g (F,), t_s (F, n) and W_p (F, n) along a motion; g is not a number where every joint has a motor.
-
-    `rates` are dx, ddx (F, n), `deflection` the first two time derivatives of q_e (F, n_e).
-    """
-    motion = motion_at(robot, closed, *rates, *deflection)
-    forces = tree_forces(robot, motion)
-    still = np.zeros((len(forces), robot.n_e))
-    W_p = np.empty((len(forces), robot.n))
-    for k in range(robot.n):
-        unit = np.zeros_like(W_p)
-        unit[:, k] = 1.0
-        W_p[:, k] = np.sum(joint_rates(robot, closed.system, unit, still) * forces, axis=1)
-    if not len(passive_columns(robot)):
-        return np.full(len(forces), np.nan), np.zeros_like(W_p), W_p
-    measure = singularity_measure(robot, closed.system)
-    twist = np.einsum("tnv,tv->tn", closed.system.platform, measure.motion)
-    size = unit_twist(robot, twist[int(np.argmin(np.abs(measure.g)))]) or 1.0
-    return measure.g, twist / size, W_p

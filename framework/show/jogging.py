@@ -11,8 +11,9 @@ from framework.kinematics.assembly import reference_configuration
 from framework.kinematics.forward_kinematics import motors_are_free
 from framework.kinematics.placements import joint_poses, platform_positions
 from framework.model import ParallelRobot
-from framework.show.scene import floats, locus_about, robot_document
+from framework.show.scene import drawn_locus, floats, robot_document
 from framework.singularity.jogging import Pose, move_motor, move_platform, pose_at
+from framework.singularity.locus import locus_curves
 
 
 def hand_document(robot: ParallelRobot) -> dict[str, Any]:
@@ -23,7 +24,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
     return robot_document(robot, poses) | {
         "kind": "hand",
         "poses": floats(poses),
-        "locus": locus_about(robot, reference.q, reference.x, platform, beside=1.2),
+        "locus": drawn_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
         "free_motors": motors_are_free(robot),
         "sliders": _sliders(robot, pose_at(robot, reference.q)),
         "start": _told(robot, pose_at(robot, reference.q)),

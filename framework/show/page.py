@@ -20,7 +20,7 @@ from framework.model import ParallelRobot
 from framework.show.captions import said
 from framework.show.film import Film
 from framework.show.jogging import hand_document
-from framework.show.scene import film_document
+from framework.show.scene import film_documents
 
 SCRIPTS = ("shapes.js", "view.js", "curves.js", "film.js", "jogging.js", "main.js")
 
@@ -42,7 +42,7 @@ HAND_LEAD = (
 def film_page(films: Sequence[Film]) -> str:
     """The page, HTML, that plays films side by side."""
     names = " and ".join(dict.fromkeys(said(film.robot.name) for film in films))
-    return _scene_page([film_document(film) for film in films], names, FILM_LEAD)
+    return _scene_page(film_documents(films), names, FILM_LEAD)
 
 
 def hand_page(robot: ParallelRobot) -> str:

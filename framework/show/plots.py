@@ -11,13 +11,12 @@ from matplotlib.figure import Figure
 
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
+from framework.dynamics.measure_along_path import MeasureAlongPath
 from framework.dynamics.wrench import wrench_along
-from framework.kinematics.tracking import Branch, track_path
 from framework.model import ParallelRobot
 from framework.show.eye import plot_eye
+from framework.show.phase_plane import plot_phase_plane
 from framework.show.style import CROSSING, figure, line_style, styled
-from framework.singularity.classification import singularity_measure
-from framework.singularity.points_on_path import locate_singularities
 
 SAMPLES = 601
 
@@ -35,7 +34,8 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
             value = (crossing.s, crossing.speed, crossing.acceleration)[order]
             ax.plot([crossing.time], [value], "o", color=CROSSING, markersize=3, zorder=3)
     axes[-1].set_xlabel("time  [s]")
-    axes[0].set_title(f"law of degree {plan.law.degree}", loc="left")
+    kind = "law" if plan.optimality is None else f"{plan.law.kind} law"
+    axes[0].set_title(f"{kind} of degree {plan.law.degree}", loc="left")
     return axes
 
 
@@ -46,6 +46,10 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     for k, (joint, torque) in enumerate(zip(plan.robot.actuator_names, plan.torque(times).T, strict=True)):
         ax.plot(times, torque, label=joint.replace("_", " "), **line_style(k))
     _torque_axes(ax, plan.robot)
+    limits = np.empty(0) if plan.optimality is None else plan.optimality.wish.torque_limit
+    for limit in np.unique(limits[np.isfinite(limits)]):
+        for side in (-limit, limit):
+            ax.axhline(side, color="0.4", linewidth=0.6, linestyle=(0, (1, 2)))
     _mark_crossings(plan, ax)
     return ax
 
@@ -55,17 +59,17 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     ax = figure()[1][0] if ax is None else ax
     robot = plan.robot
     s = np.linspace(0.0, 1.0, SAMPLES)
-    branch = track_path(robot, plan.path)
-    g = singularity_measure(robot, branch.closed(s).system).g
+    measure = MeasureAlongPath.of(plan.dynamics)
+    g = measure.of_rest(s)
     ax.plot(s, g, label="springs at rest" if robot.n_e else None, **line_style(0))
     if plan.geometry == "deformed":
         times = np.linspace(0.0, plan.duration, SAMPLES)
-        deflected = wrench_along(plan.dynamics, times)[0]
+        deflected = measure.of_motion(times)
         deflected *= np.sign(deflected[0] * g[0])
         ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
         ax.legend(loc="upper left")
         if plan.crossings:
-            _magnify(ax, plan, branch)
+            _magnify(ax, plan, measure)
     ax.axhline(0.0, color="black", linewidth=0.5)
     for crossing in plan.crossings:
         ax.plot([crossing.s], [0.0], "o", color=CROSSING, markersize=4, zorder=3)
@@ -81,20 +85,18 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _magnify(ax: Axes, plan: CrossingPlan, branch: Branch) -> None:
+def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
     """Show in a corner how far the deflections move the first crossing."""
-    crossing, robot = plan.crossings[0], plan.robot
-    points = locate_singularities(robot, plan.path, branch=branch)
-    at_rest = min((found.s for found in points), key=lambda s: abs(s - crossing.s))
+    crossing = plan.crossings[0]
+    at_rest = measure.nearest_at_rest(crossing.s)
     shift = abs(crossing.s - at_rest)
     if shift < 1e-9:  # nothing to see: the deflections leave the locus where it is
         return
     inset = ax.inset_axes((0.66, 0.19, 0.31, 0.34), facecolor="white", zorder=4)
     near = np.linspace(min(crossing.s, at_rest) - shift, max(crossing.s, at_rest) + shift, 5)
-    g = singularity_measure(robot, branch.closed(near).system).g
     times = crossing.time + (near - crossing.s) / crossing.speed
-    deflected = wrench_along(plan.dynamics, times)[0]
-    for k, (s, values) in enumerate(((near, g), (plan.law(times), deflected))):
+    curves = ((near, measure.of_rest(near)), (plan.law(times), measure.of_motion(times)))
+    for k, (s, values) in enumerate(curves):
         upward = np.sign((values[-1] - values[0]) * crossing.speed)
         inset.plot((s - at_rest) * 1e6, upward * values * 1e6, **line_style(k))
     inset.axhline(0.0, color="black", linewidth=0.5)
@@ -134,7 +136,10 @@ def plot_raw_torques(
 
 
 def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
-    """Write law, torques, singularity, wrench and, of a crossing, its eye into a folder, as PDF and PNG."""
+    """Write law, torques, singularity, wrench, of a crossing its eye and of an optimal law its phase plane.
+
+    Into a folder, as PDF and PNG.
+    """
     drawings: dict[str, Callable[[], Axes]] = {
         "law": lambda: plot_law(plan)[0],
         "torques": lambda: plot_torques(plan),
@@ -143,6 +148,8 @@ def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
     }
     if plan.crossings:
         drawings["eye"] = lambda: plot_eye(plan)
+    if plan.optimality is not None:
+        drawings["phase_plane"] = lambda: plot_phase_plane(plan)[0]
     return [path for name, draw in drawings.items() for path in save(draw, folder / name)]
 
 
@@ -173,6 +180,7 @@ def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:
 
 __all__ = [
     "plot_law",
+    "plot_phase_plane",
     "plot_raw_torques",
     "plot_singularity",
     "plot_torques",

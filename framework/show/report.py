@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from framework.arrays import ArrayLike
+from framework.crossing.optimal import Wish
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene_path
 from framework.errors import point
@@ -23,7 +24,7 @@ from framework.show import plots
 from framework.show.captions import asked, how, parts, said, why
 from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page
-from framework.show.scene import film_document
+from framework.show.scene import film_documents
 from framework.show.style import styled
 
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
@@ -46,7 +47,7 @@ def report_page(plan: CrossingPlan, *, name: str = "") -> str:
             "</div>",
         ]
     )
-    return whole_page(heading, body, [film_document(film)])
+    return whole_page(heading, body, film_documents([film]))
 
 
 def _what(plan: CrossingPlan) -> str:
@@ -156,6 +157,15 @@ def _figures(plan: CrossingPlan) -> str:
 
 def _law(plan: CrossingPlan) -> str:
     values = ",\n ".join(repr(float(value)) for value in plan.law.coefficients)
+    if plan.optimality is not None:
+        smoothness = plan.optimality.wish.smoothness
+        return (
+            f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1). It is the best law for "
+            f"{said(plan.optimality.wish.goal)}: s = φ(σ) with φ′ proportional to "
+            f"(σ (1 − σ))<sup>{smoothness}</sup>, φ(1) = 1, and (dσ/dt)² = Σ c<sub>k</sub> "
+            f"T<sub>k</sub>(2 σ − 1) with Chebyshev polynomials T<sub>k</sub>; it takes {plan.duration:g} s. "
+            f"c<sub>k</sub>:</p><pre>[{values}]</pre>"
+        )
     return (
         f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1): a polynomial of degree "
         f"{plan.law.degree}, s(t) = Σ c<sub>k</sub> T<sub>k</sub>(2 t / T − 1) with Chebyshev polynomials "
@@ -234,8 +244,10 @@ def _reproduction(plan: CrossingPlan) -> str:
         except PackageNotFoundError:
             installed.append(f"{package} (not installed)")
     file = plan.to_dict().get("robot_file", robot.name)
-    asked = [f"crossing plan {file}", *_motion(plan), f"--flexibility {robot.flexibility}"]
-    if plan.crossings:
+    asked = [f"crossing plan {file}", *filter(None, _motion(plan)), f"--flexibility {robot.flexibility}"]
+    if plan.optimality is not None:
+        asked += _best(plan.optimality.wish)
+    elif plan.crossings:
         asked += [
             f"--times {_listed([crossing.time for crossing in plan.crossings])}",
             f"--speeds {_listed([crossing.speed for crossing in plan.crossings])}",
@@ -251,9 +263,19 @@ def _reproduction(plan: CrossingPlan) -> str:
     )
 
 
+def _best(wish: Wish) -> list[str]:
+    """The options that ask for the optimal law again; limits with their margin taken off already."""
+    asked = ["--law optimal", f"--optimize {wish.goal}"]
+    for option, limit in (("torque", wish.torque_limit), ("speed", wish.speed_limit)):
+        if np.all(np.isfinite(limit)):
+            asked.append(f"--{option}-limit {_listed(limit)}")
+    return asked if wish.longest is None else [*asked, f"--longest {wish.longest!r}"]
+
+
 def _motion(plan: CrossingPlan) -> list[str]:
     """The path as options: a line by its ends, any other by its scene."""
-    duration = f"--duration {plan.duration!r}"
+    free = plan.optimality is not None and plan.optimality.wish.duration is None
+    duration = "" if free else f"--duration {plan.duration!r}"
     if isinstance(plan.path, Line):
         return [f"--from {_listed(plan.path.start)}", f"--to {_listed(plan.path.end)}", duration]
     for name, scene in plan.robot.description.scenes.items():
@@ -265,7 +287,9 @@ def _motion(plan: CrossingPlan) -> list[str]:
 
 
 def _smoothness(plan: CrossingPlan) -> int:
-    """How many derivatives of s vanish at both ends: the degree counts them."""
+    """How many derivatives of s vanish at both ends: the degree of a polynomial counts them."""
+    if plan.optimality is not None:
+        return plan.optimality.wish.smoothness
     return (plan.law.degree + 1 - 3 * len(plan.crossings)) // 2 - 1
 
 

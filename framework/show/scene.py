@@ -7,6 +7,7 @@ metre. The page (framework/show/page) draws what it finds here and computes noth
 from __future__ import annotations
 
 import base64
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,10 +24,12 @@ from framework.kinematics.placements import (
     rotated,
 )
 from framework.model import ParallelRobot
+from framework.model.description import RobotDescription
+from framework.model.visuals import Shape
 from framework.show.captions import asked, how, proof, said, subtitle, summary, unit, why
 from framework.show.film import Film
-from framework.show.shapes import Shape, body_shapes, turned_onto
-from framework.singularity.locus import locus_curves, locus_patch
+from framework.show.shapes import body_shapes, turned_onto
+from framework.singularity.locus import LocusCurves, locus_curves, locus_patch
 
 CLIPPED = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
 MOTOR = 0.06  # radius of a motor, over the radius of the picture
@@ -34,14 +37,32 @@ COIL = 0.18  # length of a spring's coil, over the `length` of the document
 SHOWN = 0.35  # of the coil's length, or in radians: the largest deflection on the screen
 BESIDE = 0.9  # how far from the path the locus is drawn, in lengths of the robot
 
+# The curves of the locus about a frame of a film, that are to serve for platform coordinates (T, n).
+CurvesAbout = Callable[[Film, int, Array], LocusCurves | None]
+
 
 def floats(values: ArrayLike) -> str:
     """An array for the page."""
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
 
 
-def film_document(film: Film) -> dict[str, Any]:
-    """All that the page needs to play a film."""
+def film_documents(films: Sequence[Film]) -> list[dict[str, Any]]:
+    """All that the page needs to play films side by side; those of one robot share its locus."""
+    traced: list[tuple[RobotDescription, LocusCurves]] = []
+
+    def curves_about(film: Film, frame: int, over: Array) -> LocusCurves | None:
+        for description, curves in traced:
+            if description == film.robot.description and curves.serves(over):
+                return curves
+        found = locus_curves(film.robot, film.q[frame], film.x[frame])
+        if found is not None:
+            traced.append((film.robot.description, found))
+        return found
+
+    return [_film_document(film, curves_about) for film in films]
+
+
+def _film_document(film: Film, curves_about: CurvesAbout) -> dict[str, Any]:
     robot = film.robot
     poses = joint_poses(robot, film.q)
     platform = platform_positions(robot, poses)
@@ -81,7 +102,7 @@ def film_document(film: Film) -> dict[str, Any]:
             for instant in film.instants
         ],
         "springs": _springs(film, document["length"]),
-        "locus": _locus(film, platform),
+        "locus": _locus(film, platform, curves_about),
     }
     return document
 
@@ -223,7 +244,7 @@ def _nearest(places: Array, times: Array, instant: float) -> list[float]:
     return [float(value) for value in places[int(np.argmin(np.abs(times - instant)))]]
 
 
-def _locus(film: Film, platform: Array) -> dict[str, Any] | None:
+def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> dict[str, Any] | None:
     """What can be drawn of the locus where the film comes nearest to it."""
     if np.isnan(film.g).any():
         return None
@@ -233,15 +254,16 @@ def _locus(film: Film, platform: Array) -> dict[str, Any] | None:
         patch = locus_patch(film.robot, film.q[nearest], film.x[nearest])
         if patch is not None:
             return {"kind": "patch", "count": len(patch), "points": floats(patch)}
-    start = 0 if film.robot.n == 2 else nearest
-    return locus_about(film.robot, film.q[start], film.x[start], platform)
+    held = not film.robot.translations.all()  # other coordinates take part: the locus is that of one instant
+    frame = nearest if held else 0
+    found = curves_about(film, frame, film.x[frame : frame + 1] if held else film.x)
+    return drawn_locus(film.robot, found, platform)
 
 
-def locus_about(
-    robot: ParallelRobot, q: Array, x: Array, platform: Array, *, beside: float = BESIDE
+def drawn_locus(
+    robot: ParallelRobot, found: LocusCurves | None, platform: Array, *, beside: float = BESIDE
 ) -> dict[str, Any] | None:
-    """Curves of the locus about `beside` lengths of the robot from places (F, 3) of the platform."""
-    found = locus_curves(robot, q, x)
+    """Curves of the locus within `beside` lengths of the robot from places (F, 3) of the platform."""
     if found is None or not found.curves:
         return None
     world = robot.platform_axes[list(found.axes)]

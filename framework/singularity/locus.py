@@ -34,6 +34,14 @@ class LocusCurves(NamedTuple):
     curves: list[Array]  # (m, 2) platform coordinates each
     axes: tuple[int, int]  # which platform coordinates
     reached: int  # points of the grid on the working mode
+    about: Array  # (n,) platform coordinates of the grid's centre; those not among `axes` are held
+    reach: float  # [m] half an edge of the grid
+
+    def serves(self, x: Array) -> bool:
+        """Whether these are the curves about x (T, n) too: the same held coordinates, well inside."""
+        off = np.abs(x - self.about)
+        held = np.delete(off, self.axes, axis=1)
+        return bool(held.max(initial=0.0) < 1e-9 and off[:, self.axes].max() < 0.5 * self.reach)
 
 
 class _Reached(NamedTuple):
@@ -68,7 +76,13 @@ def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None
             measure = _measure_about(robot, grid[at][known], x, straight)
             pulled[known] = _pulled_onto(measure, curve[known], onto, size[known], 0.5 * (span[1] - span[0]))
         curves += [x[straight] + piece for piece in _unbroken(pulled)]
-    return LocusCurves(curves, (straight[0], straight[1]), int(np.isfinite(g).sum()))
+    return LocusCurves(
+        curves=curves,
+        axes=(straight[0], straight[1]),
+        reached=int(np.isfinite(g).sum()),
+        about=x.copy(),
+        reach=REACH * robot.length,
+    )
 
 
 def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:

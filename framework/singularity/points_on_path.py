@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,6 +56,23 @@ class SingularPoint:
     slope: float
     q: Array  # (nq,)
     motion: Array  # (nv,)
+
+
+class SearchedPath(NamedTuple):
+    """A path that was followed and searched, for whoever has more than one question about it."""
+
+    branch: Branch
+    points: tuple[SingularPoint, ...]
+
+
+def search_path(robot: ParallelRobot, path: Path) -> SearchedPath:
+    """Follow the path and find its singular points.
+
+    Raises:
+        As `track_path` and `locate_singularities`.
+    """
+    branch = track_path(robot, path)
+    return SearchedPath(branch, locate_singularities(robot, path, branch=branch))
 
 
 def locate_singularities(

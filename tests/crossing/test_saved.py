@@ -39,6 +39,20 @@ def test_the_law_comes_back_as_it_was_and_so_do_the_torques(written):
     np.testing.assert_allclose(again.crossings[0].speed, 1.5, atol=1e-7)
 
 
+def test_an_optimal_law_comes_back_with_what_it_was_best_at(tmp_path):
+    path = Line([0.1, 0.345], [-0.05, 0.195])
+    plan = plan_crossing(robots.load("five_bar"), path, optimize="time", torque_limit=0.165, margin=0.1)
+    (tmp_path / "plan.json").write_text(json.dumps(plan.to_dict()))
+    again = load_plan(tmp_path)
+    times = np.linspace(0.0, plan.duration, 301)
+    assert again.duration == plan.duration
+    np.testing.assert_array_equal(again.law(times), plan.law(times))
+    np.testing.assert_allclose(again.torque(times), plan.torque(times), atol=1e-11)  # N m
+    assert again.reason == plan.reason
+    assert again.optimality.to_dict() == plan.optimality.to_dict()
+    np.testing.assert_allclose(again.optimality.wish.torque_limit, 0.9 * 0.165)
+
+
 @pytest.mark.parametrize(
     "path",
     [

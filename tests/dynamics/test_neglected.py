@@ -17,6 +17,7 @@ from framework.errors import LoadedJoint
 from framework.model.additions import lock_joints
 from framework.model.readers import write_robot_file
 from framework.motion.law import Law
+from tests.urdf_edits import edited
 
 MASS, ARM = 2.0, 0.1  # [kg], [m]
 CLEAR = Line([0.1, 0.345], [-0.05, 0.295])
@@ -40,7 +41,7 @@ def with_hinge(mass: float, inertia: float, flexibility: str = "rigid") -> Paral
     if not mass:
         body = body[: body.index("<inertial>")] + body[body.index("</inertial>") + len("</inertial>") :]
     text = description.urdf_text.replace("</robot>", body)
-    return ParallelRobot.from_description(replace(description, urdf_text=text), flexibility)
+    return ParallelRobot.from_description(replace(description, urdf_text=text), flexibility=flexibility)
 
 
 def held_load(t: np.ndarray, law: Law) -> np.ndarray:
@@ -111,8 +112,8 @@ def test_a_balanced_wheel_is_a_load_too_if_it_is_held_still():
 def test_what_carries_nothing_or_is_locked_is_planned(flexibility):
     plain = robots.load("five_bar", flexibility=flexibility)
     light, loaded = with_hinge(0.0, 0.0, flexibility), with_hinge(MASS, 0.0, flexibility).description
-    text = lock_joints(loaded.urdf_text, {"hinge": 0.0})
-    locked = ParallelRobot.from_description(replace(loaded, urdf_text=text), flexibility)
+    text = edited(loaded.urdf_text, (lock_joints, {"hinge": 0.0}))
+    locked = ParallelRobot.from_description(replace(loaded, urdf_text=text), flexibility=flexibility)
     path = scene_path(plain.description.scenes["C"])
     plans = [plan_crossing(robot, path, duration=1.5, times=[1.0], speeds=[1.5]) for robot in (plain, light)]
     t = np.linspace(0.0, 1.5, 101)

@@ -160,7 +160,7 @@ def test_an_equation_that_springs_move_nearby_but_not_at_the_reference_is_found(
     right = float(np.arccos((0.1**2) / (2 * 0.25 * 0.1)))
     stretched |= {"right_motor": right, "right_elbow": -(np.pi - 2 * np.arcsin(0.1 / 0.5))}
     robot = ParallelRobot.from_description(
-        replace(five_bar, springs=(twist,), reference=stretched), "flexible_links"
+        replace(five_bar, springs=(twist,), reference=stretched), flexibility="flexible_links"
     )
     assert assembly.rows_of_springs_alone(robot) == ("tip.z",)
     with pytest.raises(InvalidInput, match=r"tip\.z can only be closed by springs"):

@@ -19,6 +19,7 @@ from framework.model.beams import (
 from framework.model.description import AXES, Spring
 from framework.model.robot_file import read_robot_file
 from framework.model.spring_joints import insert_springs
+from tests.urdf_edits import edited
 
 STEEL = Material(E=210e9, G=81e9)
 BAR = Section(A=3.0e-4, Iy=2.0e-9, Iz=5.0e-9, J=4.0e-9)
@@ -36,7 +37,7 @@ def urdf(xyz: str = "0.4 0 0", rpy: str = "0 0 0") -> str:
 
 def tip_compliance(urdf_text: str, spring: Spring) -> np.ndarray:
     """Displacement and rotation of the tip (in its own axes, at rest) for unit forces and moments there."""
-    model = pin.buildModelFromXML(insert_springs(urdf_text, [spring]))
+    model = pin.buildModelFromXML(edited(urdf_text, (insert_springs, [spring])))
     data = model.createData()
     q = pin.neutral(model)
     pin.computeJointJacobians(model, data, q)

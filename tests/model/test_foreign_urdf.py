@@ -18,6 +18,7 @@ from framework.model import read_robot_file
 from framework.model.additions import lock_joints
 from framework.model.urdf import locate_urdf
 from tests.conftest import REMOVED
+from tests.urdf_edits import edited
 
 SOLO12 = "package://example-robot-data/robots/solo_description/robots/solo12.urdf"
 MIMIC = ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><mimic joint="left_motor"/>')
@@ -106,7 +107,8 @@ def test_a_wrong_reference_is_refused(write_robot, reference, words):
 @pytest.mark.parametrize("value", [0.0, 0.7, -2.5, 3.0])
 def test_a_locked_joint_stands_where_it_would_be_moved_to(kind, value):
     text = CHAIN.format(kind=kind, limit="" if kind == "continuous" else LIMIT)
-    whole, locked = (pin.buildModelFromXML(t) for t in (text, lock_joints(text, {"turn": value})))
+    held = edited(text, (lock_joints, {"turn": value}))
+    whole, locked = (pin.buildModelFromXML(urdf) for urdf in (text, held))
     assert (whole.njoints, locked.njoints) == (3, 2)
     tips = []
     for model in (whole, locked):
@@ -120,7 +122,7 @@ def test_a_locked_joint_stands_where_it_would_be_moved_to(kind, value):
 
 
 def test_a_mimic_joint_is_refused_unless_locked(write_robot):
-    with pytest.raises(RobotFileError, match=r"mimic joints are not supported.*locked"):
+    with pytest.raises(RobotFileError, match=r"<mimic> is not supported.*locked"):
         read_robot_file(write_robot(urdf=(MIMIC,)))
 
 

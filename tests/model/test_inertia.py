@@ -71,7 +71,7 @@ def element(entries):
 @pytest.mark.parametrize(("entries", "moments"), IMPOSSIBLE.values(), ids=IMPOSSIBLE)
 def test_the_robot_file_refuses_it_in_its_urdf(write_robot, entries, moments):
     file = write_robot(urdf=((POINT_MASS, element(entries)),))
-    with pytest.raises(RobotFileError, match=f"link 'left_tip': inertia: .*moments {moments} kg"):
+    with pytest.raises(RobotFileError, match=f"link 'left_tip': <inertia>: .*moments {moments} kg"):
         read_robot_file(file)
 
 

@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import ParallelRobot
 from framework.model.description import Spring
 from framework.model.spring_joints import count_turns, insert_springs
+from tests.urdf_edits import edited
 
 # A motor, an elbow turned about x and a tip turned about z, so that frames and base differ.
 ARM = """
@@ -69,7 +69,7 @@ def assert_same_pose(one: pin.SE3, other: pin.SE3) -> None:
 
 
 def test_the_rigid_robot_is_the_untouched_urdf():
-    assert insert_springs(REVOLUTE, ()) is REVOLUTE
+    assert edited(REVOLUTE, (insert_springs, ())) == edited(REVOLUTE)
 
 
 @pytest.mark.parametrize("name", robots.CATALOGUE)
@@ -78,20 +78,18 @@ def test_with_springs_at_rest_all_links_are_where_the_rigid_robot_has_them(name,
     rigid, elastic = robots.load(name), robots.load(name, flexibility=flexibility)
     for _ in range(5):
         joints = dict(zip(rigid.model.names[1:], RNG.uniform(-3, 3, rigid.model.nq), strict=True))
-        at_rest = placements(insert_springs(*_text_and_springs(elastic)), **joints)
-        for link, pose in placements(rigid.description.urdf_text, **joints).items():
+        urdf = rigid.description.urdf_text
+        springs = elastic.description.active_springs(elastic.flexibility)
+        at_rest = placements(edited(urdf, (insert_springs, springs)), **joints)
+        for link, pose in placements(urdf, **joints).items():
             assert_same_pose(at_rest[link], pose)
-
-
-def _text_and_springs(robot: ParallelRobot):
-    return robot.description.urdf_text, robot.description.active_springs(robot.flexibility)
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z", "rx", "ry", "rz"])
 @pytest.mark.parametrize("after", ["motor", "rail", "weld"])
 def test_a_spring_moves_the_child_along_an_axis_of_its_own_frame(after, axis):
     child = {"motor": "crank", "rail": "slider", "weld": "tip"}[after]
-    urdf = insert_springs(REVOLUTE, [spring(after, axis)])
+    urdf = edited(REVOLUTE, (insert_springs, [spring(after, axis)]))
     moved = placements(urdf, motor=MOTOR, rail=RAIL, soft=0.1)
     rigid = placements(REVOLUTE, motor=MOTOR, rail=RAIL)
     assert_same_pose(moved[child], rigid[child] * twisted(axis, 0.1))
@@ -100,7 +98,7 @@ def test_a_spring_moves_the_child_along_an_axis_of_its_own_frame(after, axis):
 
 @pytest.mark.parametrize("after", ["motor", "rail"])
 def test_a_spring_without_motion_gives_way_as_its_joint_moves(after):
-    urdf = insert_springs(REVOLUTE, [spring(after)])
+    urdf = edited(REVOLUTE, (insert_springs, [spring(after)]))
     joints = {"motor": MOTOR, "rail": RAIL}
     further = {**joints, after: joints[after] + 0.1}
     assert_same_pose(placements(urdf, **joints, soft=0.1)["tip"], placements(REVOLUTE, **further)["tip"])
@@ -108,13 +106,13 @@ def test_a_spring_without_motion_gives_way_as_its_joint_moves(after):
 
 def test_a_joint_without_an_axis_has_the_urdf_default_x():
     urdf = REVOLUTE.replace('<axis xyz="0 0.6 0.8"/>', "")
-    elastic = insert_springs(urdf, [spring("motor")])
+    elastic = edited(urdf, (insert_springs, [spring("motor")]))
     assert_same_pose(placements(elastic, motor=0.2, soft=0.3)["tip"], placements(urdf, motor=0.5)["tip"])
 
 
 def test_the_axes_of_one_spring_follow_each_other_in_the_order_given():
     several = spring("weld", "x", "rz", "y")
-    urdf = insert_springs(REVOLUTE, [several])
+    urdf = edited(REVOLUTE, (insert_springs, [several]))
     moved = placements(urdf, motor=MOTOR, soft_x=0.1, soft_rz=0.2, soft_y=0.3)["tip"]
     expected = placements(REVOLUTE, motor=MOTOR)["tip"]
     for axis, amount in (("x", 0.1), ("rz", 0.2), ("y", 0.3)):
@@ -125,7 +123,7 @@ def test_the_axes_of_one_spring_follow_each_other_in_the_order_given():
 
 def test_several_springs_behind_one_joint_follow_it_in_the_order_given():
     springs = [spring("motor", name="drive"), spring("motor", "y", name="bend"), spring("rail", "rx")]
-    urdf = insert_springs(REVOLUTE, springs)
+    urdf = edited(REVOLUTE, (insert_springs, springs))
     moved = placements(urdf, motor=MOTOR, drive=0.1, bend=0.2, soft=0.3)["crank"]
     assert_same_pose(moved, placements(REVOLUTE, motor=MOTOR + 0.1)["crank"] * twisted("y", 0.2))
 
@@ -142,22 +140,24 @@ def test_springs_bring_neither_mass_nor_limits():
 
 
 def test_joints_without_continuous_ones_keep_their_text():
-    assert count_turns(REVOLUTE) is REVOLUTE
+    assert edited(REVOLUTE, (count_turns,)) == edited(REVOLUTE)
 
 
 @pytest.mark.parametrize("limit", ["", LIMIT])
 def test_a_continuous_joint_counts_its_turns(limit):
     urdf = ARM.format(motor="continuous", limit=limit)
-    counting = pin.buildModelFromXML(count_turns(urdf))
+    counting = pin.buildModelFromXML(edited(urdf, (count_turns,)))
     assert pin.buildModelFromXML(urdf).nq == 3  # a point on a circle, and the rail
     assert counting.nq == counting.nv == 2
-    turned = placements(count_turns(urdf), motor=MOTOR + 4 * np.pi)
+    turned = placements(edited(urdf, (count_turns,)), motor=MOTOR + 4 * np.pi)
     np.testing.assert_allclose(
         turned["tip"].homogeneous, placements(REVOLUTE, motor=MOTOR)["tip"].homogeneous, atol=1e-14
     )  # cos and sin of 13 rad
 
 
 def test_a_continuous_motor_can_have_a_spring_of_its_own():
-    urdf = insert_springs(count_turns(ARM.format(motor="continuous", limit="")), [spring("motor")])
+    urdf = edited(
+        ARM.format(motor="continuous", limit=""), (count_turns,), (insert_springs, [spring("motor")])
+    )
     moved = placements(urdf, motor=MOTOR, soft=0.1)["tip"]
     assert_same_pose(moved, placements(REVOLUTE, motor=MOTOR + 0.1)["tip"])

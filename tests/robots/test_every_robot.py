@@ -106,25 +106,28 @@ def test_null_vector_of_A_is_the_twist_of_the_passive_columns(name, scene):
 
 def test_motor_power_is_the_rate_of_energy(robot):
     plan = planned(robot)
-    grid = TimeGrid(np.array([0.0, plan.duration]), 97)
+    edges = plan.dynamics.torques.edges
+    # energy has products of what the nodes of the plan resolve: twice as many resolve it
+    grid = TimeGrid(edges, 2 * (plan.certificate.nodes // (len(edges) - 1) + 1))
     t = grid.times
     q, v = plan.dynamics.configuration(t), plan.dynamics.velocity(t)
     q_e = plan.deflection(t)
     data = robot.model.createData()
-    energy = np.array(
-        [
-            pin.computeKineticEnergy(robot.model, data, q[k], v[k])
-            + pin.computePotentialEnergy(robot.model, data, q[k])
-            for k in range(len(t))
-        ]
-    )
-    energy += 0.5 * (plan.motor_angle(t, 1) ** 2) @ robot.rotor_inertia
-    energy += 0.5 * q_e**2 @ robot.stiffness
-    power = np.sum(plan.torque(t) * plan.motor_angle(t, 1), axis=1)
-    rate = grid.differentiate(energy[:, None])[0][:, 0]
-    assert np.abs(power).max() > 1e-3
-    # energy carries rounding of its terms (about 1e2 J with gravity), amplified by 97^2 / 3
-    np.testing.assert_allclose(power, rate, atol=1e-9 * max(1.0, np.abs(power).max()))
+    terms = [
+        np.array([pin.computeKineticEnergy(robot.model, data, *state) for state in zip(q, v, strict=True)]),
+        np.array([pin.computePotentialEnergy(robot.model, data, row) for row in q]),
+        0.5 * (plan.motor_angle(t, 1) ** 2) @ robot.rotor_inertia,
+        0.5 * q_e**2 @ robot.stiffness,
+    ]
+    works = plan.torque(t) * plan.motor_angle(t, 1)  # (T, n_a)
+    power, rate = np.sum(works, axis=1), grid.differentiate(np.sum(terms, axis=0)[:, None])[0][:, 0]
+    energy, shares = np.abs(terms).max(), np.abs(works).sum(axis=1).max()
+    assert np.abs(power).max() > 1e-3 * energy / plan.duration
+    # differentiation adds up the rounding of energies (measured: 60 eps each at most), and power has what the
+    # torques' tail leaves out, 1e-10 of their peak
+    added = np.abs(grid.differentiate(np.eye(len(t)))[0]).sum(axis=1).max()
+    allowed = 300 * np.finfo(float).eps * added * energy + 1e-9 * shares
+    np.testing.assert_allclose(power, rate, rtol=0, atol=allowed)
 
 
 @pytest.mark.parametrize(("name", "flexibility"), ELASTIC, ids=["-".join(case) for case in ELASTIC])
@@ -141,6 +144,8 @@ def test_stiff_springs_tend_to_the_rigid_robot_as_one_over_stiffness(name, flexi
         stiff = ParallelRobot.from_description(replace(description, springs=springs), flexibility=flexibility)
         differences.append(np.abs(planned(stiff).torque(t) - rigid.torque(t)).max())
     soft, stiff, stiffer = differences
-    assert stiffer < stiff < soft
-    assert soft / stiff == pytest.approx(1e3, rel=0.05)  # second order in 1/k is of this size
-    assert stiff / stiffer == pytest.approx(1e3, rel=1e-3)
+    # behind a motor without inertia a spring changes no torque at all, and all that differs is rounding
+    rounding = 1e-12 * np.abs(rigid.torque(t)).max()
+    assert soft < 0.5 * np.abs(rigid.torque(t)).max()
+    assert stiff == pytest.approx(soft / 1e3, rel=0.05, abs=rounding)  # second order in 1/k is of this size
+    assert stiffer == pytest.approx(stiff / 1e3, rel=1e-3, abs=rounding)

@@ -69,9 +69,10 @@ def test_why_is_told_of_the_catalogue_s_own_robot_only(write_robot):
 
 
 def test_an_unnamed_film_has_the_name_of_its_robot():
-    from framework.show.scene import film_document
+    from framework.show.scene import film_documents
 
-    assert film_document(replace(filmed("five_bar", "A"), name=""))["title"] == "five bar"
+    (document,) = film_documents([replace(filmed("five_bar", "A"), name="")])
+    assert document["title"] == "five bar"
 
 
 def test_a_saved_plan_is_called_as_its_scene():

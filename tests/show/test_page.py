@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 import robots
+from framework.kinematics import tracking
 from framework.show.jogging import hand_document
 from framework.show.page import film_page, hand_page
-from framework.show.scene import film_document, floats
+from framework.show.scene import film_documents, floats
 from framework.show.shapes import body_shapes, thinned
+from framework.singularity.locus import locus_curves
 from tests.show.test_film import filmed
 
 # Their meshes take seconds to read.
@@ -50,7 +52,7 @@ def test_every_robot_has_a_body_to_show(name):
 
 def test_a_proven_film_tells_its_numbers():
     film = filmed("five_bar", "C", "flexible_links")
-    document = film_document(film)
+    (document,) = film_documents([film])
     np.testing.assert_allclose(decoded(document["torque"]).reshape(-1, 2), film.torque, rtol=1e-6, atol=1e-9)
     assert document["torque_limit"] == np.abs(film.torque).max()
     assert [instant["time"] for instant in document["instants"]] == [film.instants[0].time]
@@ -66,7 +68,7 @@ def test_a_proven_film_tells_its_numbers():
 
 def test_an_unproved_film_is_clipped_and_says_so():
     film = filmed("five_bar", "B")
-    document = film_document(film)
+    (document,) = film_documents([film])
     assert document["torque_limit"] < np.abs(film.torque).max() / 10
     assert document["torque_limit"] > 2 * np.median(np.abs(film.torque))
     assert "goes off the scale" in document["summary"]
@@ -76,7 +78,7 @@ def test_an_unproved_film_is_clipped_and_says_so():
 @pytest.mark.parametrize(("name", "scene"), [("five_bar", "B"), ("four_bar", "unprepared")])
 def test_what_a_motion_asks_for_at_its_singular_instant_lies_on_its_curve(name, scene):
     film = filmed(name, scene)
-    document = film_document(film)
+    (document,) = film_documents([film])
     (instant,) = document["instants"]
     power = decoded(document["power"])
     at = float(np.interp(instant["time"], film.time, power))
@@ -139,3 +141,56 @@ def test_a_thinned_mesh_keeps_its_shape_and_has_no_collapsed_faces():
 
 def test_floats_travel_as_little_endian_singles():
     assert decoded(floats([[1.5, -2.0], [0.25, 1e-3]])).tolist() == [1.5, -2.0, 0.25, np.float32(1e-3)]
+
+
+def test_films_of_one_robot_share_one_trace_of_the_locus(monkeypatch):
+    asked = []
+
+    def counted(robot, q, x):
+        asked.append(robot.name)
+        return locus_curves(robot, q, x)
+
+    monkeypatch.setattr("framework.show.scene.locus_curves", counted)
+    films = [filmed("five_bar", name) for name in ("A", "B", "C")]
+    together = film_documents(films)
+    assert asked == ["five_bar"]
+    # what each shows is what it shows alone, to the width of the grid on which it was traced
+    asked.clear()
+    for film, document in zip(films, together, strict=True):
+        (alone,) = film_documents([film])
+        assert alone["locus"]["kind"] == document["locus"]["kind"] == "curves"
+        points = [
+            np.concatenate([decoded(curve).reshape(-1, 3) for curve in found["locus"]["curves"]])
+            for found in (alone, document)
+        ]
+        apart = np.linalg.norm(points[0][:, None] - points[1][None], axis=2)
+        assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 2.4 * film.robot.length / 60
+    assert len(asked) == 3
+    # another robot has a locus of its own
+    asked.clear()
+    film_documents([films[0], filmed("biglide", "across"), films[2]])
+    assert asked == ["five_bar", "biglide"]
+
+
+def test_a_path_is_tracked_once_for_its_film(monkeypatch):
+    """Planned or refused, rigid or elastic; a refused elastic one once more, rigid, as it is drawn."""
+    asked = []
+    track = tracking.track_path
+
+    def counted(robot, path):
+        asked.append(robot.flexibility)
+        return track(robot, path)
+
+    for module in ("framework.singularity.points_on_path", "framework.crossing.refused"):
+        monkeypatch.setattr(f"{module}.track_path", counted)
+    for module in ("framework.dynamics.finite_differences", "framework.dynamics.inverse_dynamics"):
+        monkeypatch.setattr(f"{module}.track_path", None)
+    for scene, flexibility, times in (
+        ("A", "rigid", ["rigid"]),
+        ("B", "rigid", ["rigid"]),
+        ("C", "flexible_links", ["flexible_links"]),
+        ("B", "flexible_links", ["flexible_links", "rigid"]),
+    ):
+        asked.clear()
+        filmed("five_bar", scene, flexibility)
+        assert asked == times

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import robots
-from framework import finite_difference_torques, plan_scene
+from framework import finite_difference_torques, plan_crossing, plan_scene
 from framework.errors import InvalidInput
 from framework.show import plots
 from framework.show.eye import plot_eye
+from framework.show.phase_plane import plot_phase_plane
 from framework.show.style import figure
 
 CASES = [("C", "rigid"), ("C", "flexible_links"), ("A", "flexible_joints")]
@@ -180,3 +181,27 @@ def test_all_figures_are_saved_as_pdf_and_png(crossing_plan, tmp_path):
             assert image[..., :3].std() > 0.05  # there is something on it
     again = plots.save(lambda: plots.plot_torques(crossing_plan), tmp_path / "again")
     assert [path.read_bytes() for path in again] == [path.read_bytes() for path in paths[2:4]]
+
+
+def test_the_phase_plane_holds_both_laws_between_what_the_motors_allow(crossing_plan):
+    robot = robots.load("five_bar")
+    quickest = plan_crossing(robot, crossing_plan.path, optimize="time", torque_limit=0.165)
+    axes = plot_phase_plane(quickest, beside=crossing_plan)
+    (crossing,) = quickest.crossings
+    for order, (ax, unit) in enumerate(zip(axes, ("[1/s]", "[1/s$^2$]"), strict=True), start=1):
+        assert [line.get_label() for line in curves(ax)] == ["optimal, 0.738 s", "polynomial, 1.5 s"]
+        s, value = curves(ax)[0].get_data()
+        times = np.linspace(0.0, quickest.duration, len(s))
+        np.testing.assert_array_equal(value, quickest.law(times, order))
+        assert marks(ax) == [(crossing.s, (crossing.speed, crossing.acceleration)[order - 1])]
+        assert unit in ax.get_ylabel()
+    legend = [text.get_text() for text in axes[0].get_legend().get_texts()]
+    assert "within 0.165 N m" in legend
+
+
+def test_an_optimal_law_is_saved_with_its_phase_plane(tmp_path, crossing_plan):
+    plan = plan_crossing(robots.load("five_bar"), crossing_plan.path, duration=1.5, law="optimal")
+    assert {"phase_plane.pdf", "phase_plane.png"} <= {
+        path.name for path in plots.save_figures(plan, tmp_path)
+    }
+    assert not [path for path in tmp_path.glob("*") if path.stat().st_size == 0]

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
 
 from framework.errors import RobotFileError
-from framework.model.description import Actuator, Closure, JointSpring, Platform, RobotDescription
+from framework.model.description import (
+    Actuator,
+    Closure,
+    JointSpring,
+    ParsedRobot,
+    Platform,
+    RobotDescription,
+)
 from framework.model.readers.missing_fields import Options, checked_reference, resolve
 from framework.model.readers.urdf_tree import UrdfTree
 
@@ -23,8 +31,8 @@ def describe(
     joint_springs: Sequence[JointSpring] = (),
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
     reference: dict[str, float] | None = None,
-) -> RobotDescription:
-    """The records of a tree and its loops, once the options have said what the file does not.
+) -> ParsedRobot:
+    """The records of a tree and its loops, once the options have said what the file does not; and its URDF.
 
     Raises:
         RobotFileError: there is no loop, or one that closes nothing; or platform, axes or motors are missing.
@@ -53,10 +61,10 @@ def describe(
         actuators=actuators,
         likely_motors=likely_motors,
     )
-    return RobotDescription(
+    description = RobotDescription(
         name=file.stem,
         file=file,
-        urdf_text=tree.text(),
+        urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
         platform=said.platform,
         actuators=said.actuators,
         closures=tuple(closures),
@@ -64,3 +72,4 @@ def describe(
         gravity=gravity,
         reference=checked_reference(options, joints, reference or {}),
     )
+    return ParsedRobot(description, tree.root)

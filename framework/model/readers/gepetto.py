@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from framework.errors import RobotFileError, choose_from, short
-from framework.model.description import Actuator, Closure, RobotDescription, locked_axes
+from framework.model.description import Actuator, Closure, ParsedRobot, locked_axes
 from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options, names_list
 from framework.model.readers.urdf_tree import MOST_LOOPS, UrdfTree
@@ -29,7 +29,7 @@ _KINDS = {"3d": "spherical", "6d": "fixed"}
 _U_JOINTS = tuple(f"UJOINT_{a}{b}" for a in "XYZ" for b in "XYZ" if a != b)
 
 
-def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: Options) -> RobotDescription:
+def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: Options) -> ParsedRobot:
     """The description in the content of a robot.yaml and the tree of its URDF.
 
     Raises:

@@ -11,16 +11,16 @@ from typing import Any
 
 from framework.errors import RobotFileError, choose_from, short
 from framework.input import read_text
-from framework.model.description import RobotDescription
-from framework.model.documents import BLANK, parse_xml, parse_yaml
+from framework.model.description import ParsedRobot, RobotDescription
+from framework.model.documents import BLANK, naming, parse_xml, parse_yaml
 from framework.model.readers import gepetto, ros_constraint, urdf_plus
 from framework.model.readers.missing_fields import Options, checked_reference, resolve
-from framework.model.readers.mjcf import read_mjcf
+from framework.model.readers.mjcf.reader import read_mjcf
 from framework.model.readers.ros_constraint import read_ros_constraint
 from framework.model.readers.sdf import raise_for_sdf
 from framework.model.readers.urdf_plus import read_urdf_plus
 from framework.model.readers.urdf_tree import UrdfTree
-from framework.model.robot_file import read_robot_file
+from framework.model.robot_file import parse_robot
 
 DIALECTS = {
     "robot file": "our own YAML beside a URDF",
@@ -40,7 +40,19 @@ def read_any(
     motors: Sequence[str] | None = None,
     reference: Mapping[str, float] | None = None,
 ) -> RobotDescription:
-    """The description in a file of any dialect, recognised by its content.
+    """The description in a file of any dialect: see `parse_any`, which it leaves the parsed URDF to."""
+    return parse_any(file, platform=platform, axes=axes, motors=motors, reference=reference).description
+
+
+def parse_any(
+    file: str | Path,
+    *,
+    platform: str | None = None,
+    axes: Sequence[str] | None = None,
+    motors: Sequence[str] | None = None,
+    reference: Mapping[str, float] | None = None,
+) -> ParsedRobot:
+    """The description in a file of any dialect, recognised by its content, and its URDF.
 
     The options say what a foreign file does not, and overrule what it does: the `platform` frame and
     its `axes`, the joints that are `motors`, and a `reference` [rad, m] where the file's zero pose is not
@@ -63,15 +75,8 @@ def read_any(
     is_xml = text.lstrip(BLANK).startswith("<")
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf", ".sdf") and not is_xml:
         raise RobotFileError(f"{path}: not well-formed XML: it does not begin with <")
-    try:
-        if is_xml:
-            return _from_xml(path, text, options)
-        return _from_yaml(path, text, options)
-    except RecursionError:
-        raise RobotFileError(f"{path}: nested too deeply") from None
-    except RobotFileError as error:
-        message = str(error)
-        raise RobotFileError(message if message.startswith(f"{path}: ") else f"{path}: {message}") from None
+    with naming(path):
+        return _from_xml(path, text, options) if is_xml else _from_yaml(path, text, options)
 
 
 def dialect_of(file: str | Path) -> str:
@@ -83,14 +88,10 @@ def dialect_of(file: str | Path) -> str:
     path = Path(file)
     path = _pair_in(path) if os.path.isdir(path) else path
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
-    try:
+    with naming(path):
         if text.lstrip(BLANK).startswith("<"):
             return _dialect_of_xml(parse_xml(text))
         return _dialect_of_yaml(parse_yaml(text))
-    except RecursionError:
-        raise RobotFileError(f"{path}: nested too deeply") from None
-    except RobotFileError as error:
-        raise RobotFileError(f"{path}: {error}") from None
 
 
 def _dialect_of_xml(root: ElementTree.Element) -> str:
@@ -126,16 +127,16 @@ def _dialect_of_yaml(content: Any) -> str:
     )
 
 
-def _from_xml(path: Path, text: str, options: Options) -> RobotDescription:
+def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
     root = parse_xml(text)
     read = {"mjcf": read_mjcf, "urdf+": read_urdf_plus, "ros": read_ros_constraint}
     return read[_dialect_of_xml(root)](path, root, options)
 
 
-def _from_yaml(path: Path, text: str, options: Options) -> RobotDescription:
+def _from_yaml(path: Path, text: str, options: Options) -> ParsedRobot:
     content = parse_yaml(text)
     if _dialect_of_yaml(content) == "robot file":
-        return _own(path, options)
+        return _own(parse_robot(path, content), options)
     urdf = path.with_suffix(".urdf")
     try:
         tree = UrdfTree(parse_xml(read_text(urdf, f"{urdf}: cannot read it", error=RobotFileError)))
@@ -144,10 +145,9 @@ def _from_yaml(path: Path, text: str, options: Options) -> RobotDescription:
     return gepetto.read_pair(path, content, tree, options)
 
 
-def _own(path: Path, options: Options) -> RobotDescription:
-    """Our robot file; options overrule it."""
-    description = read_robot_file(path)
-    root = ElementTree.fromstring(description.urdf_text)
+def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
+    """Our robot file with what the options overrule."""
+    description, root = robot
     joints = [
         joint.get("name", "") for joint in root.findall("joint") if joint.get("type") not in ("fixed", None)
     ]
@@ -159,7 +159,8 @@ def _own(path: Path, options: Options) -> RobotDescription:
         actuators=description.actuators,
     )
     reference = checked_reference(options, joints, description.reference)
-    return replace(description, platform=said.platform, actuators=said.actuators, reference=reference)
+    description = replace(description, platform=said.platform, actuators=said.actuators, reference=reference)
+    return ParsedRobot(description, root)
 
 
 def _pair_in(folder: Path) -> Path:

@@ -20,7 +20,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import Actuator, Closure, RobotDescription, locked_axes
+from framework.model.description import Actuator, Closure, ParsedRobot, locked_axes
 from framework.model.placement import placement, turning
 from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options
@@ -35,7 +35,7 @@ _KINDS = {"continuous": "revolute", "link": "fixed"} | {
 _PARTS = ("parent", "parent_origin", "parent_axis", "child", "child_origin", "child_axis")
 
 
-def read_ros_constraint(file: Path, root: ElementTree.Element, options: Options) -> RobotDescription:
+def read_ros_constraint(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
     """The description in a URDF with `<constraint>` elements.
 
     Raises:

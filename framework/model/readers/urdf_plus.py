@@ -24,7 +24,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import Actuator, Closure, RobotDescription, locked_axes
+from framework.model.description import Actuator, Closure, ParsedRobot, locked_axes
 from framework.model.placement import placement, turning
 from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options
@@ -38,7 +38,7 @@ _KINDS = {"revolute": "revolute", "continuous": "revolute"} | {
 _WITHOUT_AXIS = ("spherical", "fixed")
 
 
-def read_urdf_plus(file: Path, root: ElementTree.Element, options: Options) -> RobotDescription:
+def read_urdf_plus(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
     """The description in a URDF+ file.
 
     Raises:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,15 +12,13 @@ from framework.errors import RobotFileError, choose_from
 from framework.model.additions import AddedFrame, add_frames
 from framework.model.description import Closure
 from framework.model.placement import about, inverse, placement, to_rpy, turning
-from framework.model.readers.urdf_elements import (
+from framework.model.urdf_elements import (
+    LARGEST_TREE,
     Joint,
-    check_link,
     declared_motors,
     local_name,
-    read_joint,
-    unique_names,
+    read_tree,
 )
-from framework.model.urdf import DEEPEST_TREE, LARGEST_TREE, depths_below
 from framework.model.urdf_writing import AXIS, joint_element, origin_element
 from framework.model.xml_reading import attribute
 
@@ -55,24 +52,15 @@ class UrdfTree:
         self.motors = declared_motors(root)
         for element in self.extra:
             root.remove(element)
-        self.links = unique_names(root, "link")
-        unique_names(root, "joint")
-        most = max(len(self.links), len(root.findall("joint")))
-        if most > LARGEST_TREE:
-            raise RobotFileError(f"<robot>: {most} links or joints; at most {LARGEST_TREE} are read")
+        self.links, self.joints, self.base = read_tree(root)
         if len(self.extra) > MOST_LOOPS:
             raise RobotFileError(f"<robot>: {len(self.extra)} loops; at most {MOST_LOOPS} are read")
-        known = set(self.links)
-        self.joints = {j.name: j for j in (read_joint(e, known) for e in root.findall("joint"))}
-        for link in root.findall("link"):
-            check_link(link)
         if len(self.movable) > MOST_MOVING:
             raise RobotFileError(
                 f"<robot>: {len(self.movable)} movable joints; at most {MOST_MOVING} are read"
             )
         self.parent_joint = {joint.child: joint for joint in self.joints.values()}
-        self.base = self._check_tree()
-        self._added: dict[str, AddedFrame] = {}
+        self._added: dict[str, str] = {}  # the link that carries each frame
 
     # -------------------------------------------------------------- what is there
 
@@ -99,7 +87,7 @@ class UrdfTree:
         """The link that carries a frame of the tree."""
         if frame in self.links:
             return frame
-        return self._added[frame].parent if frame in self._added else self.joints[frame].child
+        return self._added[frame] if frame in self._added else self.joints[frame].child
 
     def path_to_base(self, link: str) -> list[Joint]:
         """The joints from a link down to the base."""
@@ -145,7 +133,8 @@ class UrdfTree:
         while self._is_taken(free) or self._is_taken(f"{free}_mount"):
             free += "_"
         x, y, z = map(float, where[:3, 3])
-        self._added[free] = AddedFrame(free, link, (x, y, z), to_rpy(where[:3, :3]))
+        self._added[free] = link
+        add_frames(self.root, [AddedFrame(free, link, (x, y, z), to_rpy(where[:3, :3]))])
         return free
 
     def _is_taken(self, name: str) -> bool:
@@ -216,27 +205,3 @@ class UrdfTree:
             turn = inverse(self.at_zero(link))[:3, :3] @ common[:3, :3]
             frames.append(self.frame_at(f"{name}_{end}", link, placement(turn)))
         return Closure(name, (frames[0], frames[1]), ("rz",))
-
-    def text(self) -> str:
-        """The URDF with its added frames."""
-        return add_frames(ElementTree.tostring(self.root, encoding="unicode"), [*self._added.values()])
-
-    def _check_tree(self) -> str:
-        children = Counter(joint.child for joint in self.joints.values())
-        for child, count in children.items():
-            if child == self.parent_joint[child].parent:
-                raise RobotFileError(f"joint {self.parent_joint[child].name!r}: joins {child!r} with itself")
-            if count > 1:
-                raise RobotFileError(
-                    f"link {child!r} has two parents; a URDF is a tree: cut the loop there and declare it"
-                )
-        roots = [link for link in self.links if link not in self.parent_joint]
-        if len(roots) != 1:
-            raise RobotFileError(f"needs exactly one root link, got {', '.join(roots[:5]) or 'none'}")
-        depths = depths_below(roots[0], {joint.child: joint.parent for joint in self.joints.values()})
-        lost = [link for link in self.links if link not in depths]
-        if lost:
-            raise RobotFileError(f"link {lost[0]!r} hangs in a circle of joints without a root")
-        if max(depths.values()) > DEEPEST_TREE:
-            raise RobotFileError(f"<robot>: more than {DEEPEST_TREE} joints in a row")
-        return roots[0]

@@ -1,18 +1,28 @@
-"""The joints and links of a URDF of a foreign dialect, read one by one and checked."""
+"""The joints and links of a URDF, read one by one and checked: names, numbers, tree.
+
+Pinocchio's parser prints to the console and tells little; what can be told better is told here. Complaints
+name the element; the caller puts the file in front.
+"""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, short
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
-from framework.model.urdf import JOINT_TYPES, MOVING
-from framework.model.xml_reading import attribute, axis_of, numbers, origin_of, required
+from framework.model.xml_reading import attribute, axis_of, numbers, origin_numbers, origin_of, required
 
+MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom
+JOINT_TYPES = ("fixed", *MOVING)
+LARGEST_TREE = 5000  # links or joints; more is no robot
+DEEPEST_TREE = 1000  # joints from the root to a link: pinocchio's parser calls itself once for each
 _LIMIT = ("lower", "upper", "effort", "velocity")
 
 
@@ -33,6 +43,72 @@ class Joint:
         return self.kind in MOVING
 
 
+class Tree(NamedTuple):
+    """The links and joints of a URDF by name, and its root link."""
+
+    links: list[str]
+    joints: dict[str, Joint]
+    base: str
+
+
+def read_tree(root: ElementTree.Element, locked: Collection[str] = ()) -> Tree:
+    """The links and joints below `<robot>`; joints in `locked` may mimic others, for they are to be fixed.
+
+    Raises:
+        RobotFileError: they are not a tree of known joints and possible bodies, or too many.
+    """
+    if root.tag != "robot":
+        raise RobotFileError(f"<{root.tag}>: not a URDF, whose root is <robot>")
+    links = unique_names(root, "link")
+    unique_names(root, "joint")
+    most = max(len(links), len(root.findall("joint")))
+    if most > LARGEST_TREE:
+        raise RobotFileError(f"<robot>: {most} links or joints; at most {LARGEST_TREE} are read")
+    known = set(links)
+    joints = {j.name: j for j in (read_joint(e, known, locked) for e in root.findall("joint"))}
+    for link in root.findall("link"):
+        check_link(link)
+    return Tree(links, joints, _base(links, joints))
+
+
+def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
+    """The root of the tree of links; raises RobotFileError if there is no one tree."""
+    for joint in joints.values():
+        if joint.child == joint.parent:
+            raise RobotFileError(f"joint {joint.name!r}: joins {joint.child!r} with itself")
+    for child, count in Counter(joint.child for joint in joints.values()).items():
+        if count > 1:
+            raise RobotFileError(
+                f"link {child!r} has two parents; a URDF is a tree: cut the loop there and declare it (in a "
+                f"robot file under closures)"
+            )
+    parents = {joint.child: joint.parent for joint in joints.values()}
+    roots = [link for link in links if link not in parents]
+    if len(roots) != 1:
+        raise RobotFileError(f"needs exactly one root link, got {', '.join(roots[:5]) or 'none'}")
+    depths = depths_below(roots[0], parents)
+    lost = [link for link in links if link not in depths]
+    if lost:
+        raise RobotFileError(f"link {lost[0]!r} hangs in a circle of joints without a root")
+    if max(depths.values()) > DEEPEST_TREE:
+        raise RobotFileError(f"<robot>: more than {DEEPEST_TREE} joints in a row")
+    return roots[0]
+
+
+def depths_below(root: str, parents: Mapping[str, str]) -> dict[str, int]:
+    """How many joints lie between the root and each link that hangs from it, by the parent of each link."""
+    children: dict[str, list[str]] = {}
+    for child, parent in parents.items():
+        children.setdefault(parent, []).append(child)
+    depths, waiting = {root: 0}, [root]
+    while waiting:
+        link = waiting.pop()
+        for child in children.get(link, []):
+            depths[child] = depths[link] + 1
+            waiting.append(child)
+    return depths
+
+
 def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
     """Names of the elements with this tag, each there once.
 
@@ -48,7 +124,7 @@ def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
     return list(names)
 
 
-def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
+def read_joint(element: ElementTree.Element, links: set[str], locked: Collection[str] = ()) -> Joint:
     """A joint between two of these links; what has no meaning is taken out of the element.
 
     Raises:
@@ -59,8 +135,11 @@ def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
     kind = attribute(element, where, "type")
     if kind not in JOINT_TYPES:
         raise RobotFileError(f"{where}: {choose_from('type', kind, JOINT_TYPES)}")
-    if element.find("mimic") is not None:
-        raise RobotFileError(f"{where}: <mimic> is not supported; declare a loop instead")
+    if element.find("mimic") is not None and name not in locked:
+        raise RobotFileError(
+            f"{where}: <mimic> is not supported; declare a loop instead, or fix the joint (in a robot file "
+            f"under locked)"
+        )
     ends = []
     for end in ("parent", "child"):
         link = attribute(required(element, where, end), f"{where}: <{end}>", "link")
@@ -73,14 +152,16 @@ def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
         element.remove(axis)  # without a meaning, and some exporters write 0 0 0
     elif axis is not None:
         direction = axis_of(axis, f"{where}: <axis>")
+    limit = element.find("limit")
     if kind in ("revolute", "prismatic"):
         limit = required(element, where, "limit")
         for key in ("effort", "velocity"):
             attribute(limit, f"{where}: <limit>", key)
+    if kind != "fixed" and limit is not None:
         lower, upper, effort, velocity = (
             numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1)[0] for key in _LIMIT
         )
-        if lower > upper or effort < 0 or velocity < 0:
+        if kind != "continuous" and (lower > upper or effort < 0 or velocity < 0):
             raise RobotFileError(
                 f"{where}: <limit>: needs lower <= upper, effort and velocity of at least zero, got lower "
                 f"{lower:g}, upper {upper:g}, effort {effort:g}, velocity {velocity:g}"
@@ -101,7 +182,7 @@ def check_link(link: ElementTree.Element) -> None:
     inertial = link.find("inertial")
     if inertial is None:
         return
-    origin_of(inertial.find("origin"), f"{where}: <inertial> <origin>")
+    origin_numbers(inertial.find("origin"), f"{where}: <inertial> <origin>")
     mass = required(inertial, f"{where}: <inertial>", "mass")
     (kilograms,) = numbers(f"{where}: <mass>", attribute(mass, f"{where}: <mass>", "value"), 1)
     if kilograms < 0:

@@ -1,0 +1,108 @@
+"""How good a law could be at most: the phase plane without smoothness at the ends, on a refined grid.
+
+z = (ds/dt)^2 is linear on each cell of the path, zero at both ends; torques are looked at in the middle of
+the cells, and a crossing is the middle of one. Accelerations may jump: up to the size of the cells this is a
+relaxation, and its optimum is an estimate of the best that any law can do, and no proof.
+
+Source: Verscheure et al., IEEE TAC 54 (2009), whose discretisation this is; condition (8) is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sparse
+
+from framework.arrays import Array
+from framework.crossing.condition import CrossingPoint, crossing_point
+from framework.crossing.optimal import OnPath, Units, better_units, guessed_units
+from framework.crossing.phase_plane import crossing_row, demand
+from framework.crossing.result import CrossingPlan
+from framework.kinematics.tracking import Branch, track_path
+from framework.motion.cone_program import Affine, ConeProgram, Optimum, solve
+from framework.motion.optimal_law import Smoothstep
+from framework.singularity.points_on_path import locate_singularities
+
+CELLS = 120
+
+
+def estimated_best(plan: CrossingPlan, cells: int = CELLS) -> float | None:
+    """The least duration [s], or the least peak of torque over its limit, that any law could have.
+
+    Of the undeformed robot, under what the plan's law was asked for. None for energy, for a polynomial, and
+    where the solver finds nothing.
+    """
+    if plan.optimality is None or plan.optimality.wish.goal == "energy":
+        return None
+    wish = plan.optimality.wish
+    branch = track_path(plan.robot, plan.path)
+    points = locate_singularities(plan.robot, plan.path, branch=branch)
+    places = [crossing_point(branch, at, None, at.s) for at in points]
+    edges = _edges(np.array([place.s for place in places]), cells)
+    on_path = _on_path(branch, places, edges)
+    units = guessed_units(on_path, wish)
+    if not wish.limited:
+        units = Units(units.time, plan.optimality.reference)
+    while True:
+        most = None if wish.most is None else wish.most / units.time
+        program = _program(on_path, edges, wish.speed_limit, units)
+        found = solve(program, wish.goal, limited=wish.limited, longest=most)
+        if not isinstance(found, Optimum):
+            return None
+        if wish.goal != "time":
+            return found.peak
+        better = better_units(units, wish, found)
+        if better is units:
+            return found.duration * units.time
+        units = better
+
+
+def _edges(crossings: Array, cells: int) -> Array:
+    """Ends of the cells in s, narrower towards both ends of the path, each crossing in the middle of one."""
+    edges = 0.5 - 0.5 * np.cos(np.pi * np.arange(cells + 1) / cells)
+    for s in crossings:
+        half = 0.25 * np.pi / cells * np.sqrt(s * (1.0 - s))
+        edges = np.concatenate([edges[np.abs(edges - s) > 1.5 * half], [s - half, s + half]])
+    return np.sort(edges)
+
+
+def _on_path(branch: Branch, places: Sequence[CrossingPoint], edges: Array) -> OnPath:
+    """What the robot asks in the middle of the cells (where a crossing is, a hair beside it)."""
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    rows = [crossing_row(branch, Smoothstep(0), place, None) for place in places]
+    crossings = np.array([sigma for sigma, _ in rows])
+    for s in crossings:
+        middle = np.where(np.abs(middle - s) < 1e-9, s + 1e-6, middle)
+    asked = demand(branch, Smoothstep(0), middle, None, "rigid")
+    return OnPath(middle, asked, crossings, np.array([row for _, row in rows]).reshape(-1, 3))
+
+
+def _program(on_path: OnPath, edges: Array, speed_limit: Array, units: Units) -> ConeProgram:
+    """The program on the values of z at the inner edges of the cells."""
+    width = np.diff(edges)
+    cells, n = len(width), len(edges) - 2
+    whole = sparse.csr_array(sparse.eye_array(n + 2))[:, 1:-1].toarray()
+    mean, slope = 0.5 * (whole[1:] + whole[:-1]), (whole[1:] - whole[:-1]) / (2.0 * width[:, None])
+    scale = units.time**-2
+    torque = on_path.demand.torque
+    at = [int(np.searchsorted(edges, s)) - 1 for s in on_path.crossings]
+    own = np.setdiff1d(np.arange(cells), at)  # in a crossing's cell condition (8) stands instead
+    by_z, by_u = (values[own, :, None] for values in (torque.per_z, torque.per_u))
+    matrix = scale * (by_z * mean[own, None] + by_u * slope[own, None])
+    limited = np.isfinite(speed_limit)
+    squared = scale * (on_path.demand.speed[:, limited] / speed_limit[limited]) ** 2
+    constant, per_z, per_u = on_path.conditions.T[:, :, None]
+    return ConeProgram(
+        speeds=np.eye(n),
+        average=mean,
+        weights=width,
+        positive=np.empty((0, n)),
+        torque=Affine(
+            (matrix / units.torque[:, None]).reshape(-1, n), (torque.constant[own] / units.torque).ravel()
+        ),
+        below_one=(squared[:, :, None] * mean[:, None]).reshape(-1, n),
+        power=Affine(np.empty((0, n)), np.empty(0)),
+        equalities=Affine(scale * (per_z * mean[at] + per_u * slope[at]), constant[:, 0]),
+        roughness=np.zeros((1, n)),
+    )

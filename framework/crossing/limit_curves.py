@@ -1,0 +1,116 @@
+"""How fast the motors let a robot go along its path, and how they let it speed up: curves over s.
+
+At each s the limits |c + p s'^2 + q s"| <= limit of all motors leave a polygon of (s'^2, s"): a corner of it
+gives the highest s' (the maximum velocity curve of Pfeiffer and Johanni, IEEE J. Robotics and Automation 3,
+1987), and the line s' = const through it the range of s". At a Type 2 singularity p and q have poles along
+one direction: whatever the limits, the range closes to the one s" of condition (8).
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.crossing.phase_plane import Demand, demand
+from framework.crossing.result import CrossingPlan
+from framework.kinematics.tracking import track_path
+from framework.motion.optimal_law import Smoothstep
+
+SAMPLES = 241
+BESIDE = np.geomspace(1e-5, 0.05, 25)  # of the duration, instants beside a crossing
+TOLERANCE = 1e-9  # of a limit, by which a corner of the polygon may exceed it
+
+
+class LimitCurves(NamedTuple):
+    """Over the instants of a plan, none of them on a crossing: its law, and what the motors allow there.
+
+    Of the undeformed robot. `highest_speed` is infinite where nothing limits it, and not a number where the
+    motors cannot even hold the robot.
+    """
+
+    s: Array  # (T,)
+    speed: Array  # (T,) s' of the law [1/s]
+    acceleration: Array  # (T,) s" of the law [1/s^2]
+    highest_speed: Array  # (T,) [1/s]
+    lowest_acceleration: Array  # (T,) [1/s^2] at the law's speed
+    highest_acceleration: Array  # (T,) [1/s^2]
+    torque_limit: Array  # (n_a,) [N m], motor side
+
+
+def limit_curves(plan: CrossingPlan) -> LimitCurves:
+    """The curves of a plan, for the limits of its optimal law, and for its own peak torque without limits."""
+    torque_limit, speed_limit = _limits(plan)
+    times = _instants(plan)
+    s, speed, acceleration = (plan.law(times, order) for order in range(3))
+    s = np.clip(s, 0.0, 1.0)
+    asked = demand(track_path(plan.robot, plan.path), Smoothstep(0), s, None, "rigid")
+    lowest, highest = _accelerations(asked, speed**2, torque_limit)
+    return LimitCurves(
+        s,
+        speed,
+        acceleration,
+        highest_speed(asked, torque_limit, speed_limit),
+        lowest,
+        highest,
+        torque_limit,
+    )
+
+
+def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
+    """Limits (n_a,) of torque [N m] and speed [rad/s]."""
+    own = np.full(plan.robot.n_a, max(plan.peak_torque.values()))
+    if plan.optimality is None:
+        return own, np.full(plan.robot.n_a, np.inf)
+    wish = plan.optimality.wish
+    return (wish.torque_limit if wish.limited else own), wish.speed_limit
+
+
+def _instants(plan: CrossingPlan) -> Array:
+    """Instants from start to end, dense beside the crossings and never on them."""
+    times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, SAMPLES)))
+    for crossing in plan.crossings:
+        times = times[np.abs(times - crossing.time) > BESIDE[0] * plan.duration]
+        near = crossing.time + plan.duration * np.concatenate([-BESIDE, BESIDE])
+        times = np.concatenate([times, near[(near > 0) & (near < plan.duration)]])
+    return np.unique(times)
+
+
+def _accelerations(asked: Demand, squared_speed: Array, limit: Array) -> tuple[Array, Array]:
+    """The least and the largest s" (T,) that the motors allow at these s'^2 (T,)."""
+    constant, per_z, per_u = asked.torque
+    at_zero = constant + per_z * squared_speed[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort(np.stack([(-limit - at_zero) / per_u, (limit - at_zero) / per_u]), axis=0)
+    return np.nanmax(ends[0], axis=1), np.nanmin(ends[1], axis=1)
+
+
+def highest_speed(asked: Demand, torque_limit: Array, speed_limit: Array) -> Array:
+    """The largest s' (T,) at which some s" keeps all limits: a corner of the polygon."""
+    constant, per_z, per_u = asked.torque
+    limited = np.isfinite(torque_limit)
+    # rows (T, m, 2) of (s'^2, s") and right-hand sides (T, m), each for both signs of a torque
+    rows = np.stack([per_z, per_u], axis=-1)[:, limited] / torque_limit[limited, None]
+    rest = constant[:, limited] / torque_limit[limited]
+    rows, bound = np.concatenate([rows, -rows], axis=1), np.concatenate([1.0 - rest, 1.0 + rest], axis=1)
+    best = np.full(len(rest), -np.inf)
+    for i, j in combinations(range(bound.shape[1]), 2):
+        corner = _corner(rows[:, (i, j)], bound[:, (i, j)])
+        size = 1.0 + np.abs(rows * corner[:, None]).sum(axis=-1)  # of the terms that a row sums up
+        inside = np.all(np.einsum("tmk,tk->tm", rows, corner) <= bound + TOLERANCE * size, axis=1)
+        best = np.where(inside & (corner[:, 0] > best), corner[:, 0], best)
+    if not limited.any():
+        best = np.full(len(rest), np.inf)
+    with np.errstate(divide="ignore"):
+        by_speed = (speed_limit / asked.speed).min(axis=1)
+    return np.minimum(np.sqrt(np.where(best < 0, np.nan, best)), by_speed)
+
+
+def _corner(rows: Array, bound: Array) -> Array:
+    """Where two lines meet, rows (T, 2, 2) and right-hand sides (T, 2); not a number if they are parallel."""
+    (a, b), (c, d) = (rows[:, k].T for k in range(2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        meeting = np.stack([d * bound[:, 0] - b * bound[:, 1], a * bound[:, 1] - c * bound[:, 0]], axis=1)
+        return np.asarray(meeting / (a * d - b * c)[:, None])

@@ -1,0 +1,34 @@
+"""The singularity measure g along the path of a motion, of the robot at rest and as it deflects."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from framework.arrays import Array
+from framework.dynamics.result import InverseDynamics
+from framework.singularity.classification import singularity_measure
+from framework.singularity.points_on_path import SearchedPath, search_path
+
+
+class MeasureAlongPath(NamedTuple):
+    """g (see `singularity_measure`) as a function of s, springs at rest, and of t, deflected."""
+
+    result: InverseDynamics
+    at_rest: SearchedPath
+
+    @staticmethod
+    def of(result: InverseDynamics) -> MeasureAlongPath:
+        """Follow the path of a motion anew, springs at rest."""
+        return MeasureAlongPath(result, search_path(result.robot, result.path))
+
+    def of_rest(self, s: Array) -> Array:
+        """g (T,) at ascending path coordinates s (T,), springs at rest."""
+        return singularity_measure(self.result.robot, self.at_rest.branch.closed(s).system).g
+
+    def of_motion(self, t: Array) -> Array:
+        """g (T,) at ascending instants t (T,), with the deflections of the motion."""
+        return singularity_measure(self.result.robot, self.result.motion(t).system).g
+
+    def nearest_at_rest(self, s: float) -> float:
+        """The singular point at rest that is nearest to path coordinate s."""
+        return min((point.s for point in self.at_rest.points), key=lambda found: abs(found - s))

@@ -1,0 +1,236 @@
+"""Closed poses of a robot whose reference is none: a search from several starts, within the joints' limits.
+
+Loops that share a joint are closed together and all others apart, so that two legs do not have to succeed at
+once. For each such group the starts are the reference itself, then poses drawn around it (from a quarter, a
+half, all of the range of each joint: its limits, or a half turn or a length of the robot either way), from a
+fixed seed. From each, bounded trust-region least squares (`scipy.optimize`) seeks loops that are nearly
+closed by joints that are near to the reference, and then closes the loops. Of the first few that close, the
+nearest is taken.
+
+What is found closes the loops and keeps the limits, and nothing else is known of it: parts may collide, and
+another way to assemble the robot may be meant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from framework.arrays import Array, IntArray
+from framework.errors import NotAssembled
+from framework.kinematics.closures import column_scale, loop_equations, scaled
+from framework.kinematics.frames import FrameStack, frames_at, integrate
+from framework.kinematics.joint_limits import joint_limits
+from framework.kinematics.locked_directions import (
+    LockedDirections,
+    direction_gaps,
+    direction_slopes,
+    locked_directions,
+    turned_over,
+)
+from framework.model import ParallelRobot
+from framework.model.parallel_robot import LoopRows
+
+STARTS = 32  # a group of loops, at most
+ENOUGH = 8  # closed poses of a group to choose from
+EVALUATIONS = (
+    100,
+    20,
+)  # of the loop equations at most, in the search for nearly closed loops and to close them
+SPREADS = (0.25, 0.5, 1.0)  # share of each joint's range that starts are drawn from, in turn
+SEED = 0
+SLACK = 0.1  # gap of the loops that weighs as much as a joint one radian from the reference
+ROUGH, EXACT = 1e-6, 1e-12  # relative change, and slope, at which the two searches end
+NEARLY = 1e-9  # largest loop equation, in lengths of the robot and radians, that Newton's method will finish
+
+
+class ClosedPose(NamedTuple):
+    """A configuration with closed loops, and how far it is from the reference."""
+
+    q: Array  # (nq,)
+    joint: str  # the one that is farthest
+    moved: str  # how far, "0.6 rad"
+
+
+def find_closed_pose(robot: ParallelRobot) -> ClosedPose:
+    """A configuration that closes all loops within the joints' limits, springs at rest.
+
+    Raises:
+        NotAssembled: no start leads to one; names a loop equation and says how near the best came.
+    """
+    lower, upper = _ranges(robot)
+    u = np.zeros(robot.model.nv)
+    for group in _groups(robot, robot.q_near, lower, upper):
+        u[group.columns] = _nearest(group)
+    farthest, step = int(np.argmax(np.abs(u))), u * column_scale(robot)
+    moved = f"{abs(step[farthest]):.3g} {'rad' if _turning(robot)[farthest] else 'm'}"
+    return ClosedPose(integrate(robot, robot.q_near, step), robot.joint_of(farthest), moved)
+
+
+def closed_beside(robot: ParallelRobot, q: Array) -> Array | None:
+    """A configuration (nq,) with closed loops near q (nq,), whatever the limits; None where none is found."""
+    anywhere = np.full(robot.model.nv, np.inf)
+    u = np.zeros(robot.model.nv)
+    for group in _groups(robot, q, -anywhere, anywhere):
+        closed, gap = group.closed_from(u[group.columns])
+        if gap > NEARLY:
+            return None
+        u[group.columns] = closed
+    return integrate(robot, q, u * column_scale(robot))
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Loops as functions of offsets u (k,) of the joints that close them; m equations.
+
+    Offsets are from a configuration, in radians and lengths of the robot.
+    """
+
+    robot: ParallelRobot
+    origin: Array  # (nq,)
+    rows: LoopRows
+    directions: LockedDirections  # what the rows alone would let turn over
+    columns: IntArray  # (k,)
+    lower: Array  # (k,) what limits the joints, else infinite
+    upper: Array  # (k,)
+
+    def equations(self, u: Array) -> Array:
+        """The loop equations (m,), in lengths of the robot and radians."""
+        weights = np.where(self.rows.rotation, 1.0, 1.0 / self.robot.length)
+        return np.asarray(weights * loop_equations(self.rows, self._frames(u)).residual[0])
+
+    def gap(self, u: Array) -> Array:
+        """The loop equations and, under them, the vectors between directions that are to be the same."""
+        vectors = direction_gaps(self.directions, self._frames(u))[0]
+        return np.concatenate([self.equations(u), vectors.ravel()])
+
+    def slope(self, u: Array) -> Array:
+        """The derivative of `gap` along the k joints."""
+        at = self._frames(u)
+        rows = scaled(self.robot, loop_equations(self.rows, at).jacobian, self.rows)[0]
+        vectors = direction_slopes(self.directions, at)[0] * column_scale(self.robot)
+        return np.concatenate([rows, vectors.reshape(-1, rows.shape[1])])[:, self.columns]
+
+    def closed_from(self, start: Array) -> tuple[Array, float]:
+        """Offsets (k,) where the loops are least open, near a start, and the largest gap there."""
+        from scipy.optimize import least_squares
+
+        answer = least_squares(
+            self.gap,
+            start,
+            self.slope,
+            bounds=(self.lower, self.upper),
+            tr_solver="lsmr",  # steps of least norm: there are more joints than independent equations
+            max_nfev=EVALUATIONS[1],
+            xtol=EXACT,
+            ftol=EXACT,
+            gtol=EXACT,
+        )
+        return np.asarray(answer.x), float(np.abs(answer.fun).max())
+
+    def nearly_closed_from(self, start: Array) -> Array:
+        """Offsets (k,), as small as nearly closed loops let them be."""
+        from scipy.optimize import least_squares
+
+        answer = least_squares(
+            lambda u: np.concatenate([self.gap(u) / SLACK, u]),
+            start,
+            lambda u: np.concatenate([self.slope(u) / SLACK, np.eye(len(u))]),
+            bounds=(self.lower, self.upper),
+            max_nfev=EVALUATIONS[0],
+            xtol=ROUGH,
+            ftol=ROUGH,
+            gtol=ROUGH,
+        )
+        return np.asarray(answer.x)
+
+    def _frames(self, u: Array) -> FrameStack:
+        step = np.zeros(self.robot.model.nv)
+        step[self.columns] = u * column_scale(self.robot)[self.columns]
+        return frames_at(self.robot, integrate(self.robot, self.origin, step)[None])
+
+
+def _groups(robot: ParallelRobot, origin: Array, lower: Array, upper: Array) -> list[_Group]:
+    """The loops of a robot, parted where they share no joint; springs are at rest."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    carried = frames_at(robot, origin[None]).carried
+    moving = carried[robot.rows.second] != carried[robot.rows.first]  # (m, nv)
+    moving[:, robot.elastic] = False
+    shared = csr_array(moving.astype(float))
+    label = connected_components(shared @ shared.T, directed=False)[1]
+    groups, directions = [], locked_directions(robot)
+    for k in range(int(label.max()) + 1):
+        rows = np.flatnonzero(label == k)
+        columns = np.flatnonzero(moving[rows].any(axis=0))
+        table = robot.rows.take(rows)
+        names = {name.rpartition(".")[0] for name in table.names}
+        own = directions.take(np.flatnonzero([name in names for name in directions.closures]))
+        groups.append(_Group(robot, origin, table, own, columns, lower[columns], upper[columns]))
+    return groups
+
+
+def _ranges(robot: ParallelRobot) -> tuple[Array, Array]:
+    """How far each joint may go from the reference, (nv,) each, in radians and lengths of the robot."""
+    lower, upper = np.full(robot.model.nv, -np.inf), np.full(robot.model.nv, np.inf)
+    for limit in joint_limits(robot):
+        column = robot.model.joints[robot.model.getJointId(limit.joint)].idx_v
+        here = robot.q_near[limit.coordinate]
+        lower[column], upper[column] = limit.lower - here, limit.upper - here
+    return lower / column_scale(robot), upper / column_scale(robot)
+
+
+def _turning(robot: ParallelRobot) -> NDArray[np.bool_]:
+    """Which joints turn, (nv,); the others slide."""
+    turning = np.ones(robot.model.nv, dtype=bool)
+    for joint in robot.model.joints[1:]:
+        turning[joint.idx_v] = not joint.shortname().startswith("JointModelP")
+    return turning
+
+
+def _nearest(group: _Group) -> Array:
+    """Offsets (k,) that close a group's loops, the smallest of those that several starts lead to."""
+    turning = _turning(group.robot)[group.columns]
+    limited = np.isfinite(group.lower)
+    reach = np.where(turning, np.pi, 1.0)
+    low, high = np.where(limited, group.lower, -reach), np.where(limited, group.upper, reach)
+    reference, rng = np.clip(0.0, low, high), np.random.default_rng(SEED)
+    found: list[Array] = []
+    least, best = np.inf, reference
+    for k in range(STARTS):
+        spread = SPREADS[k % len(SPREADS)] if k else 0.0
+        start = reference + spread * (rng.uniform(low, high) - reference)
+        u, gap = group.closed_from(group.nearly_closed_from(start))
+        if gap < least:
+            least, best = gap, u
+        if gap < NEARLY:
+            found.append(np.where(turning & ~limited, np.mod(u + np.pi, 2 * np.pi) - np.pi, u))
+            if k == 0 or len(found) == ENOUGH:
+                break
+    if not found:
+        raise _still_open(group, best)
+    return min(found, key=lambda u: float(np.linalg.norm(u)))
+
+
+def _still_open(group: _Group, u: Array) -> NotAssembled:
+    """What to say of a group that no start has closed; `u` (k,) came nearest."""
+    gap, robot = np.abs(group.equations(u)), group.robot
+    row, step = int(np.argmax(gap)), np.zeros(robot.model.nv)
+    step[group.columns] = u * column_scale(robot)[group.columns]
+    q = integrate(robot, group.origin, step)
+    turning = bool(group.rows.rotation[row])
+    left = float(gap[row]) * (1.0 if turning else robot.length)
+    best = f"{group.rows.names[row]} stays {left:.3g} {'rad' if turning else 'm'} apart"
+    if gap[row] < NEARLY:
+        best = f"{turned_over(robot, frames_at(robot, q[None]))} is turned over"
+    return NotAssembled(
+        f"{robot.name}: the loops do not close: of {STARTS} starts within the joints' limits none leads to a "
+        f"closed pose; in the best {best}; check the link lengths and the closures, or give a reference near "
+        f"to an assembled configuration",
+        q=q,
+        residual=left,
+    )

@@ -1,0 +1,198 @@
+"""Which motions the loops leave to a robot, who says how they go, and which platform axes would do.
+
+At a configuration the joints have f freedoms: as many as there are joints less independent loop equations,
+springs locked. A motion in which no motor and no platform coordinate takes part is one of two kinds:
+
+* idle: no centre of mass moves, as when a rod turns about its own axis between two balls. Weight does not
+  turn it, and planning holds it still;
+* loose: masses move, as with a pendulum on the platform or a linkage that has no motor. Nothing says how.
+
+What moves or is stuck at one pose alone is a singularity and no property of the mechanism: motions count only
+if they are there at neighbouring closed poses, too, and so does what the platform cannot do.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.kinematics.assembly import independent_rows, reference_configuration
+from framework.kinematics.closing_search import closed_beside
+from framework.kinematics.closures import column_scale, loop_equations, scaled
+from framework.kinematics.frames import frames_at, integrate
+from framework.model import ParallelRobot
+from framework.model.description import AXES
+
+AT_REST = 1e-6  # [lengths of the robot a radian, radians a radian]: slower, and it does not count as moving
+WELL = 0.02  # least singular value of axes to be proposed, in lengths of the robot and radians
+NEIGHBOURS = 3  # closed poses beside the configuration
+BESIDE = 0.1  # [rad, lengths of the robot] that the joint that moves most moves to reach them
+PROPOSALS = 4
+SEED = 0
+
+
+class Mobility(NamedTuple):
+    """The freedoms of a robot at its reference."""
+
+    freedoms: int  # all of them, springs locked
+    idle: tuple[str, ...]  # a joint for each motion that moves no centre of mass
+    loose: tuple[str, ...]  # a joint for each that moves some, without a motor or a platform coordinate
+
+    @property
+    def working(self) -> int:
+        """Freedoms that a motion of the robot has to say something about: all but the idle ones."""
+        return self.freedoms - len(self.idle)
+
+
+class PlatformAxes(NamedTuple):
+    """Along which of its axes the platform can move; "x, rz" or "x and rz independently of each other"."""
+
+    stuck: str  # what moves neither at the reference nor beside it; empty if all do
+    stuck_here: str  # what does not move at the reference
+    velocities: int  # independent ones among all six of the frame
+    proposals: tuple[tuple[str, ...], ...]  # axes that would do, where the stated ones do not
+
+
+def mobility_of(robot: ParallelRobot) -> Mobility:
+    """Count the freedoms at the assembled reference.
+
+    Raises:
+        NotAssembled: the loops do not close near the reference.
+    """
+    q = reference_configuration(robot).q
+    hidden = _hidden_motions(robot, q)
+    if hidden.shape[1]:
+        beside = [(_hidden_motions(robot, pose), pose) for pose in _neighbours(robot, q)]
+        hidden, q = min([(hidden, q), *beside], key=lambda found: found[0].shape[1])
+    centres = _centres_of_mass(robot, q) @ hidden
+    idle = _pivots(hidden @ _null_space(centres))
+    loose = _pivots(hidden @ _row_space(centres), but=idle)
+    return Mobility(
+        _motions(robot, q).shape[1],
+        tuple(map(robot.joint_of, idle)),
+        tuple(map(robot.joint_of, loose)),
+    )
+
+
+def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
+    """Examine the platform's axes near the assembled reference; `freedoms` is how many axes are needed.
+
+    Raises:
+        NotAssembled: the loops do not close near the reference.
+    """
+    q = reference_configuration(robot).q
+    own, twists = robot.platform_axes, [_frame_twists(robot, q)]
+    here = _null_space(twists[0][own].T)  # (n, k) combinations of axes that stay at rest
+    if not here.shape[1] and robot.n == freedoms:
+        return PlatformAxes("", "", freedoms, ())
+    twists += [_frame_twists(robot, pose) for pose in _neighbours(robot, q)]
+    stuck = min((_null_space(matrix[own].T) for matrix in twists), key=lambda held: held.shape[1])
+    velocities = max(np.linalg.matrix_rank(matrix, tol=AT_REST) for matrix in twists)
+    names = robot.axis_names
+    proposals = _proposals(twists, freedoms) if velocities == freedoms else ()
+    return PlatformAxes(_in_words(stuck, names), _in_words(here, names), int(velocities), proposals)
+
+
+def _proposals(twists: list[Array], freedoms: int) -> tuple[tuple[str, ...], ...]:
+    """Sets of as many axes along which a frame can move in one of the poses, those without turns first."""
+    found = []
+    for axes in combinations(range(6), freedoms):
+        turning = sum(axis >= 3 for axis in axes)
+        if not axes or turning == 2:  # a platform turns about none, one or all three
+            continue
+        least = max(np.linalg.svd(matrix[list(axes)], compute_uv=False)[-1] for matrix in twists)
+        if least > WELL:
+            found.append((turning, tuple(AXES[axis] for axis in axes)))
+    return tuple(axes for _, axes in sorted(found, key=lambda entry: entry[0])[:PROPOSALS])
+
+
+def _motions(robot: ParallelRobot, q: Array) -> Array:
+    """Orthonormal motions (nv, f) that the loops allow at q (nq,), in radians and lengths of the robot."""
+    movable = np.setdiff1d(np.arange(robot.model.nv), robot.elastic)
+    loops = scaled(robot, loop_equations(robot.rows, frames_at(robot, q[None])).jacobian, robot.rows)[0]
+    right = np.linalg.svd(loops[:, movable])[2]
+    motions = np.zeros((robot.model.nv, len(movable) - len(independent_rows(robot))))
+    motions[movable] = right[len(independent_rows(robot)) :].T
+    return motions
+
+
+def _hidden_motions(robot: ParallelRobot, q: Array) -> Array:
+    """Orthonormal motions (nv, k) at q (nq,) in which no motor and no platform coordinate takes part."""
+    motions = _motions(robot, q)
+    felt = [_platform_twists(robot, q)[robot.platform_axes], np.eye(robot.model.nv)[robot.actuated]]
+    return np.asarray(motions @ _null_space(np.concatenate(felt) @ motions))
+
+
+def _frame_twists(robot: ParallelRobot, q: Array) -> Array:
+    """Twists (6, f) of the platform's frame for the motions that the loops allow at q (nq,)."""
+    return _platform_twists(robot, q) @ _motions(robot, q)
+
+
+def _platform_twists(robot: ParallelRobot, q: Array) -> Array:
+    """Twists (6, nv) of the platform's frame, in radians and lengths of the robot."""
+    twist = frames_at(robot, q[None]).jacobian[0, 0]
+    return np.asarray(twist / np.repeat([robot.length, 1.0], 3)[:, None] * column_scale(robot))
+
+
+def _centres_of_mass(robot: ParallelRobot, q: Array) -> Array:
+    """Velocities (3 b, nv) of the centres of the b bodies that have a mass, in lengths of the robot."""
+    model, data = robot.model, robot.model.createData()
+    pin.computeJointJacobians(model, data, q)
+    parts = [np.empty((0, model.nv))]
+    for joint in range(1, model.njoints):
+        if model.inertias[joint].mass > 0.0:
+            twist = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
+            parts.append(twist[:3] - pin.skew(model.inertias[joint].lever) @ twist[3:])
+    return np.asarray(np.concatenate(parts) / robot.length * column_scale(robot))
+
+
+def _neighbours(robot: ParallelRobot, q: Array) -> list[Array]:
+    """A few closed poses (nq,) beside q (nq,)."""
+    motions, rng = _motions(robot, q), np.random.default_rng(SEED)
+    if not motions.shape[1]:
+        return []
+    found = []
+    for _ in range(NEIGHBOURS):
+        step = motions @ rng.normal(size=motions.shape[1])
+        step *= BESIDE / np.abs(step).max()
+        pose = closed_beside(robot, integrate(robot, q, step * column_scale(robot)))
+        if pose is not None:
+            found.append(pose)
+    return found
+
+
+def _in_words(stuck: Array, names: tuple[str, ...]) -> str:
+    """Which axes combinations (n, k) hold still: each alone, or some together."""
+    shares = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))
+    alone = [name for name, share in shares.items() if share > 1.0 - AT_REST]
+    if len(alone) == stuck.shape[1]:
+        return ", ".join(alone)
+    together = " and ".join(name for name, share in shares.items() if AT_REST < share <= 1.0 - AT_REST)
+    return ", ".join([*alone, f"{together} independently of each other"])
+
+
+def _null_space(matrix: Array) -> Array:
+    """Orthonormal columns (c, k) that a matrix (r, c) takes to less than AT_REST."""
+    _, values, right = np.linalg.svd(matrix)
+    return np.asarray(right[int(np.sum(values > AT_REST)) :].T)
+
+
+def _row_space(matrix: Array) -> Array:
+    """Orthonormal columns (c, c - k), the complement of the null space."""
+    _, values, right = np.linalg.svd(matrix, full_matrices=False)
+    return np.asarray(right[: int(np.sum(values > AT_REST))].T)
+
+
+def _pivots(motions: Array, but: tuple[int, ...] = ()) -> tuple[int, ...]:
+    """As many joints as there are motions (nv, k), whose rates tell the motions apart; ascending."""
+    from scipy.linalg import qr
+
+    if not motions.shape[1]:
+        return ()
+    free = np.setdiff1d(np.arange(len(motions)), but)
+    order = qr(motions[free].T, mode="r", pivoting=True)[1]
+    return tuple(sorted(int(column) for column in free[order[: motions.shape[1]]]))

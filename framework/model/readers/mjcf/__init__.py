@@ -1,0 +1,1 @@
+"""The reader of MJCF, MuJoCo's XML, one file an idea."""

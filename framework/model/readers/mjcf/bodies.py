@@ -1,0 +1,188 @@
+"""The bodies of an MJCF file with their joints and sites, as the links and joints of a URDF."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import RobotFileError, choose_from
+from framework.model.description import JointSpring
+from framework.model.placement import placement
+from framework.model.readers.mjcf.geoms import inertial_element, visual_element
+from framework.model.readers.mjcf.settings import DEEPEST, TURNS, Settings, known
+from framework.model.urdf_writing import AXIS, joint_element, origin_element, vector_text
+from framework.model.xml_reading import numbers
+
+WORLD = "world"
+_BODY = ("name", "childclass", "mocap", "pos", *TURNS, "gravcomp", "user", "sleep")
+_JOINT = (
+    *("name", "class", "type", "group", "pos", "axis", "springdamper", "solreflimit", "solimplimit"),
+    *("solreffriction", "solimpfriction", "stiffness", "range", "limited", "actuatorfrcrange"),
+    *("actuatorfrclimited", "actuatorgravcomp", "margin", "ref", "springref", "armature", "damping"),
+    *("frictionloss", "user"),
+)
+_FREE = "a free body is not supported; carry it by slides and hinges"
+
+
+@dataclass
+class Coordinate:
+    """A joint of the file: its URDF joints, and where it is at the zero pose."""
+
+    joints: list[str]
+    kind: str
+    ref: float
+    armature: float
+
+
+@dataclass
+class Bodies:
+    """The URDF that grows, and what the equalities need to know."""
+
+    settings: Settings
+    root: ElementTree.Element = field(default_factory=lambda: ElementTree.Element("robot", name="mjcf"))
+    bodies: list[str] = field(default_factory=lambda: [WORLD])
+    sites: dict[str, tuple[str, Array]] = field(default_factory=dict)
+    coordinates: dict[str, Coordinate] = field(default_factory=dict)  # in the order of qpos
+    springs: list[JointSpring] = field(default_factory=list)
+    names: set[str] = field(default_factory=lambda: {WORLD})  # of links
+    links: dict[str, ElementTree.Element] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.new_link(WORLD)
+
+    def new_link(self, name: str) -> None:
+        """Add a link without mass."""
+        self.links[name] = ElementTree.SubElement(self.root, "link", name=name)
+
+    def new_name(self, wanted: str) -> str:
+        """A name that no link has."""
+        name = wanted
+        while name in self.names:
+            name += "_"
+        self.names.add(name)
+        return name
+
+    def body_content(
+        self, element: ElementTree.Element, link: str, childclass: str | None, depth: int
+    ) -> None:
+        """Geoms, sites and bodies below one body; its joints and inertia are already there."""
+        if depth > DEEPEST:
+            raise RobotFileError(f"body {link!r}: more than {DEEPEST} bodies inside each other")
+        valid = ("body", "geom", "site", "camera", "light") + (("joint", "inertial") if link != WORLD else ())
+        where = f"body {link!r}"
+        for child in element:
+            if child.tag == "freejoint":
+                raise RobotFileError(f"{where}: {_FREE}")
+            if child.tag not in valid:
+                raise RobotFileError(f"{where}: {choose_from('or unsupported element', child.tag, valid)}")
+            if child.tag == "body":
+                self.body(child, link, childclass, depth + 1)
+            elif child.tag == "site":
+                self.site(child, link, childclass)
+            elif (
+                child.tag == "geom"
+                and (shape := visual_element(self.settings, child, link, childclass)) is not None
+            ):
+                self.links[link].append(shape)
+
+    def body(self, element: ElementTree.Element, parent: str, childclass: str | None, depth: int) -> None:
+        """One body: the joints that carry it, its mass, and what is in it."""
+        given = element.get("name") or None  # MuJoCo takes an empty name for none
+        name = given or self.new_name(f"body_{len(self.bodies)}")
+        if given is not None:
+            if given in self.names:
+                raise RobotFileError(f"body {given!r}: the name is there twice, or taken")
+            self.names.add(given)
+        where = f"body {name!r}"
+        known(element, where, _BODY)
+        if element.get("mocap") == "true":
+            raise RobotFileError(f"{where}: mocap bodies are not supported")
+        if "gravcomp" in element.attrib and numbers(f"{where} gravcomp", element.get("gravcomp"), 1)[0]:
+            raise RobotFileError(f"{where}: gravcomp is not supported")
+        childclass = element.get("childclass", childclass)
+        offset = self.settings.placed(element.attrib, where)
+        # a joint turns about a point of the body; its link stands in that point, the body's own behind it
+        joints = element.findall("joint")
+        for i, joint in enumerate(joints):
+            attributes = self.settings.attributes(joint, f"{where}: <joint>", childclass)
+            at = numbers(f"{where}: <joint> pos", attributes.get("pos", "0 0 0"), 3)
+            last = i == len(joints) - 1 and not any(at)
+            parent = self.joint(name, i, attributes, parent, offset @ placement(None, at), last)
+            offset = placement(None, [-value for value in at])
+        if not joints or parent != name:
+            self.new_link(name)
+            mount = self.new_name(f"{name}_mount")
+            self.root.append(joint_element(mount, "fixed", parent, name, origin=origin_element(offset)))
+        self.bodies.append(name)
+        if len(self.bodies) > 5000:
+            raise RobotFileError("<worldbody>: more than 5000 bodies")
+        mass = inertial_element(self.settings, element, name, childclass)
+        if mass is not None:
+            self.links[name].append(mass)
+        self.body_content(element, name, childclass, depth)
+
+    def joint(
+        self, body: str, i: int, attributes: dict[str, str], parent: str, origin: Array, last: bool
+    ) -> str:
+        """Add the URDF joints of one joint; returns the link behind them."""
+        name = attributes.get("name") or f"{body}_joint" + (f"_{i + 1}" if i else "")
+        where = f"joint {name!r}"
+        for key in attributes:
+            if key not in _JOINT:
+                raise RobotFileError(f"{where}: {choose_from('attribute', key, _JOINT)}")
+        if name in self.coordinates:
+            raise RobotFileError(f"{where}: the name is there twice")
+        kind = attributes.get("type", "hinge")
+        if kind == "free":
+            raise RobotFileError(f"{where}: {_FREE}")
+        if kind not in ("hinge", "slide", "ball"):
+            raise RobotFileError(f"{where}: {choose_from('type', kind, ('hinge', 'slide', 'ball'))}")
+        unit = 1.0 if kind == "slide" else self.settings.angle
+        if any(numbers(f"{where} springdamper", attributes.get("springdamper", "0 0"), 2)):
+            raise RobotFileError(f"{where} springdamper: not supported; give stiffness")
+        armature = numbers(f"{where} armature", attributes.get("armature", "0"), 1)[0]
+        ref = unit * numbers(f"{where} ref", attributes.get("ref", "0"), 1)[0] if kind != "ball" else 0.0
+        names = [f"{name}_{letter}" for letter in "XYZ"] if kind == "ball" else [name]
+        axis = np.array(numbers(f"{where} axis", attributes.get("axis", "0 0 1"), 3))
+        if kind != "ball" and np.linalg.norm(axis) < 1e-13:
+            raise RobotFileError(f"{where} axis: the axis is zero")
+        for k, joint in enumerate(names):
+            child = body if last and k == len(names) - 1 else self.new_name(f"{joint}_link")
+            self.new_link(child)
+            urdf_kind = "prismatic" if kind == "slide" else "continuous"
+            turns = AXIS["xyz"[k]] if kind == "ball" else vector_text(axis)
+            place = origin_element(origin)
+            self.root.append(joint_element(joint, urdf_kind, parent, child, origin=place, axis=turns))
+            parent, origin = child, np.eye(4)
+        self.coordinates[name] = Coordinate(names, kind, ref, armature)
+        self.spring(name, kind, attributes, unit, ref)
+        return parent
+
+    def spring(self, name: str, kind: str, attributes: dict[str, str], unit: float, ref: float) -> None:
+        """A spring on the joint, if it has one. MuJoCo's stiffness is per radian whatever the unit."""
+        where = f"joint {name!r} stiffness"
+        parts = attributes.get("stiffness", "0").split()
+        values = numbers(where, attributes.get("stiffness", "0"), min(max(len(parts), 1), 3))
+        if any(values[1:]) or values[0] < 0:
+            raise RobotFileError(f"{where}: needs one number of at least zero, got {' '.join(parts)}")
+        if values[0] == 0:
+            return
+        if kind == "ball":
+            raise RobotFileError(f"{where}: springs of ball joints are not supported")
+        rest = unit * numbers(f"joint {name!r} springref", attributes.get("springref", "0"), 1)[0]
+        self.springs.append(JointSpring(f"{name}_spring", name, values[0], rest - ref))
+
+    def site(self, element: ElementTree.Element, link: str, childclass: str | None) -> None:
+        """A site with a name becomes a frame."""
+        name = element.get("name")
+        attributes = self.settings.attributes(element, f"site {name!r}", childclass)
+        if not name:
+            return
+        if name in self.sites:
+            raise RobotFileError(f"site {name!r} is there twice")
+        if "fromto" in attributes:
+            raise RobotFileError(f"site {name!r} fromto: not supported; give pos and an orientation")
+        self.sites[name] = (link, self.settings.placed(attributes, f"site {name!r}"))

@@ -1,0 +1,135 @@
+"""What a robot looks like, as its URDF says: the solids that hang on its joints.
+
+A shape hangs on a `node`, the number of a pinocchio joint (0 is the base), at a fixed placement. Sizes are
+in metres; cylinders have their axis along z, as in URDF.
+"""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from itertools import product
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array, IntArray
+from framework.model.parallel_robot import ParallelRobot
+from framework.model.urdf import locate_urdf
+
+Color = tuple[float, float, float, float]
+
+PLAIN: Color = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
+LARGEST_MESH = 100_000_000  # bytes
+
+
+class Shape(NamedTuple):
+    """One solid on one node."""
+
+    node: int
+    kind: str  # box, cylinder, sphere, mesh
+    size: tuple[float, ...]  # edges; radius, length; radius; nothing
+    placement: Array  # (4, 4) in the node's frame
+    color: Color
+    vertices: Array | None = None  # (V, 3) of a mesh
+    faces: IntArray | None = None  # (F, 3)
+
+    def corners(self) -> Array:
+        """The corners (8, 3) of a box around it, in the node's frame."""
+        if self.vertices is not None:
+            low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        else:
+            across = 2 * self.size[0]
+            edges = {"box": self.size, "cylinder": (across, across, self.size[-1]), "sphere": (across,) * 3}
+            sides = np.array(edges[self.kind])
+            low, high = -0.5 * sides, 0.5 * sides
+        which = np.array(list(product((0, 1), repeat=3)))
+        box = np.where(which, high, low)
+        return np.asarray(box @ self.placement[:3, :3].T + self.placement[:3, 3])
+
+
+def read_visuals(robot: ParallelRobot) -> list[Shape]:
+    """The visuals of the URDF; those that are malformed, or whose mesh cannot be read, are left out."""
+    root = ElementTree.fromstring(robot.description.urdf_text)
+    materials = {material.get("name"): material for material in root.findall("material")}
+    shapes = []
+    for link in root.findall("link"):
+        frame = robot.model.frames[robot.model.getFrameId(link.get("name", ""), pin.FrameType.BODY)]
+        for visual in link.findall("visual"):
+            try:
+                kind, size, vertices, faces = _solid(robot, visual.find("geometry"))
+                placement = frame.placement.homogeneous @ _origin(visual.find("origin"))
+                color = _color(visual.find("material"), materials)
+            except ValueError:
+                continue
+            shapes.append(Shape(frame.parentJoint, kind, size, placement, color, vertices, faces))
+    return shapes
+
+
+Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, size, mesh
+
+
+def _solid(robot: ParallelRobot, geometry: ElementTree.Element | None) -> Solid:
+    """What a `<geometry>` is; raises ValueError for what cannot be drawn."""
+    for shape in geometry if geometry is not None else ():
+        if shape.tag == "box":
+            return "box", _sizes(shape.get("size"), 3), None, None
+        if shape.tag in ("cylinder", "capsule"):
+            return "cylinder", (*_sizes(shape.get("radius"), 1), *_sizes(shape.get("length"), 1)), None, None
+        if shape.tag == "sphere":
+            return "sphere", _sizes(shape.get("radius"), 1), None, None
+        if shape.tag == "mesh":
+            return "mesh", (), *_mesh(robot, shape)
+    raise ValueError("no geometry")
+
+
+def _mesh(robot: ParallelRobot, element: ElementTree.Element) -> tuple[Array, IntArray]:
+    """Vertices (V, 3) and faces (F, 3) of a mesh file."""
+    reference = element.get("filename", "").removeprefix("file://")
+    file = locate_urdf(robot.description.file.parent, reference)  # RobotFileError is a ValueError
+    if not (reference and os.path.isfile(file) and os.path.getsize(file) <= LARGEST_MESH):
+        raise ValueError("no mesh file")
+    mesh = coal.MeshLoader().load(os.path.abspath(file), np.array(_numbers(element.get("scale", "1 1 1"), 3)))
+    vertices = np.array(mesh.vertices(), dtype=float).reshape(-1, 3)
+    triangles = [mesh.tri_indices(k) for k in range(mesh.num_tris)]
+    if not (triangles and np.all(np.isfinite(vertices))):
+        raise ValueError("no surface")
+    return vertices, np.array([[each[0], each[1], each[2]] for each in triangles], dtype=np.intp)
+
+
+def _origin(element: ElementTree.Element | None) -> Array:
+    """The placement (4, 4) of an `<origin>`."""
+    if element is None:
+        return np.eye(4)
+    xyz, rpy = (np.array(_numbers(element.get(key, "0 0 0"), 3)) for key in ("xyz", "rpy"))
+    return np.asarray(pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz).homogeneous)
+
+
+def _color(
+    material: ElementTree.Element | None, materials: Mapping[str | None, ElementTree.Element]
+) -> Color:
+    """The colour of a visual, its own or that of the material it names."""
+    own = material.find("color") if material is not None else None
+    if own is None and material is not None and material.get("name") in materials:
+        own = materials[material.get("name")].find("color")
+    if own is None:
+        return PLAIN
+    red, green, blue, alpha = _numbers(own.get("rgba"), 4)
+    return red, green, blue, alpha
+
+
+def _numbers(text: str | None, count: int) -> tuple[float, ...]:
+    values = tuple(float(part) for part in (text or "").split())
+    if len(values) != count or not np.all(np.isfinite(values)):
+        raise ValueError("no such numbers")
+    return values
+
+
+def _sizes(text: str | None, count: int) -> tuple[float, ...]:
+    values = _numbers(text, count)
+    if min(values) <= 0:
+        raise ValueError("no size")
+    return values

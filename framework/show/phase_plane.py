@@ -1,0 +1,67 @@
+"""The phase plane of a plan: s' and s" over s between what its motors allow, which closes at a crossing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from framework.crossing.limit_curves import limit_curves
+from framework.crossing.result import CrossingPlan
+from framework.show.style import COLORS, CROSSING, figure, line_style
+
+ROOM = 1.5  # the highest value shown over the largest of the laws
+SAMPLES = 601
+
+
+def plot_phase_plane(
+    plan: CrossingPlan, axes: Sequence[Axes] | None = None, *, beside: CrossingPlan | None = None
+) -> list[Axes]:
+    """s' and s" over s, on two axes: the plan's law, and the range that the limits of its motors leave.
+
+    The range of s" is that at the plan's own s'; it closes to a point at each crossing, condition (8).
+
+    Args:
+        beside: another plan on the same path, whose law is drawn too.
+    """
+    axes = figure(2, height=1.9)[1] if axes is None else list(axes)
+    curves = limit_curves(plan)
+    drawn = [plan] if beside is None else [plan, beside]
+    laws = [
+        [each.law(np.linspace(0.0, each.duration, SAMPLES), order) for order in range(3)] for each in drawn
+    ]
+    tops = [ROOM * max(float(np.abs(law[order]).max()) for law in laws) for order in (1, 2)]
+    unit = plan.robot.torque_units[0]
+    limits = ", ".join(f"{limit:.3g}" for limit in np.unique(curves.torque_limit))
+    band: dict[str, Any] = {"color": COLORS[4], "alpha": 0.3, "linewidth": 0}
+    highest = np.where(np.isfinite(curves.highest_speed), curves.highest_speed, 2 * tops[0])
+    highest = np.where(np.isnan(curves.highest_speed), 0.0, highest)
+    axes[0].fill_between(curves.s, 0.0, highest, label=f"within {limits} {unit}", **band)
+    axes[1].fill_between(
+        curves.s,
+        np.clip(curves.lowest_acceleration, -2 * tops[1], 2 * tops[1]),
+        np.clip(curves.highest_acceleration, -2 * tops[1], 2 * tops[1]),
+        **band,
+    )
+    for k, (each, law) in enumerate(zip(drawn, laws, strict=True)):
+        for ax, values in zip(axes, law[1:], strict=True):
+            ax.plot(law[0], values, label=f"{each.law.kind}, {each.duration:.3g} s", **line_style(k))
+    for crossing in plan.crossings:
+        for ax, value in zip(axes, (crossing.speed, crossing.acceleration), strict=True):
+            ax.axvline(crossing.s, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
+            ax.plot([crossing.s], [value], "o", color=CROSSING, markersize=4, zorder=3)
+    least = float(np.nanmin(curves.highest_speed))
+    if np.isfinite(least) and least > tops[0]:  # the range goes beyond what is shown
+        text = rf"$\dot s$ may be {least:.3g} 1/s everywhere"
+        axes[0].text(0.98, 0.95, text, transform=axes[0].transAxes, ha="right", va="top", fontsize=7)
+    axes[0].set_ylim(0.0, tops[0])
+    axes[1].set_ylim(-tops[1], tops[1])
+    axes[0].set_xlim(0.0, 1.0)
+    axes[1].set_xlim(0.0, 1.0)
+    axes[0].set_ylabel(r"$\dot s$  [1/s]")
+    axes[1].set_ylabel(r"$\ddot s$  [1/s$^2$]")
+    axes[1].set_xlabel("path coordinate  $s$")
+    axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=2)
+    return axes

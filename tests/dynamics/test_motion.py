@@ -1,0 +1,82 @@
+"""The motion of an inverse dynamics: closed loops, rates that belong together, power that balances."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework import Line, plan_crossing
+from framework.dynamics.wrench import wrench_along, wrench_curves
+from framework.kinematics.closures import loop_equations
+from tests.robots.every_robot import planned
+
+LINE = Line([0.1, 0.345], [-0.05, 0.195])
+
+
+@pytest.fixture(scope="module", params=["rigid", "flexible_links"])
+def plan(request):
+    return plan_crossing(robots.load("five_bar", flexibility=request.param), LINE, duration=1.5)
+
+
+def test_its_loops_are_closed_and_its_platform_is_the_planned_one(plan):
+    t = np.linspace(0.0, 1.5, 57)
+    motion = plan.dynamics.motion(t)
+    residual = loop_equations(plan.robot.rows, motion.system.frames).residual
+    assert np.abs(residual).max() < 1e-15
+    np.testing.assert_allclose(motion.system.frames.position[:, 0, :2], plan.platform(t), atol=1e-15)
+    np.testing.assert_array_equal(
+        motion.q[:, plan.robot.elastic], plan.dynamics.configuration(t)[:, plan.robot.elastic]
+    )
+
+
+def test_velocities_and_accelerations_are_the_derivatives_of_positions(plan):
+    t, h = np.linspace(0.1, 1.4, 23), 1e-4
+    motion = plan.dynamics.motion(t)
+    before, after = (plan.dynamics.motion(t + step) for step in (-h, h))
+    # h^2 times the third derivative, of size 1e2
+    np.testing.assert_allclose(motion.v, (after.q - before.q) / (2 * h), atol=1e-5)
+    np.testing.assert_allclose(motion.a, (after.v - before.v) / (2 * h), atol=1e-4)
+    # and those of the series through the nodes
+    np.testing.assert_allclose(motion.v, plan.dynamics.velocity(t), atol=1e-9)
+
+
+def test_one_instant_is_that_of_many(plan):
+    t = np.array([0.2, 0.9])
+    one, many = plan.dynamics.motion(0.9), plan.dynamics.motion(t)
+    np.testing.assert_allclose(one.v[0], many.v[1], atol=1e-13)
+    np.testing.assert_allclose(one.a[0], many.a[1], atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["five_bar_heavy", "delta"])
+def test_the_wrench_that_all_bodies_ask_for_does_the_work_that_goes_into_them(name):
+    """W_p . v is the rate of kinetic and potential energy of all bodies, their motion led by the platform."""
+    robot = robots.load(name)
+    plan = planned(robot)
+    t, h = np.linspace(0.1, 0.9, 17) * plan.duration, 1e-5 * plan.duration
+    curves = wrench_curves(robot, plan.dynamics.motion(t))
+
+    def energy(times):
+        motion = plan.dynamics.motion(times)
+        data = robot.model.createData()
+        return np.array(
+            [
+                pin.computeKineticEnergy(robot.model, data, q, v)
+                + pin.computePotentialEnergy(robot.model, data, q)
+                for q, v in zip(motion.q, motion.v, strict=True)
+            ]
+        )
+
+    rate = (energy(t + h) - energy(t - h)) / (2 * h)
+    power = np.sum(curves.wrench * plan.platform(t, 1), axis=1)
+    np.testing.assert_allclose(power, rate, rtol=0, atol=1e-6 * np.abs(rate).max())
+
+
+def test_at_the_crossing_g_and_the_power_vanish_together(plan):
+    (crossing,) = plan.crossings
+    t = crossing.time + np.array([-1e-3, 0.0, 1e-3])
+    g, power = wrench_along(plan.dynamics, t)
+    assert abs(g[1]) < 1e-11
+    assert g[0] * g[2] < 0
+    assert abs(power[1]) < 1e-9

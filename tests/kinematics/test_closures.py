@@ -1,0 +1,99 @@
+"""Loop equations of whole robots: derivatives along any motion, and the same loops as rows written anew."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.closures import closure_drift, column_scale, loop_equations, loop_wrenches, scaled
+from framework.kinematics.frames import frame_motions, frames_at
+from tests.closure_rows import closure_rows
+from tests.forward_simulation import kinematics
+
+NAMES = list(robots.CATALOGUE)
+
+
+def anywhere(robot, seed: int):
+    """A configuration whose loops may be open, and joint rates."""
+    rng = np.random.default_rng(seed)
+    q = pin.integrate(
+        robot.model, robot.q_near, 0.3 * rng.standard_normal(robot.model.nv) * column_scale(robot)
+    )
+    return q, rng.standard_normal(robot.model.nv) * column_scale(robot)
+
+
+def along(robot, q, v, times):
+    """Loop equations (T, m) along the motion of constant joint rates."""
+    steps = np.array([pin.integrate(robot.model, q, t * v) for t in times])
+    return loop_equations(robot.rows, frames_at(robot, steps)).residual
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_jacobian_and_drift_are_the_derivatives_along_a_motion(name):
+    robot = robots.load(name)
+    q, v = anywhere(robot, 1)
+    h = 1e-4
+    before, here, after = along(robot, q, v, [-h, 0.0, h])
+    at = frames_at(robot, q[None])
+    size = max(robot.length, 1.0)
+    jacobian = loop_equations(robot.rows, at).jacobian[0]
+    np.testing.assert_allclose(jacobian @ v, (after - before) / (2 * h), rtol=0, atol=1e-6 * size)
+    drift = closure_drift(robot.rows, at, frame_motions(robot, at, q[None], v[None]))[0]
+    # h^2 times a fourth derivative, and rounding over h^2
+    np.testing.assert_allclose(drift, (after - 2 * here + before) / h**2, rtol=0, atol=1e-5 * size)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_equation_is_a_wrench_between_its_two_bodies(name):
+    """Its rate is the power of the wrench on the twist of the second body relative to the first."""
+    robot = robots.load(name, flexibility="flexible_links")
+    q, v = anywhere(robot, 2)
+    at = frames_at(robot, q[None])
+    twist = frame_motions(robot, at, q[None], v[None]).twist[0]
+    first, second = robot.rows.first, robot.rows.second
+    relative = twist[second] - twist[first]
+    # the first body seen at the origin of the second frame
+    apart = at.position[0, second] - at.position[0, first]
+    relative[:, :3] -= np.cross(twist[first, 3:], apart)
+    power = np.sum(loop_wrenches(robot.rows, at).wrench[0] * relative, axis=1)
+    jacobian = loop_equations(robot.rows, at).jacobian[0]
+    np.testing.assert_allclose(power, jacobian @ v, rtol=0, atol=1e-12 * max(robot.length, 1.0))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_closed_loops_allow_what_rows_written_anew_allow(name):
+    robot = robots.load(name)
+    q = reference_configuration(robot).q
+    model, data = robot.model, robot.model.createData()
+    v = np.random.default_rng(3).standard_normal(model.nv) * column_scale(robot)
+    kinematics(model, data, q, v)
+    anew = closure_rows(model, data, robot.description.closures)
+    at = frames_at(robot, q[None])
+    ours = loop_equations(robot.rows, at).jacobian[0]
+    scale = column_scale(robot)
+    level = 1e-9 * np.linalg.norm(ours * scale, 2)
+    ranks = [np.linalg.matrix_rank(rows * scale, tol=level) for rows in (ours, anew.jacobian)]
+    both = np.linalg.matrix_rank(np.vstack([ours, anew.jacobian]) * scale, tol=level)
+    assert ranks == [both, both]
+    # and the accelerations: of a motion that both allow, J a + drift = 0 has the same solutions
+    allowed = v - scale * (np.linalg.pinv(ours * scale, rcond=1e-9) @ (ours @ v))
+    kinematics(model, data, q, allowed)
+    anew = closure_rows(model, data, robot.description.closures)
+    drift = closure_drift(robot.rows, at, frame_motions(robot, at, q[None], allowed[None]))[0]
+    a = scale * np.linalg.lstsq(ours * scale, -drift, rcond=1e-9)[0]
+    size = max(np.abs(drift).max(), np.abs(anew.drift).max(), robot.length)
+    np.testing.assert_allclose(ours @ a, -drift, rtol=0, atol=1e-9 * size)
+    np.testing.assert_allclose(anew.jacobian @ a, -anew.drift, rtol=0, atol=1e-9 * size)
+
+
+@pytest.mark.parametrize("name", ["three_upu", "slider_crank", "gough_stewart"])
+def test_scaled_matrices_map_unit_motions_to_robot_lengths_and_radians(name):
+    robot = robots.load(name)
+    q, v = anywhere(robot, 4)
+    jacobian = loop_equations(robot.rows, frames_at(robot, q[None])).jacobian
+    rate = scaled(robot, jacobian, robot.rows)[0] @ (v / column_scale(robot))
+    unit = np.where(robot.rows.rotation, 1.0, robot.length)
+    np.testing.assert_allclose(rate * unit, jacobian[0] @ v, rtol=1e-12, atol=1e-13 * robot.length)

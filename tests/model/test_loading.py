@@ -1,0 +1,159 @@
+"""One loader: the Python call and the command line read the same files, each of them once."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+
+import pytest
+import yaml
+
+import robots
+from framework.cli import main
+from framework.errors import MissingPackage, RobotFileError
+from framework.model import ParallelRobot, read_robot_file
+from framework.model.description import AXES
+from framework.model.readers import read_any
+from tests.model.readers.test_dialects import FIVE_BARS
+from tests.watchdog import bounded
+
+QUICK = 5.0  # [s] of processor time in which a file is refused
+
+
+@pytest.fixture
+def parses(monkeypatch) -> Counter[str]:
+    """How often a text was parsed, by its format, since the test began."""
+    count: Counter[str] = Counter()
+
+    class XMLParser(ElementTree.XMLParser):
+        def __init__(self, *given, **options) -> None:
+            count["XML"] += 1
+            super().__init__(*given, **options)
+
+    first_step = yaml.reader.Reader.__init__
+
+    def counted(self, stream) -> None:
+        count["YAML"] += 1
+        first_step(self, stream)
+
+    monkeypatch.setattr(ElementTree, "XMLParser", XMLParser)
+    monkeypatch.setattr(yaml.reader.Reader, "__init__", counted)
+    return count
+
+
+def test_each_parse_is_counted(parses):
+    ElementTree.fromstring("<robot/>")
+    ElementTree.XML("<robot/>")
+    yaml.safe_load("robot")
+    assert parses == {"XML": 2, "YAML": 1}
+
+
+@pytest.mark.parametrize("flexibility", ["rigid", "flexible_links"])
+@pytest.mark.parametrize(
+    "name", ["five_bar", "standing_quadruped", "two_arms"]
+)  # the last two edit their URDF
+def test_a_robot_takes_one_parse_of_each_of_its_files(parses, name, flexibility):
+    entry = robots.CATALOGUE[name]
+    parses.clear()
+    assert ParallelRobot.from_file(entry.file, flexibility=flexibility).name == name
+    assert parses == {"XML": 1, "YAML": 1}
+
+
+@pytest.mark.parametrize("name", FIVE_BARS)
+def test_every_dialect_takes_one_parse_of_each_of_its_files(parses, name):
+    file, options = FIVE_BARS[name]
+    ParallelRobot.from_file(file, **options)
+    assert parses == {"XML": 1, "YAML": 1} if name in ("own", "gepetto", "gepetto folder") else {"XML": 1}
+
+
+@pytest.mark.parametrize("name", FIVE_BARS)
+def test_a_file_and_its_description_are_the_same_robot(name):
+    file, options = FIVE_BARS[name]
+    description = read_any(file, **options)
+    direct = ParallelRobot.from_file(file, **options)
+    assert direct.description == description
+    assert direct.model == ParallelRobot.from_description(description).model
+
+
+@pytest.mark.parametrize("name", robots.CATALOGUE)
+def test_the_urdf_that_was_read_is_the_one_that_the_text_says(name):
+    file = robots.CATALOGUE[name].file
+    direct = ParallelRobot.from_file(file, flexibility="flexible_links")
+    again = ParallelRobot.from_description(read_robot_file(file), flexibility="flexible_links")
+    assert direct.description == again.description
+    assert direct.model == again.model  # joints, placements, inertias, limits, to the last bit
+
+
+def test_what_is_said_beside_a_file_overrules_it():
+    file = robots.CATALOGUE["gough_stewart"].file
+    robot = ParallelRobot.from_file(file, axes=["x"])
+    assert robot.axis_names == ("x",)
+    assert ParallelRobot.from_file(file).axis_names == AXES
+
+
+def bomb(levels: int) -> str:
+    """A YAML text of a few lines that is 9^levels values with its aliases written out."""
+    lines = ["a0: &a0 [" + ", ".join(["x"] * 9) + "]"]
+    lines += [f"a{k}: &a{k} [" + ", ".join([f"*a{k - 1}"] * 9) + "]" for k in range(1, levels)]
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("reading", [ParallelRobot.from_file, read_any, read_robot_file])
+@pytest.mark.parametrize("place", ["alone", "in a robot file", "in a pair"])
+def test_an_alias_bomb_is_refused_at_once(write_robot, reading, place):
+    file = write_robot()
+    above = {
+        "alone": "",
+        "in a robot file": file.read_text(encoding="utf-8"),
+        "in a pair": "closed_loop: []\n",
+    }
+    file.write_text(above[place] + bomb(30), encoding="utf-8")
+    with (
+        bounded(QUICK),
+        pytest.raises(RobotFileError, match=r"my_robot\.yaml: aliases: more than 20000 values"),
+    ):
+        reading(file)
+
+
+@pytest.mark.parametrize("given", ["unknown key", "no loops", "too little said", "nothing there"])
+def test_the_command_line_and_the_call_complain_alike(write_robot, capsys, given):
+    own = write_robot(("surprise", 1))
+    file = {
+        "unknown key": own,
+        "no loops": own.with_name("five_bar.urdf"),
+        "too little said": FIVE_BARS["ros"][0],
+        "nothing there": own.with_name("missing.yaml"),
+    }[given]
+    with pytest.raises(RobotFileError) as caught:
+        ParallelRobot.from_file(file)
+    assert main(["check", str(file)]) == 2
+    assert str(caught.value) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("reading", [ParallelRobot.from_file, read_any, read_robot_file])
+def test_a_missing_package_is_named_whoever_reads(write_robot, reading):
+    file = write_robot(("urdf", "package://no-such-robots/arm.urdf"))
+    with pytest.raises(MissingPackage) as caught:
+        reading(file)
+    assert caught.value.package == "no-such-robots"
+    assert str(caught.value).count(str(file)) == 1
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous"])
+def test_the_limit_of_a_joint_is_of_numbers_in_every_dialect(write_robot, tmp_path, kind):
+    texts = {name: FIVE_BARS[name][0].read_text(encoding="utf-8") for name in ("urdf+", "ros")}
+    own = write_robot(urdf=(('type="revolute"', f'type="{kind}"'), ('effort="200"', 'effort="strong"')))
+    with pytest.raises(RobotFileError, match=r"joint 'left_motor': <limit> effort: needs finite numbers"):
+        ParallelRobot.from_file(own)
+    for name, text in texts.items():
+        file = tmp_path / f"{name}.urdf"
+        text = text.replace('type="revolute"', f'type="{kind}"', 1)
+        file.write_text(text.replace('effort="1"', 'effort="strong"', 1), encoding="utf-8")
+        with pytest.raises(RobotFileError, match=r"joint 'left_motor': <limit> effort: needs finite numbers"):
+            ParallelRobot.from_file(file, **FIVE_BARS[name][1])
+
+
+def test_a_limit_that_leaves_no_room_is_refused(write_robot):
+    file = write_robot(urdf=(('lower="-6.28" upper="6.28"', 'lower="1" upper="-1"'),))
+    with pytest.raises(RobotFileError, match=r"joint 'left_motor': <limit>: needs lower <= upper"):
+        ParallelRobot.from_file(file)
