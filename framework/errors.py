@@ -12,6 +12,7 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,16 @@ from framework.arrays import Array, ArrayLike
 
 
 class FrameworkError(Exception):
-    """Base of all errors raised on purpose by this package."""
+    """Base of all errors raised on purpose by this package. They can be pickled, whatever they carry."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (type(self), self.args, self.__dict__)
+
+
+def _restored(kind: type[FrameworkError], args: tuple[Any, ...], carried: dict[str, Any]) -> FrameworkError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(carried)
+    return error
 
 
 # ------------------------------------------------------------------ what was given cannot be right
@@ -220,6 +230,10 @@ class NotConverged(NoAnswer):
     def __init__(self, message: str, *, residual: float) -> None:
         super().__init__(message)
         self.residual = residual
+
+
+class LostWorkers(NoAnswer):
+    """Processes that computed a task were killed, one after the other, or cannot be started."""
 
 
 def point(x: Sequence[float] | Array) -> str:

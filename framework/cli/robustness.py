@@ -6,9 +6,8 @@ import argparse
 import csv
 import json
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from contextlib import contextmanager
-from multiprocessing import get_context
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -25,12 +24,14 @@ from framework.cli.parser import (
     progress_bar,
     whole,
 )
+from framework.cli.replay import replayed
 from framework.control.closed_loop import SENSORS, Loop
-from framework.control.controllers import CONTROLLERS, tuned_controller
-from framework.control.estimation import Controller
-from framework.control.reference import reference_of
+from framework.control.controllers import CONTROLLERS
+from framework.control.kept_runs import KeptRuns, forget
 from framework.control.study import Study, run_study
+from framework.control.study_setup import FILE, StudySetup
 from framework.control.variation import Spread
+from framework.control.workers import Workers
 from framework.errors import InvalidInput
 from framework.output import written_together
 
@@ -38,7 +39,7 @@ COLUMNS = (
     *("controller", "study_seed", "run", "passed"),
     *("tracking_error", "end_error", "peak_torque", "payload", "why"),
 )
-MOST_RUNS = 1_000_000
+MOST_RUNS, MOST_WORKERS = 1_000_000, 1000
 CONNECTING = "10s"  # patience with a dask scheduler
 TEXT = "drive a planned crossing with a controller on many robots that differ from their model"
 
@@ -54,16 +55,29 @@ def add(commands: Any) -> None:
         "--controller",
         nargs="+",
         choices=tuple(CONTROLLERS),
-        default=["feedforward"],
         help="one or several to compare (default: feedforward)",
     )
     parser.add_argument(
         "--runs", type=whole(1, MOST_RUNS), default=200, metavar="N", help="runs a controller (default: 200)"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="K", help="of the study (default: 0)")
-    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default: 1)")
+    parser.add_argument(
+        "--workers", type=whole(1, MOST_WORKERS), default=1, metavar="N", help="processes (default: 1)"
+    )
     parser.add_argument("--dask", metavar="ADDRESS", help="of a dask scheduler, instead of --workers")
-    parser.add_argument("--out", metavar="DIR", help="write robustness.json, runs.csv and a figure there")
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        help="write robustness.json, runs.csv and a figure there; a study that is stopped keeps its finished "
+        "runs there, and the same command goes on from them",
+    )
+    parser.add_argument(
+        "--replay",
+        type=whole(0, MOST_RUNS),
+        metavar="K",
+        help="run number K of the study in the folder ROBOT once more, alone",
+    )
+    parser.set_defaults(parser=parser)
     spread = parser.add_argument_group("how the robots differ")
     for name, default, text in (
         ("payload", 0.05, "share of the payload, uniform in +-"),
@@ -97,7 +111,9 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """One study for each controller, on the same robots."""
+    """One study for each controller, on the same robots; or one run of such a study once more."""
+    if options.replay is not None:
+        return replayed(options)
     spread = Spread(
         **{
             name: getattr(options, name)
@@ -108,43 +124,72 @@ def run(options: argparse.Namespace) -> Report:
     loop = Loop(band=options.band, end=options.band, limit=limit, sensors=options.sensors)
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
-    plan = arguments.planned(options)
-    reference = reference_of(plan, period=options.period)
-    controllers = {name: tuned_controller(name, reference) for name in options.controller}
+    setup = StudySetup.of(
+        arguments.planned(options), period=options.period, loop=loop, spread=spread, seed=options.seed
+    )
     if options.out is None:
-        return _told(plan.robot.name, _studies(options, controllers, loop, spread))
-    with written_together(FilePath(options.out)) as folder:  # hours of work want a place to go to
-        studies = _studies(options, controllers, loop, spread)
-        document, text = _told(plan.robot.name, studies)
+        return _told(setup, _studies(options, setup, {}))
+    out = FilePath(options.out)
+    kept = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
+    with written_together(out, document=FILE) as folder:  # hours of work want a place to go to
+        try:
+            studies = _studies(options, setup, kept)
+        except KeyboardInterrupt as stop:
+            raise type(stop)(*_what_is_kept(options, kept)) from None
+        document, text = _told(setup, studies)
         _write(studies, document, folder)
+    forget(out)
     return document, f"{text}\n  written to        {options.out}"
 
 
-def _told(robot: str, studies: list[Study]) -> Report:
+def _names(options: argparse.Namespace) -> list[str]:
+    """Names of the controllers, each once."""
+    return list(dict.fromkeys(options.controller or ["feedforward"]))
+
+
+def _told(setup: StudySetup, studies: list[Study]) -> Report:
+    robot = setup.plan.robot.name
     document = {
         "robot": robot,
         "runs": len(studies[0].passed),
+        **setup.to_dict(),
         "studies": [_document(study) for study in studies],
     }
     return document, _text(robot, studies)
 
 
-def _studies(
-    options: argparse.Namespace, controllers: dict[str, Controller], loop: Loop, spread: Spread
-) -> list[Study]:
-    total = options.runs * len(controllers)
+def _what_is_kept(options: argparse.Namespace, kept: dict[str, KeptRuns]) -> list[str]:
+    """What to say of a study that is stopped."""
+    count = sum(len(chunk) for place in kept.values() for chunk, _ in place.found())
+    if not count:
+        return []
+    return [
+        f"{count} of {options.runs * len(kept)} runs are kept in {options.out}, and the same command goes on "
+        f"from them"
+    ]
+
+
+def _studies(options: argparse.Namespace, setup: StudySetup, kept: dict[str, KeptRuns]) -> list[Study]:
+    names = _names(options)
+    controllers = {name: setup.controller(name) for name in names}
     studies: list[Study] = []
-    with _executor(options) as executor, progress_bar(total, "run", silent=options.json) as progress:
+    chunk = None if options.dask else -(-options.runs // options.workers)
+    with (
+        _executor(options) as executor,
+        progress_bar(options.runs * len(names), "run", silent=options.json) as progress,
+    ):
         for name, controller in controllers.items():
             studies.append(
                 run_study(
                     controller,
-                    loop,
-                    spread,
+                    setup.loop,
+                    setup.spread,
                     runs=options.runs,
                     name=name,
-                    seed=options.seed,
+                    seed=setup.seed,
                     executor=executor,
+                    chunk=chunk,
+                    keeper=kept.get(name),
                     progress=_after(progress, len(studies) * options.runs),
                 )
             )
@@ -157,8 +202,6 @@ def _after(progress: Callable[[float], None], before: int) -> Callable[[int], No
 
 @contextmanager
 def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
-    if options.workers < 1:
-        raise InvalidInput(f"--workers: needs at least 1, got {options.workers}")
     if options.dask is not None:
         try:
             from distributed import Client
@@ -173,8 +216,8 @@ def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
     elif options.workers == 1:
         yield None
     else:
-        with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-            yield pool
+        with Workers(options.workers) as workers:
+            yield workers
 
 
 def _document(study: Study) -> dict[str, Any]:
@@ -185,7 +228,14 @@ def _document(study: Study) -> dict[str, Any]:
         "tracking_error": _quantiles(study.tracking_error),
         "end_error": _quantiles(study.end_error),
         "peak_torque": float(study.peak_torque.max()),
-        "failures": [{"seed": list(seed), "why": study.why[seed[1]]} for seed in study.failures],
+        "failures": [
+            {
+                "seed": list(seed),
+                "why": study.why[seed[1]],
+                "tracking_error": float(study.tracking_error[seed[1]]),
+            }
+            for seed in study.failures
+        ],
         "seconds": study.seconds,
     }
 
@@ -223,7 +273,7 @@ def _write(studies: list[Study], document: dict[str, Any], folder: FilePath) -> 
     from framework.show.plots import save
     from framework.show.robustness import plot_robustness
 
-    (folder / "robustness.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
     with open(folder / "runs.csv", "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)

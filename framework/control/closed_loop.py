@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,9 +65,8 @@ class Run:
     torque: Array | None = None  # (K, R, n_a) if it was recorded
 
 
-def torque_limit(controller: Controller, loop: Loop) -> Array:
-    """Largest motor torques (n_a,) [N m]."""
-    reference = controller.reference
+def torque_limit(reference: Reference, loop: Loop) -> Array:
+    """Largest motor torques (n_a,) [N m]; raises InvalidInput for a limit that is no torque."""
     planned = 10 * np.abs(reference.torque).max(axis=0)
     if loop.limit is None:
         motors = reference.robot.description.actuators
@@ -86,13 +85,16 @@ def run_closed_loop(
     variations: Sequence[Variation],
     *,
     record: bool = False,
+    advanced: Callable[[float], None] = lambda share: None,
 ) -> Run:
     """Drive R varied robots along the plan from rest, all starting where the plan starts.
+
+    `record` keeps all torques; `advanced` is called with the share of the motion that is done.
 
     Raises:
         InvalidInput: the loops of a varied robot do not close; a limit that is no torque.
     """
-    ref, limit = controller.reference, torque_limit(controller, loop)
+    ref, limit = controller.reference, torque_limit(controller.reference, loop)
     nominal, last = ref.robot, len(ref.times) - 1
     stepper, *start = _started(controller, variations)
     q, v = start
@@ -102,6 +104,7 @@ def run_closed_loop(
     watch = _Watch.of(len(variations), nominal)
     for k in range(last + 1):
         if k % LOOK == 0 or k == last:
+            advanced(k / last)
             watch.look(ref.times[k], unwrap(nominal, stepper.platform(q, v)[0], ref.x[k]), ref.x[k])
         seen = _measured(
             ref, k, stepper, q, v, noise=None if noise is None else noise[k], sensors=loop.sensors

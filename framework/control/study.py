@@ -1,15 +1,17 @@
 """Many runs of one controlled crossing on robots that differ from their model.
 
-Runs go out in chunks of a fixed size through any `concurrent.futures.Executor`. Each run is drawn from its
-own seed, and chunks do not depend on the executor: neither do the results.
+Runs go out in chunks through any `concurrent.futures.Executor`. Each run is drawn from its own seed, and
+comes out the same in any chunk: results depend neither on the executor nor on chunks, and finished chunks
+can be kept for a study that is stopped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, wait
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from functools import partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +22,8 @@ from framework.control.estimation import Controller
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
 
+LISTENING = 0.1  # [s] between two looks whether Ctrl-C was pressed
 CHUNK = 250  # runs that are stacked; more do not make a run cheaper
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +64,16 @@ class Study:
         return [(self.seed, int(k)) for k in np.flatnonzero(~self.passed)]
 
 
-class SerialExecutor(Executor):
-    """Runs each task at once, in this process."""
+class Keeper(Protocol):
+    """A place for finished runs, so that a study that is stopped goes on from them."""
 
-    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """The finished future of a call."""
-        future: Future[T] = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
+    def found(self) -> list[tuple[range, Run]]:
+        """What is there, by the numbers of the runs."""
+        ...
+
+    def keep(self, chunk: range, run: Run) -> None:
+        """Put a finished chunk there."""
+        ...
 
 
 def run_study(
@@ -81,6 +85,8 @@ def run_study(
     name: str = "controller",
     seed: int = 0,
     executor: Executor | None = None,
+    chunk: int | None = None,
+    keeper: Keeper | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Study:
     """`runs` closed-loop runs, each of a robot drawn from the spread.
@@ -88,7 +94,10 @@ def run_study(
     Args:
         executor: where chunks of runs are computed; this process when None. It must be able to pickle
             the controller.
-        progress: called with the number of runs that are finished.
+        chunk: runs that are computed together, at most and by default 250; no result depends on it.
+        keeper: where finished chunks are kept, and taken from if they are there already.
+        progress: called with the number of runs that are finished; in this process those under way count
+            by their share of the motion.
 
     Raises:
         InvalidInput: fewer than one run, a negative seed.
@@ -100,29 +109,86 @@ def run_study(
     if seed < 0:
         raise InvalidInput(f"seed: a whole number of at least 0, got {seed!r}")
     started = time.perf_counter()
-    place = SerialExecutor() if executor is None else executor
-    chunks = [range(first, min(first + CHUNK, runs)) for first in range(0, runs, CHUNK)]
-    waiting = [place.submit(run_chunk, controller, loop, spread, seed, chunk) for chunk in chunks]
-    found: list[Run] = []
-    for chunk, future in zip(chunks, waiting, strict=True):
-        found.append(future.result())
-        progress(chunk.stop)
+    found = _chosen(keeper.found() if keeper is not None else [], runs)
+
+    def tell(under_way: float = 0.0) -> None:
+        progress(sum(map(len, found)) + int(under_way))
+
+    task = partial(run_chunk, controller, loop, spread, seed)
+    tell()
+    for part, run in _computed(task, _missing(found, runs, min(chunk or CHUNK, CHUNK)), executor, tell):
+        found[part] = run
+        if keeper is not None:
+            keeper.keep(part, run)
+        tell()
+    every = [found[part] for part in sorted(found, key=lambda part: part.start)]
     return Study(
         controller=name,
         spread=spread,
         seed=seed,
-        passed=np.concatenate([run.passed for run in found]),
-        why=tuple(reason for run in found for reason in run.why),
-        tracking_error=np.concatenate([run.tracking_error for run in found]),
-        end_error=np.concatenate([run.end_error for run in found]),
-        peak_torque=np.concatenate([run.peak_torque for run in found]),
-        payload=np.concatenate([run.payload for run in found]),
+        passed=np.concatenate([run.passed for run in every]),
+        why=tuple(reason for run in every for reason in run.why),
+        tracking_error=np.concatenate([run.tracking_error for run in every]),
+        end_error=np.concatenate([run.end_error for run in every]),
+        peak_torque=np.concatenate([run.peak_torque for run in every]),
+        payload=np.concatenate([run.payload for run in every]),
         seconds=time.perf_counter() - started,
     )
 
 
-def run_chunk(controller: Controller, loop: Loop, spread: Spread, seed: int, chunk: range) -> Run:
+def _chosen(kept: list[tuple[range, Run]], runs: int) -> dict[range, Run]:
+    """Those of the kept chunks that belong to this study and do not overlap."""
+    chosen: dict[range, Run] = {}
+    end = 0
+    for part, run in sorted(kept, key=lambda one: one[0].start):
+        if end <= part.start < part.stop <= runs:
+            chosen[part] = run
+            end = part.stop
+    return chosen
+
+
+def _missing(found: Iterable[range], runs: int, chunk: int) -> list[range]:
+    """The other runs, in chunks."""
+    missing, end = [], 0
+    for part in (*sorted(found, key=lambda part: part.start), range(runs, runs)):
+        gap = range(end, part.start)
+        missing += [gap[first : first + chunk] for first in range(0, len(gap), chunk)]
+        end = part.stop
+    return missing
+
+
+def _computed(
+    task: Callable[..., Run], chunks: list[range], executor: Executor | None, tell: Callable[[float], None]
+) -> Iterator[tuple[range, Run]]:
+    """Chunks as they are finished; `tell` hears how many runs are under way in this process."""
+    if executor is None:
+        for chunk in chunks:
+            yield chunk, task(chunk, partial(_part_of, tell, len(chunk)))
+        return
+    waiting = {executor.submit(task, chunk): chunk for chunk in chunks}
+    try:
+        while waiting:
+            # a signal may wake another thread: this one has to look for it
+            for future in wait(waiting, LISTENING, FIRST_COMPLETED).done:
+                yield waiting.pop(future), future.result()
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _part_of(tell: Callable[[float], None], size: int, share: float) -> None:
+    tell(share * size)
+
+
+def run_chunk(
+    controller: Controller,
+    loop: Loop,
+    spread: Spread,
+    seed: int,
+    chunk: range,
+    advanced: Callable[[float], None] = lambda share: None,
+) -> Run:
     """The runs of one chunk."""
     robot = controller.reference.robot
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
-    return run_closed_loop(controller, loop, spread, variations)
+    return run_closed_loop(controller, loop, spread, variations, advanced=advanced)

@@ -28,6 +28,7 @@ from framework.motion.law import Law, PlannedLaw, check_duration
 from framework.motion.optimal_law import OptimalLaw
 from framework.motion.path import Path
 
+LARGEST_DOCUMENT = 1_000_000_000  # bytes
 SAME = 1e-6  # peak torques of the file and of the plan computed anew may differ by this share
 
 
@@ -43,9 +44,17 @@ def load_plan(folder: str | FilePath) -> CrossingPlan:
         InvalidInput: there is no plan.json, it is not one of ours, or its robot has changed since.
         RobotFileError: the robot file is gone or broken.
     """
-    started = time.perf_counter()
     file = FilePath(folder) / "plan.json"
-    saved = _read(file)
+    return restored_plan(read_document(file, "plan"), file)
+
+
+def restored_plan(saved: dict[str, Any], file: FilePath) -> CrossingPlan:
+    """The plan of which `CrossingPlan.to_dict` gave `saved`; `file` is where that stood, for complaints.
+
+    Raises:
+        InvalidInput, RobotFileError: see `load_plan`.
+    """
+    started = time.perf_counter()
     try:
         robot = _robot(saved)
         path = _path(file, saved)
@@ -102,8 +111,14 @@ def _law(saved: dict[str, Any], duration: float) -> PlannedLaw:
     return OptimalLaw(series, saved["smoothness"], duration, dense_at)
 
 
-def _read(file: FilePath) -> dict[str, Any]:
-    text = read_text(file, f"{file}: cannot be read; give a folder of `crossing plan --out`")
+def read_document(file: FilePath, command: str) -> dict[str, Any]:
+    """The JSON object that a command wrote into the folder of --out.
+
+    Raises:
+        InvalidInput: there is none.
+    """
+    complaint = f"{file}: cannot be read; give a folder of `crossing {command} --out`"
+    text = read_text(file, complaint, largest=LARGEST_DOCUMENT)
     try:
         saved = json.loads(text)
     except (ValueError, RecursionError) as error:

@@ -20,7 +20,9 @@ from framework.control.controllers import tuned_controller
 from framework.control.feedforward import FeedforwardPD
 from framework.control.reference import reference_of
 from framework.control.study import run_chunk, run_study
+from framework.control.study_setup import load_study
 from framework.control.variation import Spread, Variation, draw, varied
+from tests.conftest import REMOVED, put
 
 PAYLOAD = Spread(payload=0.05)
 
@@ -87,7 +89,8 @@ def test_a_study_does_not_depend_on_the_executor(monkeypatch):
         parallel = run_study(one, Loop(), spread, runs=5, seed=3, executor=pool)
     np.testing.assert_array_equal(serial.tracking_error, parallel.tracking_error)
     np.testing.assert_array_equal(serial.peak_torque, parallel.peak_torque)
-    assert done == [2, 4, 5]
+    assert done == sorted(done)
+    assert {2, 4, 5} <= set(done)  # chunk by chunk, and those under way by their share
     other = run_study(one, Loop(), spread, runs=5, seed=4)
     assert not np.array_equal(serial.payload, other.payload)
 
@@ -232,3 +235,168 @@ def test_a_plan_has_its_motion_already(tmp_path, capsys):
     (tmp_path / "plan.json").write_text("{}")
     assert main(["robustness", str(tmp_path), "--scene", "C"]) == 2
     assert "--scene" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------ a study that is stopped
+
+
+def computed(monkeypatch, stop_after=None):
+    """Numbers of the runs that are computed, in chunks of two; Ctrl-C comes after so many chunks."""
+    numbers, whole = [], study_module.run_chunk
+
+    def counting(controller, loop, spread, seed, chunk, *rest):
+        if stop_after is not None and len(numbers) == 2 * stop_after:
+            raise KeyboardInterrupt
+        numbers.extend(chunk)
+        return whole(controller, loop, spread, seed, chunk, *rest)
+
+    monkeypatch.setattr(study_module, "CHUNK", 2)
+    monkeypatch.setattr(study_module, "run_chunk", counting)
+    return numbers
+
+
+def test_a_study_that_is_stopped_goes_on_from_its_finished_runs(tmp_path, capsys, monkeypatch):
+    out = tmp_path / "new" / "out"
+    two = [*SHORT, "--controller", "lqr", "feedforward", "--noise", "1e-6", "--period", "1e-2", "--json"]
+    with monkeypatch.context() as patched:
+        computed(patched, stop_after=3)
+        assert main([*two, "--out", str(out)]) == 130
+    assert capsys.readouterr().err == (
+        f"crossing: interrupted: 6 of 8 runs are kept in {out}, and the same command goes on from them\n"
+    )
+    kept = [path for path in out.rglob("*") if path.is_file()]
+    assert len(kept) == 3
+    kept[0].write_bytes(kept[0].read_bytes()[:100])  # a file that a full disk left
+    numbers = computed(monkeypatch)
+    assert main([*two, "--out", str(out), "--workers", "1"]) == 0
+    assert len(numbers) == 4
+    gone_on = json.loads(capsys.readouterr().out)["studies"]
+    assert main(two) == 0
+    for study in (*gone_on, *(plain := json.loads(capsys.readouterr().out)["studies"])):
+        del study["seconds"]
+    assert gone_on == plain
+    assert not [path for path in out.iterdir() if path.name.startswith(".")]
+
+
+def test_runs_of_another_study_are_not_taken(tmp_path, monkeypatch):
+    with monkeypatch.context() as patched:
+        computed(patched, stop_after=1)
+        assert main([*SHORT, "--out", str(tmp_path)]) == 130
+    for change in (["--payload", "0.04"], ["--controller", "lqr"]):
+        with monkeypatch.context() as patched:
+            numbers = computed(patched, stop_after=1)
+            assert main([*SHORT, *change, "--out", str(tmp_path)]) == 130
+            assert numbers == [0, 1]
+
+
+def test_ctrl_c_before_any_run_is_finished_leaves_nothing(tmp_path, capsys, monkeypatch):
+    computed(monkeypatch, stop_after=0)
+    assert main([*SHORT, "--out", str(tmp_path / "new" / "out"), "--json"]) == 130
+    out, err = capsys.readouterr()
+    assert err == "crossing: interrupted\n"
+    assert json.loads(out) == {"error": {"kind": "KeyboardInterrupt", "message": "interrupted"}}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_in_this_process_progress_is_told_while_a_chunk_is_under_way():
+    done = []
+    run_study(controller("feedforward", period=5e-3), Loop(), PAYLOAD, runs=5, progress=done.append)
+    assert set(done) == {0, 1, 2, 3, 4, 5}
+
+
+# ------------------------------------------------------------------ a run once more
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    spread = ["--places", "1e-5", "--friction", "0.02", "--noise", "1e-6", "--band", "1e-3"]
+    controllers = ["--controller", "lqr", "naive_computed_torque"]
+    assert main([*SHORT, *spread, *controllers, "--limit", "2", "--out", str(folder)]) == 0
+    return folder
+
+
+def test_a_study_keeps_all_that_a_rerun_needs(study):
+    saved = json.loads((study / "robustness.json").read_text())
+    assert saved["spread"] == dict(
+        payload=0.05, stiffness=0.0, places=1e-5, friction=0.02, delay=0.0, noise=1e-6, speed_noise=0.0
+    )
+    assert (saved["period"], saved["limit"], saved["band"], saved["seed"]) == (5e-3, [2.0, 2.0], 0.001, 0)
+    assert saved["plan"]["robot_file"] == "five_bar"
+    assert {"parallel-singularity-crossing", "pin", "numpy", "scipy", "python"} <= set(saved["versions"])
+
+
+def test_a_failure_is_run_again_from_what_was_written(study, tmp_path, capsys):
+    """The file alone, elsewhere, in another process of the program: to the last bit."""
+    saved = json.loads((study / "robustness.json").read_text())
+    (tmp_path / "robustness.json").write_text(json.dumps(saved))
+    failure = saved["studies"][1]["failures"][0]
+    replay = ["robustness", str(tmp_path), "--replay", str(failure["seed"][1])]
+    assert main([*replay, "--controller", "naive_computed_torque", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["as_written"]
+    assert (found["why"], found["tracking_error"]) == (failure["why"], failure["tracking_error"])
+    assert main([*replay, "--controller", "naive_computed_torque"]) == 0
+    assert f"{failure['why']}; as in the study" in capsys.readouterr().out
+    setup, _ = load_study(tmp_path)
+    run = setup.run("naive_computed_torque", failure["seed"][1])
+    assert run.tracking_error[0] == failure["tracking_error"]
+    assert len(run.torque) > 100
+
+
+def test_a_run_that_is_not_what_was_written_is_told_with_the_versions(study, tmp_path, capsys):
+    saved = json.loads((study / "robustness.json").read_text())
+    failure = saved["studies"][1]["failures"][0]
+    failure["tracking_error"] *= 1.5
+    saved["versions"]["numpy"] = "1.0"
+    (tmp_path / "robustness.json").write_text(json.dumps(saved))
+    number = str(failure["seed"][1])
+    assert (
+        main(["robustness", str(tmp_path), "--replay", number, "--controller", "naive_computed_torque"]) == 0
+    )
+    out = capsys.readouterr().out
+    assert "otherwise than in the study" in out
+    assert "numpy 1.0 then" in out
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (["--replay", "4", "--controller", "lqr"], "0 to 3"),
+        (["--replay", "0"], "--controller: give one of this study: lqr, naive_computed_torque"),
+        (["--replay", "0", "--controller", "feedforward"], "--controller"),
+        (["--replay", "0", "--controller", "lqr", "--payload", "0.1"], "--payload: the study"),
+        (["--replay", "0", "--controller", "lqr", "--from", "0", "0"], "--from: the study"),
+        (["--replay", "-1"], "--replay"),
+    ],
+)
+def test_a_replay_that_cannot_be_is_refused_by_name(study, capsys, change, says):
+    assert main(["robustness", str(study), *change]) == 2
+    assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *((key, REMOVED) for key in ("plan", "period", "spread", "limit", "band", "studies", "runs", "seed")),
+        ("versions", REMOVED),
+        ("spread", {"payload": -1.0}),
+        ("spread.colour", 1.0),
+        ("limit", None),
+        ("band", "wide"),
+        ("sensors", "eyes"),
+        ("period", "short"),
+        ("plan", []),
+        ("plan.law", None),
+        ("studies", {"lqr": 1}),
+        ("studies.0.failures", 3),
+    ],
+)
+def test_a_file_that_is_no_study_is_refused_in_one_line(study, tmp_path, capsys, key, value):
+    saved = json.loads((study / "robustness.json").read_text())
+    put(saved, key, value)
+    (tmp_path / "robustness.json").write_text(json.dumps(saved))
+    assert main(["robustness", str(tmp_path), "--replay", "0", "--controller", "lqr"]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "robustness.json" in err or str(tmp_path) in err

@@ -1,0 +1,82 @@
+"""`crossing robustness STUDY --replay K`: one run of a study once more, held against what was written."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from framework.cli.parser import Report
+from framework.control.closed_loop import Run
+from framework.control.study_setup import load_study, versions
+from framework.errors import InvalidInput
+
+OF_A_REPLAY = ("robot", "replay", "controller", "json", "warnings", "parser")
+
+
+def replayed(options: argparse.Namespace) -> Report:
+    """Run number --replay of the study in the folder ROBOT.
+
+    Raises:
+        InvalidInput: options beside it that the study has already; no such study, controller or run.
+    """
+    plain = vars(options.parser.parse_args([options.robot]))
+    for key, value in vars(options).items():
+        if key not in OF_A_REPLAY and value != plain[key]:
+            name = {"start": "from", "end": "to"}.get(key, key.replace("_", "-"))
+            raise InvalidInput(f"--{name}: the study in {options.robot} has its own; leave it out")
+    setup, saved = load_study(options.robot)
+    try:
+        failures = {study["controller"]: list(map(dict, study["failures"])) for study in saved["studies"]}
+        runs, then = int(saved["runs"]), dict(saved["versions"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"{options.robot}: not a study that `crossing robustness --out` wrote ({type(error).__name__}: "
+            f"{error})"
+        ) from None
+    names = options.controller or list(failures)
+    if len(names) != 1 or names[0] not in failures:
+        raise InvalidInput(f"--controller: give one of this study: {', '.join(map(str, failures))}")
+    name, number = names[0], options.replay
+    if number >= runs:
+        raise InvalidInput(f"--replay: the study has the runs 0 to {runs - 1}, got {number}")
+    run, seed = setup.run(name, number), [setup.seed, number]
+    written = [failure for failure in failures[name] if failure.get("seed") == seed]
+    document = {
+        "robot": setup.plan.robot.name,
+        "controller": name,
+        "run": number,
+        "passed": bool(run.passed[0]),
+        "why": run.why[0],
+        "tracking_error": float(run.tracking_error[0]),
+        "end_error": float(run.end_error[0]),
+        "peak_torque": float(run.peak_torque.max()),
+        "payload": float(run.payload[0]),
+        "as_written": written == _failures(run, seed),
+        "versions": {"then": then, "now": versions()},
+    }
+    return document, _text(document)
+
+
+def _failures(run: Run, seed: list[int]) -> list[dict[str, Any]]:
+    """What the study would have written of a run."""
+    if run.passed[0]:
+        return []
+    return [{"seed": seed, "why": run.why[0], "tracking_error": float(run.tracking_error[0])}]
+
+
+def _text(document: dict[str, Any]) -> str:
+    then, now = document["versions"]["then"], document["versions"]["now"]
+    others = [f"{what} {then.get(what)} then, {now[what]} now" for what in now if then.get(what) != now[what]]
+    held = "as in the study"
+    if not document["as_written"]:
+        held = f"otherwise than in the study, with {', '.join(others) or 'the same versions'}"
+    return "\n".join(
+        [
+            f"{document['robot']}: run {document['run']}, {document['controller']}: "
+            f"{document['why'] or 'passed'}; {held}",
+            f"  tracking error    {document['tracking_error']:.3g} robot lengths or rad, at the end "
+            f"{document['end_error']:.3g}",
+            f"  peak torque       {document['peak_torque']:.6g} N m",
+            f"  payload           {document['payload']:.6g} of the model's",
+        ]
+    )

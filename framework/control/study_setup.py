@@ -1,0 +1,110 @@
+"""What a run of a study depends on, as robustness.json keeps it: with its seed it gives the run back."""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from framework.control.closed_loop import Loop, Run, run_closed_loop, torque_limit
+from framework.control.controllers import tuned_controller
+from framework.control.estimation import Controller
+from framework.control.reference import Reference, reference_of
+from framework.control.variation import Spread, draw
+from framework.crossing.result import CrossingPlan
+from framework.crossing.saved import read_document, restored_plan
+from framework.errors import InvalidInput
+
+FILE = "robustness.json"
+PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
+
+
+@dataclass(frozen=True, eq=False)
+class StudySetup:
+    """A plan, how it is sampled and judged, and how robots differ from their model."""
+
+    plan: CrossingPlan  # as it is read back from its own document
+    period: float  # [s]
+    loop: Loop  # with the limits of the torques spelled out
+    spread: Spread
+    seed: int
+
+    @staticmethod
+    def of(plan: CrossingPlan, *, period: float, loop: Loop, spread: Spread, seed: int) -> StudySetup:
+        """The setup of a new study.
+
+        Torques of the plan are computed anew from its document, to be the same to the last bit as those that
+        a rerun has.
+
+        Raises:
+            InvalidInput: a plan that cannot be written down; a period or limits that cannot be.
+        """
+        plan = restored_plan(plan.to_dict(), Path(FILE))
+        limit = tuple(map(float, torque_limit(reference_of(plan, period=period), loop)))
+        spelled_out = Loop(band=loop.band, end=loop.end, limit=limit, sensors=loop.sensors)
+        return StudySetup(plan, period, spelled_out, spread, seed)
+
+    @cached_property
+    def reference(self) -> Reference:
+        """The plan at the instants of the controller."""
+        return reference_of(self.plan, period=self.period)
+
+    def controller(self, name: str) -> Controller:
+        """A controller of that name with its default gains; raises InvalidInput as `tuned_controller`."""
+        return tuned_controller(name, self.reference)
+
+    def run(self, controller: str, number: int) -> Run:
+        """One run of the study once more, alone, with its torques recorded."""
+        variation = draw(self.plan.robot, self.spread, (self.seed, number))
+        return run_closed_loop(self.controller(controller), self.loop, self.spread, [variation], record=True)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As robustness.json has it, with the versions of what computes."""
+        return {
+            "seed": self.seed,
+            "period": self.period,
+            **asdict(self.loop),
+            "spread": asdict(self.spread),
+            "plan": self.plan.to_dict(),
+            "versions": versions(),
+        }
+
+    @staticmethod
+    def from_dict(saved: dict[str, Any], file: Path) -> StudySetup:
+        """What `to_dict` wrote; `file` is where that stood, for complaints.
+
+        Raises:
+            InvalidInput: it is not that, or the robot has changed since.
+        """
+        try:
+            loop = Loop(saved["band"], saved["end"], tuple(saved["limit"]), saved["sensors"])
+            spread, period, seed = Spread(**saved["spread"]), float(saved["period"]), int(saved["seed"])
+            plan = dict(saved["plan"])
+        except InvalidInput as error:
+            raise InvalidInput(f"{file}: {error}") from None
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidInput(
+                f"{file}: not a study that `crossing robustness --out` wrote "
+                f"({type(error).__name__}: {error})"
+            ) from None
+        return StudySetup(restored_plan(plan, file), period, loop, spread, seed)
+
+
+def versions() -> dict[str, str]:
+    """What a rerun has to have in common with a run to be the same to the last bit."""
+    found = {package: version(package) for package in PACKAGES}
+    return {**found, "python": platform.python_version(), "machine": platform.machine()}
+
+
+def load_study(folder: str | Path) -> tuple[StudySetup, dict[str, Any]]:
+    """The setup of the study that `crossing robustness --out` wrote into a folder, and its whole document.
+
+    Raises:
+        InvalidInput: there is no robustness.json, it is not one of ours, or its robot has changed since.
+    """
+    file = Path(folder) / FILE
+    saved = read_document(file, "robustness")
+    return StudySetup.from_dict(saved, file), saved

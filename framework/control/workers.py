@@ -1,0 +1,203 @@
+"""Processes that compute for this one: they end when it ends, however it ends, and may be killed.
+
+`concurrent.futures.ProcessPoolExecutor` gives up all tasks when one of its processes is killed, and leaves
+its processes behind when this one is. Here each process has a thread and a pipe of its own: a pipe that
+breaks tells which task was lost, and that one is begun anew. A process that sees this one gone ends itself.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import queue
+import signal
+import threading
+import traceback
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from contextlib import suppress
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from typing import Any, NamedTuple, TypeVar
+
+from framework.errors import LostWorkers
+
+TRIES = 3  # processes that a task may cost
+UNPORTABLE = (pickle.PicklingError, AttributeError, TypeError)  # what pickle says of what it cannot do
+T = TypeVar("T")
+
+
+class _Task(NamedTuple):
+    future: Future[Any]
+    call: tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
+
+
+class _Worker(NamedTuple):
+    process: SpawnProcess
+    pipe: Connection
+
+
+class Workers(Executor):
+    """`count` processes. Tasks and what they return must be such as can be pickled.
+
+    Leaving the `with` block by an exception, Ctrl-C included, kills the processes and drops what waits.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._alive: set[SpawnProcess] = set()
+        self._closed = False  # no task is taken any more
+        self._stopped = False  # and no process is begun
+        self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(count)]
+        for thread in self._threads:
+            thread.start()
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """A future of a call, which `LostWorkers` ends if each process that tries it is killed."""
+        future: Future[T] = Future()
+        with self._lock:
+            if self._closed:
+                raise RuntimeError("cannot submit to workers that are shut down")
+            self._tasks.put(_Task(future, (fn, args, kwargs)))
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Take no more tasks; wait for those that were taken, or drop those that have not begun."""
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                if cancel_futures:
+                    self._drop()
+                for _ in self._threads:
+                    self._tasks.put(None)
+        if wait:
+            for thread in self._threads:
+                thread.join()
+
+    def stop(self) -> None:
+        """Kill all processes and drop all tasks."""
+        with self._lock:
+            self._closed = self._stopped = True
+            self._drop()
+            for _ in self._threads:
+                self._tasks.put(None)
+            for process in self._alive:
+                process.kill()
+        for thread in self._threads:
+            thread.join()
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        if kind is None:
+            self.shutdown()
+        else:
+            self.stop()
+
+    def _drop(self) -> None:
+        """Cancel what waits."""
+        with suppress(queue.Empty):
+            while True:
+                task = self._tasks.get_nowait()
+                if task is not None:
+                    task.future.cancel()
+
+    def _serve(self) -> None:
+        """One process after the other, for as long as there are tasks."""
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit it: Ctrl-C is for us
+        worker: _Worker | None = None
+        while (task := self._tasks.get()) is not None:
+            if task.future.set_running_or_notify_cancel():
+                worker = self._computed(task, worker)
+        if worker is not None:
+            self._ended(worker)
+
+    def _computed(self, task: _Task, worker: _Worker | None) -> _Worker | None:
+        """Settle a task; returns the process that is left, if any."""
+        try:
+            message = pickle.dumps(task.call)
+        except UNPORTABLE as error:
+            task.future.set_exception(error)
+            return worker
+        for _ in range(TRIES):
+            try:
+                worker = worker or self._begun()
+            except OSError as error:
+                task.future.set_exception(LostWorkers(f"no worker process can be started: {error}"))
+                return None
+            if worker is None:
+                break
+            try:
+                worker.pipe.send_bytes(message)
+                fine, found = pickle.loads(worker.pipe.recv_bytes())
+            except (EOFError, OSError):
+                self._ended(worker)
+                worker = None
+                continue
+            if fine:
+                task.future.set_result(found)
+            else:
+                task.future.set_exception(found)
+            return worker
+        task.future.set_exception(
+            LostWorkers(
+                f"{TRIES} worker processes were killed one after the other over the same task, for want of "
+                f"memory perhaps; take fewer --workers"
+            )
+        )
+        return None
+
+    def _begun(self) -> _Worker | None:
+        """A new process, None if there are to be none."""
+        ours, theirs = get_context("spawn").Pipe()
+        process = get_context("spawn").Process(target=_work, args=(theirs,), daemon=True)
+        with self._lock:
+            if self._stopped:
+                return None
+            process.start()
+            self._alive.add(process)
+        theirs.close()  # else a dead process would not break the pipe
+        return _Worker(process, ours)
+
+    def _ended(self, worker: _Worker) -> None:
+        """Without its pipe a process ends; a dead one is put away."""
+        worker.pipe.close()
+        worker.process.join()
+        with self._lock:
+            self._alive.discard(worker.process)
+
+
+def _work(pipe: Connection) -> None:
+    """What a worker process does: call by call, until the pipe breaks."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    while True:
+        try:
+            fn, args, kwargs = pickle.loads(pipe.recv_bytes())
+        except EOFError:
+            return
+        pipe.send_bytes(_answer(fn, *args, **kwargs))
+
+
+def _answer(fn: Callable[..., Any], *args: Any, **kwargs: Any) -> bytes:
+    """What a call returned or raised, pickled."""
+    try:
+        return pickle.dumps((True, fn(*args, **kwargs)))
+    except Exception as error:  # noqa: BLE001 - an executor hands on whatever its tasks raise
+        error.add_note(f"in a worker process:\n{traceback.format_exc()}")
+        return pickle.dumps((False, _portable(error)))
+
+
+def _portable(error: Exception) -> Exception:
+    """An error that survives the way to another process."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except UNPORTABLE:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)

@@ -1,0 +1,189 @@
+"""A command that is told to end says one line and leaves nothing: no process, no half file, and soon."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from framework.interruption import Terminated, exit_code, interruptible, uninterrupted
+
+PATIENCE = 120.0  # [s] on a machine with much else to do
+# what is sent before the program has begun to import is Python's own affair
+PROGRAM = (
+    "import sys; from framework.cli import main\n"
+    "if __name__ == '__main__': print('begun', flush=True); sys.exit(main(sys.argv[1:]))"
+)
+SIGNALS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
+STUDY = ["robustness", "five_bar", "--scene", "C", "--smoothness", "4", "--period", "2e-4", "--runs", "500"]
+COMMANDS = {
+    "plan": ["plan", "gough_stewart", "--scene", "turn", "--flexibility", "flexible_links"],
+    "simulate": ["simulate", "five_bar", "--scene", "C", "--method", "fast", "--step", "2e-6"],
+    "show": [
+        "show",
+        "gough_stewart",
+        "--scene",
+        "turn",
+        "tilt",
+        "--flexibility",
+        "flexible_links",
+        "--no-open",
+    ],
+    "robustness": STUDY,
+    "robustness with workers": [*STUDY, "--workers", "2"],
+}
+
+
+@contextmanager
+def begun(arguments: list[str]) -> Iterator[subprocess.Popen[str]]:
+    """A command in a process group of its own, as a shell has it, just begun."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, *arguments],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    with process:
+        try:
+            assert process.stdout.readline() == "begun\n"
+            yield process
+        finally:
+            process.kill()
+
+
+def members(group: int) -> dict[int, str]:
+    """Processes of a group with what they run, zombies aside."""
+    found = {}
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            try:
+                state, _, their_group = (folder / "stat").read_text().rpartition(")")[2].split()[:3]
+                words = (folder / "cmdline").read_text().replace("\0", " ")
+            except OSError:
+                continue
+            if int(their_group) == group and state != "Z":
+                found[int(folder.name)] = words
+    return found
+
+
+def wait_for(condition):
+    """What a condition gives once it gives something."""
+    end = time.monotonic() + PATIENCE
+    while not (found := condition()):
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.02)
+    return found
+
+
+def workers(group: int, count: int) -> list[int]:
+    """Worker processes, once there are as many."""
+    found = [pid for pid, words in members(group).items() if "spawn_main" in words]
+    return found if len(found) == count else []
+
+
+needs_proc = pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="there is no /proc")
+
+
+@needs_proc
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize(
+    "command",
+    [
+        "plan",
+        pytest.param("simulate", marks=pytest.mark.slow),
+        pytest.param("show", marks=pytest.mark.slow),
+        pytest.param("robustness", marks=pytest.mark.slow),
+        "robustness with workers",
+    ],
+)
+def test_a_command_that_is_told_to_end_ends(tmp_path, command, number):
+    writes = command in ("plan", "robustness", "robustness with workers")
+    out = ["--out", os.fspath(tmp_path / "new" / "out")] if writes else []
+    with begun([*COMMANDS[command], *out]) as process:
+        if writes:
+            wait_for(lambda: list(tmp_path.glob("new/out/.*")))  # it is at work
+        if "workers" in command:
+            wait_for(lambda: workers(process.pid, 2))
+        time.sleep(0.5)
+        asked = time.monotonic()
+        os.killpg(process.pid, number)  # as Ctrl-C does: all processes hear it
+        os.killpg(process.pid, number)
+        out, err = process.communicate(timeout=PATIENCE)
+        assert time.monotonic() - asked < PATIENCE / 4
+    code, word = SIGNALS[number]
+    assert (process.returncode, out, err) == (code, "", f"crossing: {word}\n")
+    assert members(process.pid) == {}
+    assert list(tmp_path.iterdir()) == []
+
+
+@needs_proc
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_no_worker_outlives_the_command(tmp_path, number):
+    with begun([*COMMANDS["robustness with workers"], "--out", os.fspath(tmp_path)]) as process:
+        wait_for(lambda: workers(process.pid, 2))
+        time.sleep(0.5)
+        os.kill(process.pid, number)  # it alone
+        process.wait(PATIENCE)
+        wait_for(lambda: not members(process.pid))
+
+
+@needs_proc
+def test_a_worker_that_is_killed_costs_no_run(tmp_path):
+    arguments = [*STUDY[:-4], "--period", "5e-3", "--runs", "8", "--workers", "2", "--json"]
+    with begun(arguments) as process:
+        os.kill(wait_for(lambda: workers(process.pid, 2))[0], signal.SIGKILL)
+        out, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, err) == (0, "")
+    assert json.loads(out)["runs"] == 8
+
+
+# ------------------------------------------------------------------ the context
+
+
+def test_the_first_signal_interrupts_and_the_others_do_not():
+    with interruptible():
+        with pytest.raises(Terminated) as caught:
+            signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGINT)
+    assert exit_code(caught.value) == 143
+    with interruptible(), pytest.raises(KeyboardInterrupt) as caught:
+        signal.raise_signal(signal.SIGINT)
+    assert exit_code(caught.value) == 130
+
+
+def test_what_the_caller_ignores_stays_ignored():
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with interruptible():
+            signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_where_it_must_not_be_interrupted_a_signal_waits():
+    done = []
+
+    def work():
+        with interruptible():
+            with uninterrupted():
+                signal.raise_signal(signal.SIGINT)
+                done.append("first")
+            done.append("second")
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert done == ["first"]
