@@ -55,7 +55,10 @@ def plot_phase_plane(
     least = float(np.nanmin(curves.highest_speed))
     if np.isfinite(least) and least > tops[0]:  # the range goes beyond what is shown
         text = rf"$\dot s$ may be {least:.3g} 1/s everywhere"
-        axes[0].text(0.98, 0.95, text, transform=axes[0].transAxes, ha="right", va="top", fontsize=7)
+        plain = {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 1.5}
+        axes[0].text(
+            0.98, 0.95, text, transform=axes[0].transAxes, ha="right", va="top", fontsize=7, bbox=plain
+        )
     axes[0].set_ylim(0.0, tops[0])
     axes[1].set_ylim(-tops[1], tops[1])
     axes[0].set_xlim(0.0, 1.0)

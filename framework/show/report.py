@@ -143,6 +143,8 @@ def _figures(plan: CrossingPlan) -> str:
             ("Singularity measure along the path", lambda: plots.plot_singularity(plan)),
             (f"{asked(plan.robot).capitalize()} t_s", lambda: plots.plot_wrench(plan)),
         ]
+    if plan.optimality is not None:
+        drawn.append(("Phase plane", lambda: plots.plot_phase_plane(plan)[0]))
     figures = []
     for title, draw in drawn:
         picture = io.BytesIO()
