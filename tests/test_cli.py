@@ -16,7 +16,7 @@ import robots
 from framework import plan_scene
 from framework.cli import main
 from framework.model.description import FLEXIBILITIES
-from tests.robots import five_bar_oracle as oracle
+from tests.oracles import five_bar as oracle
 
 LINE = ["--from", "0.1", "0.345", "--to", "-0.05", "0.195"]  # through the singularity
 CLEAR = ["--from", "0.1", "0.345", "--to", "-0.05", "0.295"]  # past it

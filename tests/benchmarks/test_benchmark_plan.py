@@ -16,7 +16,7 @@ import pytest
 
 import robots
 from framework import finite_difference_torques, plan_scene
-from tests.robots import five_bar_oracle as oracle
+from tests.oracles import five_bar as oracle
 
 pytestmark = pytest.mark.benchmark
 REPEATS = 15

@@ -25,7 +25,7 @@ from framework.dynamics.forces import tree_forces
 from framework.errors import InvalidInput, NoLaw, NotConverged, UnboundedTorque
 from framework.kinematics.inverse_kinematics import motion_at
 from framework.kinematics.tracking import track_path
-from tests.robots import five_bar_oracle as oracle
+from tests.oracles import five_bar as oracle
 from tests.singularity.test_points_on_path import locus, locus_tangent
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])

@@ -25,7 +25,7 @@ from framework.dynamics.forces import motor_torque
 from framework.errors import InvalidInput, NoLaw, NotConverged
 from framework.kinematics.tracking import track_path
 from framework.motion.chebyshev import TimeGrid
-from tests.robots import five_bar_oracle as oracle
+from tests.oracles import five_bar as oracle
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 CLEAR = Line([0.1, 0.345], [-0.05, 0.295])

@@ -14,8 +14,8 @@ from framework.dynamics.forces import loop_forces, motor_torque, tree_forces
 from framework.kinematics.closures import column_scale
 from framework.kinematics.inverse_kinematics import Motion, assembled_at
 from framework.model.description import JointSpring
-from tests.closure_rows import closure_rows
-from tests.forward_simulation import kinematics
+from tests.oracles.closure_rows import closure_rows
+from tests.oracles.forward_simulation import kinematics
 from tests.robots.every_robot import CASES, RIGID, in_stages
 
 FEW = ("five_bar", "delta", "standing_quadruped", "two_arms", "three_upu")

@@ -19,8 +19,8 @@ from framework.kinematics.assembly import (
     reference_configuration,
 )
 from framework.kinematics.closures import column_scale
-from tests.closure_rows import closure_errors, closure_rows
-from tests.forward_simulation import kinematics
+from tests.oracles.closure_rows import closure_errors, closure_rows
+from tests.oracles.forward_simulation import kinematics
 
 NAMES = list(robots.CATALOGUE)
 RANK = 1e-9  # of the largest singular value

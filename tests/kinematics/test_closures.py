@@ -10,8 +10,8 @@ import robots
 from framework.kinematics.assembly import reference_configuration
 from framework.kinematics.closures import closure_drift, column_scale, loop_equations, loop_wrenches, scaled
 from framework.kinematics.frames import frame_motions, frames_at
-from tests.closure_rows import closure_rows
-from tests.forward_simulation import kinematics
+from tests.oracles.closure_rows import closure_rows
+from tests.oracles.forward_simulation import kinematics
 
 NAMES = list(robots.CATALOGUE)
 

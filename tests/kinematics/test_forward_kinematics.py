@@ -13,8 +13,8 @@ from framework.kinematics.assembly import passive_columns
 from framework.kinematics.closures import column_scale, loop_equations
 from framework.kinematics.forward_kinematics import forward_kinematics, motors_are_free
 from framework.kinematics.frames import actuated_coordinates, frames_at
-from tests.closure_rows import closure_rows
-from tests.forward_simulation import kinematics
+from tests.oracles.closure_rows import closure_rows
+from tests.oracles.forward_simulation import kinematics
 
 MOTORS, LINK = np.array([[-0.2, 0.0], [0.2, 0.0]]), 0.25  # the 5R of the paper
 FREE = [name for name, entry in robots.CATALOGUE.items() if motors_are_free(entry.load())]

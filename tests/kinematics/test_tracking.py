@@ -10,8 +10,8 @@ from framework import Arc, InvalidInput, Line, assemble, track_path
 from framework.errors import OutOfReach, Type1Singularity
 from framework.kinematics.closures import column_scale
 from framework.kinematics.tracking import follow_path
-from tests.closure_rows import closure_errors
-from tests.forward_simulation import kinematics
+from tests.oracles.closure_rows import closure_errors
+from tests.oracles.forward_simulation import kinematics
 from tests.robots.every_robot import RIGID, first_path
 
 MOTORS, LINK = np.array([[-0.2, 0.0], [0.2, 0.0]]), 0.25  # the 5R of the paper

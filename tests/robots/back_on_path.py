@@ -7,8 +7,8 @@ import numpy as np
 from framework import CrossingPlan, ParallelRobot
 from framework.kinematics.frames import frames_at
 from framework.kinematics.platform import platform_coordinates
-from tests.forward_simulation import simulate_robot
-from tests.massless_simulation import massless_directions, simulate_massless
+from tests.oracles.forward_simulation import simulate_robot
+from tests.oracles.massless_simulation import massless_directions, simulate_massless
 
 BACK = 1e-8  # [m, rad]
 

@@ -21,7 +21,7 @@ import pinocchio as pin
 from framework import ParallelRobot
 from framework.kinematics.assembly import reference_configuration
 from framework.model.description import Closure, RobotDescription, Spring, locked_axes
-from tests.robots.joint_chain import Edge, along_z, chain, fixed, urdf
+from tests.oracles.joint_chain import Edge, along_z, chain, fixed, urdf
 
 
 def openings(description: RobotDescription, closure: Closure) -> list[str]:

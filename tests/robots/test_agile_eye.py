@@ -13,7 +13,7 @@ from framework import Line, assemble, locate_singularities, plan_scene, scene_pa
 from framework.errors import Type1Singularity
 from framework.kinematics.assembly import loop_rows
 from robots.generators import agile_eye as generator
-from tests.robots.spherical_oracle import BASE, GEAR, WRISTS, Spherical, rodrigues, spin_matrix
+from tests.oracles.spherical import BASE, GEAR, WRISTS, Spherical, rodrigues, spin_matrix
 
 ORACLE = Spherical(np.pi / 2, (1, 1, 1))
 

@@ -19,8 +19,8 @@ from framework import (
     velocity_matrices,
 )
 from framework.errors import OutOfReach, UnboundedTorque
-from tests.forward_simulation import forward_simulate
-from tests.robots.one_degree_oracle import ASIDE, DIGITS, instants, law_powers, law_value
+from tests.oracles.forward_simulation import forward_simulate
+from tests.oracles.one_degree import ASIDE, DIGITS, instants, law_powers, law_value
 
 HALF, ROD = 0.2, 0.2 * np.sqrt(2)  # [m] half the distance of the rails, length of a rod
 RAILS = np.array([-HALF, HALF])

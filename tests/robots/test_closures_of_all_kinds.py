@@ -1,7 +1,7 @@
 """The witnesses of the generated tests, for the kinds of closure that the catalogue has not.
 
-A closure is written three times: rows in the framework, rows in `tests.closure_rows`, and a chain of real
-joints in `tests.robots.joint_chain`. They must say the same.
+A closure is written three times: rows in the framework, rows in `tests.oracles.closure_rows`, and a chain
+of real joints in `tests.oracles.joint_chain`. They must say the same.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import robots
 from framework import ParallelRobot, plan_scene
 from framework.errors import NoLaw
 from framework.model.description import CLOSURE_KINDS, Closure, locked_axes
-from tests.closure_rows import closure_errors, closure_rows
-from tests.forward_simulation import kinematics
+from tests.oracles.closure_rows import closure_errors, closure_rows
+from tests.oracles.forward_simulation import kinematics
+from tests.oracles.joint_chain import chain, urdf
 from tests.robots.back_on_path import BACK, misses
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
 from tests.robots.every_robot import assert_same_torques
-from tests.robots.joint_chain import chain, urdf
 
 PAIR = '<robot name="pair"><link name="ground"/><link name="one"/><link name="two"/></robot>'
 KINDS = {f"{kind} {axis}": locked_axes(kind, axis) for kind in CLOSURE_KINDS for axis in "xyz"}

@@ -25,8 +25,8 @@ from framework import (
 from framework.errors import UnboundedTorque
 from framework.kinematics.frames import frames_at
 from robots.generators import delta as generator
-from tests.forward_simulation import forward_simulate
-from tests.robots import lagrange_oracle
+from tests.oracles import lagrange
+from tests.oracles.forward_simulation import forward_simulate
 
 ARM, ROD, WIDTH = 0.524, 1.244, 0.131  # [m]
 REACH = 0.164 - 0.044  # motor axes, as seen from the centre of the platform [m]
@@ -110,7 +110,7 @@ def potential_energy(x):
 
 def platform_force(x, dx, ddx):
     """Lagrange: what the motors must do on the platform's coordinates (3,) [N]."""
-    return lagrange_oracle.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
+    return lagrange.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
 
 
 def forearm_volume(x):

@@ -1,8 +1,8 @@
 """Planned torques, integrated forward, bring every robot along its path: for every scene with a law.
 
 Generated: a robot added to the catalogue is tested here without a line written. The witness shares no
-dynamics with the plan: see `tests.forward_simulation` and, where springs end on bodies without mass,
-`tests.massless_simulation`.
+dynamics with the plan: see `tests.oracles.forward_simulation` and, where springs end on bodies without mass,
+`tests.oracles.massless_simulation`.
 """
 
 from __future__ import annotations

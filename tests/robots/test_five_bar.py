@@ -1,4 +1,4 @@
-"""The paper's planar 5R against closed forms: fifty digits, exact derivatives (five_bar_oracle)."""
+"""The paper's planar 5R against closed forms: fifty digits, exact derivatives (oracles/five_bar.py)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 import robots
 from framework import assemble, locate_singularities, plan_scene, scene_path, velocity_matrices
 from framework.errors import UnboundedTorque
-from tests.robots import five_bar_oracle as oracle
+from tests.oracles import five_bar as oracle
 
 TIMES = np.linspace(0.0, 1.5, 1501)  # the crossing instant, t = 1 s, is one of them
 VARIANTS = [

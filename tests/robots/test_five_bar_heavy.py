@@ -21,7 +21,7 @@ from framework import (
     scene_path,
 )
 from framework.errors import UnboundedTorque
-from tests.forward_simulation import forward_simulate
+from tests.oracles.forward_simulation import forward_simulate
 
 TIMES = np.linspace(0.0, 1.5, 1501)
 ON_THE_PATH = 1e-10  # [m] at every sample

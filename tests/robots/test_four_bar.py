@@ -10,8 +10,8 @@ from scipy.optimize import brentq
 import robots
 from framework import assemble, locate_singularities, plan_scene, scene_path, velocity_matrices
 from framework.errors import UnboundedTorque
-from tests.forward_simulation import forward_simulate
-from tests.robots.one_degree_oracle import OneDegree, crossing, instants
+from tests.oracles.forward_simulation import forward_simulate
+from tests.oracles.one_degree import OneDegree, crossing, instants
 
 GROUND, CRANK, COUPLER, ROCKER = 0.1, 0.04, 0.12, 0.08  # [m], Norton, Design of Machinery, Example 4-1
 SCENE = {"ends": (1.4, -0.4), "duration": 1.0, "time": 0.53, "speed": 1.6}

@@ -31,7 +31,7 @@ from framework.kinematics.tracking import track_path
 from framework.motion.chebyshev import TimeGrid
 from framework.motion.path import along
 from robots.generators import gough_stewart as generator
-from tests.forward_simulation import forward_simulate
+from tests.oracles.forward_simulation import forward_simulate
 
 H = 1e-30
 DENSITY = 76e3 / 9.81  # [kg/m^3]

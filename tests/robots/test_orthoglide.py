@@ -29,7 +29,7 @@ from framework.errors import NotConverged, OutOfReach, UnboundedTorque
 from framework.kinematics.assembly import loop_rows
 from framework.kinematics.frames import frames_at
 from robots.generators import orthoglide as generator
-from tests.robots.lagrange_oracle import platform_force
+from tests.oracles.lagrange import platform_force
 
 LENGTH, HALF = 0.31058, 0.04  # [m]
 CARRIED, ROD, BAR, PLATFORM = 1.5 + 0.5 + 0.2, 0.12, 0.1, 2.5  # [kg]; carriage, column and cross as one

@@ -25,7 +25,7 @@ from framework import (
 from framework.errors import UnboundedTorque
 from framework.kinematics.assembly import loop_rows
 from robots.generators import par4 as generator
-from tests.robots import lagrange_oracle
+from tests.oracles import lagrange
 
 ARM, ROD, BAR = 0.35, 0.8, 0.16  # [m]
 REACH = 0.2 - 0.06  # motor axes, as seen from the first pivot of the half plate [m]
@@ -126,7 +126,7 @@ def potential_energy(x):
 
 def platform_force(x, dx, ddx):
     """Lagrange: what the motors must do on the platform's coordinates (4,) [N, N m]."""
-    return lagrange_oracle.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
+    return lagrange.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
 
 
 def exact_singular_s(path):

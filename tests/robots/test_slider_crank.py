@@ -20,8 +20,8 @@ from framework import (
 )
 from framework.errors import OutOfReach, Type1Singularity, UnboundedTorque
 from framework.model.description import Actuator, Platform
-from tests.forward_simulation import forward_simulate
-from tests.robots.one_degree_oracle import OneDegree, crossing, instants
+from tests.oracles.forward_simulation import forward_simulate
+from tests.oracles.one_degree import OneDegree, crossing, instants
 
 CRANK, ROD, OFFSET = 0.04, 0.12, -0.02  # [m], Norton, Design of Machinery, Example 4-2
 SCENE = {"ends": (1.0, -0.8), "duration": 1.0, "time": 0.57, "speed": 1.5}

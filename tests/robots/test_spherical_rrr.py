@@ -19,7 +19,7 @@ from framework import (
 )
 from framework.errors import UnboundedTorque
 from robots.generators import agile_eye as generator
-from tests.robots.spherical_oracle import GEAR, Spherical
+from tests.oracles.spherical import GEAR, Spherical
 
 ORACLE = Spherical(np.pi / 3, (1, 1, 1))
 

@@ -17,7 +17,7 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.platform import platform_coordinates, platform_twist
 from framework.model.urdf import locate_urdf
-from tests.forward_simulation import forward_simulate
+from tests.oracles.forward_simulation import forward_simulate
 
 SOLO12 = "package://example-robot-data/robots/solo_description/robots/solo12.urdf"
 LEGS = ("FL", "FR", "HL", "HR")

@@ -24,7 +24,7 @@ from framework import (
 from framework.errors import UnboundedTorque
 from robots.files import robot_file
 from robots.generators import three_rpr as generator
-from tests.forward_simulation import forward_simulate
+from tests.oracles.forward_simulation import forward_simulate
 
 with mp.workdps(50):
     UNIT = mp.mpf("0.05")

@@ -16,7 +16,7 @@ from framework import assemble, locate_singularities, plan_scene, scene_path, ve
 from framework.errors import UnboundedTorque
 from robots.files import robot_file
 from robots.generators import three_rrr as generator
-from tests.forward_simulation import forward_simulate
+from tests.oracles.forward_simulation import forward_simulate
 
 MOTORS = [(0, 0), (mp.mpf("1.2"), 0), (mp.mpf("0.6"), mp.mpf("1.0392304845413265"))]  # A_i
 CORNERS = [("-0.0928", "-0.0535"), ("0.0928", "-0.0535"), ("0", "0.107")]  # C_i in the platform

@@ -16,7 +16,7 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.platform import platform_coordinates, platform_twist
 from framework.model.urdf import locate_urdf
-from tests.forward_simulation import forward_simulate
+from tests.oracles.forward_simulation import forward_simulate
 
 BAXTER = "package://example-robot-data/robots/baxter_description/urdf/baxter.urdf"
 JOINTS = ("s0", "s1", "e1", "w0", "w1", "w2")

@@ -11,7 +11,7 @@ import robots
 from framework import ParallelRobot, plan_scene
 from framework.errors import InvalidInput, NotConverged
 from framework.simulation import Event, simulate
-from tests.forward_simulation import simulate_robot
+from tests.oracles.forward_simulation import simulate_robot
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_every_plan_of_the_catalogue_comes_back(name, flexibility):
 
 
 def test_another_integrator_on_other_equations_agrees():
-    """tests/forward_simulation.py: closures, springs and rotors written anew, a KKT system, DOP853."""
+    """tests/oracles/forward_simulation.py: closures, springs, rotors written anew, a KKT system, DOP853."""
     heavy = robots.load("five_bar_heavy", flexibility="flexible_joints")
     plan = plan_scene(heavy, "C")
     start, times = plan.dynamics.configuration(0.0)[0], np.linspace(0, 0.2, 9)

@@ -12,7 +12,7 @@ from framework import Arc, Line, ParallelRobot, Spline, assemble, locate_singula
 from framework.errors import InvalidInput, NotAssembled, OutOfReach, SingularPath, Type1Singularity
 from framework.kinematics.tracking import track_path
 from framework.singularity.classification import singularity_measure
-from tests.robots import five_bar_oracle as oracle
+from tests.oracles import five_bar as oracle
 
 LEFT, RIGHT = np.array([-0.2, 0.0]), np.array([0.2, 0.0])
 LENGTH = 0.25

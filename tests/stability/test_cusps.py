@@ -20,8 +20,8 @@ import pytest
 
 import robots
 from framework import Line, Spline, assemble, locate_singularities, plan_crossing
+from tests.oracles import naive
 from tests.robots.test_three_rpr import legs, line_matrix, meeting_point
-from tests.stability import naive
 
 LENGTHS = np.array([14.98, 15.38, 12.0]) * 0.05  # [m] of the legs
 NEAR = np.array([[-0.745, 0.079, 0.245], [0.734, -0.151, 2.133]])  # two of the six poses, to three digits

@@ -19,7 +19,7 @@ import pytest
 
 import robots
 from framework import NoAnswer, ParallelRobot, inverse_dynamics, plan_crossing
-from tests.stability.planar import (
+from tests.oracles.planar import (
     CROSSING_SPEED,
     CROSSING_TIME,
     DURATION,

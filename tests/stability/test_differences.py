@@ -16,8 +16,8 @@ import numpy as np
 
 import robots
 from framework import plan_scene
-from tests.robots import five_bar_oracle as oracle
-from tests.stability import naive
+from tests.oracles import five_bar as oracle
+from tests.oracles import naive
 
 STEPS = 10.0 ** -np.arange(1, 9)  # [s]
 TIMES = (0.2, 0.5, 0.9, 1.0, 1.2)  # [s]

@@ -26,8 +26,8 @@ from framework import (
     UnboundedTorque,
     plan_crossing,
 )
-from tests.stability import naive
-from tests.stability.planar import LINE
+from tests.oracles import naive
+from tests.oracles.planar import LINE
 
 DEAD_CENTRE = Line([1.0], [-0.8])  # [rad] of the crank, over its outer dead centre
 DURATIONS = 10.0 ** np.arange(-6, 7, 2)  # [s]

@@ -15,8 +15,8 @@ from functools import cache
 import numpy as np
 
 from framework import UnboundedTorque, plan_crossing, uncertified_law
-from tests.stability import naive
-from tests.stability.planar import (
+from tests.oracles import naive
+from tests.oracles.planar import (
     CROSSING_SPEED,
     CROSSING_TIME,
     DURATION,

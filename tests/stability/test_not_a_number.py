@@ -32,7 +32,7 @@ from framework import (
     plan_crossing,
     velocity_matrices,
 )
-from tests.stability.planar import LINE
+from tests.oracles.planar import LINE
 
 BAD = [math.nan, math.inf, -math.inf]
 HUGE = [1e200, -1e200]

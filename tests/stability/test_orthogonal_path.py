@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from framework import Arc, Line, NoAnswer, NoLaw, locate_singularities, plan_crossing
+from tests.oracles.planar import without_rotors
 from tests.singularity.test_points_on_path import locus
-from tests.stability.planar import without_rotors
 
 PLACE = locus(1.6)
 ANGLES = np.array([0.3, 0.1, *10.0 ** -np.arange(2, 9)])  # [rad]

@@ -16,7 +16,7 @@ import numpy as np
 
 import robots
 from framework import plan_scene
-from tests.stability.planar import CROSSING_SPEED, CROSSING_TIME, DURATION, crossing_coordinate, mp, power_law
+from tests.oracles.planar import CROSSING_SPEED, CROSSING_TIME, DURATION, crossing_coordinate, mp, power_law
 
 DECIMALS = np.arange(1, 11)
 TIMES = np.linspace(0.0, DURATION, 301)

@@ -18,7 +18,7 @@ import pytest
 
 import robots
 from framework import Arc, Line, ParallelRobot, SingularPath, locate_singularities, plan_crossing
-from tests.stability import naive
+from tests.oracles import naive
 
 CENTRE, RADIUS = np.array([0.0, 0.15]), 0.25  # where the elbows meet: 0.25 m from both motors [m]
 MOTORS = np.array([np.arctan2(0.15, 0.2), np.pi - np.arctan2(0.15, 0.2)])  # [rad]

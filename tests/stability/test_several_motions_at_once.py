@@ -17,8 +17,8 @@ import pytest
 import robots
 from framework import Line, locate_singularities, plan_crossing
 from framework.errors import UncontrolledMotions
+from tests.oracles import naive
 from tests.robots.test_gough_stewart import PLATE, plucker
-from tests.stability import naive
 
 START = np.array([0.1, 0.05, 1.0, 0.2, 0.1, 0.0])  # and to the opposite pose, through the flat one
 

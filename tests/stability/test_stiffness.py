@@ -18,7 +18,7 @@ import pytest
 
 import robots
 from framework import NoAnswer, ParallelRobot, plan_scene
-from tests.robots import five_bar_oracle as oracle
+from tests.oracles import five_bar as oracle
 from tests.stability.test_deformed_geometry import imbalance
 
 STIFFNESSES = 10.0 ** np.arange(2, 13)

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from framework import Law, Line, NoAnswer, NoLaw, plan_crossing
+from tests.oracles import planar
+from tests.oracles.planar import exact, mp, without_rotors
 from tests.singularity.test_points_on_path import locus
-from tests.stability import planar
-from tests.stability.planar import exact, mp, without_rotors
 
 START = (0.1, 0.345)
 ON_IT = locus(1.6)  # [m] off the axis of symmetry

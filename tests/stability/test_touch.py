@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from framework import Line, NoAnswer, NoLaw, locate_singularities, plan_crossing
+from tests.oracles import naive
+from tests.oracles.planar import exact, mp, rods_cross, without_rotors
 from tests.singularity.test_points_on_path import locus, locus_tangent
-from tests.stability import naive
-from tests.stability.planar import exact, mp, rods_cross, without_rotors
 
 DEPTHS = 10.0 ** -np.arange(3, 13)  # [m] by which the path reaches over the locus
 

@@ -17,8 +17,8 @@ import pytest
 
 import robots
 from framework import Line, ParallelRobot, locate_singularities, plan_scene
+from tests.oracles.planar import crossing_coordinate, rods_cross
 from tests.robots.transformed import scaled
-from tests.stability.planar import crossing_coordinate, rods_cross
 
 SIZES = 10.0 ** np.arange(-9, 10, 3)  # units of length in one metre: 1000 describes it in millimetres
 

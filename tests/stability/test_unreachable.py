@@ -15,8 +15,8 @@ import pytest
 
 import robots
 from framework import Line, OutOfReach, assemble, plan_crossing
-from tests.stability import naive
-from tests.stability.planar import BASES, LENGTH
+from tests.oracles import naive
+from tests.oracles.planar import BASES, LENGTH
 
 START = np.array([0.1, 0.345])
 TARGETS = [(0.1, 0.41), (0.1, 0.6), (0.0, 5.0), (1e3, 0.0), (-0.6, 0.1), (1e6, 1e6)]

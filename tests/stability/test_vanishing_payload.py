@@ -25,7 +25,7 @@ from framework import (
     inverse_dynamics,
     plan_crossing,
 )
-from tests.stability.planar import CROSSING_SPEED, CROSSING_TIME, DURATION, LINE, without_rotors
+from tests.oracles.planar import CROSSING_SPEED, CROSSING_TIME, DURATION, LINE, without_rotors
 
 MASSES = 10.0 ** np.arange(-15, 4, 3)  # [kg]
 CURVED = Arc([0.1, 0.345], [0.02, 0.27], [-0.05, 0.16])

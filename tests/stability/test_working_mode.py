@@ -14,8 +14,8 @@ import pytest
 
 import robots
 from framework import Arc, Line, OutOfReach, Type1Singularity, assemble, locate_singularities, track_path
-from tests.robots import five_bar_oracle as oracle
-from tests.stability import naive
+from tests.oracles import five_bar as oracle
+from tests.oracles import naive
 
 DISTANCES = np.array([0.05, 0.02, 0.01, 5e-3, 2e-3, 1e-3])  # [m] at which the path passes the left motor
 

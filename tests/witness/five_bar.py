@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tests.robots import five_bar_oracle as oracle
+from tests.oracles import five_bar as oracle
 
 LENGTH = float(oracle.LENGTH)  # of every link [m]
 BASES = tuple(map(float, oracle.BASES))  # abscissae of the motors [m], left and right

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
 from framework import ParallelRobot
-from tests.closure_rows import ClosureRows, closure_rows, independent
+from tests.oracles.closure_rows import ClosureRows, closure_rows, independent
 
 FRAME_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 Rows = Callable[[pin.Data], ClosureRows]  # the independent closure rows at the state of the data
@@ -149,7 +149,7 @@ def simulate_robot(
     """Integrate any parallel robot from rest under motor torques t -> (n_a,) [N m], motor side.
 
     Of the robot only its tree, its index sets and the words of its file are taken. Every direction must
-    carry inertia; see `tests.massless_simulation` for those that carry none.
+    carry inertia; see `tests.oracles.massless_simulation` for those that carry none.
 
     Returns:
         q (T, nq) and v (T, nv).

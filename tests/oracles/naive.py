@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tests.stability.planar import BASES, END, LENGTH, PAYLOAD, START, legs, load_torque, on_line
+from tests.oracles.planar import BASES, END, LENGTH, PAYLOAD, START, legs, load_torque, on_line
 
 
 def torque_at(law, t: float) -> tuple[float, float]:

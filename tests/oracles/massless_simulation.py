@@ -28,8 +28,15 @@ from numpy.typing import ArrayLike
 from scipy.linalg import null_space, qr
 
 from framework import ParallelRobot
-from tests.closure_rows import WORLD_AXES, ClosureRows, closure_errors, closure_rows, cross, independent
-from tests.forward_simulation import (
+from tests.oracles.closure_rows import (
+    WORLD_AXES,
+    ClosureRows,
+    closure_errors,
+    closure_rows,
+    cross,
+    independent,
+)
+from tests.oracles.forward_simulation import (
     accelerations,
     integrate,
     kinematics,

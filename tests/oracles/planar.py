@@ -2,7 +2,7 @@
 
 Given floats they are what one would program first; given `mpmath` numbers they are the truth. What differs
 between the two is digits and nothing else. Legs: left, right; elbows outward; lengths in metres.
-Source: Briot and Arakelian 2010, Eqs. (12)-(16), as in `tests/robots/five_bar_oracle.py`.
+Source: Briot and Arakelian 2010, Eqs. (12)-(16), as in `tests/oracles/five_bar.py`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 import robots
 from framework import Line, ParallelRobot
-from tests.robots import five_bar_oracle as oracle
+from tests.oracles import five_bar as oracle
 
 mp = mpmath.mp.clone()
 mp.dps = 50

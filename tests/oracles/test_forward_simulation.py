@@ -9,9 +9,9 @@ import robots
 from framework import plan_scene
 from framework.kinematics.frames import frames_at
 from framework.kinematics.platform import platform_coordinates
-from tests.closure_rows import ClosureRows
-from tests.forward_simulation import point_rows, simulate_robot, simulate_tree
-from tests.massless_simulation import massless_directions, simulate_massless
+from tests.oracles.closure_rows import ClosureRows
+from tests.oracles.forward_simulation import point_rows, simulate_robot, simulate_tree
+from tests.oracles.massless_simulation import massless_directions, simulate_massless
 
 SPIN = np.array([2.0, -3.0, 1.5])  # [rad/s]
 TOP = pin.Inertia(1.3, np.array([0.1, 0.05, 0.4]), np.diag([0.02, 0.03, 0.015]))
