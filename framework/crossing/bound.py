@@ -51,11 +51,17 @@ def estimated_best(plan: CrossingPlan, cells: int = CELLS) -> float | None:
         if not isinstance(found, Optimum):
             return None
         if wish.goal != "time":
-            return found.peak
+            return max(found.peak, float((_at_rest(branch) / units.torque).max()))
         better = better_units(units, wish, found)
         if better is units:
             return found.duration * units.time
         units = better
+
+
+def _at_rest(branch: Branch) -> Array:
+    """The larger torque (n_a,) [N m] of both ends, where a smooth law leaves only gravity."""
+    asked = demand(branch, Smoothstep(2), np.array([0.0, 1.0]), None, "rigid")
+    return np.asarray(np.abs(asked.torque.constant).max(axis=0))
 
 
 def _edges(crossings: Array, cells: int) -> Array:
