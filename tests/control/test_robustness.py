@@ -58,6 +58,21 @@ def test_the_plan_held_over_each_period_comes_back_to_second_order(flexibility):
     assert 3.0 < errors[0] / errors[1] < 5.5
 
 
+@pytest.mark.slow
+def test_an_optimal_law_is_held_over_each_period_to_second_order_too():
+    limits = {"optimize": "time", "torque_limit": 0.165, "smoothness": 4}
+    plan = plan_scene(robots.load("five_bar"), "C", **limits)
+    errors = []
+    for period in (2e-3, 1e-3):
+        reference = reference_of(plan, period=period)
+        nothing = np.zeros(reference.robot.n_a)
+        run = run_closed_loop(
+            FeedforwardPD(reference, nothing, nothing), Loop(), Spread(), unvaried(tuned(reference))
+        )
+        errors.append(run.tracking_error[0])
+    assert 3.0 < errors[0] / errors[1] < 5.5
+
+
 def tuned(reference):
     return FeedforwardPD.tuned(reference)
 

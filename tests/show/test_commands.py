@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import plan_scene
+from framework import Line, plan_crossing, plan_scene
 from framework.cli import main
 from framework.crossing.saved import load_plan
 
@@ -191,6 +191,19 @@ def test_a_report_says_what_the_plan_is_and_how_to_have_it_again(crossing, folde
     again = json.loads(out)
     np.testing.assert_allclose(again["law"]["chebyshev"], plan.law.coefficients, atol=1e-9)
     assert again["robot_file"] == "five_bar"
+
+
+def test_an_optimal_law_is_filmed_and_reported_as_any_other(crossing, tmp_path):
+    path = Line([0.1, 0.345], [-0.05, 0.195])
+    plan = plan_crossing(robots.load("five_bar"), path, optimize="time", torque_limit=0.165)
+    (tmp_path / "plan.json").write_text(json.dumps(plan.to_dict()), encoding="utf-8")
+    file = tmp_path / "film.html"
+    assert crossing("show", tmp_path, "--html", file)[0] == 0
+    (scene,) = scenes(file)
+    assert scene["proved"]
+    assert crossing("report", tmp_path)[0] == 0
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert 'alt="Phase plane"' in page
 
 
 def test_a_report_needs_a_plan(crossing, tmp_path):
