@@ -8,7 +8,7 @@ from typing import Any
 from framework.catalogue import catalogue
 from framework.cli.parser import Report, command
 from framework.errors import MissingPackage
-from framework.kinematics.mobility import mobility_of
+from framework.kinematics.diagnostics import check_robot
 
 
 def add(commands: Any) -> None:
@@ -26,9 +26,9 @@ def run(options: argparse.Namespace) -> Report:
         except MissingPackage as missing:  # its URDF is somebody else's, and not here
             figures = {"needs": missing.package}
         else:
-            description = robot.description
+            description, found = robot.description, check_robot(robot)
             figures = {
-                "degrees_of_freedom": mobility_of(robot).working,
+                "degrees_of_freedom": found.mobility - len(found.idle_joints),
                 "loops": len(description.closures),
                 "springs": len(description.springs),
                 "scenes": list(description.scenes),

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
 from framework.errors import NotAssembled
@@ -66,20 +65,8 @@ def find_closed_pose(robot: ParallelRobot) -> ClosedPose:
     for group in _groups(robot, robot.q_near, lower, upper):
         u[group.columns] = _nearest(group)
     farthest, step = int(np.argmax(np.abs(u))), u * column_scale(robot)
-    moved = f"{abs(step[farthest]):.3g} {'rad' if _turning(robot)[farthest] else 'm'}"
+    moved = f"{abs(step[farthest]):.3g} {'m' if robot.sliding[farthest] else 'rad'}"
     return ClosedPose(integrate(robot, robot.q_near, step), robot.joint_of(farthest), moved)
-
-
-def closed_beside(robot: ParallelRobot, q: Array) -> Array | None:
-    """A configuration (nq,) with closed loops near q (nq,), whatever the limits; None where none is found."""
-    anywhere = np.full(robot.model.nv, np.inf)
-    u = np.zeros(robot.model.nv)
-    for group in _groups(robot, q, -anywhere, anywhere):
-        closed, gap = group.closed_from(u[group.columns])
-        if gap > NEARLY:
-            return None
-        u[group.columns] = closed
-    return integrate(robot, q, u * column_scale(robot))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,17 +171,9 @@ def _ranges(robot: ParallelRobot) -> tuple[Array, Array]:
     return lower / column_scale(robot), upper / column_scale(robot)
 
 
-def _turning(robot: ParallelRobot) -> NDArray[np.bool_]:
-    """Which joints turn, (nv,); the others slide."""
-    turning = np.ones(robot.model.nv, dtype=bool)
-    for joint in robot.model.joints[1:]:
-        turning[joint.idx_v] = not joint.shortname().startswith("JointModelP")
-    return turning
-
-
 def _nearest(group: _Group) -> Array:
     """Offsets (k,) that close a group's loops, the smallest of those that several starts lead to."""
-    turning = _turning(group.robot)[group.columns]
+    turning = ~group.robot.sliding[group.columns]
     limited = np.isfinite(group.lower)
     reach = np.where(turning, np.pi, 1.0)
     low, high = np.where(limited, group.lower, -reach), np.where(limited, group.upper, reach)

@@ -59,9 +59,10 @@ class Checkup:
 
 
 def check_robot(robot: ParallelRobot) -> Checkup:
-    """Examine a robot at its assembled reference.
+    """Examine a robot at its assembled reference, or at a pose that `check` finds where that is none.
 
-    Where the loops do not close there, at a pose found; where that is a singularity of its loops, beside it.
+    Where the loops do not close near the reference, another pose is looked for; where the reference is on a
+    singularity of the loops, a pose beside it is examined. `advice` says so.
 
     Raises:
         NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
@@ -81,9 +82,8 @@ def check_robot(robot: ParallelRobot) -> Checkup:
     singular = singular_reference(robot)
     if singular is not None:
         beside = check_robot(replace(robot, q_near=nearby_configurations(robot)[0]))
-        return replace(
-            beside, advice=(*found, f"said of a pose beside the reference: {singular}", *beside.advice)
-        )
+        found.append(f"said of a pose beside the reference: {singular}")
+        return replace(beside, assembled=robot is given, advice=(*found, *beside.advice))
     kept = independent_rows(robot)
     names = robot.rows.names
     motions = mobility_of(robot)

@@ -7,8 +7,8 @@ springs locked. A motion in which no motor and no platform coordinate takes part
   turn it, and planning holds it still;
 * loose: masses move, as with a pendulum on the platform or a linkage that has no motor. Nothing says how.
 
-What moves or is stuck at one pose alone is a singularity and no property of the mechanism: motions count only
-if they are there at neighbouring closed poses, too, and so does what the platform cannot do.
+What the platform cannot do at one pose alone is a singularity and no property of the mechanism: axes count as
+stuck only if they are at neighbouring closed poses, too.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.kinematics.assembly import independent_rows, reference_configuration
-from framework.kinematics.closing_search import closed_beside
+from framework.kinematics.assembly import (
+    independent_rows,
+    nearby_configurations,
+    reference_configuration,
+)
 from framework.kinematics.closures import column_scale, loop_equations, scaled
-from framework.kinematics.frames import frames_at, integrate
+from framework.kinematics.frames import frames_at
 from framework.model import ParallelRobot
 from framework.model.description import AXES
 
 AT_REST = 1e-6  # [lengths of the robot a radian, radians a radian]: slower, and it does not count as moving
 BALANCED = 1e-4  # the same for centres of mass: a tenth of a millimetre off the axis in a robot of one metre
 WELL = 0.02  # least singular value of axes to be proposed, in lengths of the robot and radians
-NEIGHBOURS = 3  # closed poses beside the configuration
-BESIDE = 0.1  # [rad, lengths of the robot] that the joint that moves most moves to reach them
 PROPOSALS = 4
-SEED = 0
 
 
 class Mobility(NamedTuple):
@@ -63,12 +63,10 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
 
     Raises:
         NotAssembled: the loops do not close near the reference.
+        SingularReference: the reference is on a singularity of the loops.
     """
     q = reference_configuration(robot).q
     hidden = _hidden_motions(robot, q)
-    if hidden.shape[1]:
-        beside = [(_hidden_motions(robot, pose), pose) for pose in _neighbours(robot, q)]
-        hidden, q = min([(hidden, q), *beside], key=lambda found: found[0].shape[1])
     centres = _centres_of_mass(robot, q) @ hidden
     idle = _pivots(hidden @ _null_space(centres, BALANCED))
     loose = _pivots(hidden @ _row_space(centres, BALANCED), but=idle)
@@ -84,13 +82,14 @@ def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
 
     Raises:
         NotAssembled: the loops do not close near the reference.
+        SingularReference: the reference is on a singularity of the loops.
     """
     q = reference_configuration(robot).q
     own, twists = robot.platform_axes, [_frame_twists(robot, q)]
     here = _null_space(twists[0][own].T)  # (n, k) combinations of axes that stay at rest
     if not here.shape[1] and robot.n == freedoms:
         return PlatformAxes("", "", freedoms, ())
-    twists += [_frame_twists(robot, pose) for pose in _neighbours(robot, q)]
+    twists += [_frame_twists(robot, pose) for pose in nearby_configurations(robot)]
     stuck = min((_null_space(matrix[own].T) for matrix in twists), key=lambda held: held.shape[1])
     velocities = max(np.linalg.matrix_rank(matrix, tol=AT_REST) for matrix in twists)
     names = robot.axis_names
@@ -149,21 +148,6 @@ def _centres_of_mass(robot: ParallelRobot, q: Array) -> Array:
             twist = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
             parts.append(twist[:3] - pin.skew(model.inertias[joint].lever) @ twist[3:])
     return np.asarray(np.concatenate(parts) / robot.length * column_scale(robot))
-
-
-def _neighbours(robot: ParallelRobot, q: Array) -> list[Array]:
-    """A few closed poses (nq,) beside q (nq,)."""
-    motions, rng = _motions(robot, q), np.random.default_rng(SEED)
-    if not motions.shape[1]:
-        return []
-    found = []
-    for _ in range(NEIGHBOURS):
-        step = motions @ rng.normal(size=motions.shape[1])
-        step *= BESIDE / np.abs(step).max()
-        pose = closed_beside(robot, integrate(robot, q, step * column_scale(robot)))
-        if pose is not None:
-            found.append(pose)
-    return found
 
 
 def _in_words(stuck: Array, names: tuple[str, ...]) -> str:

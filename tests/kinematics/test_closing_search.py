@@ -15,7 +15,7 @@ import robots
 from framework import ParallelRobot, check_robot
 from framework.errors import NotAssembled
 from framework.kinematics.assembly import reference_configuration
-from framework.kinematics.closing_search import closed_beside, find_closed_pose
+from framework.kinematics.closing_search import find_closed_pose
 from framework.kinematics.joint_limits import joint_limits
 from tests.kinematics.linkages import ball, frame, joint, linkage
 
@@ -158,17 +158,6 @@ def test_what_cannot_close_is_told_with_the_least_gap(write_robot):
     with pytest.raises(NotAssembled, match=r"do not close: of \d+ starts .* tip\.[xyz] stays") as failure:
         find_closed_pose(robot)
     assert 0.6 < apart(robot, failure.value.q, "left_tip", "right_tip")[0] < 0.7
-
-
-def test_beside_a_closed_pose_another_is_found():
-    robot = robots.load("delta")
-    q = reference_configuration(robot).q
-    rng = np.random.default_rng(2)
-    for _ in range(5):
-        beside = closed_beside(robot, q + 0.05 * rng.normal(size=len(q)))
-        for ball_joint in ("1b", "2a", "2b", "3a", "3b"):
-            assert apart(robot, beside, f"tip_{ball_joint}", f"platform_{ball_joint}")[0] < 1e-8
-        assert 1e-3 < np.abs(beside - q).max() < 0.5
 
 
 def test_check_examines_the_pose_it_has_found_and_prints_it_to_paste(tmp_path):

@@ -102,7 +102,7 @@ def test_a_pendulum_is_loose_and_a_balanced_wheel_idle(write_robot, centre, idle
     assert found.square is idle
 
 
-def dead_point(folder, crank=0.0):
+def dead_point(folder):
     """A foot on a motor, and a crank and a rod in one line with it, at its extreme."""
     elements = (
         joint("crank", "base", mass=1.0, centre=(0.05, 0.01, 0))
