@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from tests.robots.lagrange_oracle import platform_force
 
 from framework import CrossingPlan, Line, ParallelRobot, locate_singularities, plan_crossing
 from framework.crossing.bound import estimated_best
 from framework.errors import NoAnswer, NoLaw
+from tests.oracles.lagrange import platform_force
 
 COUNT, SEED = 28, 2026
 G = 9.81
