@@ -15,7 +15,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.errors import NoLaw, NotConverged, point
-from framework.kinematics.frames import integrate
+from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, motion_at, system_at
 from framework.kinematics.loop_matrices import measured_matrix
 from framework.kinematics.platform import path_twist
@@ -79,16 +79,32 @@ def crossing_point(
     """
     if deflection is None or not len(deflection.value):
         return CrossingPoint(at.s, at.kind, at.twist, at.motion, at.q)
+    robot = branch.robot
+    bent = np.zeros((1, robot.model.nv))
+    bent[:, robot.elastic] = deflection.value
+    before: tuple[Array, ClosedStack] | None = None
+
+    def closed(s: Array) -> ClosedStack:
+        """The robot on its path with the deflections, at s (T,); from its tangent where it was last."""
+        if before is None:
+            guess = integrate(robot, branch.guess(s), np.repeat(bent, len(s), axis=0))
+        else:
+            at, last = before
+            tangent = difference(robot, last.q[0], last.q[2:]) / (at[2] - at[0])
+            guess = integrate(robot, last.q[1], (s - at[1])[:, None] * tangent)
+        return close_loops(robot, branch.path(s), guess)
 
     def passive(s: Array) -> Array:
-        return measured_matrix(branch.robot, _deflected(branch, s, deflection).system)
+        nonlocal before
+        before = s, closed(s)
+        return measured_matrix(robot, before[1].system)
 
     found = root_of_g(passive, near)
     if found.converged:
-        return _oriented(branch, found.place, _deflected(branch, np.array([found.place]), deflection))
+        return _oriented(branch, found.place, closed(np.array([found.place])))
     raise NoLaw(
-        f"{branch.robot.name}: the deflected robot has no singular point near s = {at.s:.6g}; the "
-        f"deflections are too large for the path to cross the locus there"
+        f"{robot.name}: the deflected robot has no singular point near s = {at.s:.6g}; the deflections "
+        f"are too large for the path to cross the locus there"
     )
 
 
@@ -102,13 +118,6 @@ def _oriented(branch: Branch, s: float, closed: ClosedStack) -> CrossingPoint:
     found = uncontrolled_motion(branch.robot, closed.system)
     sign = -1.0 if np.dot(found.twist, path_twist(branch.robot, branch.path, s)) < 0 else 1.0
     return CrossingPoint(s, found.kind, sign * found.twist, sign * found.motion, closed.q[0])
-
-
-def _deflected(branch: Branch, s: Array, deflection: Deflection) -> ClosedStack:
-    """The robot assembled on the path at s (T,) with given deflections."""
-    step = np.zeros((len(s), branch.robot.model.nv))
-    step[:, branch.robot.elastic] = deflection.value
-    return close_loops(branch.robot, branch.path(s), integrate(branch.robot, branch.guess(s), step))
 
 
 def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | None) -> Condition8:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, IntArray
+from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
 from framework.kinematics.assembly import Configuration, loop_rows, passive_columns, reference_configuration
 from framework.kinematics.closures import column_scale, loop_equations
@@ -29,7 +29,7 @@ from framework.kinematics.inverse_kinematics import (
     system_at,
 )
 from framework.kinematics.loop_matrices import VANISHED, passive_matrix
-from framework.kinematics.newton import Linear, newton
+from framework.kinematics.newton import Linear, Which, newton
 from framework.kinematics.platform import platform_coordinates, unwrap
 from framework.model import ParallelRobot
 
@@ -103,7 +103,7 @@ def _follow_motors(robot: ParallelRobot, start: ClosedStack, q_a: Array) -> Way:
     turn = np.zeros((1, robot.model.nv))
     turn[0, robot.actuated] = q_a - actuated_coordinates(robot, start.q)[0]
 
-    def evaluate(q: Array, which: IntArray) -> System:
+    def evaluate(q: Array, which: Which) -> System:
         return system_at(robot, q, np.repeat(start.x, len(q), axis=0))
 
     def linear(system: System) -> Linear:
@@ -124,7 +124,7 @@ def _follow_motors(robot: ParallelRobot, start: ClosedStack, q_a: Array) -> Way:
         step[:, robot.actuated] = off[:, robot.actuated]
         guess = integrate(robot, predicted, step)
         if not len(columns):
-            return place(guess, evaluate(guess, np.zeros(1, dtype=np.intp)))
+            return place(guess, evaluate(guess, slice(None)))
         q, system, closed = newton(robot, guess, columns, evaluate, linear)
         return place(q, system) if closed.all() else None
 

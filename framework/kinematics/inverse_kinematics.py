@@ -22,7 +22,7 @@ from framework.kinematics.assembly import (
 from framework.kinematics.closures import closure_drift, loop_equations, loop_wrenches, scaled
 from framework.kinematics.equations import Equations, equations_of
 from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at
-from framework.kinematics.newton import ITERATIONS, Closing, Linear, newton
+from framework.kinematics.newton import ITERATIONS, Closing, Linear, Which, newton
 from framework.kinematics.platform import platform_coordinates, platform_residual, platform_twist
 from framework.linalg.banded_lu import Factors
 from framework.model import ParallelRobot
@@ -192,7 +192,7 @@ def close_each(
 ) -> Closing[System]:
     """Close the loops wherever they close, as `close_loops` does, and tell where; options of `newton`."""
 
-    def evaluate(q: Array, which: IntArray) -> System:
+    def evaluate(q: Array, which: Which) -> System:
         return system_at(robot, q, x[which])
 
     def linear(system: System) -> Linear:

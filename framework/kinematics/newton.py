@@ -26,6 +26,7 @@ EXACT = 2e-15  # a step of rounding (angles near 2 pi are 1e-15 apart): the loop
 ITERATIONS = 25
 
 S = TypeVar("S")
+Which = IntArray | slice  # some of the instants
 
 
 class Linear(NamedTuple):
@@ -47,7 +48,7 @@ def newton(
     robot: ParallelRobot,
     guess: Array,
     columns: IntArray,
-    evaluate: Callable[[Array, IntArray], S],
+    evaluate: Callable[[Array, Which], S],
     linear: Callable[[S], Linear],
     *,
     iterations: int = ITERATIONS,
@@ -58,46 +59,51 @@ def newton(
     Steps are bounded. What has no solution is told by `closed` and leaves the others alone.
 
     Args:
-        evaluate: the equations at q (t, nq) for some of the instants (t,).
+        evaluate: the equations at q (t, nq) for some of the instants.
         linear: their values and derivatives.
         farthest: an instant is given up when a step asks for more [rad, lengths of the robot].
     """
     lengths = column_scale(robot)[columns]
-    q, live, size = guess.copy(), np.arange(len(guess)), np.full(len(guess), np.inf)
+    q, largest, size = guess, np.inf, np.full(len(guess), np.inf)
+    live: Which = slice(None)
     for _ in range(iterations):
-        if not len(live) and len(guess):
-            break
         system = evaluate(q[live], live)
-        if size.max(initial=0.0) < LAST_STEP:
+        if largest < LAST_STEP or not len(size):
             break
         residual, factors = linear(system)
+        sound = None
         try:
             steps = -factors.solve(residual) / lengths
+            size = np.abs(steps).max(axis=1, initial=0.0)
+            largest = float(size.max())
+            if not largest < np.inf:  # one instant without numbers spoils all that are factored with it
+                finite = np.isfinite(residual).all(axis=1)
+                sound = np.isfinite(size) if finite.all() else finite
         except np.linalg.LinAlgError:
-            keep = factors.slogdet[0] != 0
-            live, size = live[keep], size[keep]
+            sound = factors.slogdet[0] != 0
+        if sound is not None:
+            live, size, largest = np.arange(len(guess))[live][sound], size[sound], np.inf
             continue
-        size = np.abs(steps).max(axis=1, initial=0.0)
-        if not np.isfinite(size).all():  # one instant without numbers spoils all that are factored with it
-            finite = np.isfinite(residual).all(axis=1)
-            keep = np.isfinite(size) if finite.all() else finite
-            live, size = live[keep], np.full(int(keep.sum()), np.inf)
-            continue
-        largest = size.max(initial=0.0)
+        if largest > farthest:
+            near = size <= farthest
+            live, size, steps = np.arange(len(guess))[live][near], size[near], steps[near]
+            largest = float(size.max(initial=0.0))
         if largest < EXACT:
             break
-        if largest > farthest:
-            keep = size <= farthest
-            live, size, steps = live[keep], size[keep], steps[keep]
         if largest > LONGEST_STEP:
             steps /= np.maximum(size / LONGEST_STEP, 1.0)[:, None]
-        moved = np.zeros((len(live), robot.model.nv))
+        moved = np.zeros((len(size), robot.model.nv))
         moved[:, columns] = steps * lengths
-        q[live] = integrate(robot, q[live], moved)
+        ahead = integrate(robot, q[live], moved)
+        if len(size) == len(q):
+            q = ahead
+        else:
+            q = q.copy()
+            q[live] = ahead
     else:
         system = evaluate(q[live], live)
     closed = np.zeros(len(guess), dtype=bool)
     closed[live] = size < LAST_STEP
-    if len(live) < len(guess):
-        system = evaluate(q, np.arange(len(q)))
+    if len(size) < len(guess):
+        system = evaluate(q, slice(None))
     return Closing(q, system, closed)
