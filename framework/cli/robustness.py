@@ -113,7 +113,8 @@ def run(options: argparse.Namespace) -> Report:
     controllers = {name: tuned_controller(name, reference) for name in options.controller}
     if options.out is None:
         return _told(plan.robot.name, _studies(options, controllers, loop, spread))
-    with written_together(FilePath(options.out)) as folder:  # hours of work want a place to go to
+    # hours of work want a place to go to
+    with written_together(FilePath(options.out), document="robustness.json") as folder:
         studies = _studies(options, controllers, loop, spread)
         document, text = _told(plan.robot.name, studies)
         _write(studies, document, folder)

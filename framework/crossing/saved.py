@@ -16,6 +16,7 @@ import numpy as np
 
 from framework.catalogue import robot_file
 from framework.crossing.plan import reported_crossings
+from framework.crossing.request import checked_smoothness
 from framework.crossing.result import CrossingPlan, Optimality
 from framework.crossing.scenes import path_of
 from framework.dynamics.inverse_dynamics import inverse_dynamics
@@ -49,7 +50,7 @@ def load_plan(folder: str | FilePath) -> CrossingPlan:
     try:
         robot = _robot(saved)
         path = _path(file, saved)
-        law = _law(saved["law"], float(saved["duration"]))
+        law = _law(robot, saved["law"], float(saved["duration"]))
         optimality = None
         if isinstance(law, OptimalLaw):
             optimality = Optimality.from_dict(saved["optimality"], law.smoothness)
@@ -82,7 +83,7 @@ def load_plan(folder: str | FilePath) -> CrossingPlan:
     return plan
 
 
-def _law(saved: dict[str, Any], duration: float) -> PlannedLaw:
+def _law(robot: ParallelRobot, saved: dict[str, Any], duration: float) -> PlannedLaw:
     """The law of plan.json, by its kind; a polynomial if it names none.
 
     Raises:
@@ -96,7 +97,9 @@ def _law(saved: dict[str, Any], duration: float) -> PlannedLaw:
     series = np.array(saved[key], dtype=float)
     if series.ndim != 1 or series.size < 2 or not np.all(np.isfinite(series)):
         raise InvalidInput(f"law: {key} must be a list of finite numbers")
-    return Law(series, duration) if kind == Law.kind else OptimalLaw(series, saved["smoothness"], duration)
+    if kind == Law.kind:
+        return Law(series, duration)
+    return OptimalLaw(series, checked_smoothness(robot, saved["smoothness"]), duration)
 
 
 def _read(file: FilePath) -> dict[str, Any]:

@@ -55,10 +55,14 @@ def check_robot(robot: ParallelRobot) -> Checkup:
 
     Raises:
         NotAssembled: the loops do not close near the reference.
+        SingularReference: they are nearly singular there and beside it, too.
     """
     singular = singular_reference(robot)
     if singular is not None:
-        beside = check_robot(replace(robot, q_near=nearby_configurations(robot)[0]))
+        moved = replace(robot, q_near=nearby_configurations(robot)[0])
+        if singular_reference(moved) is not None:
+            raise singular
+        beside = check_robot(moved)
         return replace(beside, advice=(f"said of a pose beside the reference: {singular}", *beside.advice))
     reference = reference_configuration(robot)
     kept = independent_rows(robot)

@@ -14,6 +14,7 @@ from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 from framework.errors import MissingPackage, RobotFileError, choose_from
+from framework.model.description import LARGEST, SHORTEST
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
 
 PACKAGE = "package://"
@@ -164,7 +165,7 @@ def _check_joint(where: str, joint: ElementTree.Element, locked: bool) -> None:
     axis = joint.find("axis")
     if axis is not None and kind != "fixed":
         direction = _vector(f"{where}: axis xyz", axis.get("xyz", "1 0 0"))
-        if not any(direction):
+        if max(map(abs, direction)) < SHORTEST:
             raise RobotFileError(f"{where}: its axis is zero")
     limit = joint.find("limit")
     if kind in ("revolute", "prismatic"):
@@ -175,7 +176,7 @@ def _check_joint(where: str, joint: ElementTree.Element, locked: bool) -> None:
                 raise RobotFileError(f"{where}: its <limit> lacks {key}")
     if limit is not None:
         for key, value in limit.attrib.items():
-            _number(f"{where}: limit {key}", value)
+            _number(f"{where}: limit {key}", value, largest=math.inf)  # some files mean none by 1.8e308
 
 
 def _check_inertial(where: str, link: ElementTree.Element) -> None:
@@ -200,13 +201,15 @@ def _check_origin(where: str, element: ElementTree.Element) -> None:
             _vector(f"{where}: origin {key}", origin.get(key, ""))
 
 
-def _number(where: str, text: str) -> float:
+def _number(where: str, text: str, *, largest: float = LARGEST) -> float:
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
         raise RobotFileError(f"{where}: needs a finite number, got {text!r}")
+    if abs(value) > largest:
+        raise RobotFileError(f"{where}: must be at most {largest:g} in size, got {text!r}")
     return value
 
 

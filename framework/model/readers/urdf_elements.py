@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 
@@ -78,7 +79,9 @@ def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
         for key in ("effort", "velocity"):
             attribute(limit, f"{where}: <limit>", key)
         lower, upper, effort, velocity = (
-            numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1)[0] for key in _LIMIT
+            # some files mean no limit by 1.8e308
+            numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
+            for key in _LIMIT
         )
         if lower > upper or effort < 0 or velocity < 0:
             raise RobotFileError(
