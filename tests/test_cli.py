@@ -16,6 +16,7 @@ from numpy.polynomial import chebyshev
 import robots
 from framework import plan_scene
 from framework.cli import main
+from framework.dynamics.finite_differences import finite_difference_torques
 from framework.model.description import FLEXIBILITIES
 from tests.conftest import FIVE_BAR, REMOVED
 from tests.oracles import five_bar as oracle
@@ -331,6 +332,22 @@ def test_raw_shows_the_spike_and_says_that_it_proves_nothing(document, tmp_path,
         assert torque.max() > 20 * peak
         # the spike stands at the pole; differences smear it over the next samples
         assert rows[np.argmax(torque), 0] == pytest.approx(crossing["time"], abs=3 * 1.5 / samples)
+
+
+def test_a_raw_sample_without_bound_is_no_number_for_machines(document, crossing, monkeypatch, tmp_path):
+    command = [*PLAN, "--scene", "B", "--raw", "--samples", "51"]
+
+    def without_bound(*arguments, **options):
+        raw = finite_difference_torques(*arguments, **options)
+        raw.torque[25] = [np.inf, np.nan]  # a sample on the pole itself, as rounding has it
+        return raw
+
+    monkeypatch.setattr("framework.cli.raw.finite_difference_torques", without_bound)
+    assert document(*command)["largest_sample"] == {"left_motor": None, "right_motor": None}
+    code, out, err = crossing(*command, "--out", tmp_path)
+    assert (code, err) == (0, "")
+    assert "left_motor inf" in out
+    assert json.loads((tmp_path / "raw.json").read_text())["largest_sample"]["left_motor"] is None
 
 
 def test_raw_spikes_grow_with_the_samples_and_certified_peaks_do_not(document, tmp_path):

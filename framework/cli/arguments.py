@@ -15,7 +15,7 @@ from framework.crossing.saved import is_plan_folder, load_plan
 from framework.crossing.scenes import asked_by_scene, scene, scene_path
 from framework.errors import InvalidInput
 from framework.model import ParallelRobot
-from framework.model.description import RobotDescription
+from framework.model.description import LARGEST, RobotDescription
 from framework.model.readers.recognise import read_any
 from framework.motion.path import Line, Path
 
@@ -57,7 +57,7 @@ def _reference(given: Sequence[str]) -> dict[str, float]:
             number = float(value)
         except ValueError:
             number = float("nan")
-        if not (name and equals and np.isfinite(number)):
+        if not (name and equals and abs(number) <= LARGEST):
             raise InvalidInput(f"--reference: needs JOINT=VALUE with a finite number, got {item!r}")
         reference[name] = number
     return reference

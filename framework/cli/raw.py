@@ -42,7 +42,8 @@ def report_raw(
         "raw": True,
         "proved": False,
         "samples": options.samples,
-        "largest_sample": largest,
+        # a sample at the singular instant itself can be infinite, for which JSON has no number
+        "largest_sample": {joint: value if np.isfinite(value) else None for joint, value in largest.items()},
         "crossings": [
             {"s": crossing.s, "time": crossing.time, "wrench": crossing.wrench} for crossing in crossings
         ],

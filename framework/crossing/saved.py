@@ -16,6 +16,7 @@ import numpy as np
 
 from framework.catalogue import robot_file
 from framework.crossing.plan import reported_crossings
+from framework.crossing.request import checked_smoothness
 from framework.crossing.result import CrossingPlan, Optimality
 from framework.crossing.scenes import path_of
 from framework.dynamics.inverse_dynamics import inverse_dynamics
@@ -58,7 +59,7 @@ def restored_plan(saved: dict[str, Any], file: FilePath) -> CrossingPlan:
     try:
         robot = _robot(saved)
         path = _path(file, saved)
-        law = _law(saved["law"], float(saved["duration"]))
+        law = _law(robot, saved["law"], float(saved["duration"]))
         optimality = None
         if isinstance(law, OptimalLaw):
             optimality = Optimality.from_dict(saved["optimality"], law.smoothness)
@@ -91,7 +92,7 @@ def restored_plan(saved: dict[str, Any], file: FilePath) -> CrossingPlan:
     return plan
 
 
-def _law(saved: dict[str, Any], duration: float) -> PlannedLaw:
+def _law(robot: ParallelRobot, saved: dict[str, Any], duration: float) -> PlannedLaw:
     """The law of plan.json, by its kind; a polynomial if it names none.
 
     Raises:
@@ -108,7 +109,7 @@ def _law(saved: dict[str, Any], duration: float) -> PlannedLaw:
     if kind == Law.kind:
         return Law(series, duration)
     dense_at = tuple(float(sigma) for sigma in saved.get("dense_at", ()))
-    return OptimalLaw(series, saved["smoothness"], duration, dense_at)
+    return OptimalLaw(series, checked_smoothness(robot, saved["smoothness"]), duration, dense_at)
 
 
 def read_document(file: FilePath, command: str) -> dict[str, Any]:

@@ -66,6 +66,7 @@ def check_robot(robot: ParallelRobot) -> Checkup:
 
     Raises:
         NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
+        SingularReference: they are nearly singular there and beside it, too.
     """
     given, found = robot, list[str]()
     try:
@@ -81,7 +82,10 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         reference = reference_configuration(robot)
     singular = singular_reference(robot)
     if singular is not None:
-        beside = check_robot(replace(robot, q_near=nearby_configurations(robot)[0]))
+        moved = replace(robot, q_near=nearby_configurations(robot)[0])
+        if singular_reference(moved) is not None:
+            raise singular
+        beside = check_robot(moved)
         found.append(f"said of a pose beside the reference: {singular}")
         return replace(beside, assembled=robot is given, advice=(*found, *beside.advice))
     kept = independent_rows(robot)

@@ -6,6 +6,7 @@ name the element; the caller puts the file in front.
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Collection, Mapping
@@ -159,7 +160,9 @@ def read_joint(element: ElementTree.Element, links: set[str], locked: Collection
             attribute(limit, f"{where}: <limit>", key)
     if kind != "fixed" and limit is not None:
         lower, upper, effort, velocity = (
-            numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1)[0] for key in _LIMIT
+            # some files mean no limit by 1.8e308
+            numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
+            for key in _LIMIT
         )
         if kind != "continuous" and (lower > upper or effort < 0 or velocity < 0):
             raise RobotFileError(

@@ -13,14 +13,15 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, short
+from framework.model.description import LARGEST, SHORTEST
 from framework.model.placement import from_rpy, placement
 
 
-def numbers(where: str, text: str | None, count: int) -> tuple[float, ...]:
+def numbers(where: str, text: str | None, count: int, *, largest: float = LARGEST) -> tuple[float, ...]:
     """`count` finite numbers out of an attribute.
 
     Raises:
-        RobotFileError: another count, or no finite number among them.
+        RobotFileError: another count, or one that is no finite number or larger than `largest`.
     """
     parts = (text or "").split()
     values = []
@@ -31,6 +32,8 @@ def numbers(where: str, text: str | None, count: int) -> tuple[float, ...]:
             value = math.nan
         if not math.isfinite(value):
             raise RobotFileError(f"{where}: needs finite numbers, got {short(text)}")
+        if abs(value) > largest:
+            raise RobotFileError(f"{where}: must be at most {largest:g} in size, got {short(text)}")
         values.append(value)
     if len(values) != count:
         raise RobotFileError(f"{where}: needs {count} number{'s' * (count != 1)}, got {short(text)}")
@@ -91,6 +94,6 @@ def axis_of(element: ElementTree.Element, where: str) -> Array:
     """The direction of an `<axis xyz>`, which must not be zero."""
     only(element, where, (), ("xyz",))
     axis = np.array(numbers(f"{where} xyz", attribute(element, where, "xyz"), 3))
-    if not axis.any():
+    if np.abs(axis).max() < SHORTEST:
         raise RobotFileError(f"{where}: the axis is zero")
     return axis

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Arc, InvalidInput, Line, Spline, load_plan, plan_crossing
+from framework import Arc, InvalidInput, Line, Spline, load_plan, plan_crossing, plan_scene
 from framework.cli import main
 from framework.crossing.result import path_points
 from framework.crossing.scenes import path_of
@@ -143,3 +143,13 @@ def test_a_robot_outside_the_catalogue_is_found_by_its_file(write_robot, tmp_pat
     assert saved["robot_file"] == str(file)
     (tmp_path / "plan.json").write_text(json.dumps(saved))
     assert load_plan(tmp_path).robot.description.file == file
+
+
+@pytest.mark.parametrize("smoothness", [-1, 0, 1.5, True, 10**40, "2"])
+def test_an_optimal_law_without_a_smoothness_is_refused_by_name(tmp_path, smoothness):
+    plan = plan_scene(robots.load("five_bar"), "A", duration=None, optimize="time", torque_limit=0.3)
+    saved = plan.to_dict()
+    saved["law"]["smoothness"] = smoothness
+    (tmp_path / "plan.json").write_text(json.dumps(saved))
+    with pytest.raises(InvalidInput, match="smoothness"):
+        load_plan(tmp_path)

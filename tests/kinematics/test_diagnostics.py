@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
+
 from framework import ParallelRobot, check_robot
+from framework.errors import SingularReference
+from framework.model.readers import read_any
+
+GEPETTO = Path(__file__).parents[1] / "data" / "dialects" / "gepetto"
 
 SQUARE = """
 <robot name="square">
@@ -62,3 +70,15 @@ def test_the_right_closure_is_no_suspect(tmp_path):
     assert any(
         "corner.z" in advice and "other loop equations say the same" in advice for advice in found.advice
     )
+
+
+def test_a_robot_that_is_singular_beside_its_reference_too_is_refused(tmp_path):
+    """An elbow that would lift the tip out of the plane has to stay where it is, to second order too."""
+    for name in ("robot.yaml", "robot.urdf"):
+        text = (GEPETTO / name).read_text(encoding="utf-8")
+        motor, mark, elbow = text.partition('<joint name="left_elbow"')
+        text = motor + mark + elbow.replace('<axis xyz="0 0 1"/>', '<axis xyz="7.3 0 1"/>', 1)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    robot = ParallelRobot.from_description(read_any(tmp_path, platform="tip_A", axes=["x", "y"]))
+    with pytest.raises(SingularReference, match="on a singularity of the loops"):
+        check_robot(robot)

@@ -98,6 +98,7 @@ CHANGES = [
     ("pair", '<parent link="right_rod"/>', '<parent link="tip_B"/>', "joins 'tip_B' with itself"),
     ("pair", 'xyz="0.2 0 0"', 'xyz="0.2 0"', "joint 'right_motor': <origin> xyz: needs 3 numbers"),
     ("pair", 'xyz="0.2 0 0"', 'xyz="0.2 0 nan"', "<origin> xyz: needs finite numbers"),
+    ("pair", 'xyz="0.2 0 0"', 'xyz="1e300 0 0"', "<origin> xyz: must be at most 1e+30 in size"),
     ("pair", 'xyz="0.2 0 0"', 'xyx="0.2 0 0"', "unknown attribute 'xyx'; did you mean 'xyz'"),
     ("pair", '<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "joint 'left_motor': <axis>: the axis is zero"),
     ("pair", '<limit effort="1" velocity="20"/>', "", "joint 'left_motor': <limit> is missing"),
@@ -128,6 +129,12 @@ CHANGES = [
         "plus",
         '    <axis xyz="0 0 1"/>\n  </loop>',
         '<axis xyz="0 0 0"/></loop>',
+        "loop 'tip': <axis>: the axis is zero",
+    ),
+    (
+        "plus",
+        '    <axis xyz="0 0 1"/>\n  </loop>',
+        '<axis xyz="0 0 1e-300"/></loop>',
         "loop 'tip': <axis>: the axis is zero",
     ),
     ("plus", "</loop>", "<gap/></loop>", "loop 'tip': unknown element 'gap'"),
@@ -290,6 +297,7 @@ CHANGES = [
         "needs one orientation, got quat and euler",
     ),
     ("anchor", 'euler="0 0 1.2718628575352207"', 'quat="0 0 0 0"', "quat: zero has no direction"),
+    ("anchor", 'euler="0 0 1.2718628575352207"', 'zaxis="0 1e-300 0"', "zaxis: zero has no direction"),
     ("anchor", 'euler="0 0 1.2718628575352207"', 'xyaxes="1 0 0 2 0 0"', "the two axes are parallel"),
     (
         "anchor",

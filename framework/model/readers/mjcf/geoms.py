@@ -11,6 +11,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
+from framework.model.description import SHORTEST
 from framework.model.inertia import check_inertia, symmetric
 from framework.model.placement import placement
 from framework.model.readers.mjcf.settings import TURNS, Settings, known, least_turn
@@ -123,7 +124,7 @@ def _geometry(
         ends = np.array(numbers(f"{where} fromto", attributes["fromto"], 6))
         along = ends[:3] - ends[3:]
         half = 0.5 * float(np.linalg.norm(along))
-        if half == 0.0:
+        if half < SHORTEST:
             raise RobotFileError(f"{where} fromto: the two ends coincide")
         first = _sizes(attributes, f"{where} size", 1)
         sizes = (first[0], half) if count == 2 else (first[0], first[0], half)

@@ -11,6 +11,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, short
+from framework.model.description import SHORTEST
 from framework.model.placement import about, from_quaternion, placement
 from framework.model.xml_reading import numbers
 
@@ -88,7 +89,7 @@ class Settings:
         values = numbers(
             f"{where} {key}", attributes[key], {"quat": 4, "axisangle": 4, "xyaxes": 6}.get(key, 3)
         )
-        if key != "euler" and not any(values[:4] if key == "quat" else values[:3]):
+        if key != "euler" and max(map(abs, values[: 4 if key == "quat" else 3])) < SHORTEST:
             raise RobotFileError(f"{where} {key}: zero has no direction")
         if key == "quat":
             turn = from_quaternion(values[0], values[1], values[2], values[3])
