@@ -270,6 +270,7 @@ def computed(monkeypatch, stop_after=None):
     return numbers
 
 
+@pytest.mark.slow
 def test_a_study_that_is_stopped_goes_on_from_its_finished_runs(tmp_path, capsys, monkeypatch):
     out = tmp_path / "new" / "out"
     two = [*SHORT, "--controller", "lqr", "feedforward", "--noise", "1e-6", "--period", "1e-2", "--json"]

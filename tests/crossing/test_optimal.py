@@ -81,6 +81,7 @@ def test_any_user_would_find_the_same_torques_for_that_law(robot, quickest):
     np.testing.assert_allclose(again.torque(t), quickest.torque(t), rtol=0, atol=1e-9 * PAPERS)
 
 
+@pytest.mark.slow
 def test_energy_is_least_where_it_is_asked_for(robot):
     def energy(plan) -> float:
         t, weights = np.polynomial.legendre.leggauss(400)

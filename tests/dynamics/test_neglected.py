@@ -68,7 +68,7 @@ def held_load(t: np.ndarray, law: Law) -> np.ndarray:
 
 def test_a_pendulum_that_nobody_holds_is_named_with_its_torque_and_instant():
     robot, law = with_hinge(MASS, 0.0), Law.rest_to_rest(1.5, 2)
-    assert check_robot(robot).idle_joints == ("hinge",)
+    assert check_robot(robot).loose_joints == ("hinge",)
     with pytest.raises(LoadedJoint) as caught:
         inverse_dynamics(robot, CLEAR, law)
     error = caught.value
