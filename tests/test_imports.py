@@ -146,7 +146,7 @@ GIVEN = {"ParallelRobot", "Line", "CrossingPlan"}
     "file", sorted((ROOT / "tests" / "oracles").glob("[!t]*.py")), ids=lambda file: file.stem
 )
 def test_an_oracle_takes_from_the_framework_what_is_given_and_nothing_that_is_computed(file):
-    """The robot as described, the path asked for, the plan to be judged; not one equation of what judges it."""
+    """The robot as described, the path asked for, the plan to be judged; no equation of what judges it."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "framework":
             names = {alias.name for alias in node.names}
