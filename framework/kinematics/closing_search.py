@@ -41,6 +41,7 @@ EVALUATIONS = (
 )  # of the loop equations at most, in the search for nearly closed loops and to close them
 SPREADS = (0.25, 0.5, 1.0)  # share of each joint's range that starts are drawn from, in turn
 SEED = 0
+LEAST_ROOM = 1e-9  # of a joint [rad, lengths of the robot], or of how far away its limits are
 SLACK = 0.1  # gap of the loops that weighs as much as a joint one radian from the reference
 ROUGH, EXACT = 1e-6, 1e-12  # relative change, and slope, at which the two searches end
 NEARLY = 1e-9  # largest loop equation, in lengths of the robot and radians, that Newton's method will finish
@@ -168,7 +169,12 @@ def _ranges(robot: ParallelRobot) -> tuple[Array, Array]:
         column = robot.model.joints[robot.model.getJointId(limit.joint)].idx_v
         here = robot.q_near[limit.coordinate]
         lower[column], upper[column] = limit.lower - here, limit.upper - here
-    return lower / column_scale(robot), upper / column_scale(robot)
+    lower, upper = lower / column_scale(robot), upper / column_scale(robot)
+    # a joint whose limits meet keeps a little room: the solver's bounds may not
+    limited = np.isfinite(lower)
+    room = LEAST_ROOM * np.maximum(np.abs(lower[limited]), 1.0)
+    upper[limited] = np.maximum(upper[limited], lower[limited] + room)
+    return lower, upper
 
 
 def _nearest(group: _Group) -> Array:

@@ -39,12 +39,14 @@ class LockedDirections(NamedTuple):
 def locked_directions(robot: ParallelRobot) -> LockedDirections:
     """One direction for each closure that locks two rotations, two for each that locks all.
 
+    Only rotations that the robot's rows do lock: some of them may have been taken out to be examined.
+
     Memoised: a pure function of a frozen robot.
     """
     place = dict(zip(robot.rows.names, zip(robot.rows.first, robot.rows.second, strict=True), strict=True))
     table, names = [], []
     for closure in robot.description.closures:
-        turns = [axis for axis in closure.axes if axis.startswith("r")]
+        turns = [axis for axis in closure.axes if f"{closure.name}.{axis}" in place and axis.startswith("r")]
         free = [k for k in range(3) if f"r{'xyz'[k]}" not in turns]
         for k in {3: (0, 1), 2: free}.get(len(turns), ()):
             table.append((*place[f"{closure.name}.{turns[0]}"], k))

@@ -52,7 +52,7 @@ def naive_acceleration(angle: float, speed: float = 1.0) -> float:
 def our_answer(angle: float) -> float | None:
     """s" [1/s^2] over s'^2 that we cross the middle with, None when refused."""
     try:
-        plan = plan_crossing(without_rotors(), bent(angle), duration=1.5)
+        plan = plan_crossing(without_rotors(), bent(angle), duration=1.5, law="polynomial")
     except NoAnswer:
         return None
     middle = min(plan.crossings, key=lambda crossing: abs(crossing.s - 0.5))
