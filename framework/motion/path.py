@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,6 +20,7 @@ HIGHEST_ORDER = 4  # derivatives that an elastic robot's torque needs
 LARGEST = 1e30  # [m, rad] coordinate whose powers do not overflow
 
 
+@runtime_checkable
 class Path(Protocol):
     """Anything with `n` coordinates, `knots` and `path(s, order)`."""
 
@@ -54,13 +55,32 @@ def _stack(s: ArrayLike, values: Array) -> Array:
     return values.reshape(*np.shape(s), values.shape[1])
 
 
-class Line:
+class PointPath:
+    """A path that its `points` (m, n) define: equal to another of its kind through the same points."""
+
+    kind: ClassVar[str]
+    points: Any
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, PointPath)
+            and type(self) is type(other)
+            and np.array_equal(self.points, other.points)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.kind, self.points.tobytes()))
+
+
+class Line(PointPath):
     """The straight segment from `start` to `end`, both (n,): x(s) = start + s (end - start)."""
 
+    kind = "line"
     knots = np.empty(0)
 
     def __init__(self, start: ArrayLike, end: ArrayLike) -> None:
-        self.start, self.end = _points([start, end], 2, "line")
+        self.points = _points([start, end], 2, "line")
+        self.start, self.end = self.points
         self.n = len(self.start)
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
@@ -74,13 +94,14 @@ class Line:
         return f"Line({self.start.tolist()}, {self.end.tolist()})"
 
 
-class Arc:
+class Arc(PointPath):
     """The circular arc from `start` through `via` to `end`, each (n,), n >= 2, at constant speed."""
 
+    kind = "arc"
     knots = np.empty(0)
 
     def __init__(self, start: ArrayLike, via: ArrayLike, end: ArrayLike) -> None:
-        points = _points([start, via, end], 3, "arc")
+        self.points = points = _points([start, via, end], 3, "arc")
         self.start, self.via, self.end = points
         self.n = points.shape[1]
         first, second = self.via - self.start, self.end - self.start
@@ -112,13 +133,14 @@ class Arc:
         return f"Arc({self.start.tolist()}, {self.via.tolist()}, {self.end.tolist()})"
 
 
-@dataclass(frozen=True)
-class Spline:
+@dataclass(frozen=True, eq=False)
+class Spline(PointPath):
     """The spline through `points` (m, n) with four continuous derivatives, by chord length.
 
     Degree 5, or m - 1 for fewer than six points: the torque of an elastic robot needs x''''.
     """
 
+    kind: ClassVar[str] = "spline"
     points: Any
     knots: Array = field(init=False, repr=False)
     n: int = field(init=False, repr=False)
