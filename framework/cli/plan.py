@@ -133,16 +133,16 @@ def plan_text(plan: CrossingPlan) -> str:
         f"N m or N",
     ]
     for joint, excess in plan.exceeded.items():
-        lines.append(f"  mind              {joint} exceeds its limits: {excess}")
+        lines.append(f"  warning           {joint} exceeds its limits: {excess}")
     if certificate.end_speed > 1e-6:
         lines.append(
-            f"  mind              the motors start and stop with {certificate.end_speed:.1e} of their "
+            f"  warning           the motors start and stop with {certificate.end_speed:.1e} of their "
             f"largest speed: the springs carry inertia; a higher --smoothness mends it"
         )
     if not certificate.monotone:
         s = plan.law(np.linspace(0.0, plan.duration, 2001))
         lines.append(
-            f"  mind              the law overshoots its ends (s from {s.min():.6g} to {s.max():.6g}); other "
+            f"  warning           the law overshoots its ends (s from {s.min():.6g} to {s.max():.6g}); other "
             f"times or speeds, or a higher --smoothness, avoid it"
         )
     return "\n".join(lines)
