@@ -26,11 +26,16 @@ CLEAR = ["--from", "0.1", "0.345", "--to", "-0.05", "0.295"]  # past it
 PLAN = ["plan", "five_bar"]
 FREE = [*PLAN, *LINE, "--duration", "1.5"]
 PLAN_KEYS = [
-    *("robot", "flexibility", "geometry", "duration", "law", "crossings", "peak_torque", "exceeded"),
-    *("certificate", "seconds", "robot_file", "path", "reason", "optimality"),
+    *("version", "robot", "robot_file", "flexibility", "geometry", "duration", "request", "law", "crossings"),
+    *("peak_torque", "exceeded", "certificate", "reason", "optimality", "seconds"),
 ]
-CROSSING_KEYS = ["s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual"]
-CERTIFICATE_KEYS = ["nodes", "tail", "passes", "max_closure_error", "max_residual_torque", "monotone"]
+CROSSING_KEYS = [
+    *("s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual", "condition"),
+]
+CERTIFICATE_KEYS = [
+    *("nodes", "tail", "passes", "change", "max_closure_error", "max_residual_torque", "end_speed"),
+    "monotone",
+]
 
 
 @pytest.fixture
@@ -154,7 +159,8 @@ def test_locate_finds_none_where_there_is_none(document, crossing):
 def test_plan_gives_the_object_of_the_contract(document, flexibility, geometry, degree):
     found = document(*PLAN, "--scene", "C", "--flexibility", flexibility)
     assert list(found) == PLAN_KEYS
-    assert [found[key] for key in PLAN_KEYS[:4]] == ["five_bar", flexibility, geometry, 1.5]
+    keys = ("version", "robot", "robot_file", "flexibility", "geometry", "duration")
+    assert [found[key] for key in keys] == [2, "five_bar", "five_bar", flexibility, geometry, 1.5]
     assert list(found["law"]) == ["degree", "chebyshev", "domain"]
     assert (found["law"]["degree"], found["law"]["domain"]) == (degree, [0.0, 1.5])
     (crossing,) = found["crossings"]

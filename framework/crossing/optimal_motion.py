@@ -31,8 +31,9 @@ from framework.crossing.optimal import (
     points_of,
 )
 from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, crossing_row, demand
-from framework.crossing.polynomial import Ground, check_contacts
+from framework.crossing.polynomial import check_contacts
 from framework.crossing.request import Request
+from framework.crossing.targets import Ground
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoLaw, NotConverged

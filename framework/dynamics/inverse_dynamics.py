@@ -79,7 +79,7 @@ def inverse_dynamics(
         OutOfReach, Type1Singularity, SingularPath: see `locate_singularities`.
     """
     geometry = checked_geometry(robot, geometry)
-    _check_law(law)
+    check_law(law)
     branch = track_path(robot, path)
     points = locate_singularities(robot, path, branch=branch)
     return resolve(branch, points, lambda *_: law, geometry=geometry, tolerance=tolerance)
@@ -156,7 +156,8 @@ def resolve(
     )
 
 
-def _check_law(law: MotionLaw) -> None:
+def check_law(law: MotionLaw) -> None:
+    """Raise InvalidInput unless a law has a duration and stays on the path."""
     duration = law.duration
     if not (np.isfinite(duration) and duration > 0):
         raise InvalidInput(f"law: duration must be a positive number of seconds, got {duration!r}")
