@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray
-from framework.errors import RobotFileError
+from framework.arrays import Array, IntArray, ReadOnlyArrays, read_only
+from framework.errors import RobotFileError, expect
 from framework.model.bare_urdf import bare_urdf
 from framework.model.description import AXES, Closure, ParsedRobot, RobotDescription
 from framework.model.documents import naming, parse_xml
@@ -50,11 +50,11 @@ class LoopRows(NamedTuple):
     def take(self, rows: IntArray) -> LoopRows:
         """The table of some of the rows."""
         names = tuple(self.names[i] for i in rows)
-        return LoopRows(*[column[rows] for column in self[:-1]], names)  # type: ignore[call-arg,arg-type]
+        return LoopRows(*[read_only(column[rows]) for column in self[:-1]], names)  # type: ignore[call-arg,arg-type]
 
 
 @dataclass(frozen=True, eq=False)
-class ParallelRobot:
+class ParallelRobot(ReadOnlyArrays):
     """The tree with its springs (`model`), and which of its coordinates are what.
 
     `actuated` (n_a,), `elastic` (n_e,) and `passive` (n_p,) index pinocchio's velocity vector, in the
@@ -227,6 +227,11 @@ class ParallelRobot:
             q_near=q_near,
             length=_length(model, q_near),
         )
+
+
+def expect_robot(given: object) -> None:
+    """Raise InvalidInput unless what was given is a robot."""
+    expect("robot", given, ParallelRobot, 'robots.load("five_bar") or ParallelRobot.from_file("my.yaml")')
 
 
 def _frame(model: pin.Model, name: str) -> int:
