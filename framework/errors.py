@@ -112,7 +112,7 @@ def expect(what: str, given: object, kind: type, such_as: str) -> None:
 
 
 def expect_call(what: str, given: object, attributes: Sequence[str], such_as: str) -> None:
-    """Raise InvalidInput unless what was given can be called, as a function of time or path, and has these."""
+    """Raise InvalidInput unless what was given can be called, as a function, and has these attributes."""
     if not callable(given) or not all(hasattr(given, name) for name in attributes):
         raise InvalidInput(
             f"{what}: needs {such_as}, or what can be called as {what}(., order) and has "

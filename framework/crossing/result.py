@@ -14,6 +14,7 @@ from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.catalogue import catalogue
 from framework.crossing.condition import Condition8
 from framework.crossing.optimal import Wish
+from framework.crossing.request import Request
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput
@@ -96,7 +97,7 @@ class CrossingPlan:
     """A motion law with its torques and its proof. All times in [s], t (T,) gives (T, n_a)."""
 
     robot: ParallelRobot
-    path: Path
+    request: Request
     law: PlannedLaw
     crossings: tuple[Crossing, ...]
     dynamics: InverseDynamics
@@ -104,6 +105,10 @@ class CrossingPlan:
     seconds: float  # time that planning took
     reason: str = ""  # why the law is of its kind
     optimality: Optimality | None = None  # of an optimal law
+
+    @property
+    def path(self) -> Path:
+        return self.request.path
 
     @property
     def duration(self) -> float:

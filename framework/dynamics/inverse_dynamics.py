@@ -96,6 +96,12 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
     return geometry if robot.n_e else "rigid"
 
 
+def check_tolerance(tolerance: float) -> None:
+    """Raise InvalidInput unless the tolerance tells a resolved torque from a pole."""
+    if not (is_number(tolerance) and 0 < tolerance <= LOOSEST):
+        raise InvalidInput(f"tolerance: must lie in (0, {LOOSEST:g}], got {tolerance!r}")
+
+
 def resolve(
     branch: Branch,
     points: tuple[SingularPoint, ...],
@@ -105,8 +111,7 @@ def resolve(
     tolerance: float,
 ) -> InverseDynamics:
     """Double the nodes until the torques are resolved, or tell why they never are."""
-    if not (is_number(tolerance) and 0 < tolerance <= LOOSEST):
-        raise InvalidInput(f"tolerance: must lie in (0, {LOOSEST:g}], got {tolerance!r}")
+    check_tolerance(tolerance)
     law = choose_law(None, None)
     crossings = rigid_crossings(branch, points, law)
     fixed_geometry = geometry == "rigid"

@@ -261,14 +261,14 @@ def _loop_rows(closures: tuple[Closure, ...], frame_names: list[str]) -> LoopRow
     columns = np.array(table).T
     first_frame, second_frame, first_axis, second_axis = columns[[0, 1, 4, 5]].astype(np.intp)
     return LoopRows(
-        first=first_frame,
-        second=second_frame,
-        distance=columns[2] > 0,
-        rotation=columns[3] > 0,
-        first_axis=first_axis,
-        second_axis=second_axis,
-        sign=columns[6],
-        length=columns[7],
+        first=read_only(first_frame),
+        second=read_only(second_frame),
+        distance=read_only(columns[2] > 0),
+        rotation=read_only(columns[3] > 0),
+        first_axis=read_only(first_axis),
+        second_axis=read_only(second_axis),
+        sign=read_only(columns[6]),
+        length=read_only(columns[7]),
         names=tuple(names),
     )
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 from scipy.special import betainc, betaincinv
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order
 from framework.motion.chebyshev import TimeFunction, TimeGrid, extrema
 from framework.motion.law import SLACK
@@ -176,7 +176,7 @@ class OptimalLaw(ReadOnlyArrays):
         begin = np.concatenate(([0.0], np.cumsum(steps)))
         if abs(begin[-1] - self.duration) <= SAME * self.duration:  # of the duration to the last bit
             series, begin = series * (self.duration / begin[-1]), begin * (self.duration / begin[-1])
-        return TimeFunction(grid.edges, series), begin
+        return TimeFunction(grid.edges, series), read_only(begin)
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
         """z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma up to order 3, by the chain rule."""

@@ -13,8 +13,8 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
-from framework.errors import InvalidInput, check_order
+from framework.arrays import Array, ArrayLike, read_only
+from framework.errors import InvalidInput, check_order, expect_call
 
 HIGHEST_ORDER = 4  # derivatives that an elastic robot's torque needs
 NO_KNOTS: Array = read_only(np.empty(0))
@@ -31,6 +31,11 @@ class Path(Protocol):
     def knots(self) -> Array: ...
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array: ...
+
+
+def expect_path(given: object) -> None:
+    """Raise InvalidInput unless what was given can be called and asked like a path."""
+    expect_call("path", given, ("n", "knots"), "a Line, an Arc or a Spline")
 
 
 def _points(points: Any, least: int, kind: str) -> Array:
@@ -54,18 +59,43 @@ def _stack(s: ArrayLike, values: Array) -> Array:
     return values.reshape(*np.shape(s), values.shape[1])
 
 
+def _hold(frozen: object, **values: Any) -> None:
+    """Set attributes that a frozen object works out from what it was given."""
+    for name, value in values.items():
+        object.__setattr__(frozen, name, value)
+
+
+class PointPath:
+    """A path that its `points` (m, n) define: equal to another of its kind through the same points."""
+
+    kind: ClassVar[str]
+    points: Any
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, PointPath)
+            and type(self) is type(other)
+            and np.array_equal(self.points, other.points)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.kind, self.points.tobytes()))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Line:
+class Line(PointPath):
     """The straight segment from `start` to `end`, both (n,): x(s) = start + s (end - start)."""
 
     start: Any
     end: Any
+    points: Array = field(init=False)
 
+    kind: ClassVar[str] = "line"
     knots: ClassVar[Array] = NO_KNOTS
 
     def __post_init__(self) -> None:
-        for name, point in zip(("start", "end"), _points([self.start, self.end], 2, "line"), strict=True):
-            object.__setattr__(self, name, point)
+        points = _points([self.start, self.end], 2, "line")
+        _hold(self, start=points[0], end=points[1], points=points)
 
     @property
     def n(self) -> int:
@@ -84,7 +114,7 @@ class Line:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Arc:
+class Arc(PointPath):
     """The circular arc from `start` through `via` to `end`, each (n,), n >= 2, at constant speed.
 
     `center` (n,), `radius` and the signed `angle` [rad] that it sweeps follow from them.
@@ -93,11 +123,13 @@ class Arc:
     start: Any
     via: Any
     end: Any
+    points: Array = field(init=False)
     center: Array = field(init=False)
     radius: float = field(init=False)
     angle: float = field(init=False)
     _spokes: Array = field(init=False)  # (2, n) unit vectors of its plane, the first towards the start
 
+    kind: ClassVar[str] = "arc"
     knots: ClassVar[Array] = NO_KNOTS
 
     def __post_init__(self) -> None:
@@ -116,16 +148,8 @@ class Arc:
         )
         # `via` lies between the ends: its angle decides which way round the arc goes
         angle = angle_end if angle_via < angle_end else angle_end - 2 * np.pi
-        for name, value in (
-            ("start", start),
-            ("via", via),
-            ("end", end),
-            ("center", read_only(center)),
-            ("radius", radius),
-            ("angle", angle),
-            ("_spokes", read_only(spokes)),
-        ):
-            object.__setattr__(self, name, value)
+        _hold(self, start=start, via=via, end=end, points=points)
+        _hold(self, center=read_only(center), radius=radius, angle=angle, _spokes=read_only(spokes))
 
     @property
     def n(self) -> int:
@@ -143,21 +167,21 @@ class Arc:
         return f"Arc({self.start.tolist()}, {self.via.tolist()}, {self.end.tolist()})"
 
 
-@dataclass(frozen=True)
-class Spline(ReadOnlyArrays):
+@dataclass(frozen=True, eq=False)
+class Spline(PointPath):
     """The spline through `points` (m, n) with four continuous derivatives, by chord length.
 
     Degree 5, or m - 1 for fewer than six points: the torque of an elastic robot needs x''''.
     """
 
+    kind: ClassVar[str] = "spline"
     points: Any
     knots: Array = field(init=False, repr=False)
     n: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         points = _points(self.points, 2, "spline")
-        object.__setattr__(self, "points", points)
-        object.__setattr__(self, "n", points.shape[1])
+        _hold(self, points=points, n=points.shape[1])
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if chords.min() < 1e-9 * chords.max():
             k = int(np.argmin(chords))
@@ -166,9 +190,7 @@ class Spline(ReadOnlyArrays):
                 f"uneven to tell their places on the curve"
             )
         degree = min(5, len(points) - 1)
-        inner = np.unique(self._spline.t[degree + 1 : -degree - 1])
-        object.__setattr__(self, "knots", inner)
-        super().__post_init__()
+        _hold(self, knots=read_only(np.unique(self._spline.t[degree + 1 : -degree - 1])))
 
     @cached_property
     def _spline(self) -> Any:

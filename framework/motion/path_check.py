@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import InvalidInput, expect_call
-from framework.motion.path import Path
+from framework.errors import InvalidInput
+from framework.motion.path import Path, expect_path
 
 SAME = 1e-4  # of the largest derivative along the path: rounding and tables are below, mistakes above
 ROUNDING = 1e-10  # of the largest value, over the length of an interval
@@ -30,7 +30,7 @@ def check_path(path: Path) -> None:
         InvalidInput: it is no path, the knots do not ascend inside (0, 1), a value is missing or not finite,
             or path(s, 1) or path(s, 2) is not the derivative of what comes before it.
     """
-    expect_call("path", path, ("n", "knots"), "a Line, an Arc or a Spline")
+    expect_path(path)
     starts, lengths = _intervals(path)
     nodes, weights = np.polynomial.legendre.leggauss(5)
     inside = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)
