@@ -215,6 +215,7 @@ def along(path: Path, law_values: list[Array]) -> list[Array]:
     `law_values[k]` (T,) is the k-th time derivative of s. Faa di Bruno's formula, written out.
     """
     order = len(law_values) - 1
+    check_order(order, HIGHEST_ORDER)
     s = law_values[0]
     x = [path(s, k) for k in range(order + 1)]
     d = [value[..., None] for value in law_values]
