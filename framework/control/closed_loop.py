@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.control.estimation import Controller, Measurement, State
 from framework.control.reference import Reference
 from framework.control.variation import Spread, Variation, noise_of, unvaried, varied
@@ -52,7 +52,7 @@ class ControlLoop:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(ReadOnlyArrays):
     """What became of R runs; see `Study`."""
 
     passed: NDArray[np.bool_]  # (R,)

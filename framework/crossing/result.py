@@ -10,7 +10,7 @@ from typing import IO
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.crossing.condition import Condition8
 from framework.crossing.optimal import Wish
 from framework.crossing.request import Request
@@ -24,7 +24,7 @@ from framework.motion.path import Path
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class Crossing(ReadOnlyArrays):
     """One way through a Type 2 singularity, measured on the finished motion.
 
     The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`. `condition` holds the
@@ -44,7 +44,7 @@ class Crossing:
 
 
 @dataclass(frozen=True, eq=False)
-class Optimality:
+class Optimality(ReadOnlyArrays):
     """What an optimal law was made best at, and what its torques were measured against, (n_a,) [N m]."""
 
     wish: Wish
@@ -92,6 +92,14 @@ class CrossingPlan:
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
         """Platform coordinates (T, n) [m, rad], or their derivatives up to order 4."""
         return self.dynamics.platform(t, order)
+
+    def configuration(self, t: ArrayLike) -> Array:
+        """All joint coordinates q (T, nq), passive and elastic ones too, as pinocchio orders them."""
+        return self.dynamics.configuration(t)
+
+    def velocity(self, t: ArrayLike, order: int = 1) -> Array:
+        """Joint velocities (order 1) or accelerations (order 2), (T, nv)."""
+        return self.dynamics.velocity(t, order)
 
     @property
     def peak_torque(self) -> dict[str, float]:

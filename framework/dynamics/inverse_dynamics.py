@@ -31,11 +31,12 @@ from framework.errors import (
     NotAssembled,
     NotConverged,
     choose_from,
+    expect_call,
 )
 from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import difference
 from framework.kinematics.tracking import Branch, track_path
-from framework.model import ParallelRobot
+from framework.model import ParallelRobot, expect_robot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import OVERSHOOT, MotionLaw, PlannedLaw, is_number
 from framework.motion.path import Path
@@ -87,6 +88,7 @@ def inverse_dynamics(
 
 def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
     """The geometry to use: deformed by default when the robot has springs."""
+    expect_robot(robot)
     if geometry is None:
         return "deformed" if robot.n_e else "rigid"
     if geometry not in GEOMETRIES:
@@ -158,6 +160,7 @@ def resolve(
 
 def check_law(law: MotionLaw) -> None:
     """Raise InvalidInput unless a law has a duration and stays on the path."""
+    expect_call("law", law, ("duration",), "a Law")
     duration = law.duration
     if not (np.isfinite(duration) and duration > 0):
         raise InvalidInput(f"law: duration must be a positive number of seconds, got {duration!r}")
