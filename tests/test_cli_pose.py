@@ -46,9 +46,8 @@ def test_motor_angles_are_gear_ratio_times_the_joint(capsys):
 def test_limits_that_a_pose_leaves_are_named(capsys):
     assert main(["pose", "five_bar", "--motors", "1.3", "1.2"]) == 0
     assert "limits" not in capsys.readouterr().out
-    legs = [
-        limit.upper + 0.01 for limit in joint_limits(robots.load("gough_stewart")) if "motor" in limit.joint
-    ]
+    limits = joint_limits(robots.load("gough_stewart"))
+    legs = [limit.upper + 0.01 for limit in limits if limit.joint.endswith("motor")]
     assert main(["pose", "gough_stewart", "--motors", *map(str, legs)]) == 0
     assert capsys.readouterr().out.count("exceeds its limits: position") == 6
 

@@ -38,10 +38,8 @@ def run(options: argparse.Namespace) -> Report:
     if (options.motor_joints is None) == (options.point is None):
         raise InvalidInput("give either --motors or --platform")
     robot = arguments.load(options)
-    if options.motor_joints is not None:
-        closed = forward_kinematics(robot, options.motor_joints)
-    else:
-        closed = assemble(robot, options.point)
+    given = options.motor_joints
+    closed = assemble(robot, options.point) if given is None else forward_kinematics(robot, given)
     pose = describe_pose(robot, closed.q)
     lines = [
         f"{pose.robot}, {pose.flexibility}",
