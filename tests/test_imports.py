@@ -48,6 +48,7 @@ QUESTIONS = {
     "framework.kinematics.forward_kinematics": None,
     "framework.kinematics.mobility": None,
     "framework.kinematics.placements": None,
+    "framework.kinematics.pose": None,
     "framework.kinematics.tracking": {"assemble"},
     "framework.kinematics.velocity_matrices": None,
     "framework.singularity.classification": {"moves_point"},
