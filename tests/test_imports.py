@@ -49,6 +49,7 @@ QUESTIONS = {
     "framework.kinematics.inverse_kinematics": {"Motion"},
     "framework.kinematics.mobility": None,
     "framework.kinematics.placements": None,
+    "framework.kinematics.pose": None,
     "framework.kinematics.tracking": {"assemble"},
     "framework.kinematics.velocity_matrices": None,
     "framework.singularity.classification": {"moves_point"},
