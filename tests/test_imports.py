@@ -46,6 +46,7 @@ QUESTIONS = {
     "framework.kinematics.assembly": {"reference_configuration"},
     "framework.kinematics.diagnostics": None,
     "framework.kinematics.forward_kinematics": None,
+    "framework.kinematics.inverse_kinematics": {"Motion"},
     "framework.kinematics.mobility": None,
     "framework.kinematics.placements": None,
     "framework.kinematics.pose": None,
