@@ -108,10 +108,7 @@ def plan_crossing(
     kind = _kind_of_law(law, asked, request)
     free = kind == "optimal" or (kind == "auto" and request.smoothness <= HIGHEST_SMOOTHNESS)
     wish = _wish(optimize, longest, limits, request) if free else None
-    branch, points = search_path(robot, path) if searched is None else searched
-    work = _Work(
-        Ground(branch, points, targets_of(branch, points, request)), request, geometry, tolerance, started
-    )
+    work = _Work(_ground(robot, path, request, searched), request, geometry, tolerance, started)
     try:
         plan = _best(work, wish if kind == "optimal" else None, fallback=wish)
     except UncontrolledMotions:
@@ -150,6 +147,12 @@ def _best(work: _Work, wish: Wish | None, *, fallback: Wish | None) -> CrossingP
         return plan
 
 
+def _ground(robot: ParallelRobot, path: Path, request: Request, searched: SearchedPath | None) -> Ground:
+    """The path followed and searched, if it is not yet, and where condition (8) is to hold."""
+    searched = search_path(robot, path) if searched is None else searched
+    return Ground(searched, targets_of(searched.branch, searched.points, request))
+
+
 class _Work(NamedTuple):
     """What planning with either law needs to know."""
 
@@ -161,7 +164,7 @@ class _Work(NamedTuple):
 
     @property
     def searched(self) -> SearchedPath:
-        return SearchedPath(self.ground.branch, self.ground.points)
+        return self.ground.searched
 
 
 def _kind_of_law(law: str, asked: bool, request: Request) -> str:
@@ -221,7 +224,7 @@ def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
 def _optimal(work: _Work, wish: Wish, reason: str) -> CrossingPlan:
     """The plan with the optimal law."""
     ground = work.ground
-    task = Task(ground.branch, ground.points, ground.targets, work.request.speeds, wish, work.geometry)
+    task = Task(ground, work.request.speeds, wish, work.geometry)
     dynamics, law, best = optimal_motion(task, tolerance=work.tolerance)
     certificate = replace(dynamics.certificate, monotone=law.advance(law.smoothness) > 0)
     optimality = Optimality(wish, best.reference)
@@ -282,7 +285,6 @@ def uncertified_law(
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
     request = Request(duration, times, speeds, at, checked_smoothness(robot, smoothness))
-    branch, points = search_path(robot, path) if searched is None else searched
-    ground = Ground(branch, points, targets_of(branch, points, request))
+    ground = _ground(robot, path, request, searched)
     law = polynomial_at_rest(ground, request)
-    return law, rigid_crossings(branch, points, law)
+    return law, rigid_crossings(ground.branch, ground.points, law)

@@ -20,7 +20,7 @@ from framework.errors import InvalidInput, NoLaw
 from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import Condition, Law, MotionLaw
-from framework.singularity.points_on_path import SingularPoint
+from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
 OF_A_SCENE = (
     "times and speeds of a scene belong to its own duration: give others for this one, or take law optimal, "
@@ -31,9 +31,18 @@ OF_A_SCENE = (
 class Ground(NamedTuple):
     """The path followed, its singular points, and where on it condition (8) is to hold."""
 
-    branch: Branch
-    points: tuple[SingularPoint, ...]
+    searched: SearchedPath
     targets: Sequence[SingularPoint | CrossingPoint]
+
+    @property
+    def branch(self) -> Branch:
+        """The path as it was followed."""
+        return self.searched.branch
+
+    @property
+    def points(self) -> tuple[SingularPoint, ...]:
+        """The singular points of the undeformed robot on it."""
+        return self.searched.points
 
 
 class PolynomialMotion(NamedTuple):
@@ -52,7 +61,7 @@ def polynomial_motion(
     Raises:
         As `plan_crossing`.
     """
-    branch, points, targets = ground
+    branch, points, targets = ground.branch, ground.points, ground.targets
     robot, choice = branch.robot, timing_of(ground, request)
 
     def crossings(
@@ -78,7 +87,7 @@ def polynomial_motion(
 
     chosen: list[Law] = []
 
-    dynamics = resolve(branch, points, choose_law, geometry=geometry, tolerance=tolerance)
+    dynamics = resolve(ground.searched, choose_law, geometry=geometry, tolerance=tolerance)
     law = next(law for law in reversed(chosen) if law is dynamics.law)
     check_advance(law, [found.s for found in dynamics.crossings], robot.name)
     met = {
