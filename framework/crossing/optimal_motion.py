@@ -32,6 +32,7 @@ from framework.crossing.optimal import (
 )
 from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, crossing_row, demand
 from framework.crossing.polynomial import Ground, check_contacts
+from framework.crossing.request import Request
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoLaw, NotConverged
@@ -53,9 +54,17 @@ class Task(NamedTuple):
     """Where a law is to pass, and what it is to be best at."""
 
     ground: Ground
-    speeds: Sequence[float] | None  # s' at each of them [1/s], if asked
+    request: Request
     wish: Wish
-    geometry: str
+
+    @property
+    def geometry(self) -> str:
+        return self.request.geometry
+
+    @property
+    def speeds(self) -> Sequence[float] | None:
+        """s' at each target [1/s], if asked."""
+        return self.request.speeds
 
     @property
     def branch(self) -> Branch:
@@ -85,7 +94,7 @@ class OptimalMotion(NamedTuple):
     best: Best
 
 
-def optimal_motion(task: Task, *, tolerance: float) -> OptimalMotion:
+def optimal_motion(task: Task) -> OptimalMotion:
     """The best law of the least degree that is enough, certified, with all limits kept.
 
     Raises:
@@ -114,7 +123,7 @@ def optimal_motion(task: Task, *, tolerance: float) -> OptimalMotion:
             degree = higher[0]
             continue
         try:
-            dynamics, law = _resolved(task, best.law, places, tolerance)
+            dynamics, law = _resolved(task, best.law, places)
         except NotConverged:
             if roughness >= ROUGHEST:
                 raise
@@ -268,10 +277,10 @@ def _against(task: Task, on_path: OnPath) -> str:
 
 
 def _resolved(
-    task: Task, law: OptimalLaw, places: Sequence[CrossingPoint], tolerance: float
+    task: Task, law: OptimalLaw, places: Sequence[CrossingPoint]
 ) -> tuple[InverseDynamics, OptimalLaw]:
     """The certified motion of this law, its speed moved with the conditions of the deflecting robot."""
-    branch, searched = task.branch, task.ground.searched
+    branch, searched, tolerance = task.branch, task.ground.searched, task.request.tolerance
     at_rest = _places(task, None, None)
 
     def follow(

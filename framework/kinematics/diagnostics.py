@@ -21,7 +21,7 @@ from framework.kinematics.inverse_kinematics import mode_signs, reference_system
 from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.loop_matrices import passive_matrix
 from framework.kinematics.mobility import Mobility, PlatformAxes, mobility_of, platform_axes_of
-from framework.model import ParallelRobot
+from framework.model import ParallelRobot, expect_robot
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,7 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
         SingularReference: they are nearly singular there and beside it, too.
     """
+    expect_robot(robot)
     given, found = robot, list[str]()
     try:
         reference = reference_configuration(robot)

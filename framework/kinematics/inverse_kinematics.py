@@ -25,7 +25,7 @@ from framework.kinematics.frames import FrameStack, cross, frame_motions, frames
 from framework.kinematics.newton import ITERATIONS, Closing, Linear, Which, newton
 from framework.kinematics.platform import platform_coordinates, platform_residual, platform_twist
 from framework.linalg.banded_lu import Factors
-from framework.model import ParallelRobot
+from framework.model import ParallelRobot, expect_robot
 
 VANISHED = 1e-6  # what a step leaves of a determinant if it ends on its zero: half the digits are lost there
 OPEN = 1e-6  # loops [robot lengths, rad] that are open by more are no rounding of an assembled robot
@@ -148,6 +148,7 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike) -> ClosedStack:
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves a loop open.
     """
+    expect_robot(robot)
     q = finite_numbers("q", q, robot.model.nq)[None]
     at = frames_at(robot, q)
     residual = np.abs(loop_equations(robot.rows, at).residual[0])

@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray
-from framework.errors import RobotFileError
+from framework.arrays import Array, IntArray, ReadOnlyArrays, read_only
+from framework.errors import RobotFileError, expect
 from framework.model.bare_urdf import bare_urdf
 from framework.model.description import AXES, Closure, ParsedRobot, RobotDescription
 from framework.model.documents import naming, parse_xml
@@ -50,11 +50,11 @@ class LoopRows(NamedTuple):
     def take(self, rows: IntArray) -> LoopRows:
         """The table of some of the rows."""
         names = tuple(self.names[i] for i in rows)
-        return LoopRows(*[column[rows] for column in self[:-1]], names)  # type: ignore[call-arg,arg-type]
+        return LoopRows(*[read_only(column[rows]) for column in self[:-1]], names)  # type: ignore[call-arg,arg-type]
 
 
 @dataclass(frozen=True, eq=False)
-class ParallelRobot:
+class ParallelRobot(ReadOnlyArrays):
     """The tree with its springs (`model`), and which of its coordinates are what.
 
     `actuated` (n_a,), `elastic` (n_e,) and `passive` (n_p,) index pinocchio's velocity vector, in the
@@ -229,6 +229,11 @@ class ParallelRobot:
         )
 
 
+def expect_robot(given: object) -> None:
+    """Raise InvalidInput unless what was given is a robot."""
+    expect("robot", given, ParallelRobot, 'robots.load("five_bar") or ParallelRobot.from_file("my.yaml")')
+
+
 def _frame(model: pin.Model, name: str) -> int:
     """Index of the frame of a link or else of a joint: URDF lets the two share a name."""
     link = pin.FrameType.BODY
@@ -256,14 +261,14 @@ def _loop_rows(closures: tuple[Closure, ...], frame_names: list[str]) -> LoopRow
     columns = np.array(table).T
     first_frame, second_frame, first_axis, second_axis = columns[[0, 1, 4, 5]].astype(np.intp)
     return LoopRows(
-        first=first_frame,
-        second=second_frame,
-        distance=columns[2] > 0,
-        rotation=columns[3] > 0,
-        first_axis=first_axis,
-        second_axis=second_axis,
-        sign=columns[6],
-        length=columns[7],
+        first=read_only(first_frame),
+        second=read_only(second_frame),
+        distance=read_only(columns[2] > 0),
+        rotation=read_only(columns[3] > 0),
+        first_axis=read_only(first_axis),
+        second_axis=read_only(second_axis),
+        sign=read_only(columns[6]),
+        length=read_only(columns[7]),
         names=tuple(names),
     )
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import NotConverged, Type1Singularity, point
 from framework.kinematics.assembly import loop_rows, passive_columns
 from framework.kinematics.branch import Branch, with_continuation
@@ -35,7 +35,7 @@ MOST_CONTINUATIONS = 16
 
 
 @dataclass(frozen=True, eq=False)
-class SingularPoint:
+class SingularPoint(ReadOnlyArrays):
     """A place on the path where the motors lose hold of the robot, springs at rest.
 
     `kind` is type_2, leg_passive, constraint or closure (see `uncontrolled_motion`); `contact` is
@@ -49,7 +49,7 @@ class SingularPoint:
     kind: str
     contact: str
     corank: int
-    twist: Array  # (n,) t_s, unit, pointing along the path
+    twist: Array  # (n,) t_s of unit speed (see `unit_twist`), pointing along the path; zeros if not type_2
     platform: Array  # (n,)
     slope: float
     q: Array  # (nq,)

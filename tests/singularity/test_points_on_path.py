@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Arc, Line, ParallelRobot, Spline, assemble, locate_singularities, scene_path
+from framework import Arc, Line, ParallelRobot, Spline, assemble, locate_singularities
+from framework.crossing.scenes import scene_path
 from framework.errors import InvalidInput, NotAssembled, OutOfReach, SingularPath, Type1Singularity
 from framework.kinematics.tracking import track_path
 from framework.singularity.classification import singularity_measure
