@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from framework.arrays import Array
 from framework.catalogue import catalogue
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene_path
@@ -49,6 +50,12 @@ def asked(robot: ParallelRobot) -> str:
 def unit(robot: ParallelRobot) -> str:
     """The unit of t_s . W_p."""
     return "N" if np.any(robot.translations) else "N m"
+
+
+def stated(robot: ParallelRobot, limit: Array) -> str:
+    """Motors by their torque limits (n_a,), in words."""
+    alike = np.ptp(limit) == 0 and len(set(robot.torque_units)) == 1
+    return f"motors of {limit[0]:.3g} {robot.torque_units[0]}" if alike else "motors at their limits"
 
 
 def subtitle(film: Film) -> str:
