@@ -147,6 +147,23 @@ def test_a_scenes_times_are_named_where_another_duration_does_not_suit_them(cros
     assert "a scene belong to its own duration" in err
 
 
+def test_locate_tells_a_near_miss_with_its_place_and_how_near_it_is(document, crossing):
+    """A level path one micrometre above the locus, whose top is at sqrt(0.06) m, symmetric about x = 0."""
+    beside = ["--from", "0.06", str(0.06**0.5 + 1e-6), "--to", "-0.06", str(0.06**0.5 + 1e-6)]
+    found = document("locate", "five_bar", *beside)
+    assert found["singularities"] == []
+    (miss,) = found["near_misses"]
+    assert miss["s"] == pytest.approx(0.5, abs=1e-9)
+    np.testing.assert_allclose(miss["platform"], [0.0, 0.06**0.5 + 1e-6], atol=1e-9)
+    assert 1e-7 < abs(miss["g"]) < 1e-5
+    text = crossing("locate", "five_bar", *beside)[1]
+    assert "no singularity on the path" in text
+    assert "near miss at s = 0.500000" in text
+    code, _, err = crossing("plan", "five_bar", *beside, "--duration", 1.5)
+    assert code == 1
+    assert "misses a singularity by |g| = " in err
+
+
 def test_locate_finds_none_where_there_is_none(document, crossing):
     assert document("locate", "five_bar", *CLEAR)["singularities"] == []
     assert "no singularity" in crossing("locate", "five_bar", "--scene", "A")[1]

@@ -180,7 +180,7 @@ def _optimal(work: _Work, reason: str) -> CrossingPlan:
     """The plan with the optimal law."""
     ground, request, started = work
     wish = optimal_wish(ground.branch.robot, request)
-    dynamics, law, best = optimal_motion(Task(*ground, request, wish))
+    dynamics, law, best = optimal_motion(Task(ground, request, wish))
     seconds, optimality = time.perf_counter() - started, Optimality(wish, best.reference)
     return finished_plan(
         ground, request, dynamics, law, (), seconds=seconds, reason=reason, optimality=optimality
@@ -217,4 +217,4 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
         As `uncertified_law`.
     """
     law = polynomial_at_rest(ground_of(searched, request), request)
-    return law, rigid_crossings(*searched, law)
+    return law, rigid_crossings(searched.branch, searched.points, law)

@@ -42,7 +42,7 @@ def polynomial_motion(ground: Ground, request: Request) -> PolynomialMotion:
     Raises:
         As `plan_crossing`.
     """
-    branch, points, targets = ground
+    branch, points, targets = ground.branch, ground.points, ground.targets
     robot, choice = branch.robot, timing_of(ground, request)
 
     def crossings(
@@ -68,7 +68,7 @@ def polynomial_motion(ground: Ground, request: Request) -> PolynomialMotion:
 
     chosen: list[Law] = []
 
-    dynamics = resolve(branch, points, choose_law, geometry=request.geometry, tolerance=request.tolerance)
+    dynamics = resolve(ground.searched, choose_law, geometry=request.geometry, tolerance=request.tolerance)
     law = next(law for law in reversed(chosen) if law is dynamics.law)
     check_advance(law, [found.s for found in dynamics.crossings], robot.name)
     return PolynomialMotion(dynamics, law, choice)

@@ -200,11 +200,7 @@ def restored_plan(
     try:
         ground = ground_of(search_path(robot, request.path), request)
         dynamics = resolve(
-            ground.branch,
-            ground.points,
-            lambda *_: law,
-            geometry=request.geometry,
-            tolerance=request.tolerance,
+            ground.searched, lambda *_: law, geometry=request.geometry, tolerance=request.tolerance
         )
         plan = finished_plan(
             ground, request, dynamics, law, timing, seconds=seconds, reason=reason, optimality=optimality

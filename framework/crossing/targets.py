@@ -17,9 +17,18 @@ from framework.singularity.points_on_path import SearchedPath, SingularPoint
 class Ground(NamedTuple):
     """The path followed, its singular points, and where on it condition (8) is to hold."""
 
-    branch: Branch
-    points: tuple[SingularPoint, ...]
+    searched: SearchedPath
     targets: Sequence[SingularPoint | CrossingPoint]
+
+    @property
+    def branch(self) -> Branch:
+        """The path as it was followed."""
+        return self.searched.branch
+
+    @property
+    def points(self) -> tuple[SingularPoint, ...]:
+        """The singular points of the undeformed robot on it."""
+        return self.searched.points
 
 
 def ground_of(searched: SearchedPath, request: Request) -> Ground:
@@ -29,7 +38,7 @@ def ground_of(searched: SearchedPath, request: Request) -> Ground:
         InvalidInput: times or speeds are not as many as these places.
         NoLaw, UncontrolledMotions: no law can cross at one of them.
     """
-    return Ground(*searched, _targets(*searched, request))
+    return Ground(searched, _targets(searched.branch, searched.points, request))
 
 
 def _targets(
