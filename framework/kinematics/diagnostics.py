@@ -55,6 +55,7 @@ class Checkup:
     stuck_axes: str  # what the platform cannot move along; empty if there is nothing
     axes_that_do: tuple[tuple[str, ...], ...]  # platform axes to take instead, where the given ones do not do
     assembled: bool  # whether the loops close near the reference of the file; if not, a pose was looked for
+    gap_at_reference: float  # [m or rad] that stays open near the reference of the file; 0 if it is assembled
     advice: tuple[str, ...]
 
 
@@ -69,10 +70,11 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         SingularReference: they are nearly singular there and beside it, too.
     """
     expect_robot(robot)
-    given, found = robot, list[str]()
+    given, found, gap = robot, list[str](), 0.0
     try:
         reference = reference_configuration(robot)
-    except NotAssembled:
+    except NotAssembled as failure:
+        gap = failure.residual
         pose = find_closed_pose(robot)
         found.append(
             f"the loops do not close near the reference that is given; a search within the joints' limits "
@@ -88,7 +90,8 @@ def check_robot(robot: ParallelRobot) -> Checkup:
             raise singular
         beside = check_robot(moved)
         found.append(f"said of a pose beside the reference: {singular}")
-        return replace(beside, assembled=robot is given, advice=(*found, *beside.advice))
+        advice = (*found, *beside.advice)
+        return replace(beside, assembled=robot is given, gap_at_reference=gap, advice=advice)
     kept = independent_rows(robot)
     names = robot.rows.names
     motions = mobility_of(robot)
@@ -142,6 +145,7 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         stuck_axes=axes.stuck,
         axes_that_do=axes.proposals,
         assembled=robot is given,
+        gap_at_reference=gap,
         advice=tuple(found),
     )
 
