@@ -72,7 +72,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[st
     return {
         "version": VERSION,
         "robot": plan.robot.name,
-        "robot_file": _robot_file(plan.robot, folder),
+        "robot_file": robot_place(plan.robot, folder),
         "flexibility": plan.robot.flexibility,
         "geometry": plan.geometry,
         "duration": plan.duration,
@@ -90,8 +90,8 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[st
     }
 
 
-def _robot_file(robot: ParallelRobot, folder: FilePath | None) -> str:
-    """The robot's name if it is one of the catalogue, else the path of its file."""
+def robot_place(robot: ParallelRobot, folder: FilePath | None = None) -> str:
+    """The robot's name if it is one of the catalogue, else the path of its file, relative to a folder."""
     name, file = robot.name, robot.description.file
     entry = catalogue().get(name)
     if entry is not None and file.exists() and entry.file.samefile(file):
