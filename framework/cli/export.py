@@ -10,7 +10,15 @@ from typing import Any
 import yaml
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_flexibility, add_motion, add_robot, command, whole
+from framework.cli.parser import (
+    Report,
+    add_flexibility,
+    add_motion,
+    add_moved_robot,
+    add_robot,
+    command,
+    whole,
+)
 from framework.crossing.saved import is_plan_folder
 from framework.errors import InvalidInput
 from framework.export.joint_trajectory import SAMPLES, joint_trajectory
@@ -25,6 +33,7 @@ def add(commands: Any) -> None:
     text = "a robot as MuJoCo's MJCF, or a plan as a trajectory for ros2_control"
     parser = command(commands, "export", run, text)
     add_robot(parser, "catalogue name, path of a robot file, or folder that `crossing plan --out` wrote")
+    add_moved_robot(parser)
     parser.add_argument("--to", dest="program", choices=PROGRAMS, required=True, help="what is to read it")
     parser.add_argument(
         "--out", metavar="FILE", required=True, help="NAME.xml, or for ros2_control NAME.yaml or NAME.json"
