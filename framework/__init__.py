@@ -24,9 +24,9 @@ from framework.errors import (
     UnboundedTorque,
 )
 from framework.kinematics.diagnostics import check_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import assemble, track_path
 from framework.kinematics.velocity_matrices import VelocityMatrices, velocity_matrices
-from framework.model import ParallelRobot
 from framework.motion.law import Condition, Law
 from framework.motion.path import Arc, Line, Spline
 from framework.simulation import Event, Simulation, Stepper, simulate

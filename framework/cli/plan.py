@@ -17,7 +17,7 @@ from framework.crossing.bound import estimated_best
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, point
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw
 from framework.motion.path import Path
 from framework.output import written_together

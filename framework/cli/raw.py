@@ -13,7 +13,7 @@ from framework.cli.parser import Report
 from framework.crossing.plan import uncertified_law
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.path import Path
 
 KNOWN = ("duration", "times", "speeds", "at", "smoothness")  # what `uncertified_law` can be told

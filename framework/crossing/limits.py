@@ -8,7 +8,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import InvalidInput
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import is_number
 
 Limit = float | Sequence[float] | None

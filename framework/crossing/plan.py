@@ -30,7 +30,7 @@ from framework.errors import (
     UncontrolledMotions,
     choose_from,
 )
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.cone_program import GOALS
 from framework.motion.law import Law, MotionLaw, check_duration
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS

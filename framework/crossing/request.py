@@ -10,8 +10,8 @@ import numpy as np
 from framework.crossing.condition import CrossingPoint, imposed_point
 from framework.dynamics.crossings import check_kind
 from framework.errors import InvalidInput, NoLaw
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch
-from framework.model import ParallelRobot
 from framework.motion.law import check_duration, is_number
 from framework.singularity.points_on_path import SingularPoint
 

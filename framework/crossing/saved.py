@@ -22,7 +22,7 @@ from framework.crossing.scenes import path_of
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.errors import InvalidInput, NoAnswer, choose_from
 from framework.input import read_text
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import FLEXIBILITIES
 from framework.model.readers.recognise import read_any
 from framework.motion.law import Law, PlannedLaw, check_duration

@@ -8,7 +8,7 @@ from typing import Any
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, choose_from
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import Scene
 from framework.motion.path import Arc, Line, Path, Spline
 

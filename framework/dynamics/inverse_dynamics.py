@@ -32,10 +32,9 @@ from framework.errors import (
     NotConverged,
     choose_from,
 )
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import difference
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch, track_path
-from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import OVERSHOOT, MotionLaw, PlannedLaw, is_number
 from framework.motion.path import Path
@@ -204,7 +203,7 @@ def _result(
             nodes=len(grid.times),
             tail=max(
                 _tail(torques, _torque_rounding(robot, state.law.duration)),
-                _tail(deflections, 1e-14 * column_scale(robot)[robot.elastic]),
+                _tail(deflections, 1e-14 * robot.column_scale[robot.elastic]),
             ),
             passes=max(len(state.changes), 1),
             change=state.changes[-1] if state.changes else 0.0,

@@ -10,7 +10,7 @@ from framework.arrays import Array, ArrayLike
 from framework.dynamics.certificate import Certificate
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import MotionLaw
 from framework.motion.path import Path, along

@@ -7,7 +7,7 @@ import numpy as np
 from framework.catalogue import catalogue
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene_path
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import Scene
 from framework.show.film import Film, Instant
 

@@ -17,7 +17,7 @@ from framework.crossing.refused import plan_or_sample
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.wrench import WrenchCurves, wrench_curves
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import MotionLaw
 from framework.motion.path import Path
 

@@ -18,7 +18,7 @@ from framework.crossing.optimal import Wish
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene_path
 from framework.errors import point
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.path import Line
 from framework.show import plots
 from framework.show.captions import asked, how, parts, said, why

@@ -24,7 +24,6 @@ import robots
 from framework import Line, ParallelRobot, plan_crossing, plan_scene, simulate
 from framework.cli import main
 from framework.errors import FrameworkError, NotAssembled
-from framework.kinematics.assembly import reference_configuration
 from framework.model.description import FLEXIBILITIES
 from framework.model.readers import read_any
 from framework.show.server import PageServer
@@ -177,7 +176,7 @@ def check_robot_answers(outcome: Outcome, mutant: object, robot: ParallelRobot, 
     scale = max(robot.length, 1.0)
     check_bodies(robot)
     try:
-        start = reference_configuration(robot)
+        start = robot.reference
     except NotAssembled:  # `check` says so, and describes another pose
         return
     assert opening(robot, start.q[None]) < 1e-8 * scale

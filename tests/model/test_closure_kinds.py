@@ -15,7 +15,7 @@ from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack
 from framework.model.description import AXES, CLOSURE_KINDS, Actuator, Closure, Platform, RobotDescription
 from framework.model.description import locked_axes as locked
-from framework.model.parallel_robot import LoopRows
+from framework.model.loop_rows import LoopRows
 
 URDF = """
 <robot name="pair"> <link name="one"/> <link name="two"/>

@@ -13,7 +13,7 @@ import robots
 from framework import Line, locate_singularities
 from framework.errors import OutputError, RobotFileError
 from framework.kinematics.diagnostics import check_robot
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import CLOSURE_KINDS, locked_axes
 from framework.model.readers import DIALECTS, dialect_of, read_any, write_robot_file
 from framework.model.robot_file import read_robot_file
