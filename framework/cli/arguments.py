@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from framework.catalogue import robot_file
-from framework.crossing.plan import plan_crossing
+from framework.crossing.plan import plan_request
+from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import is_plan_folder, load_plan
-from framework.crossing.scenes import asked_by_scene, scene, scene_path
+from framework.crossing.scenes import scene, scene_path, scene_request
 from framework.errors import InvalidInput
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -20,7 +21,10 @@ from framework.model.description import LARGEST, RobotDescription
 from framework.model.readers.recognise import read_any
 from framework.motion.path import Line, Path
 
-OF_THE_OPTIMAL_LAW = ("law", "optimize", "longest", "torque_limit", "speed_limit", "margin")
+OF_THE_MOTION = (  # arguments of `plan_crossing` that can be typed
+    *("duration", "times", "speeds", "geometry", "smoothness"),
+    *("law", "optimize", "longest", "torque_limit", "speed_limit", "margin", "keep_limits"),
+)
 
 
 def load(options: argparse.Namespace) -> ParallelRobot:
@@ -88,27 +92,18 @@ def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
     return Line(*ends)
 
 
-def motion_options(options: argparse.Namespace, robot: ParallelRobot) -> dict[str, Any]:
-    """Arguments of `plan_crossing`; what is typed overrides what the scene says."""
-    given: dict[str, Any] = {"duration": None, "times": None, "speeds": None, "at": None}
-    best = _of_the_optimal_law(options)
+def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
+    """What the options ask for; what is typed overrides what the scene says."""
+    given = vars(options)
+    typed = {key: given[key] for key in OF_THE_MOTION if given.get(key) is not None}
+    if "margin" in typed:
+        typed["margin"] = _share("--margin", typed["margin"])
+    along = path(options, robot)
     if options.scene is not None:
-        given = asked_by_scene(scene(robot, options.scene), best)
-    for key in ("duration", "times", "speeds"):
-        if getattr(options, key) is not None:
-            given[key] = getattr(options, key)
-    if given["duration"] is None and not (best.get("optimize") == "time" or "longest" in best):
+        return scene_request(robot, options.scene, **typed)
+    if "duration" not in typed and not (typed.get("optimize") == "time" or "longest" in typed):
         raise InvalidInput("--duration: required with --from and --to")
-    return {**given, "geometry": options.geometry, "smoothness": options.smoothness, **best}
-
-
-def _of_the_optimal_law(options: argparse.Namespace) -> dict[str, Any]:
-    """What is typed of the options that choose the law and its limits."""
-    typed = {key: getattr(options, key, None) for key in OF_THE_OPTIMAL_LAW}
-    best = {key: value for key, value in typed.items() if value is not None}
-    if "margin" in best:
-        best["margin"] = _share("--margin", best["margin"])
-    return best
+    return Request.of(robot, along, **typed)
 
 
 def _share(name: str, text: str) -> float:
@@ -130,7 +125,7 @@ def planned(options: argparse.Namespace) -> CrossingPlan:
     if saved is not None:
         return saved
     robot = load(options)
-    return plan_crossing(robot, path(options, robot), **motion_options(options, robot))
+    return plan_request(robot, request(options, robot))
 
 
 def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
@@ -141,7 +136,7 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
     """
     if not is_plan_folder(options.robot):
         return None
-    for key in _OF_A_MOTION:
+    for key in _OF_A_PLAN:
         value = getattr(options, key, None)
         if value is not None and (key, value) != ("flexibility", "rigid"):  # rigid may be its default
             name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key).replace("_", "-")
@@ -151,8 +146,4 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
     return load_plan(options.robot)
 
 
-_OF_A_MOTION = (
-    *("scene", "scenes", "start", "end", "duration", "times", "speeds"),
-    *("geometry", "smoothness", "flexibility"),
-    *OF_THE_OPTIMAL_LAW,
-)
+_OF_A_PLAN = ("scene", "scenes", "start", "end", "flexibility", *OF_THE_MOTION)

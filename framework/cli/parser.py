@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
-from framework.crossing.plan import LAWS
+from framework.crossing.request import LAWS
 from framework.model.description import FLEXIBILITIES
 from framework.motion.cone_program import GOALS
 

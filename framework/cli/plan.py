@@ -14,12 +14,12 @@ from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command, whole
 from framework.cli.raw import report_raw
 from framework.crossing.bound import estimated_best
-from framework.crossing.plan import plan_crossing
+from framework.crossing.plan import plan_request
+from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw
-from framework.motion.path import Path
 from framework.output import written_together
 
 MOST_SAMPLES = 1_000_000
@@ -36,6 +36,7 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--keep-limits",
         action="store_true",
+        default=None,
         help="refuse a plan beyond the limits of motors or of the URDF's joints, which is otherwise reported",
     )
     parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
@@ -52,30 +53,23 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> Report:
     """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
     robot = arguments.load(options)
-    path, given = arguments.path(options, robot), arguments.motion_options(options, robot)
-    if options.keep_limits and options.raw:
-        raise InvalidInput("--keep-limits: goes with a plan; --raw proves nothing")
-    if not options.raw:
-        given["keep_limits"] = options.keep_limits
+    request = arguments.request(options, robot)
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     out = None if options.out is None else FilePath(options.out)
     if out is None:
-        return report_raw(options, robot, path, given, None) if options.raw else _planned(robot, path, given)
+        return report_raw(options, robot, request, None) if options.raw else _planned(robot, request)
     with written_together(out, document="raw.json" if options.raw else "plan.json") as folder:
         if options.raw:
-            return report_raw(options, robot, path, given, folder)
-        document, text = _planned(robot, path, given, lambda plan: _write_plan(plan, folder, options.samples))
+            return report_raw(options, robot, request, folder)
+        document, text = _planned(robot, request, lambda plan: _write_plan(plan, folder, options.samples))
     return document, f"{text}\n  written to        {out}"
 
 
 def _planned(
-    robot: ParallelRobot,
-    path: Path,
-    given: dict[str, Any],
-    write: Callable[[CrossingPlan], None] = lambda plan: None,
+    robot: ParallelRobot, request: Request, write: Callable[[CrossingPlan], None] = lambda plan: None
 ) -> Report:
-    plan = plan_crossing(robot, path, **given)
+    plan = plan_request(robot, request)
     write(plan)
     return plan.to_dict(), plan_text(plan)
 
@@ -139,16 +133,16 @@ def plan_text(plan: CrossingPlan) -> str:
         f"N m or N",
     ]
     for joint, excess in plan.exceeded.items():
-        lines.append(f"  mind              {joint} exceeds its limits: {excess}")
+        lines.append(f"  warning           {joint} exceeds its limits: {excess}")
     if certificate.end_speed > 1e-6:
         lines.append(
-            f"  mind              the motors start and stop with {certificate.end_speed:.1e} of their "
+            f"  warning           the motors start and stop with {certificate.end_speed:.1e} of their "
             f"largest speed: the springs carry inertia; a higher --smoothness mends it"
         )
     if not certificate.monotone:
         s = plan.law(np.linspace(0.0, plan.duration, 2001))
         lines.append(
-            f"  mind              the law overshoots its ends (s from {s.min():.6g} to {s.max():.6g}); other "
+            f"  warning           the law overshoots its ends (s from {s.min():.6g} to {s.max():.6g}); other "
             f"times or speeds, or a higher --smoothness, avoid it"
         )
     return "\n".join(lines)

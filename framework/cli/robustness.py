@@ -25,7 +25,7 @@ from framework.cli.parser import (
     whole,
 )
 from framework.cli.replay import replayed
-from framework.control.closed_loop import SENSORS, Loop
+from framework.control.closed_loop import SENSORS, ControlLoop
 from framework.control.controllers import CONTROLLERS
 from framework.control.kept_runs import KeptRuns, forget
 from framework.control.study import Study, run_study
@@ -102,11 +102,11 @@ def add(commands: Any) -> None:
         help="largest motor torques [N m] (default: of the robot file, or ten times the peaks of the plan)",
     )
     loop.add_argument(
-        "--band",
+        "--tolerance",
         type=float,
-        default=Loop.band,
+        default=ControlLoop.tolerance,
         metavar="E",
-        help=f"runs that stay this near the plan pass [robot lengths, rad] ({Loop.band:g})",
+        help=f"runs that stay this near the plan pass [robot lengths, rad] ({ControlLoop.tolerance:g})",
     )
 
 
@@ -121,7 +121,9 @@ def run(options: argparse.Namespace) -> Report:
         }
     )
     limit = None if options.limit is None else tuple(options.limit)
-    loop = Loop(band=options.band, end=options.band, limit=limit, sensors=options.sensors)
+    loop = ControlLoop(
+        tolerance=options.tolerance, end=options.tolerance, limit=limit, sensors=options.sensors
+    )
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     setup = StudySetup.of(

@@ -84,15 +84,8 @@ def _films(options: argparse.Namespace) -> list[Film]:
         return [film_plan(saved, name=plan_name(saved, FilePath(options.robot).resolve().name))]
     line = options.start is not None or options.end is not None
     if options.scenes is None and not line:
-        for option in (
-            "duration",
-            "times",
-            "speeds",
-            "geometry",
-            "smoothness",
-            *arguments.OF_THE_OPTIMAL_LAW,
-        ):
-            if getattr(options, option) is not None:
+        for option in arguments.OF_THE_MOTION:
+            if getattr(options, option, None) is not None:
                 raise InvalidInput(f"--{option}: needs a motion; give --scene, or --from and --to")
         return []
     robot = arguments.load(options)
@@ -104,7 +97,7 @@ def _film(options: argparse.Namespace, robot: ParallelRobot, scene: str | None) 
 
     one = argparse.Namespace(**{**vars(options), "scene": scene})
     name = "" if scene is None else f"Scene {scene}"
-    return film_motion(robot, arguments.path(one, robot), name=name, **arguments.motion_options(one, robot))
+    return film_motion(robot, arguments.request(one, robot), name=name)
 
 
 def _telling_film(options: argparse.Namespace) -> Film:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.control.estimation import Controller, Measurement, State
 from framework.control.reference import Reference
 from framework.control.variation import Spread, Variation, noise_of, varied
@@ -27,21 +27,21 @@ STICKING = 0.02  # Coulomb friction is smoothed below this share of the largest 
 
 
 @dataclass(frozen=True)
-class Loop:
+class ControlLoop:
     """What every run has in common.
 
-    A run passes if the platform never leaves the plan by more than `band` on the way and ends within
+    A run passes if the platform never leaves the plan by more than `tolerance` on the way and ends within
     `end` of the end of the path, in robot lengths and radians. `limit` (n_a) is the largest motor
     torque [N m]; None: the torque limits of the robot file, or else ten times the peaks of the plan.
     """
 
-    band: float = 2.5e-3
+    tolerance: float = 2.5e-3
     end: float = 2.5e-3
     limit: tuple[float, ...] | None = None
     sensors: str = "motors"  # encoders on the motors alone, or on "joints": all of them
 
     def __post_init__(self) -> None:
-        for name in ("band", "end"):
+        for name in ("tolerance", "end"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name}: must be a positive number, got {value!r}")
@@ -50,7 +50,7 @@ class Loop:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(ReadOnlyArrays):
     """What became of R runs; see `Study`."""
 
     passed: NDArray[np.bool_]  # (R,)
@@ -63,7 +63,7 @@ class Run:
     torque: Array | None = None  # (K, R, n_a) if it was recorded
 
 
-def torque_limit(reference: Reference, loop: Loop) -> Array:
+def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
     """Largest motor torques (n_a,) [N m]; raises InvalidInput for a limit that is no torque."""
     planned = 10 * np.abs(reference.torque).max(axis=0)
     if loop.limit is None:
@@ -78,7 +78,7 @@ def torque_limit(reference: Reference, loop: Loop) -> Array:
 
 def run_closed_loop(
     controller: Controller,
-    loop: Loop,
+    loop: ControlLoop,
     spread: Spread,
     variations: Sequence[Variation],
     *,
@@ -244,15 +244,15 @@ class _Watch:
         """Keep the torques (R, n_a) of one sampling period."""
         self.given.append(torque)
 
-    def verdict(self, loop: Loop, variations: Sequence[Variation]) -> Run:
+    def verdict(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
         """Who passed, and why the others did not."""
         error = np.where(self.alive, self.error, LOST)
-        for run in np.flatnonzero(self.alive & (self.worst > loop.band)):
+        for run in np.flatnonzero(self.alive & (self.worst > loop.tolerance)):
             self.why[run] = f"{self.worst[run]:.3g} off the plan on the way"
-        for run in np.flatnonzero(self.alive & (self.worst <= loop.band) & (error > loop.end)):
+        for run in np.flatnonzero(self.alive & (self.worst <= loop.tolerance) & (error > loop.end)):
             self.why[run] = f"{error[run]:.3g} off at the end"
         return Run(
-            passed=self.alive & (self.worst <= loop.band) & (error <= loop.end),
+            passed=self.alive & (self.worst <= loop.tolerance) & (error <= loop.end),
             why=tuple(self.why),
             tracking_error=self.worst,
             end_error=error,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import Array, ReadOnlyArrays
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import Motion, joint_rates
@@ -16,7 +16,7 @@ MOST_SAMPLES = 200_000
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class Reference(ReadOnlyArrays):
     """The planned motion at K sampling instants, k * `period`; N is dq/dx, regular at Type 2."""
 
     robot: ParallelRobot  # as the controller believes it to be

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from framework.control.closed_loop import Loop, Run, run_closed_loop, torque_limit
+from framework.control.closed_loop import ControlLoop, Run, run_closed_loop, torque_limit
 from framework.control.controllers import tuned_controller
 from framework.control.estimation import Controller
 from framework.control.reference import Reference, reference_of
@@ -28,12 +28,12 @@ class StudySetup:
 
     plan: CrossingPlan  # as it is read back from its own document
     period: float  # [s]
-    loop: Loop  # with the limits of the torques spelled out
+    loop: ControlLoop  # with the limits of the torques spelled out
     spread: Spread
     seed: int
 
     @staticmethod
-    def of(plan: CrossingPlan, *, period: float, loop: Loop, spread: Spread, seed: int) -> StudySetup:
+    def of(plan: CrossingPlan, *, period: float, loop: ControlLoop, spread: Spread, seed: int) -> StudySetup:
         """The setup of a new study.
 
         Torques of the plan are computed anew from its document, to be the same to the last bit as those that
@@ -44,7 +44,7 @@ class StudySetup:
         """
         plan = restored_plan(plan.to_dict(), Path(FILE))
         limit = tuple(map(float, torque_limit(reference_of(plan, period=period), loop)))
-        spelled_out = Loop(band=loop.band, end=loop.end, limit=limit, sensors=loop.sensors)
+        spelled_out = ControlLoop(tolerance=loop.tolerance, end=loop.end, limit=limit, sensors=loop.sensors)
         return StudySetup(plan, period, spelled_out, spread, seed)
 
     @cached_property
@@ -80,7 +80,7 @@ class StudySetup:
             InvalidInput: it is not that, or the robot has changed since.
         """
         try:
-            loop = Loop(saved["band"], saved["end"], tuple(saved["limit"]), saved["sensors"])
+            loop = ControlLoop(saved["tolerance"], saved["end"], tuple(saved["limit"]), saved["sensors"])
             spread, period, seed = Spread(**saved["spread"]), float(saved["period"]), int(saved["seed"])
             plan = dict(saved["plan"])
         except InvalidInput as error:

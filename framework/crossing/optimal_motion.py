@@ -32,6 +32,7 @@ from framework.crossing.optimal import (
 )
 from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, crossing_row, demand
 from framework.crossing.polynomial import Ground, check_contacts
+from framework.crossing.request import Request
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoLaw, NotConverged
@@ -55,9 +56,17 @@ class Task(NamedTuple):
     branch: Branch
     points: tuple[SingularPoint, ...]
     targets: Sequence[SingularPoint | CrossingPoint]  # where condition (8) is to hold
-    speeds: Sequence[float] | None  # s' at each of them [1/s], if asked
+    request: Request
     wish: Wish
-    geometry: str
+
+    @property
+    def geometry(self) -> str:
+        return self.request.geometry
+
+    @property
+    def speeds(self) -> Sequence[float] | None:
+        """s' at each target [1/s], if asked."""
+        return self.request.speeds
 
     @property
     def phi(self) -> Smoothstep:
@@ -77,7 +86,7 @@ class OptimalMotion(NamedTuple):
     best: Best
 
 
-def optimal_motion(task: Task, *, tolerance: float) -> OptimalMotion:
+def optimal_motion(task: Task) -> OptimalMotion:
     """The best law of the least degree that is enough, certified, with all limits kept.
 
     Raises:
@@ -106,7 +115,7 @@ def optimal_motion(task: Task, *, tolerance: float) -> OptimalMotion:
             degree = higher[0]
             continue
         try:
-            dynamics, law = _resolved(task, best.law, places, tolerance)
+            dynamics, law = _resolved(task, best.law, places)
         except NotConverged:
             if roughness >= ROUGHEST:
                 raise
@@ -260,10 +269,10 @@ def _against(task: Task, on_path: OnPath) -> str:
 
 
 def _resolved(
-    task: Task, law: OptimalLaw, places: Sequence[CrossingPoint], tolerance: float
+    task: Task, law: OptimalLaw, places: Sequence[CrossingPoint]
 ) -> tuple[InverseDynamics, OptimalLaw]:
     """The certified motion of this law, its speed moved with the conditions of the deflecting robot."""
-    branch = task.branch
+    branch, tolerance = task.branch, task.request.tolerance
     at_rest = _places(task, None, None)
 
     def follow(

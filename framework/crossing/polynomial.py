@@ -44,9 +44,7 @@ class PolynomialMotion(NamedTuple):
     met: dict[CrossingTime, Condition8]
 
 
-def polynomial_motion(
-    ground: Ground, request: Request, *, geometry: str, tolerance: float
-) -> PolynomialMotion:
+def polynomial_motion(ground: Ground, request: Request) -> PolynomialMotion:
     """The certified motion with the polynomial of least degree; what is open of its timing is chosen.
 
     Raises:
@@ -60,7 +58,7 @@ def polynomial_motion(
     ) -> list[tuple[CrossingPoint, Condition8]]:
         found = []
         for target, crossing_time in zip(targets, choice, strict=True):
-            here = _deflection(deflections, crossing_time.time) if geometry == "deformed" else None
+            here = _deflection(deflections, crossing_time.time) if request.geometry == "deformed" else None
             if isinstance(target, SingularPoint):
                 near = target.s if before is None else float(before(crossing_time.time))
                 place = crossing_point(branch, target, here, near)
@@ -78,7 +76,7 @@ def polynomial_motion(
 
     chosen: list[Law] = []
 
-    dynamics = resolve(branch, points, choose_law, geometry=geometry, tolerance=tolerance)
+    dynamics = resolve(branch, points, choose_law, geometry=request.geometry, tolerance=request.tolerance)
     law = next(law for law in reversed(chosen) if law is dynamics.law)
     check_advance(law, [found.s for found in dynamics.crossings], robot.name)
     met = {
@@ -126,7 +124,7 @@ def _law(
             (place.s, crossing_time.speed, condition.acceleration(crossing_time.speed))
         )
     ]
-    duration = _duration(request)
+    duration = request.fixed_duration
     try:
         return Law.rest_to_rest(duration, request.smoothness, inner)
     except InvalidInput as problem:
@@ -139,11 +137,11 @@ def _law(
 
 def timing_of(ground: Ground, request: Request) -> tuple[CrossingTime, ...]:
     """Times and speeds of the crossings on the undeformed robot, those left open chosen."""
-    times, speeds, duration = request.times, request.speeds, _duration(request)
+    duration = request.fixed_duration
     if not ground.targets:
         return ()
     check_contacts(ground)
-    for t in times or ():
+    for t in request.times or ():
         if not 0 < t < duration:
             raise InvalidInput(
                 f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
@@ -154,15 +152,7 @@ def timing_of(ground: Ground, request: Request) -> tuple[CrossingTime, ...]:
     def build(crossing_times: Sequence[CrossingTime]) -> Law:
         return _law(crossings, crossing_times, request)
 
-    return choose_timing(
-        [place.s for place, _ in crossings],
-        duration,
-        times,
-        speeds,
-        request.smoothness,
-        build,
-        ground.branch.robot.name,
-    )
+    return choose_timing([place.s for place, _ in crossings], request, build, ground.branch.robot.name)
 
 
 def check_contacts(ground: Ground) -> None:
@@ -174,9 +164,3 @@ def check_contacts(ground: Ground) -> None:
                 f"crossing it; finite torques would ask for condition (8) and its time derivative at once: "
                 f"move the path off the locus or across it"
             )
-
-
-def _duration(request: Request) -> float:
-    if request.duration is None:
-        raise InvalidInput("duration: a polynomial law needs one; only the optimal law can find its own")
-    return request.duration

@@ -10,10 +10,11 @@ from typing import IO, Any
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.catalogue import catalogue
 from framework.crossing.condition import Condition8
 from framework.crossing.optimal import Wish
+from framework.crossing.request import Request
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput
@@ -24,7 +25,7 @@ from framework.motion.path import Arc, Line, Path, Spline
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class Crossing(ReadOnlyArrays):
     """One way through a Type 2 singularity, measured on the finished motion.
 
     The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`. `condition` holds the
@@ -44,7 +45,7 @@ class Crossing:
 
 
 @dataclass(frozen=True, eq=False)
-class Optimality:
+class Optimality(ReadOnlyArrays):
     """What an optimal law was made best at, and what its torques were measured against, (n_a,) [N m]."""
 
     wish: Wish
@@ -96,7 +97,7 @@ class CrossingPlan:
     """A motion law with its torques and its proof. All times in [s], t (T,) gives (T, n_a)."""
 
     robot: ParallelRobot
-    path: Path
+    request: Request
     law: PlannedLaw
     crossings: tuple[Crossing, ...]
     dynamics: InverseDynamics
@@ -104,6 +105,10 @@ class CrossingPlan:
     seconds: float  # time that planning took
     reason: str = ""  # why the law is of its kind
     optimality: Optimality | None = None  # of an optimal law
+
+    @property
+    def path(self) -> Path:
+        return self.request.path
 
     @property
     def duration(self) -> float:
@@ -128,6 +133,14 @@ class CrossingPlan:
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
         """Platform coordinates (T, n) [m, rad], or their derivatives up to order 4."""
         return self.dynamics.platform(t, order)
+
+    def configuration(self, t: ArrayLike) -> Array:
+        """All joint coordinates q (T, nq), passive and elastic ones too, as pinocchio orders them."""
+        return self.dynamics.configuration(t)
+
+    def velocity(self, t: ArrayLike, order: int = 1) -> Array:
+        """Joint velocities (order 1) or accelerations (order 2), (T, nv)."""
+        return self.dynamics.velocity(t, order)
 
     @property
     def peak_torque(self) -> dict[str, float]:

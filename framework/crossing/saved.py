@@ -16,7 +16,7 @@ import numpy as np
 
 from framework.catalogue import robot_file
 from framework.crossing.plan import reported_crossings
-from framework.crossing.request import checked_smoothness
+from framework.crossing.request import Request, checked_smoothness
 from framework.crossing.result import CrossingPlan, Optimality
 from framework.crossing.scenes import path_of
 from framework.dynamics.inverse_dynamics import inverse_dynamics
@@ -78,10 +78,14 @@ def restored_plan(saved: dict[str, Any], file: FilePath) -> CrossingPlan:
             f"{file}: the robot has changed since, its law fits no more; plan again ({error})"
         ) from None
     crossings = reported_crossings(dynamics, law)
-    smoothness = (law.degree + 1 - 3 * len(crossings)) // 2 - 1  # the degree of a polynomial counts them
+    # the degree of a polynomial counts its conditions
+    smoothness = (law.degree + 1 - 3 * len(crossings)) // 2 - 1
+    if isinstance(law, OptimalLaw):
+        smoothness = law.smoothness
+    request = Request(path=path, duration=law.duration, smoothness=smoothness, geometry=dynamics.geometry)
     certificate = replace(dynamics.certificate, monotone=law.advance(max(smoothness, 0)) > 0)
     seconds, reason = time.perf_counter() - started, str(saved.get("reason", ""))
-    plan = CrossingPlan(robot, path, law, crossings, dynamics, certificate, seconds, reason, optimality)
+    plan = CrossingPlan(robot, request, law, crossings, dynamics, certificate, seconds, reason, optimality)
     largest = max(plan.peak_torque.values())
     for joint, peak in plan.peak_torque.items():
         if not abs(peak - peaks.get(joint, np.inf)) <= SAME * largest:

@@ -31,9 +31,10 @@ from framework.errors import (
     NotAssembled,
     NotConverged,
     choose_from,
+    expect_call,
 )
 from framework.kinematics.frames import difference
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tracking import Branch, track_path
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import OVERSHOOT, MotionLaw, PlannedLaw, is_number
@@ -86,11 +87,18 @@ def inverse_dynamics(
 
 def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
     """The geometry to use: deformed by default when the robot has springs."""
+    expect_robot(robot)
     if geometry is None:
         return "deformed" if robot.n_e else "rigid"
     if geometry not in GEOMETRIES:
         raise InvalidInput(choose_from("geometry", geometry, GEOMETRIES))
     return geometry if robot.n_e else "rigid"
+
+
+def check_tolerance(tolerance: float) -> None:
+    """Raise InvalidInput unless the tolerance tells a resolved torque from a pole."""
+    if not (is_number(tolerance) and 0 < tolerance <= LOOSEST):
+        raise InvalidInput(f"tolerance: must lie in (0, {LOOSEST:g}], got {tolerance!r}")
 
 
 def resolve(
@@ -102,8 +110,7 @@ def resolve(
     tolerance: float,
 ) -> InverseDynamics:
     """Double the nodes until the torques are resolved, or tell why they never are."""
-    if not (is_number(tolerance) and 0 < tolerance <= LOOSEST):
-        raise InvalidInput(f"tolerance: must lie in (0, {LOOSEST:g}], got {tolerance!r}")
+    check_tolerance(tolerance)
     law = choose_law(None, None)
     crossings = rigid_crossings(branch, points, law)
     fixed_geometry = geometry == "rigid"
@@ -151,6 +158,7 @@ def resolve(
 
 
 def _check_law(law: MotionLaw) -> None:
+    expect_call("law", law, ("duration",), "a Law")
     duration = law.duration
     if not (np.isfinite(duration) and duration > 0):
         raise InvalidInput(f"law: duration must be a positive number of seconds, got {duration!r}")

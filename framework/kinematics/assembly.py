@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.errors import NotAssembled
 from framework.kinematics.closures import loop_equations, scaled
 from framework.kinematics.frames import difference, frames_at, integrate
@@ -29,7 +29,7 @@ CROSSED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Configuration:
+class Configuration(ReadOnlyArrays):
     """A configuration whose loops are closed: holding one proves it.
 
     `q` (nq,), platform `x` (n,), largest loop equation `residual` [m or rad], Newton `iterations`.
@@ -39,9 +39,6 @@ class Configuration:
     x: Array
     residual: float
     iterations: int
-
-    def __post_init__(self) -> None:
-        self.q.flags.writeable = self.x.flags.writeable = False
 
 
 class Closing(NamedTuple):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from framework.arrays import Array, ArrayLike, IntArray
+from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.errors import NotAssembled
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, system_at
@@ -33,7 +33,7 @@ RESOLVED = 1e-11  # [rad, lengths] tail of the continuation, and how far it may 
 
 
 @dataclass(frozen=True)
-class Continuation:
+class Continuation(ReadOnlyArrays):
     """The branch between `start` and `end` as Chebyshev series; inside the `core` nothing else will do."""
 
     start: float
@@ -52,7 +52,7 @@ class Continuation:
 
 
 @dataclass(frozen=True)
-class Branch:
+class Branch(ReadOnlyArrays):
     """A path with the branch of the inverse kinematics that leads along it, springs at rest.
 
     Between the knots `s` (K,) the branch is known well enough (cubic Hermite in the tangent `offset`

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import NotAssembled, SingularReference
+from framework.errors import NotAssembled, SingularReference, expect
 from framework.kinematics.assembly import close_reference, loop_matrix, nearby_configurations
 from framework.kinematics.closing_search import find_closed_pose
 from framework.kinematics.independence import independent_rows
@@ -63,6 +63,7 @@ def check_robot(mechanism: Mechanism) -> Checkup:
         NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
         SingularReference: they are nearly singular there and beside it, too.
     """
+    expect("robot", mechanism, Mechanism, 'robots.load("five_bar") or Mechanism.from_file("my.yaml")')
     given, found = mechanism, list[str]()
     try:
         q = close_reference(mechanism).q

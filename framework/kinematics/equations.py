@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, read_only
 from framework.kinematics.frames import scratch_of
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
@@ -38,7 +38,6 @@ class Equations(NamedTuple):
         own = np.repeat(carried[:1], n, axis=0)
         pattern = Sparsity.of(np.concatenate([own, carried[loops.second] - carried[loops.first]]))
         rows = np.arange(pattern.shape[0])
-        columns.flags.writeable = False
         moving = pattern.part(rows, columns)
         passive = pattern.part(rows[n:], columns[n_a:])
         bands = [
@@ -50,7 +49,7 @@ class Equations(NamedTuple):
             bodies=np.concatenate([np.zeros(n, dtype=np.intp), loops.second]),
             platform=np.eye(6)[platform.axes],
             pattern=pattern,
-            columns=columns,
+            columns=read_only(columns),
             moving=moving,
             elastic=pattern.part(rows, mechanism.elastic),
             passive=passive,

@@ -30,7 +30,7 @@ from framework.kinematics.inverse_kinematics import (
 )
 from framework.kinematics.loop_matrices import VANISHED, passive_matrix
 from framework.kinematics.newton import Linear, Which, newton
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 
 CROSSING = 0.1  # least singular value of P above which no assembly modes meet near by
 SHORT = 0.05  # [rad, lengths] that the joints may move by in a single step
@@ -65,6 +65,7 @@ def forward_kinematics(robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike 
         Type2Singularity: one lies between, or near is one; carries the last configuration before it.
         NotAssembled: the way cannot be followed for another reason.
     """
+    expect_robot(robot)
     target = finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a)
     if not motors_are_free(robot):
         raise InvalidInput(

@@ -18,7 +18,7 @@ from framework.kinematics.closures import closure_drift, loop_equations, loop_wr
 from framework.kinematics.equations import Equations
 from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at
 from framework.kinematics.newton import ITERATIONS, Closing, Linear, Which, newton
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.banded_lu import Factors
 
 VANISHED = 1e-6  # what a step leaves of a determinant if it ends on its zero: half the digits are lost there
@@ -137,6 +137,7 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike) -> ClosedStack:
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves a loop open.
     """
+    expect_robot(robot)
     q = finite_numbers("q", q, robot.model.nq)[None]
     at = frames_at(robot, q)
     residual = np.abs(loop_equations(robot.rows, at).residual[0])

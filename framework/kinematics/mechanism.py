@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, ReadOnlyArrays, read_only
 from framework.errors import RobotFileError
 from framework.kinematics.joint_limits import JointLimit, joint_limits
 from framework.model.bare_urdf import bare_urdf
@@ -31,7 +31,7 @@ MOST_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Mechanism:
+class Mechanism(ReadOnlyArrays):
     """The tree with its springs (`model`) and the table of its loop equations (`rows`).
 
     `elastic` (n_e,) indexes pinocchio's velocity vector, in the order of the robot file. Nothing here
@@ -52,12 +52,6 @@ class Mechanism:
     limits: tuple[JointLimit, ...]  # of the joints' positions, as the URDF has them
     q_near: Array  # (nq,) configuration of the robot file, nearly assembled
     length: float  # [m] size of the mechanism, to compare metres with radians
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
 
     @classmethod
     def from_file(
@@ -110,7 +104,7 @@ class Mechanism:
     @cached_property
     def joints(self) -> IntArray:
         """All entries of the velocity vector but those of springs."""
-        return np.setdiff1d(np.arange(self.model.nv), self.elastic)
+        return read_only(np.setdiff1d(np.arange(self.model.nv), self.elastic))
 
     @cached_property
     def sliding(self) -> NDArray[np.bool_]:
@@ -118,22 +112,17 @@ class Mechanism:
         sliding = np.zeros(self.model.nv, dtype=bool)
         for joint in self.model.joints[1:]:
             sliding[joint.idx_v] = joint.shortname().startswith("JointModelP")
-        sliding.flags.writeable = False
-        return sliding
+        return read_only(sliding)
 
     @cached_property
     def column_scale(self) -> Array:
         """Length of the mechanism for sliding joints, 1 for turning ones, (nv,)."""
-        scale = np.where(self.sliding, self.length, 1.0)
-        scale.flags.writeable = False
-        return scale
+        return read_only(np.where(self.sliding, self.length, 1.0))
 
     @cached_property
     def neutral(self) -> Array:
         """The configuration (nq,) from which pinocchio counts."""
-        neutral = np.asarray(pin.neutral(self.model))
-        neutral.flags.writeable = False
-        return neutral
+        return read_only(np.asarray(pin.neutral(self.model)))
 
     def joint_of(self, column: int) -> str:
         """Name of the joint that owns one entry of the velocity vector."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
+from framework.errors import expect
 from framework.kinematics.assembly import (
     Configuration,
     close_reference,
@@ -153,6 +154,11 @@ class ParallelRobot(Mechanism):
             f"ParallelRobot({self.name!r}, {self.flexibility}: platform {', '.join(self.axis_names)}; "
             f"motors {', '.join(self.actuator_names)}; springs {', '.join(self.elastic_names) or 'none'})"
         )
+
+
+def expect_robot(given: object) -> None:
+    """Raise InvalidInput unless what was given is a robot."""
+    expect("robot", given, ParallelRobot, 'robots.load("five_bar") or ParallelRobot.from_file("my.yaml")')
 
 
 def _row_sizes(loops: Array) -> Array:

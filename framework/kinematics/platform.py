@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.kinematics.frames import FrameStack, cross
 from framework.linalg.ordered_sums import dot
 from framework.model.description import AXES
@@ -23,7 +23,7 @@ from framework.motion.path import Path
 
 
 @dataclass(frozen=True, eq=False)
-class PlatformCoordinates:
+class PlatformCoordinates(ReadOnlyArrays):
     """The coordinates x (n,) of a platform by kind: their places in x, and their axes 0..2."""
 
     axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
@@ -40,10 +40,6 @@ class PlatformCoordinates:
         translations = axes < 3
         sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)
         return PlatformCoordinates(axes, translations, sliding, axes[sliding], turning, axes[turning] - 3)
-
-    def __post_init__(self) -> None:
-        for values in vars(self).values():
-            values.flags.writeable = False
 
     def coordinates(self, at: FrameStack) -> Array:
         """Coordinates x (T, n) of the platform on its axes, in the base frame [m, rad]."""

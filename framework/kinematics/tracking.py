@@ -32,7 +32,7 @@ from framework.kinematics.inverse_kinematics import (
     system_at,
 )
 from framework.kinematics.loop_matrices import lost_equations, mobile_matrix
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.path import Line, Path
 from framework.motion.path_check import check_path
 
@@ -50,6 +50,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
         NotAssembled: the loops do not close at the reference.
         OutOfReach, Type1Singularity: x cannot be reached from the reference on its working mode.
     """
+    expect_robot(robot)
     reference = robot.reference
     if x is None:
         return reference
@@ -75,13 +76,14 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
         OutOfReach: a leg ends before the path does; names the leg and the place.
         Type1Singularity: the path runs into a pose where a leg is stretched or folded.
     """
+    expect_robot(robot)
+    check_path(path)
     if path.n != robot.n:
         raise InvalidInput(
             f"the path has {path.n} coordinates, the platform of {robot.name} has {robot.n} "
             f"({', '.join(robot.axis_names)})"
         )
     require_square(robot)
-    check_path(path)
     start = assemble(robot, path(0.0))
     return _followed(robot, path, start.q, "the path")
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
+from framework.arrays import Array, ArrayLike, read_only
 from framework.kinematics.closures import scaled
 from framework.kinematics.inverse_kinematics import assembled_at
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -45,6 +45,5 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
     turning = np.concatenate([~robot.translations, rows.rotation])
     N = N * np.where(turning, 1.0, 1.0 / robot.length)[:, None]
     jacobian = system.jacobian[0]
-    return VelocityMatrices(
-        A=N[: robot.n].T, B=N.T @ jacobian[:, robot.actuated], C=N.T @ jacobian[:, robot.elastic]
-    )
+    matrices = N[: robot.n].T, N.T @ jacobian[:, robot.actuated], N.T @ jacobian[:, robot.elastic]
+    return VelocityMatrices(*map(read_only, matrices))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, read_only
 from framework.model.description import AXES, Closure
 
 
@@ -39,7 +39,7 @@ class LoopRows(NamedTuple):
     def take(self, rows: IntArray) -> LoopRows:
         """The table of some of the rows."""
         names = tuple(self.names[i] for i in rows)
-        return LoopRows(*[column[rows] for column in self[:-1]], names)  # type: ignore[call-arg,arg-type]
+        return LoopRows(*[read_only(column[rows]) for column in self[:-1]], names)  # type: ignore[call-arg,arg-type]
 
 
 def loop_rows(closures: Sequence[Closure], frames: Sequence[str]) -> LoopRows:
@@ -58,14 +58,14 @@ def loop_rows(closures: Sequence[Closure], frames: Sequence[str]) -> LoopRows:
     columns = np.array(table).T
     first_frame, second_frame, first_axis, second_axis = columns[[0, 1, 4, 5]].astype(np.intp)
     return LoopRows(
-        first=first_frame,
-        second=second_frame,
-        distance=columns[2] > 0,
-        rotation=columns[3] > 0,
-        first_axis=first_axis,
-        second_axis=second_axis,
-        sign=columns[6],
-        length=columns[7],
+        first=read_only(first_frame),
+        second=read_only(second_frame),
+        distance=read_only(columns[2] > 0),
+        rotation=read_only(columns[3] > 0),
+        first_axis=read_only(first_axis),
+        second_axis=read_only(second_axis),
+        sign=read_only(columns[6]),
+        length=read_only(columns[7]),
         names=tuple(names),
     )
 

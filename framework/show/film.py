@@ -14,6 +14,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.refused import plan_or_sample
+from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.wrench import WrenchCurves, wrench_curves
@@ -65,17 +66,16 @@ class Film:
         return self.plan is not None
 
 
-def film_motion(robot: ParallelRobot, path: Path, *, name: str = "", **options: Any) -> Film:
+def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Film:
     """Plan the motion and film it; a motion with a pole is filmed from its unproved law.
 
     Args:
         name: what stands above the picture, such as Scene C.
-        options: of `plan_crossing`.
 
     Raises:
         As `plan_crossing`, but no UnboundedTorque.
     """
-    found = plan_or_sample(robot, path, samples=FRAMES, **options)
+    found = plan_or_sample(robot, request, samples=FRAMES)
     if isinstance(found, CrossingPlan):
         return film_plan(found, name=name)
     raw = found.samples
@@ -84,7 +84,7 @@ def film_motion(robot: ParallelRobot, path: Path, *, name: str = "", **options: 
         raw.motion.q,
         wrench_curves(found.robot, raw.motion),
         name=name,
-        path=path,
+        path=request.path,
         law=found.law,
         plan=None,
         refusal=found.reason,

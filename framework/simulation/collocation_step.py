@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
+from framework.arrays import Array, ReadOnlyArrays
 from framework.kinematics.frames import integrate
 from framework.simulation.collocation import Collocation
 from framework.simulation.curvature import loop_curvature
@@ -32,7 +32,7 @@ TOO_FAR = 3.0  # [rad, lengths] that a Newton step may not move a joint
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class Step(ReadOnlyArrays):
     """A step from `time` over `length` [s]: values at its nodes, the last one at its end."""
 
     table: Collocation

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.frames import frames_at
@@ -22,7 +22,7 @@ TORN = 1e-6  # [rad, lengths of the robot] that a loop equation may open that wa
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Simulation:
+class Simulation(ReadOnlyArrays):
     """A simulated motion and the numbers by which it proves itself.
 
     tracking_error: largest distance of the platform from the planned path at the same instant [m]; of a

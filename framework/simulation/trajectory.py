@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -50,7 +50,7 @@ class Polynomials:
 
 
 @dataclass(frozen=True, eq=False)
-class Cubics:
+class Cubics(ReadOnlyArrays):
     """Fixed steps: cubic polynomials through the states at their ends."""
 
     robot: ParallelRobot

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import NotConverged, Type1Singularity, point
 from framework.kinematics.branch import Branch, with_continuation
 from framework.kinematics.closures import loop_equations, scaled
@@ -37,7 +37,7 @@ MOST_CONTINUATIONS = 16
 
 
 @dataclass(frozen=True, eq=False)
-class SingularPoint:
+class SingularPoint(ReadOnlyArrays):
     """A place on the path where the motors lose hold of the robot, springs at rest.
 
     `kind` is type_2, leg_passive, constraint or closure (see `uncontrolled_motion`); `contact` is

@@ -10,7 +10,7 @@ import pytest
 
 import robots
 from framework import ParallelRobot
-from framework.crossing.scenes import scene, scene_path
+from framework.crossing.scenes import scene_request
 from framework.errors import NoAnswer
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack
@@ -36,10 +36,8 @@ def filmed(name: str, scene_name: str | None = None, flexibility: str = "rigid")
     """A scene of the robot, or the first that can be filmed."""
     robot = robots.load(name, flexibility=flexibility)
     for one in [scene_name] if scene_name else robot.description.scenes:
-        chosen = scene(robot, one)
-        asked = {key: getattr(chosen, key) for key in ("duration", "times", "speeds", "at")}
         try:
-            return film_motion(robot, scene_path(chosen), name=one, **asked)
+            return film_motion(robot, scene_request(robot, one), name=one)
         except NoAnswer:
             continue
     raise AssertionError(f"{name}: no scene can be filmed")

@@ -9,7 +9,8 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import ParallelRobot, assemble, locate_singularities, scene_path
+from framework import ParallelRobot, assemble, locate_singularities
+from framework.crossing.scenes import scene_path
 from framework.dynamics.forces import loop_forces, motor_torque, tree_forces
 from framework.kinematics.inverse_kinematics import Motion, assembled_at
 from framework.model.description import JointSpring

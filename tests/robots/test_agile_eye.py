@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import robots
-from framework import Line, assemble, locate_singularities, plan_scene, scene_path, velocity_matrices
+from framework import Line, assemble, locate_singularities, plan_scene, velocity_matrices
+from framework.crossing.scenes import scene_path
 from framework.errors import Type1Singularity
 from tests.oracles.spherical import BASE, GEAR, WRISTS, Spherical, rodrigues, spin_matrix
 

@@ -12,7 +12,8 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import ParallelRobot, locate_singularities, scene_path, velocity_matrices
+from framework import ParallelRobot, locate_singularities, velocity_matrices
+from framework.crossing.scenes import scene_path
 from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import frame_motions, frames_at, integrate
 from framework.kinematics.inverse_kinematics import close_loops, motion_at

@@ -22,9 +22,9 @@ from framework import (
     inverse_dynamics,
     locate_singularities,
     plan_scene,
-    scene_path,
     velocity_matrices,
 )
+from framework.crossing.scenes import scene_path
 from framework.errors import NotConverged, OutOfReach, UnboundedTorque
 from framework.kinematics.frames import frames_at
 from tests.oracles.lagrange import platform_force

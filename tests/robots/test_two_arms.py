@@ -10,7 +10,8 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import locate_singularities, plan_scene, scene_path
+from framework import locate_singularities, plan_scene
+from framework.crossing.scenes import scene_path
 from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 import robots
-from framework.crossing.scenes import scene, scene_path
+from framework.crossing.scenes import scene_request
 from framework.dynamics.wrench import wrench_along
 from framework.show.film import film_motion
 
 
 def filmed(name: str, scene_name: str, flexibility: str = "rigid"):
     robot = robots.load(name, flexibility=flexibility)
-    chosen = scene(robot, scene_name)
-    asked = {key: getattr(chosen, key) for key in ("duration", "times", "speeds", "at")}
-    return film_motion(robot, scene_path(chosen), name=scene_name, **asked)
+    return film_motion(robot, scene_request(robot, scene_name), name=scene_name)
 
 
 @pytest.fixture(scope="module")
