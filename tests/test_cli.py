@@ -433,7 +433,7 @@ MISUSE = [
     ("plan five_bar --scene C --flex rigid", ["unrecognized arguments: --flex"]),
     ("plan five_bar --scene C --fast", ["unrecognized arguments: --fast"]),
     ("plan five_bar --scene C --geometry round", ["--geometry", "'round'", "rigid", "deformed"]),
-    ("plan five_bar --scene D", ["unknown scene 'D'", "A, B, C, C-printed"]),
+    ("plan five_bar --scene D", ["unknown scene 'D'", "A, B, C, C-printed, bow"]),
     ("locate five_bar", ["--scene", "--from", "C-printed"]),
     ("locate five_bar --from 0.1 0.345", ["--from and --to"]),
     ("locate five_bar --scene C --from 0.1 0.345", ["--scene", "--from"]),

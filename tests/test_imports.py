@@ -51,6 +51,7 @@ QUESTIONS = {
     "framework.kinematics.placements": None,
     "framework.kinematics.tracking": {"assemble"},
     "framework.kinematics.velocity_matrices": None,
+    "framework.singularity.classification": {"moves_point"},
     "framework.singularity.jogging": None,
     "framework.singularity.locus": {"LocusCurves", "locus_curves", "locus_patch"},
     "framework.singularity.points_on_path": {

@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from framework.arrays import Array
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_path, add_robot, command
 from framework.crossing.feasibility import feasibility_on_path
 from framework.errors import point
+from framework.model import ParallelRobot
+from framework.singularity.classification import moves_point
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.spring_shift import spring_shift
 
@@ -61,7 +64,7 @@ def run(options: argparse.Namespace) -> Report:
     for found, shift, asked in zip(points, shifts, feasible, strict=True):
         lines.append(
             f"s = {found.s:.15f}  {found.kind} ({found.contact})  {axes} = {point(found.platform)}  "
-            f"t_s = {point(found.twist)}  dg/ds = {found.slope:.6g}"
+            f"t_s = {twist_text(robot, found.twist)}  dg/ds = {found.slope:.6g}"
         )
         if shift is not None and robot.n_e:
             moved = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
@@ -69,6 +72,11 @@ def run(options: argparse.Namespace) -> Report:
         if asked is not None:
             lines.append(f"  {asked.sentence()}")
     return document, "\n".join(lines)
+
+
+def twist_text(robot: ParallelRobot, twist: Array) -> str:
+    """t_s on the platform's axes, with what is 1 of it."""
+    return f"{point(twist)} of unit {'speed' if moves_point(robot, twist) else 'turning rate'}"
 
 
 def _shift(searched: SearchedPath, found: SingularPoint) -> dict[str, float] | None:

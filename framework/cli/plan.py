@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from framework.cli import arguments
+from framework.cli.locate import twist_text
 from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command, whole
 from framework.cli.raw import report_raw
 from framework.crossing.bound import estimated_best
@@ -115,9 +116,9 @@ def plan_text(plan: CrossingPlan) -> str:
             f"{', '.join(robot.axis_names)} = {point(crossing.platform)}"
         )
         lines.append(
-            f"                    t_s = {point(crossing.twist)}, s' = {crossing.speed:.6g} 1/s, s\" = "
-            f"{round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of its "
-            f"peak"
+            f"                    t_s = {twist_text(robot, crossing.twist)}, s' = {crossing.speed:.6g} 1/s, "
+            f's" = {round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of '
+            f"its peak"
         )
     if not plan.crossings:
         lines.append("  crossing          none")

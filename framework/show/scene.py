@@ -293,16 +293,16 @@ def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) ->
 
 
 def _view(points: Array, normal: Array | None) -> dict[str, Any]:
-    """Centre, size and direction to look from: on a planar robot from its normal, else from a corner."""
+    """Centre, size, and where to look from: a planar robot nearly from its normal, others from a corner."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
     radius = max(float(np.linalg.norm(points - center, axis=1).max()), 1e-6)
     direction = np.array([0.75, -1.35, 0.65])
     if normal is not None:
         normal = normal * (np.sign(normal @ np.array([0.2, -1.0, 2.0])) or 1.0)
-        direction = normal + (
-            np.array([0.0, -0.42, 0.0]) if abs(normal[2]) > 0.7 else np.array([0.25, -0.2, 0.3])
-        )
+        # nearly flat-on: ten degrees off, so that bodies still show their depth
+        aside = np.array([0.0, -1.0, 0.0]) if abs(normal[2]) > 0.7 else np.array([0.5, 0.0, 0.8])
+        direction = normal + np.tan(np.radians(10.0)) * aside
     return {
         "center": center.tolist(),
         "radius": radius,

@@ -72,9 +72,15 @@ def unit_twist(robot: ParallelRobot, twist: Array) -> float:
 
     Along a unit twist, t_s . W_p is a force [N] (a torque [N m] for a pure turn).
     """
+    part = robot.translations if moves_point(robot, twist) else ~robot.translations
+    return float(np.linalg.norm(twist[part]))
+
+
+def moves_point(robot: ParallelRobot, twist: Array) -> bool:
+    """Whether a twist (n,) moves the platform's point, or only turns the platform about it."""
     linear = np.linalg.norm(twist[robot.translations])
     angular = np.linalg.norm(twist[~robot.translations])
-    return float(linear if linear > VANISHED * robot.length * angular else angular)
+    return bool(linear > VANISHED * robot.length * angular)
 
 
 class SingularityMeasure(NamedTuple):

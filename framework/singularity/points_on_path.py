@@ -49,7 +49,7 @@ class SingularPoint(ReadOnlyArrays):
     kind: str
     contact: str
     corank: int
-    twist: Array  # (n,) t_s, unit, pointing along the path
+    twist: Array  # (n,) t_s of unit speed (see `unit_twist`), pointing along the path; zeros if not type_2
     platform: Array  # (n,)
     slope: float
     q: Array  # (nq,)

@@ -28,6 +28,10 @@ function matrix(placement) {
   return new THREE.Matrix4().fromArray(placement);
 }
 
+function corners({ min, max }) {
+  return [0, 1, 2, 3, 4, 5, 6, 7].map((k) => new THREE.Vector3((k & 1 ? max : min).x, (k & 2 ? max : min).y, (k & 4 ? max : min).z));
+}
+
 function solidGeometry(shape) {
   const size = shape.size;
   if (shape.kind === "box") return new THREE.BoxGeometry(size[0], size[1], size[2]);
@@ -200,8 +204,9 @@ class Coil {
   }
 }
 
+// The colour of a motor by its share of the largest torque: grey to teal; red, the alarm, beyond it.
 function heat(share) {
-  const stops = [[0.83, 0.84, 0.86], [0.76, 0.42, 0.38], [0.55, 0.07, 0.05]];
-  const at = Math.min(1, Math.max(0, share)) * 2, k = Math.min(1, Math.floor(at)), t = at - k;
-  return stops[k].map((value, i) => value + t * (stops[k + 1][i] - value));
+  if (share > 1.001) return [0.7, 0.15, 0.12];
+  const [from, to] = [[0.83, 0.84, 0.86], [0.0, 0.32, 0.37]], t = Math.max(0, share);
+  return from.map((value, i) => value + t * (to[i] - value));
 }
