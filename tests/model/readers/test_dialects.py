@@ -14,6 +14,7 @@ from framework import Line, locate_singularities
 from framework.errors import OutputError, RobotFileError
 from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import CLOSURE_KINDS, locked_axes
 from framework.model.readers import DIALECTS, dialect_of, read_any, write_robot_file
 from framework.model.robot_file import read_robot_file
@@ -43,7 +44,7 @@ def test_the_five_bar_is_the_same_in_every_dialect(name, converted, tmp_path):
     description = read_any(file, **options)
     if converted:
         description = read_robot_file(write_robot_file(description, tmp_path / "out"))
-    robot = Mechanism.from_description(description)
+    robot = ParallelRobot.from_description(description)
     own = check_robot(robots.load("five_bar"))
     found = check_robot(robot)
     assert (found.mobility, found.rank, found.mass) == (own.mobility, own.rank, own.mass)
