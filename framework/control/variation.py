@@ -76,8 +76,8 @@ def noise_of(
 def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     """The robot as it really is. Its loops close at another configuration if the geometry differs.
 
-    What was proved of the robot is kept: the redundant loop equations, which hold for exact places only, stay
-    left out, as a real machine has clearance there.
+    What was proved of the robot is kept, and of its loop equations only the independent ones: redundant ones
+    hold for exact places only; a real machine has clearance there.
 
     The payload is the inertia of the platform's link, or of the moving body that the platform frame is
     on when that link has none of its own.
@@ -91,7 +91,13 @@ def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     for k, place in enumerate(variation.shifts):
         placement = model.jointPlacements[k + 1]
         model.jointPlacements[k + 1] = pin.SE3(placement.rotation, placement.translation + place)
-    return replace(robot, model=model, stiffness=robot.stiffness * variation.stiffness)
+    return replace(
+        robot,
+        model=model,
+        stiffness=robot.stiffness * variation.stiffness,
+        rows=robot.loops,
+        independent=np.arange(len(robot.loops.names)),
+    )
 
 
 def _scaled(whole: pin.Inertia, part: pin.Inertia, factor: float) -> pin.Inertia:

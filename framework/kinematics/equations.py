@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, IntArray, read_only
+from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.kinematics.frames import scratch_of
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
@@ -15,7 +15,8 @@ from framework.linalg.sparsity import Part, Sparsity
 from framework.model.loop_rows import LoopRows
 
 
-class Equations(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Equations(ReadOnlyArrays):
     """F = [platform - x ; closures]: n + m equations, and where their Jacobian has entries."""
 
     loops: LoopRows  # the m independent ones
@@ -49,7 +50,7 @@ class Equations(NamedTuple):
             bodies=np.concatenate([np.zeros(n, dtype=np.intp), loops.second]),
             platform=np.eye(6)[platform.axes],
             pattern=pattern,
-            columns=read_only(columns),
+            columns=columns,
             moving=moving,
             elastic=pattern.part(rows, mechanism.elastic),
             passive=passive,

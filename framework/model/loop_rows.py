@@ -109,5 +109,5 @@ def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> Loc
         for k in {3: (0, 1), 2: free}.get(len(turns), ()):
             table.append((*map(frames.index, closure.frames), k))
             names.append(closure.name)
-    first, second, axis = np.array(table, dtype=np.intp).reshape(-1, 3).T
+    first, second, axis = map(read_only, np.array(table, dtype=np.intp).reshape(-1, 3).T)
     return LockedDirections(first, second, axis, tuple(names))
