@@ -45,10 +45,12 @@ FACES = [name for name in FRAMEWORK if name.split(".")[1] in ("show", "cli")]
 QUESTIONS = {
     "framework.kinematics.diagnostics": None,
     "framework.kinematics.forward_kinematics": None,
+    "framework.kinematics.inverse_kinematics": {"Motion"},
     "framework.kinematics.mechanism": {"Mechanism"},
     "framework.kinematics.mobility": None,
     "framework.kinematics.parallel_robot": {"ParallelRobot"},
     "framework.kinematics.placements": None,
+    "framework.kinematics.pose": None,
     "framework.kinematics.tracking": {"assemble"},
     "framework.kinematics.velocity_matrices": None,
     "framework.singularity.classification": {"moves_point"},

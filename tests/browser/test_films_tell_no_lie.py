@@ -203,3 +203,28 @@ STRUCK = """() => [...document.querySelectorAll(".chart")].flatMap((chart) => {
       x < point.x && point.x < x + width && y + 2 < point.y && point.y < y + height - 2));
   });
 })"""
+
+
+def test_the_polygon_of_forces_is_a_line_across_t_s_at_the_singular_instant(opened):
+    film = filmed("five_bar", "bow")
+    tab = opened(film_page([film]))
+    (instant,) = film.instants
+
+    def corners(t: float) -> np.ndarray:
+        tab.evaluate("t => crossing.clock.seek(t)", t)
+        return np.array(tab.evaluate("crossing.films[0].vectors.polygon.corners"))
+
+    def sizes(t: float) -> np.ndarray:
+        found = corners(t)
+        return np.linalg.svd(found - found.mean(axis=0), compute_uv=False)
+
+    assert sizes(0.0)[1] > 0.2 * sizes(0.0)[0]
+    assert sizes(instant.time)[1] < 1e-5 * sizes(instant.time)[0]
+    # at the same scale as W_p, its area is that of the parallelogram of the motors: 4 |det G| limit^2
+    k = int(np.argmin(np.abs(film.time - 0.2)))
+    (x0, y0), (x1, y1), (x2, y2) = corners(float(film.time[k]))[:3]
+    area = abs((x1 - x0) * (y2 - y1) - (y1 - y0) * (x2 - x1))
+    limit = 1.5 * np.abs(film.torque).max()
+    scale = 0.45 * tab.evaluate("crossing.films[0].content.length") / np.linalg.norm(film.W_p, axis=1).max()
+    expected = 4.0 * abs(np.linalg.det(film.motors.motor_speed[k])) * limit**2 * scale**2
+    assert area == pytest.approx(expected, rel=1e-4)

@@ -36,8 +36,8 @@ function steady(value, largest) {
 
 class Chart {
   // series: [{values, color, dash, name}], each on `time`; `limit` clips them; beyond the time `unreal` they are
-  // grey, and begin anew. events: [{time, value, said, alarm}], a line each and, with a value, a ring on it.
-  constructor(parent, { title, time, series, limit, events = [], unreal = Infinity, seek, height = 150 }) {
+  // grey, and begin anew. `band` has a least and a largest value for each time. events: [{time, value, said, alarm}], a line each and, with a value, a ring on it.
+  constructor(parent, { title, time, series, limit, events = [], unreal = Infinity, seek, height = 150, band }) {
     Object.assign(this, { time, series, unreal, breaks: events.filter(({ alarm }) => alarm).map((event) => event.time) });
     const width = Math.max(300, parent.clientWidth - 16), left = 52, right = 10, top = 22, bottom = 20;
     const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "chart", role: "img", "aria-label": title }, parent);
@@ -71,6 +71,10 @@ class Chart {
     const frame = `frame${frames++}`;
     svg("rect", box, svg("clipPath", { id: frame }, root));
     const inside = svg("g", { "clip-path": `url(#${frame})` }, root);
+    if (band) {
+      const edge = (side) => Array.from(time, (t, k) => `${this.x(t).toFixed(1)} ${this.height(band[2 * k + side]).toFixed(2)}`);
+      svg("polygon", { points: [...edge(0), ...edge(1).reverse()].join(" "), class: "band" }, inside);
+    }
     for (const { time: t } of events) svg("line", { x1: this.x(t), x2: this.x(t), y1: top, y2: height - bottom, class: "event" }, inside);
     series.forEach(({ values, color, dash }) => {
       for (const [path, shade] of [[this.outline(values, -Infinity, unreal), color], [this.outline(values, unreal, Infinity), UNREAL]]) {

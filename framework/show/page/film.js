@@ -9,6 +9,7 @@ class Film {
     const torque = decoded(content.torque);
     this.torque = content.motors.map((_, k) => Float32Array.from(this.time, (_, f) => torque[f * n + k]));
     this.power = decoded(content.power);
+    this.band = decoded(content.band);
     this.g = content.g && decoded(content.g);
     this.law = decoded(content.law);
     this.platform = decoded(content.platform);
@@ -97,10 +98,10 @@ class Film {
     }
     else if (content.instants.length) key("var(--locus)", "singular place");
     if (this.g) key("var(--twist)", "t<sub>s</sub>: direction without hold");
-    key("var(--wrench)", "W<sub>p</sub>: force that the motion asks for");
+    key("var(--wrench)", "W<sub>p</sub>: force asked for");
+    if (this.g) lines.push(`<div><span class="key given" style="background:var(--given)"></span>what ${plain(content.stated)} can give</div>`);
     if (this.trace) {
-      key("var(--trace)", "platform's way");
-      key("var(--path)", "still to go");
+      lines.push('<div><span class="key" style="background:linear-gradient(90deg, var(--trace) 50%, var(--path) 50%)"></span>way gone, and to go</div>');
     }
     const limit = content.shared_limit;
     lines.push(`<div>motor torque 0<span class="scale"></span>${rounded(limit)} ${content.motors[0].unit}</div>`);
@@ -125,7 +126,7 @@ class Film {
     side.insertAdjacentHTML("beforeend", `<p class="summary">${symbols(content.summary)}</p>`);
     if (content.refusal) side.insertAdjacentHTML("beforeend", `<p class="summary refusal">The planner: ${symbols(content.refusal)}</p>`);
     this.panels = [new Chart(side, {
-      title: `motor torque [${units}]`, time, seek, unreal, limit: content.shared_limit, height: beside ? 116 : 166,
+      title: `motor torque [${units}]`, time, seek, unreal, limit: content.shared_limit, height: beside ? 116 : 150,
       events: content.instants.map((instant) => mark(instant, undefined, alarm ? `${rounded(instant.time)} s: no bound` : "")),
       series: this.torque.map((values, k) => ({ values, color: PALETTE[k % 6], dash: dashes[k % 4], name: short ? content.motors[k].name.replace(/_/g, " ") : "" })),
     })];
@@ -133,10 +134,10 @@ class Film {
       `<span style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"} ${name}</span>`).join("&ensp; ")}</p>`);
     if (!this.g) return;
     this.panels.push(new Chart(side, {
-      title: `${content.asked} tₛ: tₛ · Wₚ [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 103 : 140,
+      title: `${content.asked} tₛ, asked for (tₛ · Wₚ) and given [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 103 : 176,
       events: content.instants.map((instant) => mark(instant, alarm ? instant.wrench : 0,
-        alarm ? `${rounded(instant.wrench)} ${content.unit}, not 0` : `0 at ${rounded(instant.time)} s`)),
-      series: [{ values: this.power, color: WRENCH }],
+        alarm ? `misses the eye: ${rounded(instant.wrench)} ${content.unit}` : `through the eye: 0`)),
+      series: [{ values: this.power, color: WRENCH }], band: this.band,
     }));
     this.panels.push(new Chart(side, {
       title: `singularity measure g: 0 ${content.locus ? `on the purple ${content.locus.kind === "patch" ? "surface" : "curve"}` : "where singular"}`, time, seek, unreal,

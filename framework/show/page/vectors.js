@@ -1,4 +1,5 @@
-// t_s and W_p at the platform: arrows for their forces and shifts, ringed ones for their moments and turns.
+// t_s and W_p at the platform: arrows for their forces and shifts, ringed ones for their moments and turns;
+// and the forces that the motors can give, to the scale of W_p.
 
 const RIGHT = Math.sin((0.5 * Math.PI) / 180); // within half a degree
 
@@ -33,6 +34,12 @@ class Vectors {
         return [(13 * across) / size, (13 * down) / size];
       });
     }
+    if (content.polygon) {
+      const { center, sides, count } = content.polygon;
+      this.given = { center: decoded(center), sides: decoded(sides), count };
+      this.polygon = new Polygon(COLORS.given, 0.5 * L, count);
+      view.add(this.polygon.object);
+    }
     this.corner = new RightAngle(0x1d2530, 0.004 * L, 0.06 * L);
     view.add(this.corner.object);
   }
@@ -51,6 +58,14 @@ class Vectors {
       const scale = (size) => (size > 1e-9 * (largest[0] + largest[1]) ? (name === "t_s" ? 0.32 : 0.45) * this.length / size : 0);
       this.arrows[name].linear.set(origin, this.at(name, "linear", k, part).multiplyScalar(scale(largest[0])), opacity);
       this.arrows[name].angular.set(origin, this.at(name, "angular", k, part).multiplyScalar(0.8 * scale(largest[1])), opacity);
+    }
+    if (this.polygon) {
+      const { center, sides, count } = this.given, scale = (0.45 * this.length) / (this.values.W_p.largest[0] || 1);
+      const side = (m) => { // of motor m; between two frames as all vectors are
+        const [a, b] = [vectorAt(sides, count * k + m, 0), part > 0 ? vectorAt(sides, count * (k + 1) + m, 0) : null];
+        return (b ? a.lerp(b, part) : a).multiplyScalar(scale);
+      };
+      this.polygon.set(origin, vectorAt(center, k, part).multiplyScalar(scale), Array.from({ length: count }, (_, m) => side(m)));
     }
     this.square(crossing);
   }
