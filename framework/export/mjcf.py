@@ -19,8 +19,7 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.errors import InvalidInput
-from framework.kinematics.assembly import reference_configuration
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import locked_axes
 
 MASS, INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of bodies without; MuJoCo refuses less than 1e-15
@@ -36,7 +35,6 @@ def mjcf_text(robot: ParallelRobot) -> str:
 
     Raises:
         InvalidInput: a loop that MuJoCo has no equality for; names it.
-        NotAssembled, SingularReference: the loops do not close at the reference, or are singular there.
     """
     root = ElementTree.Element("mujoco", model=robot.name)
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="false")
@@ -48,7 +46,7 @@ def mjcf_text(robot: ParallelRobot) -> str:
         integrator="implicitfast",
     )
     bodies = [ElementTree.SubElement(root, "worldbody")]
-    q, data = reference_configuration(robot).q, robot.model.createData()
+    q, data = robot.reference.q, robot.model.createData()
     pin.forwardKinematics(robot.model, data, q, np.zeros(robot.model.nv))
     for j in range(1, robot.model.njoints):
         bodies.append(_body(robot, data, j, bodies[robot.model.parents[j]]))
