@@ -3,7 +3,8 @@
 Bring a robot (`ParallelRobot.from_file`, or `robots.load` for the catalogue) and a path (`Line`, `Arc`,
 `Spline`), and ask:
 
-* `check_robot`: what a file describes; `assemble`, `forward_kinematics`, `track_path`: where its joints are;
+* `check_robot`: what a file describes, a `Mechanism` whose loops do not close, too;
+* `assemble`, `forward_kinematics`, `track_path`: where its joints are;
 * `velocity_matrices`: A, B and C of A v = B dq_a + C dq_e; `locate_singularities`: singular points of a path;
 * `plan_crossing`, `plan_scene`: a motion law that passes, its torques and their proof, a `CrossingPlan`;
 * `inverse_dynamics`: the torques of a law of one's own; `simulate`: where torques bring the robot.

@@ -29,9 +29,10 @@ from framework.errors import (
 )
 from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.forward_kinematics import forward_kinematics
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import assemble, track_path
 from framework.kinematics.velocity_matrices import velocity_matrices
-from framework.model import ParallelRobot
 from framework.motion.law import Condition, Law
 from framework.motion.path import Arc, Line, Spline
 from framework.simulation import Simulation, simulate
@@ -49,6 +50,7 @@ __all__ = [
     "Line",
     "LoadedJoint",
     "LostWorkers",
+    "Mechanism",
     "MissingPackage",
     "NoAnswer",
     "NoLaw",

@@ -25,7 +25,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """What `check_robot` finds."""
-    found = check_robot(arguments.load(options))
+    found = check_robot(arguments.load_mechanism(options))
     if not found.assembled:
         options.refusal = NotAssembled(
             f"{found.robot}: the loops do not close near the reference that is given; they do at the pose "
