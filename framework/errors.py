@@ -250,11 +250,18 @@ class LimitsExceeded(NoAnswer):
 
 
 class NotConverged(NoAnswer):
-    """A numerical method did not reach its tolerance; `residual` says how far it came."""
+    """A numerical method did not reach its tolerance; `residual` says how far it came.
 
-    def __init__(self, message: str, *, residual: float) -> None:
+    Where one place on the path is the cause, `s` and `platform` say which.
+    """
+
+    def __init__(
+        self, message: str, *, residual: float, s: float | None = None, platform: Array | None = None
+    ) -> None:
         super().__init__(message)
         self.residual = residual
+        self.s = s
+        self.platform = platform
 
 
 class LostWorkers(NoAnswer):

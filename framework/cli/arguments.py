@@ -126,9 +126,12 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
     """The plan in the folder that ROBOT is; None if it is no such folder.
 
     Raises:
-        InvalidInput: options of the motion beside a folder, which has a motion already.
+        InvalidInput: options of the motion beside a folder, which has a motion already; --robot-file
+            without one.
     """
     if not is_plan_folder(options.robot):
+        if options.robot_file is not None:
+            raise InvalidInput("--robot-file: goes with a folder of `crossing plan --out`")
         return None
     for key in _OF_A_PLAN:
         value = getattr(options, key, None)
@@ -137,7 +140,7 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
             raise InvalidInput(
                 f"--{name}: the plan in {options.robot} has its own; leave it out, or plan again"
             )
-    return load_plan(options.robot)
+    return load_plan(options.robot, robot_file=options.robot_file)
 
 
 _OF_A_PLAN = ("scene", "scenes", "start", "end", "flexibility", *OF_THE_MOTION)

@@ -51,26 +51,36 @@ def run(options: argparse.Namespace) -> Report:
                 "twist": found.twist.tolist(),
                 "platform": found.platform.tolist(),
                 "slope": found.slope,
+                "resolution": found.resolution,
                 "shift": shift,
                 "condition": None if asked is None else asked.to_dict(),
             }
             for found, shift, asked in zip(points, shifts, feasible, strict=True)
         ],
+        "near_misses": [
+            {"s": miss.s, "platform": path(miss.s).tolist(), "g": miss.g} for miss in searched.near_misses
+        ],
     }
-    if not points:
-        return document, f"{robot.name}: no singularity on the path"
     axes = ", ".join(robot.axis_names)
-    lines = []
+    lines = [] if points else [f"{robot.name}: no singularity on the path"]
     for found, shift, asked in zip(points, shifts, feasible, strict=True):
         lines.append(
             f"s = {found.s:.15f}  {found.kind} ({found.contact})  {axes} = {point(found.platform)}  "
             f"t_s = {twist_text(robot, found.twist)}  dg/ds = {found.slope:.6g}"
         )
+        if found.resolution is not None:
+            lines.append(
+                f"  two crossings nearer together than {found.resolution:.2g} in s would look the same"
+            )
         if shift is not None and robot.n_e:
             moved = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
             lines.append(f"  springs at rest; ds for each m or rad of deflection: {moved or 'none'}")
         if asked is not None:
             lines.append(f"  {asked.sentence()}")
+    lines += [
+        f"near miss at s = {miss.s:.9f}  {axes} = {point(path(miss.s))}  |g| = {abs(miss.g):.3g}"
+        for miss in searched.near_misses
+    ]
     return document, "\n".join(lines)
 
 

@@ -59,9 +59,9 @@ def measure_neglected(branch: Branch, state: Deflected, result: InverseDynamics)
     on_nodes = _all_rows(robot, state.motion.system.frames)
     _check_dropped_rows(robot, nodes, on_nodes, state.motion.q)
     times = _instants(robot, nodes)
-    closed = _planned(result, times)
+    closed = planned_pose(result, times)
     gaps = (on_nodes, _all_rows(robot, closed.system.frames), closed.system.residual[:, : robot.n])
-    motion = _motion(branch, result, times, closed)
+    motion = motion_of_forces(branch, result, times, closed)
     residual = _residual_torques(robot, motion, _joint_torques(state, times))
     return Neglected(
         closure_error=max(float(np.abs(gap).max(initial=0.0)) for gap in gaps),
@@ -75,7 +75,7 @@ def check_idle_joints(branch: Branch, state: Deflected, result: InverseDynamics)
     if not len(idle):
         return
     times, scale = _instants(robot, state.grid.times), column_scale(robot)
-    motion = _motion(branch, result, times, _planned(result, times))
+    motion = motion_of_forces(branch, result, times, planned_pose(result, times))
     loads = _residual_torques(robot, motion, _joint_torques(state, times))[:, idle]
     worst = int(np.argmax(np.abs(loads * scale[idle])))
     instant, k = divmod(worst, len(idle))
@@ -101,13 +101,13 @@ def _instants(robot: ParallelRobot, nodes: Array) -> Array:
     return np.sort(np.concatenate([nodes, middle])) if len(idle_columns(robot)) else middle
 
 
-def _planned(result: InverseDynamics, times: Array) -> ClosedStack:
+def planned_pose(result: InverseDynamics, times: Array) -> ClosedStack:
     """The coordinates as functions of time, nothing solved."""
     q, x = result.configuration(times), result.platform(times)
     return ClosedStack(q, x, system_at(result.robot, q, x))
 
 
-def _motion(branch: Branch, result: InverseDynamics, times: Array, closed: ClosedStack) -> Motion:
+def motion_of_forces(branch: Branch, result: InverseDynamics, times: Array, closed: ClosedStack) -> Motion:
     """The motion whose forces are taken: with rigid geometry that of the robot without deflections."""
     robot = branch.robot
     if robot.n_e and result.geometry == "rigid":

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from framework.arrays import ArrayLike
 from framework.crossing.optimal import Wish
 from framework.crossing.result import CrossingPlan
+from framework.crossing.saved import plan_document
 from framework.crossing.scenes import scene_path
 from framework.errors import point
 from framework.model import ParallelRobot
@@ -245,7 +246,7 @@ def _reproduction(plan: CrossingPlan) -> str:
             installed.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             installed.append(f"{package} (not installed)")
-    file = plan.to_dict().get("robot_file", robot.name)
+    file = plan_document(plan)["robot_file"]
     asked = [f"crossing plan {file}", *filter(None, _motion(plan)), f"--flexibility {robot.flexibility}"]
     if plan.optimality is not None:
         asked += _best(plan.optimality.wish)

@@ -20,18 +20,14 @@ from framework.kinematics.tracking import escaping, track_path, weakest_leg
 from framework.model import ParallelRobot
 from framework.motion.path import Path
 from framework.singularity.classification import uncontrolled_motion
+from framework.singularity.panels import NARROWEST, Measured, Panel, Samples, Unresolved, candidates, panels
 from framework.singularity.rank_deficiency import (
     CLOSE,
-    NARROWEST,
     Contact,
-    Measured,
-    Panel,
-    Samples,
-    Unresolved,
+    NearMiss,
     block_slopes,
-    candidates,
     contacts,
-    panels,
+    near_misses,
 )
 from framework.singularity.root_of_g import STENCIL, slope_of_g, stencil
 
@@ -45,6 +41,8 @@ class SingularPoint(ReadOnlyArrays):
     `kind` is type_2, leg_passive, constraint or closure (see `uncontrolled_motion`); `contact` is
     transversal or tangential. `corank` motions escape at once; `slope` is dg/ds, and for several of
     them that of the one which is let go most slowly, without sign. `motion` are the joint rates of the twist.
+    Two singular points nearer together than `resolution`, in s, would look like this tangential one; None
+    where that was not measured, and for transversal ones.
     """
 
     s: float
@@ -56,6 +54,7 @@ class SingularPoint(ReadOnlyArrays):
     slope: float
     q: Array  # (nq,)
     motion: Array  # (nv,)
+    resolution: float | None = None
 
 
 class SearchedPath(NamedTuple):
@@ -63,22 +62,46 @@ class SearchedPath(NamedTuple):
 
     branch: Branch
     points: tuple[SingularPoint, ...]
+    near_misses: tuple[NearMiss, ...] = ()  # minima of |g| below a hundredth of its largest on the path
 
 
-def search_path(robot: ParallelRobot, path: Path) -> SearchedPath:
-    """Follow the path and find its singular points.
+def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = None) -> SearchedPath:
+    """Follow the path, find its singular points, each to rounding, and where it just misses one.
+
+    Args:
+        branch: the path as followed by `track_path`, if at hand.
 
     Raises:
-        As `track_path` and `locate_singularities`.
+        As `locate_singularities`.
     """
-    branch = track_path(robot, path)
-    return SearchedPath(branch, locate_singularities(robot, path, branch=branch))
+    branch = track_path(robot, path) if branch is None else branch
+    samples, mobile, mobile_panels = _continued(branch)
+    continued = samples.branch
+    if isinstance(mobile_panels, Unresolved):  # the branch has a kink, or another one meets it
+        type_1 = [_weakest_place(mobile, mobile_panels.s)]
+    else:
+        type_1 = [place.s for place in contacts(mobile, mobile_panels) if _is_type_1(mobile, place.s)]
+    if type_1:
+        raise _type_1(continued, type_1[0])
+    if not len(passive_columns(robot)):  # every joint has a motor: locked, nothing moves
+        return SearchedPath(branch, ())
+    power = 1 if len(loop_rows(robot).names) == len(passive_columns(robot)) else 2
+    passive = Measured(continued, partial(measured_matrix, robot), power)
+    try:
+        resolved = panels(samples, passive)
+        found = contacts(passive, resolved)
+        missed = near_misses(passive, resolved, found)
+    except Unresolved as unresolved:
+        raise _too_near(passive, unresolved) from None
+    for contact in found:
+        _check_dropped_rows(continued, contact.s)
+    return SearchedPath(branch, tuple(_singular_point(passive, contact) for contact in found), tuple(missed))
 
 
 def locate_singularities(
     robot: ParallelRobot, path: Path, *, branch: Branch | None = None
 ) -> tuple[SingularPoint, ...]:
-    """All singular points on the path, ascending in s, each to rounding in s.
+    """All singular points on the path, ascending in s, each to rounding.
 
     Args:
         branch: the path as followed by `track_path`, if at hand.
@@ -90,25 +113,7 @@ def locate_singularities(
             where the path starts or ends.
         NotConverged: g cannot be resolved, or needs loop equations that were dropped; says where.
     """
-    samples, mobile, mobile_panels = _continued(track_path(robot, path) if branch is None else branch)
-    branch = samples.branch
-    if isinstance(mobile_panels, Unresolved):  # the branch has a kink, or another one meets it
-        type_1 = [_weakest_place(mobile, mobile_panels.s)]
-    else:
-        type_1 = [place.s for place in contacts(mobile, mobile_panels) if _is_type_1(mobile, place.s)]
-    if type_1:
-        raise _type_1(branch, type_1[0])
-    if not len(passive_columns(robot)):  # every joint has a motor: locked, nothing moves
-        return ()
-    power = 1 if len(loop_rows(robot).names) == len(passive_columns(robot)) else 2
-    passive = Measured(branch, partial(measured_matrix, robot), power)
-    try:
-        found = contacts(passive, panels(samples, passive))
-    except Unresolved as unresolved:
-        raise _too_near(passive, unresolved) from None
-    for contact in found:
-        _check_dropped_rows(branch, contact.s)
-    return tuple(_singular_point(passive, contact) for contact in found)
+    return search_path(robot, path, branch=branch).points
 
 
 def _continued(branch: Branch) -> tuple[Samples, Measured, list[Panel] | Unresolved]:
@@ -220,6 +225,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
         slope=float(slope),
         q=closed.q[1],
         motion=along * uncontrolled.motion,
+        resolution=contact.resolution,
     )
 
 

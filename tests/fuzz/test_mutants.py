@@ -23,6 +23,7 @@ import pytest
 import robots
 from framework import Line, ParallelRobot, plan_crossing, plan_scene, simulate
 from framework.cli import main
+from framework.crossing.saved import plan_document
 from framework.errors import FrameworkError, NotAssembled
 from framework.kinematics.assembly import reference_configuration
 from framework.model.description import FLEXIBILITIES
@@ -287,7 +288,7 @@ def plans(tmp_path_factory) -> dict[str, str]:
     for name, scene, options in PLANS:
         robot = robots.load(name, flexibility=options.get("flexibility", "rigid"))
         rest = {key: value for key, value in options.items() if key != "flexibility"}
-        found[f"{name} {scene}"] = json.dumps(plan_scene(robot, scene, **rest).to_dict())
+        found[f"{name} {scene}"] = json.dumps(plan_document(plan_scene(robot, scene, **rest)))
     return found
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import robots
 from framework import Line, ParallelRobot, check_robot, plan_crossing, plan_scene
+from framework.crossing.saved import plan_document
 from framework.crossing.scenes import scene_path
 from framework.errors import LimitsExceeded, NoAnswer
 from framework.kinematics.joint_limits import joint_limits, positions_beyond_limits
@@ -26,7 +27,7 @@ def test_a_leg_longer_than_its_urdf_allows_is_said(three_rpr):
     # leg 1 reaches from the origin to the platform's point: its end is its longest
     assert plan.exceeded["motor_1"] == f"position {np.hypot(0.2, 1.9):.6g} m of 1.2"
     assert set(plan.exceeded) == {"motor_1", "motor_2", "motor_3"}
-    assert plan.to_dict()["exceeded"] == plan.exceeded
+    assert plan_document(plan)["exceeded"] == plan.exceeded
 
 
 def test_on_request_it_is_refused(three_rpr):
