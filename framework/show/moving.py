@@ -64,19 +64,20 @@ def _gif(films: Sequence[Film]) -> bytes:
         drawing, left, marks = _axes(films)
         canvas, locus, limit = FigureCanvasAgg(drawing), locus_of(film), stated_limit(film, films)
         for k in frames[:: max(1, len(frames) // 8)]:  # where the robot comes, so that nothing is cut off
-            plot_still(film, left, frame=k, limit=limit, locus=locus)
+            plot_still(film, left, frame=k, limit=limit, locus=locus, alone=True)
         edges = left.get_xlim(), left.get_ylim()
         drawing.draw_without_rendering()
         drawing.set_layout_engine("none")
         for k in frames:
             left.clear()
-            plot_still(film, left, frame=k, limit=limit, locus=locus)
+            plot_still(film, left, frame=k, limit=limit, locus=locus, alone=True)
             left.set(xlim=edges[0], ylim=edges[1])
             for mark in marks:
                 mark(float(film.time[k]))
-            canvas.draw()
-            pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
-    palette = pictures[len(pictures) // 2].quantize(128)
+            canvas.draw()  # type: ignore[no-untyped-call]
+            pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+            pictures.append(Image.fromarray(pixels).convert("RGB"))
+    palette = pictures[0].quantize(256, method=Image.Quantize.FASTOCTREE)
     small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     written = io.BytesIO()
     lasting = [HELD if k in instants or k == frames[-1] else STEP for k in frames]
@@ -95,7 +96,7 @@ Mark = Callable[[float], None]  # moves what marks an instant [s] on a curve
 def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[Mark]]:
     """Room for the robot on the left; on the right the eye, or the torques of a motion without a crossing."""
     drawing = Figure(figsize=(8.4, 3.6), layout="constrained")
-    left, right = drawing.subplots(1, 2)
+    left, right = drawing.subplots(1, 2, width_ratios=(1.0, 1.1))
     film = _shown(films)
     if film.instants:
         plot_eyes(films, stated_limit(film, films), right)

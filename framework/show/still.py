@@ -1,4 +1,4 @@
-"""A scene as a still picture: the robot, its path, the singular locus, t_s and W_p, and the motors' forces."""
+"""A scene as a still picture: the robot, its path, the singular locus, t_s, W_p and the motors' forces."""
 
 from __future__ import annotations
 
@@ -28,12 +28,14 @@ def plot_still(
     frame: int | None = None,
     limit: Array | None = None,
     locus: Sequence[Array] | None = None,
+    alone: bool = False,
 ) -> Axes:
     """A film at one of its frames, at its first singular instant when None, else halfway.
 
     Args:
         limit: torque limits (n_a,); a platform that moves in a plane then gets the polygons of the forces
-            that such motors can give, some along the path, in a common scale.
+            that such motors can give, some along the path, in a common scale; with `alone` that of the
+            frame only.
         locus: curves (m, 3) of the singular locus, when they are known already; see `locus_of`.
     """
     robot, k = film.robot, telling_frame(film) if frame is None else frame
@@ -47,7 +49,7 @@ def plot_still(
         at = way[int(np.argmin(np.abs(film.time - instant.time)))]
         ax.plot(*at, "o", color=LOCUS if film.proved else ALARM, markersize=4, zorder=6)
     if limit is not None and robot.n == 2 and robot.translations.all():
-        _polygons(film, ax, way, limit)
+        _polygons(film, ax, way, limit, [k] if alone else None)
     for values, color, both, size in ((film.t_s, TWIST, True, ARROW), (film.W_p, WRENCH, False, ARROW)):
         six = np.zeros((len(values), 6))
         six[:, robot.platform_axes] = values
@@ -84,16 +86,16 @@ def _arrow(ax: Axes, at: Array, way: Array, color: str, both: bool) -> None:
             "shrinkA": 0,
             "shrinkB": 0,
         }
-        ax.annotate("", at + way, at - way if both else at, arrowprops=style, zorder=7)
+        ax.annotate("", tuple(at + way), tuple(at - way if both else at), arrowprops=style, zorder=7)
         ax.plot(*(at + way), alpha=0)  # so that it is in sight
 
 
-def _polygons(film: Film, ax: Axes, way: Array, limit: Array) -> None:
+def _polygons(film: Film, ax: Axes, way: Array, limit: Array, frames: Sequence[int] | None) -> None:
     vertices = film.motors.vertices(limit)  # (F, c, 2)
     scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()
-    frames = np.unique(
-        np.append(np.linspace(0, len(film.time) - 1, POLYGONS).astype(int), telling_frame(film))
-    )
+    if frames is None:
+        spread = np.linspace(0, len(film.time) - 1, POLYGONS).astype(int)
+        frames = [int(k) for k in np.unique(np.append(spread, telling_frame(film)))]
     for k in frames:
         corners = way[k] + scale * hull(vertices[k])
         ax.add_patch(Polygon(corners, facecolor=GIVEN, alpha=0.18, zorder=3.5))
