@@ -30,7 +30,7 @@ from framework.crossing.timing import CrossingTime
 from framework.dynamics.inverse_dynamics import check_law, resolve
 from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from
 from framework.input import read_text
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw, check_duration
 from framework.motion.optimal_law import OptimalLaw
 from framework.motion.path import PointPath
@@ -72,7 +72,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[st
     return {
         "version": VERSION,
         "robot": plan.robot.name,
-        "robot_file": _robot_file(plan.robot, folder),
+        "robot_file": robot_place(plan.robot, folder),
         "flexibility": plan.robot.flexibility,
         "geometry": plan.geometry,
         "duration": plan.duration,
@@ -90,8 +90,8 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[st
     }
 
 
-def _robot_file(robot: ParallelRobot, folder: FilePath | None) -> str:
-    """The robot's name if it is one of the catalogue, else the path of its file."""
+def robot_place(robot: ParallelRobot, folder: FilePath | None = None) -> str:
+    """The robot's name if it is one of the catalogue, else the path of its file, relative to a folder."""
     name, file = robot.name, robot.description.file
     entry = catalogue().get(name)
     if entry is not None and file.exists() and entry.file.samefile(file):

@@ -81,6 +81,9 @@ class PointPath:
     def __hash__(self) -> int:
         return hash((self.kind, self.points.tobytes()))
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(map(str, self.points.tolist()))})"
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Line(PointPath):
@@ -108,9 +111,6 @@ class Line(PointPath):
         if order == 0:
             return _stack(s, self.start + flat * direction)
         return _stack(s, np.broadcast_to(direction if order == 1 else 0.0 * direction, (len(flat), self.n)))
-
-    def __repr__(self) -> str:
-        return f"Line({self.start.tolist()}, {self.end.tolist()})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -163,11 +163,8 @@ class Arc(PointPath):
         wheel = self.radius * self.angle**order * (np.cos(turned) * u + np.sin(turned) * w)
         return _stack(s, wheel + self.center if order == 0 else wheel)
 
-    def __repr__(self) -> str:
-        return f"Arc({self.start.tolist()}, {self.via.tolist()}, {self.end.tolist()})"
 
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Spline(PointPath):
     """The spline through `points` (m, n) with four continuous derivatives, by chord length.
 
@@ -178,6 +175,9 @@ class Spline(PointPath):
     points: Any
     knots: Array = field(init=False, repr=False)
     n: int = field(init=False, repr=False)
+
+    def __repr__(self) -> str:
+        return f"Spline({self.points.tolist()})"
 
     def __post_init__(self) -> None:
         points = _points(self.points, 2, "spline")

@@ -7,9 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from framework.arrays import Array
-from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, planar_normal, rotated
-from framework.model import ParallelRobot
 from framework.model.visuals import Shape
 from framework.show.scene import motor_shapes
 from framework.show.shapes import body_shapes
@@ -27,7 +26,7 @@ def draw(robot: ParallelRobot, q: Array | None = None, ax: Axes | None = None) -
     without axes; `framework.show.sight.projection` tells where a point of space comes to lie.
     """
     ax = figure(height=3.0)[1][0] if ax is None else ax
-    q = reference_configuration(robot).q if q is None else np.asarray(q, dtype=float)
+    q = robot.reference.q if q is None else np.asarray(q, dtype=float)
     onto = projection(robot)
     pose = joint_poses(robot, q[None])[0]
     pieces: list[tuple[float, Array, Array]] = []  # depth, outline, colour

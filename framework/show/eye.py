@@ -15,7 +15,7 @@ from framework.arrays import Array, ArrayLike
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
 from framework.errors import InvalidInput, finite_numbers
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.captions import stated
 from framework.show.film import Film
 from framework.show.style import ALARM, COLORS, CROSSING, GIVEN, GOOD, LOCUS, figure
@@ -61,7 +61,7 @@ def draw_eye(
     ax = figure()[1][0] if ax is None else ax
     asked, reach = wrench.along(twist), wrench.reach(twist, limit)
     top = 1.6 * max(float(np.abs(asked).max()), 1e-300)
-    unit = "N" if np.any(twist[robot.translations]) else "N m"
+    unit = "N" if np.any(twist[robot.platform.translations]) else "N m"
     given = f"what {stated(robot, limit)} can give"
     ax.fill_between(time, -reach, reach, color=COLORS[4], alpha=0.3, linewidth=0, label=given)
     ax.plot(time, asked, color=COLORS[1], label="what the motion asks for")
@@ -120,7 +120,7 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     ax.set_xlim(low, high)
     ax.set_ylim(-1.25 * top, 1.25 * top)
     ax.set_xlabel("way along the path  $s$  (dashed: singular)")
-    turn = not np.any(twist[first.robot.translations])
+    turn = not np.any(twist[first.robot.platform.translations])
     ax.set_ylabel(
         rf"{'torque about' if turn else 'force along'} $\mathbf{{t}}_s$  [{'N m' if turn else 'N'}]"
     )

@@ -13,7 +13,7 @@ from framework.crossing.result import CrossingPlan
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
 from framework.dynamics.measure_along_path import MeasureAlongPath
 from framework.dynamics.wrench import wrench_along
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.eye import plot_eye
 from framework.show.film import film_plan
 from framework.show.phase_plane import plot_phase_plane
@@ -112,7 +112,7 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     ax = figure()[1][0] if ax is None else ax
     times = np.linspace(0.0, plan.duration, SAMPLES)
     _, wrench = wrench_along(plan.dynamics, times)
-    turning = not np.any(plan.robot.translations)
+    turning = not np.any(plan.robot.platform.translations)
     ax.plot(times, wrench, **line_style(0))
     ax.axhline(0.0, color="black", linewidth=0.5)
     ax.set_xlabel("time  [s]")

@@ -37,7 +37,7 @@ def figures_with_captions(plan: CrossingPlan, film: Film, marked: Callable[[str]
 
 def _drawings(plan: CrossingPlan, film: Film) -> list[Drawing]:
     where = "at the singular instant" if film.instants else "halfway"
-    locus = ", singular locus (purple)" if plan.robot.translations.all() else ""
+    locus = ", singular locus (purple)" if plan.robot.platform.translations.all() else ""
     dashed = " Dashed: the singular instants." if plan.crossings else ""
     drawn: list[Drawing] = [
         (

@@ -14,6 +14,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import point
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import (
     carried_axis,
     frame_positions,
@@ -22,7 +23,6 @@ from framework.kinematics.placements import (
     platform_positions,
     rotated,
 )
-from framework.model import ParallelRobot
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
 from framework.show.captions import asked, how, proof, said, stated, subtitle, summary, unit, why
@@ -128,7 +128,7 @@ def robot_document(robot: ParallelRobot, poses: Array) -> dict[str, Any]:
         "robot": robot.name,
         "flexibility": robot.flexibility,
         "axes": list(robot.axis_names),
-        "turning": (~robot.translations).tolist(),
+        "turning": (~robot.platform.translations).tolist(),
         "joints": robot.model.njoints,
         "length": 1.2 * view["radius"],
         "shapes": [
@@ -249,7 +249,7 @@ def _round_down(value: float) -> float:
 def _wrench_like(robot: ParallelRobot, values: Array) -> dict[str, Any]:
     """Linear and angular parts (F, 3) of platform vectors (F, n), with their largest sizes."""
     six = np.zeros((len(values), 6))
-    six[:, robot.platform_axes] = values
+    six[:, robot.platform.axes] = values
     largest = [float(np.linalg.norm(part, axis=1).max()) for part in (six[:, :3], six[:, 3:])]
     return {"linear": floats(six[:, :3]), "angular": floats(six[:, 3:]), "largest": largest}
 
@@ -260,11 +260,11 @@ def _polygon(film: Film, limit: Array) -> dict[str, Any] | None:
     Around `center` (F, 3) the sums of plus or minus the `sides` (F, n_a, 3), one of each motor.
     """
     robot = film.robot
-    if robot.n != 2 or not robot.translations.all():
+    if robot.n != 2 or not robot.platform.translations.all():
         return None
     center, sides = np.zeros((len(film.time), 3)), np.zeros((len(film.time), robot.n_a, 3))
-    center[:, robot.platform_axes] = -film.motors.rotors
-    sides[:, :, robot.platform_axes] = limit[:, None] * film.motors.motor_speed
+    center[:, robot.platform.axes] = -film.motors.rotors
+    sides[:, :, robot.platform.axes] = limit[:, None] * film.motors.motor_speed
     return {"center": floats(center), "sides": floats(sides), "count": robot.n_a}
 
 
@@ -292,7 +292,9 @@ def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> dict[str, 
         patch = locus_patch(film.robot, film.q[nearest], film.x[nearest])
         if patch is not None:
             return {"kind": "patch", "count": len(patch), "points": floats(patch)}
-    held = not film.robot.translations.all()  # other coordinates take part: the locus is that of one instant
+    held = (
+        not film.robot.platform.translations.all()
+    )  # other coordinates take part: the locus is that of one instant
     frame = nearest if held else 0
     found = curves_about(film, frame, film.x[frame : frame + 1] if held else film.x)
     return drawn_locus(film.robot, found, platform)
@@ -304,7 +306,7 @@ def locus_lines(
     """Curves (m, 3) of the locus within `beside` lengths of the robot from places (F, 3) of the platform."""
     if found is None:
         return []
-    world = robot.platform_axes[list(found.axes)]
+    world = robot.platform.axes[list(found.axes)]
     pieces = []
     for curve in found.curves:
         line = np.repeat(platform[:1], len(curve), axis=0)
@@ -323,7 +325,7 @@ def drawn_locus(
 ) -> dict[str, Any] | None:
     """These curves for the page."""
     pieces = [floats(line) for line in locus_lines(robot, found, platform, beside=beside)]
-    whole = bool(robot.translations.all())
+    whole = bool(robot.platform.translations.all())
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
 
 

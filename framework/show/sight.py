@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
-from framework.model import ParallelRobot
 
 CORNER = np.array([0.75, -1.35, 0.65])  # from the robot to the eye
 OFF = np.tan(np.radians(10.0))  # a page shows planar robots nearly flat-on: bodies still have a depth

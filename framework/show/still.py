@@ -48,11 +48,11 @@ def plot_still(
     for instant in film.instants:
         at = way[int(np.argmin(np.abs(film.time - instant.time)))]
         ax.plot(*at, "o", color=LOCUS if film.proved else ALARM, markersize=4, zorder=6)
-    if limit is not None and robot.n == 2 and robot.translations.all():
+    if limit is not None and robot.n == 2 and robot.platform.translations.all():
         _polygons(film, ax, way, limit, [k] if alone else None)
     for values, color, both, size in ((film.t_s, TWIST, True, ARROW), (film.W_p, WRENCH, False, ARROW)):
         six = np.zeros((len(values), 6))
-        six[:, robot.platform_axes] = values
+        six[:, robot.platform.axes] = values
         largest = np.linalg.norm(six[:, :3], axis=1).max()
         if largest > 0 and not np.isnan(film.g).any():
             tip = six[k, :3] * size * robot.length / (np.linalg.norm(six[k, :3]) or 1.0 if both else largest)
@@ -64,7 +64,7 @@ def plot_still(
 def locus_of(film: Film) -> list[Array]:
     """Curves (m, 3) of the locus, of a platform that moves in a plane."""
     robot = film.robot
-    if np.isnan(film.g).any() or not robot.translations.all():
+    if np.isnan(film.g).any() or not robot.platform.translations.all():
         return []
     platform = platform_positions(robot, joint_poses(robot, film.q))
     return locus_lines(robot, locus_curves(robot, film.q[0], film.x[0]), platform)

@@ -11,7 +11,6 @@ from scipy.spatial import ConvexHull
 
 import robots
 from framework.errors import InvalidInput
-from framework.kinematics.assembly import reference_configuration
 from framework.kinematics.placements import frame_positions, joint_poses
 from framework.show.drawing import draw, hull
 from framework.show.moving import film_picture
@@ -32,7 +31,7 @@ def test_the_hull_is_that_of_qhull():
 @pytest.mark.parametrize("name", robots.CATALOGUE)
 def test_all_joints_of_a_drawn_robot_lie_within_what_is_drawn(name):
     robot = robots.load(name)
-    q = reference_configuration(robot).q
+    q = robot.reference.q
     (bodies,) = draw(robot, q).collections
     drawn = np.concatenate([path.vertices for path in bodies.get_paths()])
     places = projection(robot)(frame_positions(robot, joint_poses(robot, q[None])))
@@ -47,7 +46,7 @@ def test_a_planar_robot_is_drawn_to_the_scale_of_its_axes():
     assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_aspect()) == ("x  [m]", "y  [m]", 1.0)
     (payload,) = [shape for shape in body_shapes(robot) if shape.color[0] > 0.9]  # the yellow one
     rounds = [path.vertices for path in ax.collections[0].get_paths()]
-    at = reference_configuration(robot).x
+    at = robot.reference.x
     assert any(
         np.allclose(line[:-1].mean(axis=0), at, atol=1e-6)
         and np.ptp(line[:, 0]) == pytest.approx(2 * payload.size[0])
