@@ -15,7 +15,8 @@ from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import is_plan_folder, load_plan
 from framework.crossing.scenes import scene, scene_path, scene_request
 from framework.errors import InvalidInput
-from framework.model import ParallelRobot
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import LARGEST, RobotDescription
 from framework.model.readers.recognise import read_any
 from framework.motion.path import Line, Path
@@ -27,14 +28,19 @@ OF_THE_MOTION = (  # arguments of `plan_crossing` that can be typed
 
 
 def load(options: argparse.Namespace) -> ParallelRobot:
-    """The robot, with the springs of --flexibility where the command has it; warns if there are none."""
+    """The robot, assembled; options as for `load_mechanism`."""
+    return ParallelRobot.of(load_mechanism(options))
+
+
+def load_mechanism(options: argparse.Namespace) -> Mechanism:
+    """The mechanism, with the springs of --flexibility where the command has it; warns if there are none."""
     asked = getattr(options, "flexibility", "rigid")
-    robot = ParallelRobot.from_file(robot_file(options.robot), flexibility=asked, **_said(options))
-    if robot.flexibility != asked:
+    found = Mechanism.from_file(robot_file(options.robot), flexibility=asked, **_said(options))
+    if found.flexibility != asked:
         options.warnings.append(
-            f"{robot.name} has no springs of its own for --flexibility {asked}: taken as {robot.flexibility}"
+            f"{found.name} has no springs of its own for --flexibility {asked}: taken as {found.flexibility}"
         )
-    return robot
+    return found
 
 
 def describe(options: argparse.Namespace) -> RobotDescription:
@@ -126,9 +132,12 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
     """The plan in the folder that ROBOT is; None if it is no such folder.
 
     Raises:
-        InvalidInput: options of the motion beside a folder, which has a motion already.
+        InvalidInput: options of the motion beside a folder, which has a motion already; --robot-file
+            without one.
     """
     if not is_plan_folder(options.robot):
+        if options.robot_file is not None:
+            raise InvalidInput("--robot-file: goes with a folder of `crossing plan --out`")
         return None
     for key in _OF_A_PLAN:
         value = getattr(options, key, None)
@@ -137,7 +146,7 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
             raise InvalidInput(
                 f"--{name}: the plan in {options.robot} has its own; leave it out, or plan again"
             )
-    return load_plan(options.robot)
+    return load_plan(options.robot, robot_file=options.robot_file)
 
 
 _OF_A_PLAN = ("scene", "scenes", "start", "end", "flexibility", *OF_THE_MOTION)

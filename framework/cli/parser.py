@@ -74,6 +74,15 @@ def add_missing_fields(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_moved_robot(parser: argparse.ArgumentParser) -> None:
+    """--robot-file, for commands that read a folder of `crossing plan --out`."""
+    parser.add_argument(
+        "--robot-file",
+        metavar="FILE",
+        help="of the plan in the folder, if it has moved",
+    )
+
+
 def add_flexibility(parser: argparse.ArgumentParser) -> None:
     """--flexibility."""
     parser.add_argument(

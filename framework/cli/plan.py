@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
+from framework.cli.locate import twist_text
 from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command, whole
 from framework.cli.raw import report_raw
 from framework.crossing.bound import estimated_best
 from framework.crossing.plan import plan_request
-from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
+from framework.crossing.saved import FILE, plan_document
 from framework.errors import InvalidInput, point
-from framework.model import ParallelRobot
 from framework.motion.law import Law, PlannedLaw
 from framework.output import written_together
 
@@ -57,29 +56,22 @@ def run(options: argparse.Namespace) -> Report:
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     out = None if options.out is None else FilePath(options.out)
+    if out is None and options.raw:
+        return report_raw(options, robot, request, None)
     if out is None:
-        return report_raw(options, robot, request, None) if options.raw else _planned(robot, request)
-    with written_together(out, document="raw.json" if options.raw else "plan.json") as folder:
+        plan = plan_request(robot, request)
+        return plan_document(plan), plan_text(plan)
+    with written_together(out, document="raw.json" if options.raw else FILE) as folder:
         if options.raw:
             return report_raw(options, robot, request, folder)
-        document, text = _planned(robot, request, lambda plan: _write_plan(plan, folder, options.samples))
-    return document, f"{text}\n  written to        {out}"
+        from framework.show.plots import save_figures
 
-
-def _planned(
-    robot: ParallelRobot, request: Request, write: Callable[[CrossingPlan], None] = lambda plan: None
-) -> Report:
-    plan = plan_request(robot, request)
-    write(plan)
-    return plan.to_dict(), plan_text(plan)
-
-
-def _write_plan(plan: CrossingPlan, folder: FilePath, samples: int) -> None:
-    from framework.show.plots import save_figures
-
-    (folder / "plan.json").write_text(json.dumps(plan.to_dict(), indent=2, allow_nan=False) + "\n")
-    plan.to_csv(folder / "motion.csv", samples)
-    save_figures(plan, folder)
+        plan = plan_request(robot, request)
+        document = plan_document(plan, out)
+        (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+        plan.to_csv(folder / "motion.csv", options.samples)
+        save_figures(plan, folder)
+    return document, f"{plan_text(plan)}\n  written to        {out}"
 
 
 def named(law: PlannedLaw) -> str:
@@ -115,9 +107,9 @@ def plan_text(plan: CrossingPlan) -> str:
             f"{', '.join(robot.axis_names)} = {point(crossing.platform)}"
         )
         lines.append(
-            f"                    t_s = {point(crossing.twist)}, s' = {crossing.speed:.6g} 1/s, s\" = "
-            f"{round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of its "
-            f"peak"
+            f"                    t_s = {twist_text(robot, crossing.twist)}, s' = {crossing.speed:.6g} 1/s, "
+            f's" = {round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of '
+            f"its peak"
         )
     if not plan.crossings:
         lines.append("  crossing          none")

@@ -18,6 +18,7 @@ from framework.cli.parser import (
     Report,
     add_flexibility,
     add_motion,
+    add_moved_robot,
     add_path,
     add_robot,
     command,
@@ -51,6 +52,7 @@ def add(commands: Any) -> None:
     add_path(parser)
     add_flexibility(parser)
     add_motion(parser)
+    add_moved_robot(parser)
     parser.add_argument(
         "--controller",
         nargs="+",
@@ -130,7 +132,7 @@ def run(options: argparse.Namespace) -> Report:
         arguments.planned(options), period=options.period, loop=loop, spread=spread, seed=options.seed
     )
     if options.out is None:
-        return _told(setup, _studies(options, setup, {}))
+        return _told(setup, _studies(options, setup, {}), None)
     out = FilePath(options.out)
     kept = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
     with written_together(out, document=FILE) as folder:  # hours of work want a place to go to
@@ -138,7 +140,7 @@ def run(options: argparse.Namespace) -> Report:
             studies = _studies(options, setup, kept)
         except KeyboardInterrupt as stop:
             raise type(stop)(*_what_is_kept(options, kept)) from None
-        document, text = _told(setup, studies)
+        document, text = _told(setup, studies, out)
         _write(studies, document, folder)
     forget(out)
     return document, f"{text}\n  written to        {options.out}"
@@ -149,12 +151,12 @@ def _names(options: argparse.Namespace) -> list[str]:
     return list(dict.fromkeys(options.controller or ["feedforward"]))
 
 
-def _told(setup: StudySetup, studies: list[Study]) -> Report:
+def _told(setup: StudySetup, studies: list[Study], folder: FilePath | None) -> Report:
     robot = setup.plan.robot.name
     document = {
         "robot": robot,
         "runs": len(studies[0].passed),
-        **setup.to_dict(),
+        **setup.to_dict(folder),
         "studies": [_document(study) for study in studies],
     }
     return document, _text(robot, studies)

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from framework.cli import arguments
 from framework.cli.console import tell
-from framework.cli.parser import Report, add_flexibility, add_motion, add_robot, command
+from framework.cli.parser import Report, add_flexibility, add_motion, add_moved_robot, add_robot, command
 from framework.errors import InvalidInput, NoAnswer
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import write_file
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ def add(commands: Any) -> None:
     parser.add_argument("--to", dest="end", type=float, nargs="+", metavar="X", help="last platform point")
     add_flexibility(parser)
     add_motion(parser)
+    add_moved_robot(parser)
     parser.add_argument(
         "--html",
         metavar="FILE",

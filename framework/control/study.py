@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array
+from framework.arrays import Array, ReadOnlyArrays
 from framework.control.closed_loop import ControlLoop, Run, run_closed_loop
 from framework.control.estimation import Controller
 from framework.control.variation import Spread, draw
@@ -27,7 +27,7 @@ CHUNK = 250  # runs that are stacked; more do not make a run cheaper
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class Study(ReadOnlyArrays):
     """What became of R runs. `passed`: the platform came to rest near the end, see `ControlLoop`."""
 
     controller: str

@@ -15,7 +15,7 @@ from framework.control.estimation import Controller
 from framework.control.reference import Reference, reference_of
 from framework.control.variation import Spread, draw
 from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import read_document, restored_plan
+from framework.crossing.saved import plan_document, read_document, restored_plan
 from framework.errors import InvalidInput
 
 FILE = "robustness.json"
@@ -42,7 +42,7 @@ class StudySetup:
         Raises:
             InvalidInput: a plan that cannot be written down; a period or limits that cannot be.
         """
-        plan = restored_plan(plan.to_dict(), Path(FILE))
+        plan = restored_plan(plan_document(plan), Path(FILE))
         limit = tuple(map(float, torque_limit(reference_of(plan, period=period), loop)))
         spelled_out = ControlLoop(tolerance=loop.tolerance, end=loop.end, limit=limit, sensors=loop.sensors)
         return StudySetup(plan, period, spelled_out, spread, seed)
@@ -61,20 +61,20 @@ class StudySetup:
         variation = draw(self.plan.robot, self.spread, (self.seed, number))
         return run_closed_loop(self.controller(controller), self.loop, self.spread, [variation], record=True)
 
-    def to_dict(self) -> dict[str, Any]:
-        """As robustness.json has it, with the versions of what computes."""
+    def to_dict(self, folder: Path | None = None) -> dict[str, Any]:
+        """As robustness.json in this folder has it, with the versions of what computes."""
         return {
             "seed": self.seed,
             "period": self.period,
             **asdict(self.loop),
             "spread": asdict(self.spread),
-            "plan": self.plan.to_dict(),
+            "plan": plan_document(self.plan, folder),
             "versions": versions(),
         }
 
     @staticmethod
-    def from_dict(saved: dict[str, Any], file: Path) -> StudySetup:
-        """What `to_dict` wrote; `file` is where that stood, for complaints.
+    def from_dict(saved: dict[str, Any], file: Path, *, robot_file: str | None = None) -> StudySetup:
+        """What `to_dict` wrote; `file` is where that stood, `robot_file` the robot's where it has moved.
 
         Raises:
             InvalidInput: it is not that, or the robot has changed since.
@@ -90,7 +90,7 @@ class StudySetup:
                 f"{file}: not a study that `crossing robustness --out` wrote "
                 f"({type(error).__name__}: {error})"
             ) from None
-        return StudySetup(restored_plan(plan, file), period, loop, spread, seed)
+        return StudySetup(restored_plan(plan, file, robot_file=robot_file), period, loop, spread, seed)
 
 
 def versions() -> dict[str, str]:
@@ -99,12 +99,15 @@ def versions() -> dict[str, str]:
     return {**found, "python": platform.python_version(), "machine": platform.machine()}
 
 
-def load_study(folder: str | Path) -> tuple[StudySetup, dict[str, Any]]:
+def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[StudySetup, dict[str, Any]]:
     """The setup of the study that `crossing robustness --out` wrote into a folder, and its whole document.
+
+    Args:
+        robot_file: the robot's, where it is no longer where the study says.
 
     Raises:
         InvalidInput: there is no robustness.json, it is not one of ours, or its robot has changed since.
     """
     file = Path(folder) / FILE
     saved = read_document(file, "robustness")
-    return StudySetup.from_dict(saved, file), saved
+    return StudySetup.from_dict(saved, file, robot_file=robot_file), saved

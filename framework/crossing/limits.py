@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from framework.arrays import Array
+from framework.crossing.optimal import Wish
 from framework.crossing.request import Request
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
 def motor_limits(robot: ParallelRobot, request: Request) -> tuple[Array, Array]:
@@ -26,3 +27,9 @@ def _limits(asked: Sequence[float] | None, in_file: Sequence[float | None]) -> A
     if asked is not None:
         return np.broadcast_to(np.array(asked), (len(in_file),)).copy()
     return np.array([np.inf if limit is None else limit for limit in in_file])
+
+
+def optimal_wish(robot: ParallelRobot, request: Request) -> Wish:
+    """What an optimal law for this request is to be best at, with the limits of this robot's motors."""
+    limits = motor_limits(robot, request)
+    return Wish(request.goal, request.duration, request.longest, *limits, request.smoothness)

@@ -30,8 +30,9 @@ from framework.crossing.optimal import (
     points_of,
 )
 from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, crossing_row, demand
-from framework.crossing.polynomial import Ground, check_contacts
+from framework.crossing.polynomial import check_contacts
 from framework.crossing.request import Request
+from framework.crossing.targets import Ground
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw, NotConverged
@@ -54,9 +55,7 @@ ROOM = 1e-5  # share of a limit that is left free when it was exceeded
 class Task(NamedTuple):
     """Where a law is to pass, and what it is to be best at."""
 
-    branch: Branch
-    points: tuple[SingularPoint, ...]
-    targets: Sequence[SingularPoint | CrossingPoint]  # where condition (8) is to hold
+    ground: Ground
     request: Request
     wish: Wish
 
@@ -68,6 +67,16 @@ class Task(NamedTuple):
     def speeds(self) -> Sequence[float] | None:
         """s' at each target [1/s], if asked."""
         return self.request.speeds
+
+    @property
+    def branch(self) -> Branch:
+        """The path as it was followed."""
+        return self.ground.branch
+
+    @property
+    def targets(self) -> Sequence[SingularPoint | CrossingPoint]:
+        """Where condition (8) is to hold."""
+        return self.ground.targets
 
     @property
     def phi(self) -> Smoothstep:
@@ -95,7 +104,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
         NotConverged: deflections and law do not settle together, or the solver gave up.
         As `resolve`.
     """
-    check_contacts(Ground(task.branch, task.points, task.targets))
+    check_contacts(task.ground)
     deflections: Deflections | None = None
     places = _places(task, None, None)
     wish = task.wish
@@ -286,7 +295,7 @@ def _resolved(
     task: Task, law: OptimalLaw, places: Sequence[CrossingPoint]
 ) -> tuple[InverseDynamics, OptimalLaw]:
     """The certified motion of this law, its speed moved with the conditions of the deflecting robot."""
-    branch, tolerance = task.branch, task.request.tolerance
+    branch, searched, tolerance = task.branch, task.ground.searched, task.request.tolerance
     at_rest = _places(task, None, None)
 
     def follow(
@@ -305,7 +314,7 @@ def _resolved(
         return OptimalLaw(y, base.smoothness, base.duration, base.dense_at)
 
     if not branch.robot.n_e or task.geometry == "rigid":
-        dynamics = resolve(branch, task.points, lambda *_: law, geometry=task.geometry, tolerance=tolerance)
+        dynamics = resolve(searched, lambda *_: law, geometry=task.geometry, tolerance=tolerance)
         return dynamics, law
     near, chosen = list(places), [law]
 
@@ -319,7 +328,7 @@ def _resolved(
             chosen.append(follow(near, on_path, law))
         return chosen[-1]
 
-    dynamics = resolve(branch, task.points, choose_law, geometry=task.geometry, tolerance=tolerance)
+    dynamics = resolve(searched, choose_law, geometry=task.geometry, tolerance=tolerance)
     return dynamics, next(known for known in reversed(chosen) if known is dynamics.law)
 
 

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
-from framework.crossing.condition import Condition8
 from framework.crossing.feasibility import feasibility_on_path
-from framework.crossing.limits import motor_limits
-from framework.crossing.optimal import Wish
+from framework.crossing.finish import finished_plan
+from framework.crossing.limits import optimal_wish
 from framework.crossing.optimal_motion import Task, optimal_motion
-from framework.crossing.polynomial import Ground, polynomial_at_rest, polynomial_motion
+from framework.crossing.polynomial import polynomial_at_rest, polynomial_motion
 from framework.crossing.request import Limit, Request
-from framework.crossing.result import Crossing, CrossingPlan, Optimality
-from framework.crossing.targets import targets_of
-from framework.crossing.timing import CrossingTime
+from framework.crossing.result import CrossingPlan, Optimality
+from framework.crossing.targets import Ground, ground_of
 from framework.dynamics.crossings import rigid_crossings
 from framework.dynamics.inverse_dynamics import TOLERANCE
-from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.dynamics.result import SingularityCrossing
 from framework.errors import LimitsExceeded, NoLaw, NotConverged, UncontrolledMotions
-from framework.model import ParallelRobot
-from framework.motion.law import Law, MotionLaw
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.law import Law
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, search_path
 
@@ -117,14 +114,14 @@ def plan_request(
         As `plan_crossing`.
     """
     started = time.perf_counter()
-    branch, points = search_path(robot, request.path) if searched is None else searched
-    work = _Work(Ground(branch, points, targets_of(branch, points, request)), request, started)
+    searched = search_path(robot, request.path) if searched is None else searched
+    work = _Work(ground_of(searched, request), request, started)
     try:
         plan = _best(work)
     except UncontrolledMotions:
         raise
     except NoLaw as refusal:
-        feasible = feasibility_on_path(SearchedPath(branch, points))
+        feasible = feasibility_on_path(searched)
         told = [found.sentence(request.duration) for found in feasible if found is not None]
         raise NoLaw("; ".join([str(refusal), *told])) from None
     exceeded = plan.exceeded if request.keep_limits else {}
@@ -169,66 +166,24 @@ class _Work(NamedTuple):
 
 def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
     """The plan with the polynomial law, and how well that advances."""
-    ground, request = work.ground, work.request
-    dynamics, law, met = polynomial_motion(ground, request)
+    ground, request, started = work
+    dynamics, law, timing = polynomial_motion(ground, request)
     advance = law.advance(request.smoothness)
-    certificate = replace(dynamics.certificate, monotone=advance > 0)
-    reported = tuple(_crossing(found, law, met, law.duration) for found in dynamics.crossings)
-    seconds = time.perf_counter() - work.started
-    plan = CrossingPlan(
-        dynamics.robot, request, law, reported, dynamics, certificate, seconds, "the polynomial advances"
-    )
-    return plan, advance
+    reason = "the polynomial advances" if advance > 0 else "the polynomial, though it overshoots its ends"
+    if request.kind == "polynomial":
+        reason = "it was asked for"
+    seconds = time.perf_counter() - started
+    return finished_plan(ground, request, dynamics, law, timing, seconds=seconds, reason=reason), advance
 
 
 def _optimal(work: _Work, reason: str) -> CrossingPlan:
     """The plan with the optimal law."""
-    ground, request = work.ground, work.request
+    ground, request, started = work
     wish = optimal_wish(ground.branch.robot, request)
-    dynamics, law, best = optimal_motion(Task(*ground, request, wish))
-    certificate = replace(dynamics.certificate, monotone=law.advance(law.smoothness) > 0)
-    optimality = Optimality(wish, best.reference)
-    return CrossingPlan(
-        dynamics.robot,
-        request,
-        law,
-        reported_crossings(dynamics, law),
-        dynamics,
-        certificate,
-        time.perf_counter() - work.started,
-        reason,
-        optimality,
-    )
-
-
-def optimal_wish(robot: ParallelRobot, request: Request) -> Wish:
-    """What an optimal law for this request is to be best at, with the limits of this robot's motors."""
-    limits = motor_limits(robot, request)
-    return Wish(request.goal, request.duration, request.longest, *limits, request.smoothness)
-
-
-def reported_crossings(dynamics: InverseDynamics, law: MotionLaw) -> tuple[Crossing, ...]:
-    """What a finished motion does at its singular instants, whoever chose its law."""
-    return tuple(_crossing(found, law, {}, law.duration) for found in dynamics.crossings)
-
-
-def _crossing(
-    at: SingularityCrossing, law: MotionLaw, met: dict[CrossingTime, Condition8], duration: float
-) -> Crossing:
-    """What the finished motion does at a singular instant; `met` holds the conditions imposed, by timing."""
-    near = [timing for timing in met if abs(timing.time - at.time) < 1e-9 * duration]
-    found = CrossingTime(at.time, float(law(at.time, 1)))
-    time, speed = near[0] if near else found
-    return Crossing(
-        s=at.s,
-        time=time,
-        speed=speed,
-        acceleration=met[near[0]].acceleration(speed) if near else float(law(time, 2)),
-        kind=at.kind,
-        twist=at.twist,
-        platform=at.platform,
-        residual=at.residual,
-        condition=met[near[0]] if near else None,
+    dynamics, law, best = optimal_motion(Task(ground, request, wish))
+    seconds, optimality = time.perf_counter() - started, Optimality(wish, best.reference)
+    return finished_plan(
+        ground, request, dynamics, law, (), seconds=seconds, reason=reason, optimality=optimality
     )
 
 
@@ -261,6 +216,5 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
     Raises:
         As `uncertified_law`.
     """
-    branch, points = searched
-    law = polynomial_at_rest(Ground(branch, points, targets_of(branch, points, request)), request)
-    return law, rigid_crossings(branch, points, law)
+    law = polynomial_at_rest(ground_of(searched, request), request)
+    return law, rigid_crossings(searched.branch, searched.points, law)

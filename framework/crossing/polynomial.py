@@ -13,11 +13,11 @@ from framework.crossing.condition import (
     crossing_point,
 )
 from framework.crossing.request import Request
+from framework.crossing.targets import Ground
 from framework.crossing.timing import CrossingTime, check_advance, choose_timing
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw
-from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import Condition, Law, MotionLaw
 from framework.singularity.points_on_path import SingularPoint
@@ -28,20 +28,12 @@ OF_A_SCENE = (
 )
 
 
-class Ground(NamedTuple):
-    """The path followed, its singular points, and where on it condition (8) is to hold."""
-
-    branch: Branch
-    points: tuple[SingularPoint, ...]
-    targets: Sequence[SingularPoint | CrossingPoint]
-
-
 class PolynomialMotion(NamedTuple):
-    """The certified motion, and the conditions (8) that its law was made to meet, by timing."""
+    """The certified motion, its law, and when and how fast that was made to cross."""
 
     dynamics: InverseDynamics
     law: Law
-    met: dict[CrossingTime, Condition8]
+    timing: tuple[CrossingTime, ...]
 
 
 def polynomial_motion(ground: Ground, request: Request) -> PolynomialMotion:
@@ -50,7 +42,7 @@ def polynomial_motion(ground: Ground, request: Request) -> PolynomialMotion:
     Raises:
         As `plan_crossing`.
     """
-    branch, points, targets = ground
+    branch, points, targets = ground.branch, ground.points, ground.targets
     robot, choice = branch.robot, timing_of(ground, request)
 
     def crossings(
@@ -76,14 +68,10 @@ def polynomial_motion(ground: Ground, request: Request) -> PolynomialMotion:
 
     chosen: list[Law] = []
 
-    dynamics = resolve(branch, points, choose_law, geometry=request.geometry, tolerance=request.tolerance)
+    dynamics = resolve(ground.searched, choose_law, geometry=request.geometry, tolerance=request.tolerance)
     law = next(law for law in reversed(chosen) if law is dynamics.law)
     check_advance(law, [found.s for found in dynamics.crossings], robot.name)
-    met = {
-        crossing_time: condition
-        for (_, condition), crossing_time in zip(crossings(dynamics.deflections, law), choice, strict=True)
-    }
-    return PolynomialMotion(dynamics, law, met)
+    return PolynomialMotion(dynamics, law, choice)
 
 
 def polynomial_at_rest(ground: Ground, request: Request) -> Law:

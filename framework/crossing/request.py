@@ -10,11 +10,11 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.inverse_dynamics import TOLERANCE, check_tolerance, checked_geometry
 from framework.errors import InvalidInput, choose_from
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.cone_program import GOALS
 from framework.motion.law import check_duration, is_number
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
-from framework.motion.path import Path
+from framework.motion.path import Path, expect_path
 
 LAWS = ("auto", "polynomial", "optimal")
 LARGEST_SPEED = 1e6  # whole paths in the duration; what a law can keep is a few
@@ -79,7 +79,8 @@ class Request:
         Raises:
             InvalidInput: an argument that cannot be right; says what is valid.
         """
-        _check_nouns(robot, path)
+        expect_robot(robot)
+        expect_path(path)
         request = Request(
             path=path,
             duration=duration,
@@ -193,13 +194,6 @@ class Request:
             raise InvalidInput(
                 f"smoothness: got {self.smoothness}, the optimal law has at most {HIGHEST_SMOOTHNESS}"
             )
-
-
-def _check_nouns(robot: object, path: object) -> None:
-    if not isinstance(robot, ParallelRobot):
-        raise InvalidInput(f"robot: needs a ParallelRobot, got {robot!r}")
-    if not isinstance(path, Path):
-        raise InvalidInput(f"path: needs a Line, an Arc, a Spline or a path like these, got {path!r}")
 
 
 def _numbers(name: str, given: object) -> tuple[float, ...] | None:

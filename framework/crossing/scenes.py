@@ -9,7 +9,7 @@ from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, choose_from
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import Scene
 from framework.motion.path import Arc, Line, Path, Spline
 
@@ -20,6 +20,7 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
     Raises:
         InvalidInput: the robot has no such scene; lists those it has.
     """
+    expect_robot(robot)
     scenes = robot.description.scenes
     if name not in scenes:
         raise InvalidInput(f"{robot.name}: {choose_from('scene', name, scenes)}")

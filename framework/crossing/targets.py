@@ -2,16 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 from framework.crossing.condition import CrossingPoint, imposed_point
 from framework.crossing.request import Request
 from framework.dynamics.crossings import check_kind
 from framework.errors import InvalidInput, NoLaw
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch
-from framework.model import ParallelRobot
-from framework.singularity.points_on_path import SingularPoint
+from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
 
-def targets_of(
+class Ground(NamedTuple):
+    """The path followed, its singular points, and where on it condition (8) is to hold."""
+
+    searched: SearchedPath
+    targets: Sequence[SingularPoint | CrossingPoint]
+
+    @property
+    def branch(self) -> Branch:
+        """The path as it was followed."""
+        return self.searched.branch
+
+    @property
+    def points(self) -> tuple[SingularPoint, ...]:
+        """The singular points of the undeformed robot on it."""
+        return self.searched.points
+
+
+def ground_of(searched: SearchedPath, request: Request) -> Ground:
+    """A path that has been searched, with the places that a request is about.
+
+    Raises:
+        InvalidInput: times or speeds are not as many as these places.
+        NoLaw, UncontrolledMotions: no law can cross at one of them.
+    """
+    return Ground(searched, _targets(searched.branch, searched.points, request))
+
+
+def _targets(
     branch: Branch, points: tuple[SingularPoint, ...], request: Request
 ) -> list[SingularPoint | CrossingPoint]:
     """Where condition (8) is to hold; refuses what no law can cross."""

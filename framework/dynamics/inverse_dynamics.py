@@ -9,6 +9,7 @@ singular instant itself, and by coefficients that do not fall.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +25,7 @@ from framework.dynamics.crossings import (
 )
 from framework.dynamics.elasticity import Deflected, LawChoice, settle
 from framework.dynamics.forces import motor_torque
+from framework.dynamics.near_misses import near_miss_sentence, unseen_near_miss
 from framework.dynamics.neglected import check_idle_joints, measure_neglected
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import (
@@ -31,15 +33,15 @@ from framework.errors import (
     NotAssembled,
     NotConverged,
     choose_from,
+    expect_call,
 )
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import difference
-from framework.kinematics.tracking import Branch, track_path
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import OVERSHOOT, MotionLaw, PlannedLaw, is_number
 from framework.motion.path import Path
-from framework.singularity.points_on_path import SingularPoint, locate_singularities
+from framework.singularity.points_on_path import SearchedPath, search_path
 
 GEOMETRIES = ("rigid", "deformed")
 LOOSEST = 1e-6  # tolerance that still tells a resolved torque from a pole
@@ -79,14 +81,13 @@ def inverse_dynamics(
         OutOfReach, Type1Singularity, SingularPath: see `locate_singularities`.
     """
     geometry = checked_geometry(robot, geometry)
-    _check_law(law)
-    branch = track_path(robot, path)
-    points = locate_singularities(robot, path, branch=branch)
-    return resolve(branch, points, lambda *_: law, geometry=geometry, tolerance=tolerance)
+    check_law(law)
+    return resolve(search_path(robot, path), lambda *_: law, geometry=geometry, tolerance=tolerance)
 
 
 def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
     """The geometry to use: deformed by default when the robot has springs."""
+    expect_robot(robot)
     if geometry is None:
         return "deformed" if robot.n_e else "rigid"
     if geometry not in GEOMETRIES:
@@ -101,8 +102,7 @@ def check_tolerance(tolerance: float) -> None:
 
 
 def resolve(
-    branch: Branch,
-    points: tuple[SingularPoint, ...],
+    searched: SearchedPath,
     choose_law: LawChoice,
     *,
     geometry: str,
@@ -110,14 +110,15 @@ def resolve(
 ) -> InverseDynamics:
     """Double the nodes until the torques are resolved, or tell why they never are."""
     check_tolerance(tolerance)
+    branch = searched.branch
     law = choose_law(None, None)
-    crossings = rigid_crossings(branch, points, law)
+    crossings = rigid_crossings(branch, searched.points, law)
     fixed_geometry = geometry == "rigid"
     if fixed_geometry:
         check_bounded(branch.robot, crossings, PROVED)
     instants = np.array([crossing.time for crossing in crossings])
     start: TimeFunction | None = None
-    tail = np.inf
+    tail, unseen = np.inf, None
     own_panels = isinstance(law, PlannedLaw) and len(law.edges) > 0
     for size in (FEW, *SIZES) if own_panels else SIZES:
         grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law), size)
@@ -144,22 +145,40 @@ def resolve(
         result = _with_neglected(branch, state, result)
         closed = result.certificate.max_closure_error <= CLOSED_BETWEEN * max(branch.robot.length, 1.0)
         if tail <= tolerance and closed and _law_is_resolved(law, grid):
+            unseen = unseen_near_miss(searched, state, result)
+            if unseen is not None:
+                continue
             check_bounded(branch.robot, crossings, PROVED)
             check_crossings(branch.robot, state, geometry, crossings)
             check_idle_joints(branch, state, result)
             return replace(result, crossings=crossings)
     check_bounded(branch.robot, crossings, POLE)
     gap = result.certificate.max_closure_error
-    open_between = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
-    pole = f"the torques are not resolved (tail {tail:.2g}, tolerance {tolerance:.2g})"
+    missed = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
+    if tail > tolerance:
+        what = f"the torques are not resolved (tail {tail:.2g}, tolerance {tolerance:.2g})"
+    elif unseen is not None:
+        what = f"the torques within {unseen.width:.2g} in s of a near miss are not resolved"
+    else:
+        what = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
+    advice = "is the law smooth, is the path far from other singularities?"
+    if missed is not None:
+        advice = near_miss_sentence(searched, missed)
+    elif len(searched.points) > 1:
+        first, second = min(pairwise(searched.points), key=lambda pair: pair[1].s - pair[0].s)
+        apart = second.s - first.s
+        advice = f"is the law smooth? The path is singular at s = {first.s:.9g} and {apart:.2g} farther on"
     raise NotConverged(
-        f"{branch.robot.name}: {pole if tail > tolerance else open_between} by {grid.size} nodes a panel: is "
-        f"the law smooth, is the path far from other singularities?",
+        f"{branch.robot.name}: {what} by {grid.size} nodes a panel: {advice}",
         residual=tail,
+        s=None if missed is None else missed.s,
+        platform=None if missed is None else branch.path(missed.s),
     )
 
 
-def _check_law(law: MotionLaw) -> None:
+def check_law(law: MotionLaw) -> None:
+    """Raise InvalidInput unless a law has a duration and stays on the path."""
+    expect_call("law", law, ("duration",), "a Law")
     duration = law.duration
     if not (np.isfinite(duration) and duration > 0):
         raise InvalidInput(f"law: duration must be a positive number of seconds, got {duration!r}")
@@ -212,7 +231,7 @@ def _result(
             nodes=len(grid.times),
             tail=max(
                 _tail(torques, _torque_rounding(robot, state.law.duration)),
-                _tail(deflections, 1e-14 * column_scale(robot)[robot.elastic]),
+                _tail(deflections, 1e-14 * robot.column_scale[robot.elastic]),
             ),
             passes=max(len(state.changes), 1),
             change=state.changes[-1] if state.changes else 0.0,

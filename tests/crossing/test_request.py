@@ -113,13 +113,6 @@ def test_misuse_is_told_with_what_was_expected(robot, options, says):
         plan_crossing(robot, LINE, **{"duration": 1.5, **options})
 
 
-def test_a_path_is_no_list_and_a_robot_no_name(robot):
-    with pytest.raises(InvalidInput, match="path: needs a Line"):
-        plan_crossing(robot, [[0.1, 0.345], [-0.05, 0.195]], duration=1.5)
-    with pytest.raises(InvalidInput, match="robot: needs a ParallelRobot, got 'five_bar'"):
-        plan_crossing("five_bar", LINE, duration=1.5)
-
-
 def test_limits_are_those_asked_for_or_the_robot_file_s_less_the_margin(robot):
     asked = Request.of(robot, LINE, duration=1.5, torque_limit=0.4, margin=0.25)
     torque, speed = motor_limits(robot, asked)
