@@ -7,7 +7,8 @@ Bring a robot (`ParallelRobot.from_file`, or `robots.load` for the catalogue) an
 * `assemble`, `forward_kinematics`, `track_path`: where its joints are;
 * `velocity_matrices`: A, B and C of A v = B dq_a + C dq_e; `locate_singularities`: singular points of a path;
 * `plan_crossing`, `plan_scene`: a motion law that passes, its torques and their proof, a `CrossingPlan`;
-* `inverse_dynamics`: the torques of a law of one's own; `simulate`: where torques bring the robot.
+* `inverse_dynamics`: the torques of a law of one's own; `dynamics_at`: what is carried at one instant;
+  `simulate`: where torques bring the robot.
 
 Errors have one base, `FrameworkError`: `InvalidInput` when what was given cannot be right, `NoAnswer` when
 the answer is no. Controllers and studies are in `framework.control`, figures in `framework.show.plots`,

@@ -4,6 +4,7 @@ from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene
+from framework.dynamics.instant import dynamics_at
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.dynamics.result import InverseDynamics
 from framework.errors import (
@@ -21,6 +22,7 @@ from framework.errors import (
     OutputError,
     RobotFileError,
     SingularPath,
+    SingularPose,
     SingularReference,
     Type1Singularity,
     Type2Singularity,
@@ -63,6 +65,7 @@ __all__ = [
     "Simulation",
     "SingularPath",
     "SingularPoint",
+    "SingularPose",
     "SingularReference",
     "Spline",
     "Type1Singularity",
@@ -71,6 +74,7 @@ __all__ = [
     "UncontrolledMotions",
     "assemble",
     "check_robot",
+    "dynamics_at",
     "forward_kinematics",
     "inverse_dynamics",
     "load_plan",
