@@ -30,7 +30,9 @@ PLAN_KEYS = [
     *("certificate", "seconds", "robot_file", "path", "reason", "optimality"),
 ]
 CROSSING_KEYS = ["s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual"]
-CERTIFICATE_KEYS = ["nodes", "tail", "passes", "max_closure_error", "max_residual_torque", "monotone"]
+CERTIFICATE_KEYS = [
+    *("nodes", "tail", "passes", "change", "max_closure_error", "max_residual_torque", "monotone"),
+]
 
 
 @pytest.fixture

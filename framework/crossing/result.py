@@ -235,6 +235,7 @@ class CrossingPlan:
                 "nodes": certificate.nodes,
                 "tail": certificate.tail,
                 "passes": certificate.passes,
+                "change": certificate.change,
                 "max_closure_error": certificate.max_closure_error,
                 "max_residual_torque": certificate.max_residual_torque,
                 "monotone": certificate.monotone,

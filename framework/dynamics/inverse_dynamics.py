@@ -22,6 +22,7 @@ from framework.dynamics.crossings import (
     panel_edges,
     rigid_crossings,
 )
+from framework.dynamics.elastic_pass import spring_scale
 from framework.dynamics.elasticity import Deflected, LawChoice, settle
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.neglected import check_idle_joints, measure_neglected
@@ -48,6 +49,7 @@ SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
 FEW = 32  # nodes of a panel that the law itself asks for, tried first
 # |t_s . W_p| at a crossing over the largest sum of its terms:
 PROVED = 1e-11  # no more than this is rounding, and condition (8) holds
+UNSETTLED = 1e-2  # change of the deflections, over the largest one, of which nothing can be told
 POLE = 1e-6  # more than this is a pole for sure, resolved or not
 SAME_DERIVATIVE = 1e-4  # of its largest value; differentiating values twice loses up to ten digits
 CLOSED_BETWEEN = 1e-9  # loop equations between the nodes, in lengths of the robot and radians
@@ -112,43 +114,101 @@ def resolve(
         check_bounded(branch.robot, crossings, PROVED)
     instants = np.array([crossing.time for crossing in crossings])
     start: TimeFunction | None = None
-    tail = np.inf
+    at_rest, passes, obstacles, enough, pole = law, 0, 0, np.inf, POLE
     own_panels = isinstance(law, PlannedLaw) and len(law.edges) > 0
     for size in (FEW, *SIZES) if own_panels else SIZES:
         grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law), size)
         try:
-            state = settle(branch, grid, choose_law, geometry, start, law)
+            state = settle(
+                branch, grid, choose_law, geometry, start, law, tolerance=min(tolerance, TOLERANCE)
+            )
         except NotAssembled as failure:
-            check_bounded(branch.robot, crossings, POLE)
+            check_bounded(branch.robot, crossings, pole)
             raise NotConverged(
                 f"{branch.robot.name}: the deflections tear the loops open: the springs are too soft for "
-                f"this motion; stiffen them, take more time, or use geometry rigid ({failure})",
+                f"this motion; use stiffer ones or geometry rigid ({failure})",
                 residual=failure.residual,
             ) from None
         except NotConverged:
-            check_bounded(branch.robot, crossings, POLE)
+            check_bounded(branch.robot, crossings, pole)
             raise
-        law = state.law
-        result = _result(branch, state, geometry, crossings)
-        tail = result.certificate.tail
-        start = result.deflections if geometry == "deformed" else None
+        passes += state.passes
+        obstacles += bool(state.obstacle)
+        if state.change > UNSETTLED:  # nothing to build on: once more on the next grid
+            if obstacles > 1:
+                break
+            start, law = None, at_rest
+            continue
+        result = _result(branch, state, geometry, crossings, passes)
+        certificate = result.certificate
+        if not state.plain:  # plain passes are as quick from rest, and free of what this grid leaves
+            start, law = result.deflections, state.law
         if not fixed_geometry:
             crossings = tuple(deformed_crossing(result, crossing) for crossing in crossings)
-        closed = result.certificate.max_closure_error <= CLOSED_BETWEEN * max(branch.robot.length, 1.0)
-        if tail <= tolerance and closed and _law_is_resolved(law, grid):
-            check_bounded(branch.robot, crossings, PROVED)
-            check_crossings(branch.robot, state, geometry, crossings)
-            check_idle_joints(branch, state, result)
-            return replace(result, crossings=crossings)
-    check_bounded(branch.robot, crossings, POLE)
-    gap = result.certificate.max_closure_error
-    open_between = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
-    pole = f"the torques are not resolved (tail {tail:.2g}, tolerance {tolerance:.2g})"
-    raise NotConverged(
-        f"{branch.robot.name}: {pole if tail > tolerance else open_between} by {grid.size} nodes a panel: is "
-        f"the law smooth, is the path far from other singularities?",
-        residual=tail,
+            pole = max(POLE, certificate.change)
+        closed = certificate.max_closure_error <= CLOSED_BETWEEN * max(branch.robot.length, 1.0)
+        left = max(certificate.tail, certificate.change)
+        if closed and _law_is_resolved(state.law, grid):
+            enough = min(enough, left)
+            if left <= tolerance:
+                check_bounded(branch.robot, crossings, PROVED)
+                check_crossings(branch.robot, state, geometry, crossings)
+                check_idle_joints(branch, state, result)
+                return replace(result, crossings=crossings)
+    check_bounded(branch.robot, crossings, pole)
+    if state.change > LOOSEST < enough:
+        raise _not_settled(branch.robot, state)
+    raise _not_resolved(branch.robot, grid, result, tolerance, enough)
+
+
+def _not_settled(robot: ParallelRobot, state: Deflected) -> NotConverged:
+    """What to raise when no deflections were found that their forces cause."""
+    size = np.abs(state.caused / spring_scale(robot))
+    instant, k = divmod(int(np.argmax(size)), robot.n_e)
+    unit = "rad" if spring_scale(robot)[k] == 1.0 else "m"
+    why = f" ({state.obstacle})" if state.obstacle else ""
+    return NotConverged(
+        f"{robot.name}: no deflections found that hold the forces they cause: with "
+        f"{state.caused[instant, k]:.3g} {unit} of {robot.elastic_names[k]} at t = "
+        f"{state.grid.times[instant]:.4g} s, {state.change:.2g} of that is lacking{why}; use stiffer "
+        f"springs, geometry rigid, or another law",
+        residual=state.change,
     )
+
+
+def _not_resolved(
+    robot: ParallelRobot, grid: TimeGrid, result: InverseDynamics, tolerance: float, enough: float
+) -> NotConverged:
+    """What to raise when motion, torques or deflections are not resolved by the finest grid.
+
+    `enough` is the tolerance that some grid met.
+    """
+    certificate = result.certificate
+    if certificate.tail > tolerance:
+        what = f"the torques are not resolved (tail {certificate.tail:.2g}, tolerance {tolerance:.2g})"
+    elif certificate.change > tolerance:
+        what = (
+            f"the deflections are not resolved (one more pass would change them by {certificate.change:.2g} "
+            f"of the largest, tolerance {tolerance:.2g})"
+        )
+    else:
+        gap = certificate.max_closure_error
+        what = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
+    helps = (
+        f"tolerance {_rounded_up(enough):g} would do"
+        if enough < LOOSEST
+        else "is the law smooth, is the path far from other singularities?"
+    )
+    return NotConverged(
+        f"{robot.name}: {what} by {grid.size} nodes a panel: {helps}",
+        residual=max(certificate.tail, certificate.change),
+    )
+
+
+def _rounded_up(value: float) -> float:
+    """Two digits, a little above the value."""
+    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(np.ceil(1.1 * value / unit) * unit)
 
 
 def _check_law(law: MotionLaw) -> None:
@@ -179,7 +239,11 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
 
 
 def _result(
-    branch: Branch, state: Deflected, geometry: str, crossings: tuple[SingularityCrossing, ...]
+    branch: Branch,
+    state: Deflected,
+    geometry: str,
+    crossings: tuple[SingularityCrossing, ...],
+    passes: int,
 ) -> InverseDynamics:
     robot, grid = branch.robot, state.grid
     torques = grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque))
@@ -187,7 +251,7 @@ def _result(
     offsets = grid.fit(u)
     turned = difference(robot, pin.neutral(robot.model), branch.origin[None]) + u
     motor = grid.fit(robot.gear_ratio * turned[:, robot.actuated])
-    deflections = grid.fit(state.q_e)
+    deflections = state.deflections
     s = state.law(grid.times)
     result = InverseDynamics(
         robot=robot,
@@ -204,10 +268,10 @@ def _result(
             nodes=len(grid.times),
             tail=max(
                 _tail(torques, _torque_rounding(robot, state.law.duration)),
-                _tail(deflections, 1e-14 * column_scale(robot)[robot.elastic]),
+                _tail(grid.fit(state.caused), 1e-14 * column_scale(robot)[robot.elastic]),
             ),
-            passes=max(len(state.changes), 1),
-            change=state.changes[-1] if state.changes else 0.0,
+            passes=passes,
+            change=state.change,
             max_closure_error=0.0,
             max_residual_torque=0.0,
             end_speed=_end_speed(robot, state),

@@ -195,7 +195,8 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
             "Forces were taken on the undeformed robot (small displacements)."
             if rigid
             else f"Forces and deflections were computed in turn {certificate.passes} times, until they "
-            f"agreed, and the singular point was found anew on the deformed robot each time."
+            f"agreed to {certificate.change:.1e}, and the singular point was found anew on the deformed "
+            f"robot each time."
         )
     said_of.append(
         "The platform advances along the path all the time (s′ > 0)."
