@@ -1,11 +1,39 @@
-"""Names for the array types that signatures use."""
+"""Array types that signatures use, and frozen objects whose arrays are frozen too."""
 
 from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+_Any = TypeVar("_Any", bound=NDArray[Any])
 
-__all__ = ["Array", "ArrayLike", "IntArray"]
+
+def read_only(array: _Any) -> _Any:
+    """The array if nobody can write to it, else a copy to which nobody can."""
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
+    return array
+
+
+class ReadOnlyArrays:
+    """Base of frozen dataclasses that hold their arrays read-only.
+
+    What they were given stays the giver's own and may change; what they hold does not, so that a law and the
+    torques that were computed for it cannot come apart. A subclass with a `__post_init__` of its own calls
+    this one, too.
+    """
+
+    def __post_init__(self) -> None:
+        for field in fields(self):  # type: ignore[arg-type]  # a subclass is a dataclass
+            value = getattr(self, field.name, None)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, field.name, read_only(value))
+
+
+__all__ = ["Array", "ArrayLike", "IntArray", "ReadOnlyArrays", "read_only"]

@@ -103,6 +103,31 @@ def _nearest(given: str, names: Sequence[str]) -> str | None:
     return next(iter(get_close_matches(given, names, n=1)), None)
 
 
+def expect(what: str, given: object, kind: type, such_as: str) -> None:
+    """Raise InvalidInput unless what was given is of that kind; `such_as` says how one comes by it."""
+    if not isinstance(given, kind):
+        raise InvalidInput(
+            f"{what}: needs a {kind.__name__}, such as {such_as}, got {short(given)} ({type(given).__name__})"
+        )
+
+
+def expect_call(what: str, given: object, attributes: Sequence[str], such_as: str) -> None:
+    """Raise InvalidInput unless what was given can be called, as a function, and has these attributes."""
+    if not callable(given) or not all(hasattr(given, name) for name in attributes):
+        raise InvalidInput(
+            f"{what}: needs {such_as}, or what can be called as {what}(., order) and has "
+            f"{' and '.join(attributes)}, got {short(given)}"
+        )
+
+
+def check_order(order: object, highest: int | None = None) -> None:
+    """Raise InvalidInput unless this can be the order of a derivative, 0 for the value itself."""
+    whole = isinstance(order, int | np.integer) and not isinstance(order, bool)
+    if not whole or int(order) < 0 or (highest is not None and int(order) > highest):  # type: ignore[call-overload]
+        valid = "of at least 0" if highest is None else f"from 0 to {highest}"
+        raise InvalidInput(f"order: must be a whole number {valid}, got {short(order)}")
+
+
 def finite_numbers(what: str, given: ArrayLike, count: int) -> Array:
     """The given numbers as an array (count,).
 
@@ -225,11 +250,18 @@ class LimitsExceeded(NoAnswer):
 
 
 class NotConverged(NoAnswer):
-    """A numerical method did not reach its tolerance; `residual` says how far it came."""
+    """A numerical method did not reach its tolerance; `residual` says how far it came.
 
-    def __init__(self, message: str, *, residual: float) -> None:
+    Where one place on the path is the cause, `s` and `platform` say which.
+    """
+
+    def __init__(
+        self, message: str, *, residual: float, s: float | None = None, platform: Array | None = None
+    ) -> None:
         super().__init__(message)
         self.residual = residual
+        self.s = s
+        self.platform = platform
 
 
 class LostWorkers(NoAnswer):

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from importlib import import_module
 from pkgutil import iter_modules
+from typing import Never
 
 from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
-from framework.errors import InvalidInput, choose_from
+from framework.errors import InvalidInput, choose_from, short
 
 
 def _entries() -> dict[str, CatalogueEntry]:
@@ -22,12 +23,15 @@ def _entries() -> dict[str, CatalogueEntry]:
 CATALOGUE: dict[str, CatalogueEntry] = _entries()
 
 
-def load(name: str, *, flexibility: str = "rigid") -> ParallelRobot:
+def load(name: str, *misplaced: Never, flexibility: str = "rigid") -> ParallelRobot:
     """A robot of the catalogue: rigid, flexible_joints or flexible_links.
 
     Raises:
         InvalidInput: unknown name or flexibility; lists the valid ones.
     """
-    if name not in CATALOGUE:
+    if misplaced:
+        given = short(misplaced[0])
+        raise InvalidInput(f"flexibility: has to be given by name, flexibility={given}, got {given} alone")
+    if name not in tuple(CATALOGUE):  # whatever it is, hashable or not
         raise InvalidInput(choose_from("robot", name, CATALOGUE))
     return CATALOGUE[name].load(flexibility=flexibility)

@@ -1,7 +1,8 @@
 """The planar 5R of the paper: a payload on massless legs, motors behind harmonic drives.
 
 Scenes: A stays clear of the locus, B meets it without condition (8), C crosses it, C-printed keeps the
-paper's rounded singular point to show the pole that 72 micrometres leave.
+paper's rounded singular point to show the pole that 72 micrometres leave. The bow crosses it on a bend, where
+the force on the platform does not vanish but stands at a right angle to t_s.
 """
 
 from __future__ import annotations

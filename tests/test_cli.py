@@ -26,12 +26,15 @@ CLEAR = ["--from", "0.1", "0.345", "--to", "-0.05", "0.295"]  # past it
 PLAN = ["plan", "five_bar"]
 FREE = [*PLAN, *LINE, "--duration", "1.5"]
 PLAN_KEYS = [
-    *("robot", "flexibility", "geometry", "duration", "law", "crossings", "peak_torque", "exceeded"),
-    *("certificate", "seconds", "robot_file", "path", "reason", "optimality"),
+    *("version", "robot", "robot_file", "flexibility", "geometry", "duration", "request", "law", "crossings"),
+    *("peak_torque", "exceeded", "certificate", "reason", "optimality", "seconds"),
 ]
-CROSSING_KEYS = ["s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual"]
+CROSSING_KEYS = [
+    *("s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual", "condition"),
+]
 CERTIFICATE_KEYS = [
-    *("nodes", "tail", "passes", "change", "max_closure_error", "max_residual_torque", "monotone"),
+    *("nodes", "tail", "passes", "change", "max_closure_error", "max_residual_torque", "end_speed"),
+    "monotone",
 ]
 
 
@@ -144,6 +147,23 @@ def test_a_scenes_times_are_named_where_another_duration_does_not_suit_them(cros
     assert "a scene belong to its own duration" in err
 
 
+def test_locate_tells_a_near_miss_with_its_place_and_how_near_it_is(document, crossing):
+    """A level path one micrometre above the locus, whose top is at sqrt(0.06) m, symmetric about x = 0."""
+    beside = ["--from", "0.06", str(0.06**0.5 + 1e-6), "--to", "-0.06", str(0.06**0.5 + 1e-6)]
+    found = document("locate", "five_bar", *beside)
+    assert found["singularities"] == []
+    (miss,) = found["near_misses"]
+    assert miss["s"] == pytest.approx(0.5, abs=1e-9)
+    np.testing.assert_allclose(miss["platform"], [0.0, 0.06**0.5 + 1e-6], atol=1e-9)
+    assert 1e-7 < abs(miss["g"]) < 1e-5
+    text = crossing("locate", "five_bar", *beside)[1]
+    assert "no singularity on the path" in text
+    assert "near miss at s = 0.500000" in text
+    code, _, err = crossing("plan", "five_bar", *beside, "--duration", 1.5)
+    assert code == 1
+    assert "misses a singularity by |g| = " in err
+
+
 def test_locate_finds_none_where_there_is_none(document, crossing):
     assert document("locate", "five_bar", *CLEAR)["singularities"] == []
     assert "no singularity" in crossing("locate", "five_bar", "--scene", "A")[1]
@@ -156,7 +176,8 @@ def test_locate_finds_none_where_there_is_none(document, crossing):
 def test_plan_gives_the_object_of_the_contract(document, flexibility, geometry, degree):
     found = document(*PLAN, "--scene", "C", "--flexibility", flexibility)
     assert list(found) == PLAN_KEYS
-    assert [found[key] for key in PLAN_KEYS[:4]] == ["five_bar", flexibility, geometry, 1.5]
+    keys = ("version", "robot", "robot_file", "flexibility", "geometry", "duration")
+    assert [found[key] for key in keys] == [2, "five_bar", "five_bar", flexibility, geometry, 1.5]
     assert list(found["law"]) == ["degree", "chebyshev", "domain"]
     assert (found["law"]["degree"], found["law"]["domain"]) == (degree, [0.0, 1.5])
     (crossing,) = found["crossings"]
@@ -435,7 +456,7 @@ MISUSE = [
     ("plan five_bar --scene C --flex rigid", ["unrecognized arguments: --flex"]),
     ("plan five_bar --scene C --fast", ["unrecognized arguments: --fast"]),
     ("plan five_bar --scene C --geometry round", ["--geometry", "'round'", "rigid", "deformed"]),
-    ("plan five_bar --scene D", ["unknown scene 'D'", "A, B, C, C-printed"]),
+    ("plan five_bar --scene D", ["unknown scene 'D'", "A, B, C, C-printed, bow"]),
     ("locate five_bar", ["--scene", "--from", "C-printed"]),
     ("locate five_bar --from 0.1 0.345", ["--from and --to"]),
     ("locate five_bar --scene C --from 0.1 0.345", ["--scene", "--from"]),

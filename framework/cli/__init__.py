@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.cli import check, convert, locate, plan, report, robots, robustness, show, simulate
+from framework.cli import check, convert, locate, plan, pose, report, robots, robustness, show, simulate
 from framework.cli.console import complain, one_line, tell
 from framework.cli.parser import Misuse, OneLineParser
 from framework.errors import FrameworkError, NoAnswer
@@ -30,6 +30,7 @@ COMMANDS = (
     check,
     convert,
     locate,
+    pose,
     plan,
     simulate,
     robustness,

@@ -9,28 +9,38 @@ from typing import Any
 import numpy as np
 
 from framework.catalogue import robot_file
-from framework.crossing.plan import plan_crossing
+from framework.crossing.plan import plan_request
+from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import is_plan_folder, load_plan
-from framework.crossing.scenes import asked_by_scene, scene, scene_path
+from framework.crossing.scenes import scene, scene_path, scene_request
 from framework.errors import InvalidInput
-from framework.model import ParallelRobot
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import LARGEST, RobotDescription
 from framework.model.readers.recognise import read_any
 from framework.motion.path import Line, Path
 
-OF_THE_OPTIMAL_LAW = ("law", "optimize", "longest", "torque_limit", "speed_limit", "margin")
+OF_THE_MOTION = (  # arguments of `plan_crossing` that can be typed
+    *("duration", "times", "speeds", "geometry", "smoothness"),
+    *("law", "optimize", "longest", "torque_limit", "speed_limit", "margin", "keep_limits"),
+)
 
 
 def load(options: argparse.Namespace) -> ParallelRobot:
-    """The robot, with the springs of --flexibility where the command has it; warns if there are none."""
+    """The robot, assembled; options as for `load_mechanism`."""
+    return ParallelRobot.of(load_mechanism(options))
+
+
+def load_mechanism(options: argparse.Namespace) -> Mechanism:
+    """The mechanism, with the springs of --flexibility where the command has it; warns if there are none."""
     asked = getattr(options, "flexibility", "rigid")
-    robot = ParallelRobot.from_file(robot_file(options.robot), flexibility=asked, **_said(options))
-    if robot.flexibility != asked:
+    found = Mechanism.from_file(robot_file(options.robot), flexibility=asked, **_said(options))
+    if found.flexibility != asked:
         options.warnings.append(
-            f"{robot.name} has no springs of its own for --flexibility {asked}: taken as {robot.flexibility}"
+            f"{found.name} has no springs of its own for --flexibility {asked}: taken as {found.flexibility}"
         )
-    return robot
+    return found
 
 
 def describe(options: argparse.Namespace) -> RobotDescription:
@@ -82,27 +92,18 @@ def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
     return Line(*ends)
 
 
-def motion_options(options: argparse.Namespace, robot: ParallelRobot) -> dict[str, Any]:
-    """Arguments of `plan_crossing`; what is typed overrides what the scene says."""
-    given: dict[str, Any] = {"duration": None, "times": None, "speeds": None, "at": None}
-    best = _of_the_optimal_law(options)
+def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
+    """What the options ask for; what is typed overrides what the scene says."""
+    given = vars(options)
+    typed = {key: given[key] for key in OF_THE_MOTION if given.get(key) is not None}
+    if "margin" in typed:
+        typed["margin"] = _share("--margin", typed["margin"])
+    along = path(options, robot)
     if options.scene is not None:
-        given = asked_by_scene(scene(robot, options.scene), best)
-    for key in ("duration", "times", "speeds"):
-        if getattr(options, key) is not None:
-            given[key] = getattr(options, key)
-    if given["duration"] is None and not (best.get("optimize") == "time" or "longest" in best):
+        return scene_request(robot, options.scene, **typed)
+    if "duration" not in typed and not (typed.get("optimize") == "time" or "longest" in typed):
         raise InvalidInput("--duration: required with --from and --to")
-    return {**given, "geometry": options.geometry, "smoothness": options.smoothness, **best}
-
-
-def _of_the_optimal_law(options: argparse.Namespace) -> dict[str, Any]:
-    """What is typed of the options that choose the law and its limits."""
-    typed = {key: getattr(options, key, None) for key in OF_THE_OPTIMAL_LAW}
-    best = {key: value for key, value in typed.items() if value is not None}
-    if "margin" in best:
-        best["margin"] = _share("--margin", best["margin"])
-    return best
+    return Request.of(robot, along, **typed)
 
 
 def _share(name: str, text: str) -> float:
@@ -124,29 +125,28 @@ def planned(options: argparse.Namespace) -> CrossingPlan:
     if saved is not None:
         return saved
     robot = load(options)
-    return plan_crossing(robot, path(options, robot), **motion_options(options, robot))
+    return plan_request(robot, request(options, robot))
 
 
 def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
     """The plan in the folder that ROBOT is; None if it is no such folder.
 
     Raises:
-        InvalidInput: options of the motion beside a folder, which has a motion already.
+        InvalidInput: options of the motion beside a folder, which has a motion already; --robot-file
+            without one.
     """
     if not is_plan_folder(options.robot):
+        if options.robot_file is not None:
+            raise InvalidInput("--robot-file: goes with a folder of `crossing plan --out`")
         return None
-    for key in _OF_A_MOTION:
+    for key in _OF_A_PLAN:
         value = getattr(options, key, None)
         if value is not None and (key, value) != ("flexibility", "rigid"):  # rigid may be its default
             name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key).replace("_", "-")
             raise InvalidInput(
                 f"--{name}: the plan in {options.robot} has its own; leave it out, or plan again"
             )
-    return load_plan(options.robot)
+    return load_plan(options.robot, robot_file=options.robot_file)
 
 
-_OF_A_MOTION = (
-    *("scene", "scenes", "start", "end", "duration", "times", "speeds"),
-    *("geometry", "smoothness", "flexibility"),
-    *OF_THE_OPTIMAL_LAW,
-)
+_OF_A_PLAN = ("scene", "scenes", "start", "end", "flexibility", *OF_THE_MOTION)

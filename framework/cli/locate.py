@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from framework.arrays import Array
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_path, add_robot, command
 from framework.crossing.feasibility import feasibility_on_path
 from framework.errors import point
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.singularity.classification import moves_point
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.spring_shift import spring_shift
 
@@ -48,27 +51,42 @@ def run(options: argparse.Namespace) -> Report:
                 "twist": found.twist.tolist(),
                 "platform": found.platform.tolist(),
                 "slope": found.slope,
+                "resolution": found.resolution,
                 "shift": shift,
                 "condition": None if asked is None else asked.to_dict(),
             }
             for found, shift, asked in zip(points, shifts, feasible, strict=True)
         ],
+        "near_misses": [
+            {"s": miss.s, "platform": path(miss.s).tolist(), "g": miss.g} for miss in searched.near_misses
+        ],
     }
-    if not points:
-        return document, f"{robot.name}: no singularity on the path"
     axes = ", ".join(robot.axis_names)
-    lines = []
+    lines = [] if points else [f"{robot.name}: no singularity on the path"]
     for found, shift, asked in zip(points, shifts, feasible, strict=True):
         lines.append(
             f"s = {found.s:.15f}  {found.kind} ({found.contact})  {axes} = {point(found.platform)}  "
-            f"t_s = {point(found.twist)}  dg/ds = {found.slope:.6g}"
+            f"t_s = {twist_text(robot, found.twist)}  dg/ds = {found.slope:.6g}"
         )
+        if found.resolution is not None:
+            lines.append(
+                f"  two crossings nearer together than {found.resolution:.2g} in s would look the same"
+            )
         if shift is not None and robot.n_e:
             moved = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
             lines.append(f"  springs at rest; ds for each m or rad of deflection: {moved or 'none'}")
         if asked is not None:
             lines.append(f"  {asked.sentence()}")
+    lines += [
+        f"near miss at s = {miss.s:.9f}  {axes} = {point(path(miss.s))}  |g| = {abs(miss.g):.3g}"
+        for miss in searched.near_misses
+    ]
     return document, "\n".join(lines)
+
+
+def twist_text(robot: ParallelRobot, twist: Array) -> str:
+    """t_s on the platform's axes, with what is 1 of it."""
+    return f"{point(twist)} of unit {'speed' if moves_point(robot, twist) else 'turning rate'}"
 
 
 def _shift(searched: SearchedPath, found: SingularPoint) -> dict[str, float] | None:

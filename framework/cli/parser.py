@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
-from framework.crossing.plan import LAWS
+from framework.crossing.request import LAWS
 from framework.model.description import FLEXIBILITIES
 from framework.motion.cone_program import GOALS
 
@@ -71,6 +71,15 @@ def add_missing_fields(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--motors", nargs="+", metavar="JOINT", help="joints with a motor")
     group.add_argument(
         "--reference", nargs="+", metavar="JOINT=VALUE", help="near an assembled configuration [rad, m]"
+    )
+
+
+def add_moved_robot(parser: argparse.ArgumentParser) -> None:
+    """--robot-file, for commands that read a folder of `crossing plan --out`."""
+    parser.add_argument(
+        "--robot-file",
+        metavar="FILE",
+        help="of the plan in the folder, if it has moved",
     )
 
 

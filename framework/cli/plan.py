@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
+from framework.cli.locate import twist_text
 from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command, whole
 from framework.cli.raw import report_raw
 from framework.crossing.bound import estimated_best
-from framework.crossing.plan import plan_crossing
+from framework.crossing.plan import plan_request
 from framework.crossing.result import CrossingPlan
+from framework.crossing.saved import FILE, plan_document
 from framework.errors import InvalidInput, point
-from framework.model import ParallelRobot
 from framework.motion.law import Law, PlannedLaw
-from framework.motion.path import Path
 from framework.output import written_together
 
 MOST_SAMPLES = 1_000_000
@@ -36,6 +35,7 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--keep-limits",
         action="store_true",
+        default=None,
         help="refuse a plan beyond the limits of motors or of the URDF's joints, which is otherwise reported",
     )
     parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
@@ -52,40 +52,26 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> Report:
     """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
     robot = arguments.load(options)
-    path, given = arguments.path(options, robot), arguments.motion_options(options, robot)
-    if options.keep_limits and options.raw:
-        raise InvalidInput("--keep-limits: goes with a plan; --raw proves nothing")
-    if not options.raw:
-        given["keep_limits"] = options.keep_limits
+    request = arguments.request(options, robot)
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     out = None if options.out is None else FilePath(options.out)
+    if out is None and options.raw:
+        return report_raw(options, robot, request, None)
     if out is None:
-        return report_raw(options, robot, path, given, None) if options.raw else _planned(robot, path, given)
-    with written_together(out, document="raw.json" if options.raw else "plan.json") as folder:
+        plan = plan_request(robot, request)
+        return plan_document(plan), plan_text(plan)
+    with written_together(out, document="raw.json" if options.raw else FILE) as folder:
         if options.raw:
-            return report_raw(options, robot, path, given, folder)
-        document, text = _planned(robot, path, given, lambda plan: _write_plan(plan, folder, options.samples))
-    return document, f"{text}\n  written to        {out}"
+            return report_raw(options, robot, request, folder)
+        from framework.show.plots import save_figures
 
-
-def _planned(
-    robot: ParallelRobot,
-    path: Path,
-    given: dict[str, Any],
-    write: Callable[[CrossingPlan], None] = lambda plan: None,
-) -> Report:
-    plan = plan_crossing(robot, path, **given)
-    write(plan)
-    return plan.to_dict(), plan_text(plan)
-
-
-def _write_plan(plan: CrossingPlan, folder: FilePath, samples: int) -> None:
-    from framework.show.plots import save_figures
-
-    (folder / "plan.json").write_text(json.dumps(plan.to_dict(), indent=2, allow_nan=False) + "\n")
-    plan.to_csv(folder / "motion.csv", samples)
-    save_figures(plan, folder)
+        plan = plan_request(robot, request)
+        document = plan_document(plan, out)
+        (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+        plan.to_csv(folder / "motion.csv", options.samples)
+        save_figures(plan, folder)
+    return document, f"{plan_text(plan)}\n  written to        {out}"
 
 
 def named(law: PlannedLaw) -> str:
@@ -121,9 +107,9 @@ def plan_text(plan: CrossingPlan) -> str:
             f"{', '.join(robot.axis_names)} = {point(crossing.platform)}"
         )
         lines.append(
-            f"                    t_s = {point(crossing.twist)}, s' = {crossing.speed:.6g} 1/s, s\" = "
-            f"{round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of its "
-            f"peak"
+            f"                    t_s = {twist_text(robot, crossing.twist)}, s' = {crossing.speed:.6g} 1/s, "
+            f's" = {round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of '
+            f"its peak"
         )
     if not plan.crossings:
         lines.append("  crossing          none")
@@ -142,16 +128,16 @@ def plan_text(plan: CrossingPlan) -> str:
         f"N m or N",
     ]
     for joint, excess in plan.exceeded.items():
-        lines.append(f"  mind              {joint} exceeds its limits: {excess}")
+        lines.append(f"  warning           {joint} exceeds its limits: {excess}")
     if certificate.end_speed > 1e-6:
         lines.append(
-            f"  mind              the motors start and stop with {certificate.end_speed:.1e} of their "
+            f"  warning           the motors start and stop with {certificate.end_speed:.1e} of their "
             f"largest speed: the springs carry inertia; a higher --smoothness mends it"
         )
     if not certificate.monotone:
         s = plan.law(np.linspace(0.0, plan.duration, 2001))
         lines.append(
-            f"  mind              the law overshoots its ends (s from {s.min():.6g} to {s.max():.6g}); other "
+            f"  warning           the law overshoots its ends (s from {s.min():.6g} to {s.max():.6g}); other "
             f"times or speeds, or a higher --smoothness, avoid it"
         )
     return "\n".join(lines)

@@ -10,20 +10,18 @@ from typing import Any
 import numpy as np
 
 from framework.cli.parser import Report
-from framework.crossing.plan import uncertified_law
+from framework.crossing.plan import law_before_proof
+from framework.crossing.request import Request
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
-from framework.model import ParallelRobot
-from framework.motion.path import Path
-
-KNOWN = ("duration", "times", "speeds", "at", "smoothness")  # what `uncertified_law` can be told
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.singularity.points_on_path import search_path
 
 
 def report_raw(
     options: argparse.Namespace,
     robot: ParallelRobot,
-    path: Path,
-    given: dict[str, Any],
+    request: Request,
     folder: FilePath | None,
 ) -> Report:
     """The law without its proof: torques sampled as they come.
@@ -31,11 +29,20 @@ def report_raw(
     Raises:
         InvalidInput: the optimal law is asked for, which is nothing without its proof.
     """
-    other = sorted(set(given) - {*KNOWN, "geometry"})
-    if other and given.get("law") != "polynomial":
-        raise InvalidInput(f"--{other[0].replace('_', '-')}: --raw samples the polynomial law only")
-    law, crossings = uncertified_law(robot, path, **{k: v for k, v in given.items() if k in KNOWN})
-    raw = finite_difference_torques(robot, path, law, samples=options.samples, geometry=given["geometry"])
+    if request.kind == "optimal":
+        raise InvalidInput("--raw samples the polynomial law only, which needs no proof to be chosen")
+    if request.keep_limits:
+        raise InvalidInput("--keep-limits: goes with a plan; --raw proves nothing")
+    searched = search_path(robot, request.path)
+    law, crossings = law_before_proof(searched, request)
+    raw = finite_difference_torques(
+        robot,
+        request.path,
+        law,
+        samples=options.samples,
+        geometry=request.geometry,
+        branch=searched.branch,
+    )
     largest = dict(zip(robot.actuator_names, map(float, np.abs(raw.torque).max(axis=0)), strict=True))
     document = {
         "robot": robot.name,

@@ -10,7 +10,7 @@ from framework.control.closed_loop import Run
 from framework.control.study_setup import load_study, versions
 from framework.errors import InvalidInput
 
-OF_A_REPLAY = ("robot", "replay", "controller", "json", "warnings", "parser")
+OF_A_REPLAY = ("robot", "robot_file", "replay", "controller", "json", "warnings", "parser")
 
 
 def replayed(options: argparse.Namespace) -> Report:
@@ -24,7 +24,7 @@ def replayed(options: argparse.Namespace) -> Report:
         if key not in OF_A_REPLAY and value != plain[key]:
             name = {"start": "from", "end": "to"}.get(key, key.replace("_", "-"))
             raise InvalidInput(f"--{name}: the study in {options.robot} has its own; leave it out")
-    setup, saved = load_study(options.robot)
+    setup, saved = load_study(options.robot, robot_file=options.robot_file)
     try:
         failures = {study["controller"]: list(map(dict, study["failures"])) for study in saved["studies"]}
         runs, then = int(saved["runs"]), dict(saved["versions"])

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from framework.cli.parser import Report, command
+from framework.cli.parser import Report, add_moved_robot, command
 from framework.crossing.saved import load_plan
 from framework.errors import InvalidInput
 from framework.output import write_file
@@ -17,6 +17,7 @@ def add(commands: Any) -> None:
     text = "write one HTML page about a plan: scene, figures, law, certificate, parameters, reproduction"
     parser = command(commands, "report", run, text)
     parser.add_argument("folder", metavar="DIR", help="folder of `crossing plan --out`")
+    add_moved_robot(parser)
     parser.add_argument("--html", metavar="FILE", help="where to write it (default: DIR/report.html)")
 
 
@@ -27,7 +28,7 @@ def run(options: argparse.Namespace) -> Report:
 
     if options.html == "":
         raise InvalidInput("--html: needs the name of a file, got an empty text")
-    plan = load_plan(options.folder)
+    plan = load_plan(options.folder, robot_file=options.robot_file)
     page = report_page(plan, name=plan_name(plan, Path(options.folder).resolve().name))
     path = Path(options.html or Path(options.folder) / "report.html")
     write_file(path, page)

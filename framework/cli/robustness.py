@@ -18,6 +18,7 @@ from framework.cli.parser import (
     Report,
     add_flexibility,
     add_motion,
+    add_moved_robot,
     add_path,
     add_robot,
     command,
@@ -25,7 +26,7 @@ from framework.cli.parser import (
     whole,
 )
 from framework.cli.replay import replayed
-from framework.control.closed_loop import SENSORS, Loop
+from framework.control.closed_loop import SENSORS, ControlLoop
 from framework.control.controllers import CONTROLLERS
 from framework.control.kept_runs import KeptRuns, forget
 from framework.control.study import Study, run_study
@@ -51,6 +52,7 @@ def add(commands: Any) -> None:
     add_path(parser)
     add_flexibility(parser)
     add_motion(parser)
+    add_moved_robot(parser)
     parser.add_argument(
         "--controller",
         nargs="+",
@@ -102,11 +104,11 @@ def add(commands: Any) -> None:
         help="largest motor torques [N m] (default: of the robot file, or ten times the peaks of the plan)",
     )
     loop.add_argument(
-        "--band",
+        "--tolerance",
         type=float,
-        default=Loop.band,
+        default=ControlLoop.tolerance,
         metavar="E",
-        help=f"runs that stay this near the plan pass [robot lengths, rad] ({Loop.band:g})",
+        help=f"runs that stay this near the plan pass [robot lengths, rad] ({ControlLoop.tolerance:g})",
     )
 
 
@@ -121,14 +123,16 @@ def run(options: argparse.Namespace) -> Report:
         }
     )
     limit = None if options.limit is None else tuple(options.limit)
-    loop = Loop(band=options.band, end=options.band, limit=limit, sensors=options.sensors)
+    loop = ControlLoop(
+        tolerance=options.tolerance, end=options.tolerance, limit=limit, sensors=options.sensors
+    )
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     setup = StudySetup.of(
         arguments.planned(options), period=options.period, loop=loop, spread=spread, seed=options.seed
     )
     if options.out is None:
-        return _told(setup, _studies(options, setup, {}))
+        return _told(setup, _studies(options, setup, {}), None)
     out = FilePath(options.out)
     kept = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
     with written_together(out, document=FILE) as folder:  # hours of work want a place to go to
@@ -136,7 +140,7 @@ def run(options: argparse.Namespace) -> Report:
             studies = _studies(options, setup, kept)
         except KeyboardInterrupt as stop:
             raise type(stop)(*_what_is_kept(options, kept)) from None
-        document, text = _told(setup, studies)
+        document, text = _told(setup, studies, out)
         _write(studies, document, folder)
     forget(out)
     return document, f"{text}\n  written to        {options.out}"
@@ -147,12 +151,12 @@ def _names(options: argparse.Namespace) -> list[str]:
     return list(dict.fromkeys(options.controller or ["feedforward"]))
 
 
-def _told(setup: StudySetup, studies: list[Study]) -> Report:
+def _told(setup: StudySetup, studies: list[Study], folder: FilePath | None) -> Report:
     robot = setup.plan.robot.name
     document = {
         "robot": robot,
         "runs": len(studies[0].passed),
-        **setup.to_dict(),
+        **setup.to_dict(folder),
         "studies": [_document(study) for study in studies],
     }
     return document, _text(robot, studies)

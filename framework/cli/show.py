@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from framework.cli import arguments
 from framework.cli.console import tell
-from framework.cli.parser import Report, add_flexibility, add_motion, add_robot, command
+from framework.cli.parser import Report, add_flexibility, add_motion, add_moved_robot, add_robot, command
 from framework.errors import InvalidInput, NoAnswer
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import write_file
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ def add(commands: Any) -> None:
     parser.add_argument("--to", dest="end", type=float, nargs="+", metavar="X", help="last platform point")
     add_flexibility(parser)
     add_motion(parser)
+    add_moved_robot(parser)
     parser.add_argument(
         "--html",
         metavar="FILE",
@@ -84,15 +85,8 @@ def _films(options: argparse.Namespace) -> list[Film]:
         return [film_plan(saved, name=plan_name(saved, FilePath(options.robot).resolve().name))]
     line = options.start is not None or options.end is not None
     if options.scenes is None and not line:
-        for option in (
-            "duration",
-            "times",
-            "speeds",
-            "geometry",
-            "smoothness",
-            *arguments.OF_THE_OPTIMAL_LAW,
-        ):
-            if getattr(options, option) is not None:
+        for option in arguments.OF_THE_MOTION:
+            if getattr(options, option, None) is not None:
                 raise InvalidInput(f"--{option}: needs a motion; give --scene, or --from and --to")
         return []
     robot = arguments.load(options)
@@ -104,7 +98,7 @@ def _film(options: argparse.Namespace, robot: ParallelRobot, scene: str | None) 
 
     one = argparse.Namespace(**{**vars(options), "scene": scene})
     name = "" if scene is None else f"Scene {scene}"
-    return film_motion(robot, arguments.path(one, robot), name=name, **arguments.motion_options(one, robot))
+    return film_motion(robot, arguments.request(one, robot), name=name)
 
 
 def _telling_film(options: argparse.Namespace) -> Film:

@@ -14,6 +14,7 @@ from framework.cli.parser import (
     Report,
     add_flexibility,
     add_motion,
+    add_moved_robot,
     add_path,
     add_robot,
     command,
@@ -36,6 +37,7 @@ def add(commands: Any) -> None:
     add_path(parser)
     add_flexibility(parser)
     add_motion(parser)
+    add_moved_robot(parser)
     parser.add_argument(
         "--method",
         choices=tuple(METHODS),

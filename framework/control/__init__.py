@@ -1,1 +1,36 @@
-"""How a planned crossing is driven by a motor controller, and what happens when the model is wrong."""
+"""How a planned crossing is driven by a motor controller, and what happens when the model is wrong.
+
+    reference = reference_of(plan, period=1e-3)
+    study = run_study(tuned_controller("lqr", reference), ControlLoop(), Spread(payload=0.05), runs=200)
+
+`tuned_controller` makes one of `CONTROLLERS` for a plan, `run_closed_loop` drives robots that differ from the
+model as `Spread` says, `run_study` draws and judges many of them, and `load_study` reads what `crossing
+robustness --out` wrote. A controller of one's own follows the protocol `Controller`.
+"""
+
+from framework.control.closed_loop import ControlLoop, Run, run_closed_loop
+from framework.control.controllers import CONTROLLERS, tuned_controller
+from framework.control.estimation import Controller, Measurement
+from framework.control.reference import Reference, reference_of
+from framework.control.study import Study, run_study
+from framework.control.study_setup import StudySetup, load_study
+from framework.control.variation import Spread, Variation, draw
+
+__all__ = [
+    "CONTROLLERS",
+    "ControlLoop",
+    "Controller",
+    "Measurement",
+    "Reference",
+    "Run",
+    "Spread",
+    "Study",
+    "StudySetup",
+    "Variation",
+    "draw",
+    "load_study",
+    "reference_of",
+    "run_closed_loop",
+    "run_study",
+    "tuned_controller",
+]

@@ -9,16 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.control.estimation import Controller, Measurement, State
 from framework.control.reference import Reference
-from framework.control.variation import Spread, Variation, noise_of, unvaried, varied
+from framework.control.variation import Spread, Variation, noise_of, varied
 from framework.errors import InvalidInput, NotAssembled, choose_from
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import integrate
-from framework.kinematics.platform import unwrap
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matvec
-from framework.model import ParallelRobot
 from framework.simulation import Stepper
 
 SENSORS = ("motors", "joints")
@@ -29,21 +27,21 @@ STICKING = 0.02  # Coulomb friction is smoothed below this share of the largest 
 
 
 @dataclass(frozen=True)
-class Loop:
+class ControlLoop:
     """What every run has in common.
 
-    A run passes if the platform never leaves the plan by more than `band` on the way and ends within
+    A run passes if the platform never leaves the plan by more than `tolerance` on the way and ends within
     `end` of the end of the path, in robot lengths and radians. `limit` (n_a) is the largest motor
     torque [N m]; None: the torque limits of the robot file, or else ten times the peaks of the plan.
     """
 
-    band: float = 2.5e-3
+    tolerance: float = 2.5e-3
     end: float = 2.5e-3
     limit: tuple[float, ...] | None = None
     sensors: str = "motors"  # encoders on the motors alone, or on "joints": all of them
 
     def __post_init__(self) -> None:
-        for name in ("band", "end"):
+        for name in ("tolerance", "end"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name}: must be a positive number, got {value!r}")
@@ -52,7 +50,7 @@ class Loop:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(ReadOnlyArrays):
     """What became of R runs; see `Study`."""
 
     passed: NDArray[np.bool_]  # (R,)
@@ -65,7 +63,7 @@ class Run:
     torque: Array | None = None  # (K, R, n_a) if it was recorded
 
 
-def torque_limit(reference: Reference, loop: Loop) -> Array:
+def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
     """Largest motor torques (n_a,) [N m]; raises InvalidInput for a limit that is no torque."""
     planned = 10 * np.abs(reference.torque).max(axis=0)
     if loop.limit is None:
@@ -80,7 +78,7 @@ def torque_limit(reference: Reference, loop: Loop) -> Array:
 
 def run_closed_loop(
     controller: Controller,
-    loop: Loop,
+    loop: ControlLoop,
     spread: Spread,
     variations: Sequence[Variation],
     *,
@@ -105,7 +103,7 @@ def run_closed_loop(
     for k in range(last + 1):
         if k % LOOK == 0 or k == last:
             advanced(k / last)
-            watch.look(ref.times[k], unwrap(nominal, stepper.platform(q, v)[0], ref.x[k]), ref.x[k])
+            watch.look(ref.times[k], nominal.platform.unwrap(stepper.platform(q, v)[0], ref.x[k]), ref.x[k])
         seen = _measured(
             ref, k, stepper, q, v, noise=None if noise is None else noise[k], sensors=loop.sensors
         )
@@ -119,7 +117,7 @@ def run_closed_loop(
             break
         q, v = stepper.step(q, v, given - friction.torque(v), ref.period)
         # one run without numbers would leave none in stacked solves: runs that are over stand at their start
-        slow = np.abs(v) * ref.period < FASTEST * column_scale(nominal)
+        slow = np.abs(v) * ref.period < FASTEST * nominal.column_scale
         watch.lose(ref.times[k + 1], np.asarray(~(np.isfinite(q).all(axis=1) & slow.all(axis=1))))
         q, v = (np.where(watch.alive[:, None], now, first) for now, first in zip((q, v), start, strict=True))
     return watch.verdict(loop, variations)
@@ -131,7 +129,7 @@ def _started(controller: Controller, variations: Sequence[Variation]) -> tuple[S
     real = [varied(ref.robot, variation) for variation in variations]
     count = len(real)
     try:
-        stepper = Stepper.of(real, like=unvaried(ref.robot))
+        stepper = Stepper.of(real, like=ref.robot)
         q, v = stepper.start(np.tile(ref.motion.q[0], (count, 1)), None, np.tile(ref.torque[0], (count, 1)))
     except NotAssembled as error:
         raise InvalidInput(f"places: with so large a spread a robot cannot be assembled: {error}") from None
@@ -150,7 +148,7 @@ def _measured(
     if sensors == "motors":
         return Measurement(angle, speed, None)
     back = np.linalg.pinv(ref.N[k])  # (n, nv)
-    x = unwrap(robot, stepper.platform(q, v)[0], ref.x[k]) + matvec(back, turned)
+    x = robot.platform.unwrap(stepper.platform(q, v)[0], ref.x[k]) + matvec(back, turned)
     return Measurement(
         angle,
         speed,
@@ -246,15 +244,15 @@ class _Watch:
         """Keep the torques (R, n_a) of one sampling period."""
         self.given.append(torque)
 
-    def verdict(self, loop: Loop, variations: Sequence[Variation]) -> Run:
+    def verdict(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
         """Who passed, and why the others did not."""
         error = np.where(self.alive, self.error, LOST)
-        for run in np.flatnonzero(self.alive & (self.worst > loop.band)):
+        for run in np.flatnonzero(self.alive & (self.worst > loop.tolerance)):
             self.why[run] = f"{self.worst[run]:.3g} off the plan on the way"
-        for run in np.flatnonzero(self.alive & (self.worst <= loop.band) & (error > loop.end)):
+        for run in np.flatnonzero(self.alive & (self.worst <= loop.tolerance) & (error > loop.end)):
             self.why[run] = f"{error[run]:.3g} off at the end"
         return Run(
-            passed=self.alive & (self.worst <= loop.band) & (error <= loop.end),
+            passed=self.alive & (self.worst <= loop.tolerance) & (error <= loop.end),
             why=tuple(self.why),
             tracking_error=self.worst,
             end_error=error,

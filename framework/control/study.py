@@ -16,8 +16,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array
-from framework.control.closed_loop import Loop, Run, run_closed_loop
+from framework.arrays import Array, ReadOnlyArrays
+from framework.control.closed_loop import ControlLoop, Run, run_closed_loop
 from framework.control.estimation import Controller
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
@@ -27,8 +27,8 @@ CHUNK = 250  # runs that are stacked; more do not make a run cheaper
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
-    """What became of R runs. `passed`: the platform came to rest near the end of the path, see `Loop`."""
+class Study(ReadOnlyArrays):
+    """What became of R runs. `passed`: the platform came to rest near the end, see `ControlLoop`."""
 
     controller: str
     spread: Spread
@@ -78,7 +78,7 @@ class Keeper(Protocol):
 
 def run_study(
     controller: Controller,
-    loop: Loop,
+    loop: ControlLoop,
     spread: Spread,
     *,
     runs: int,
@@ -182,7 +182,7 @@ def _part_of(tell: Callable[[float], None], size: int, share: float) -> None:
 
 def run_chunk(
     controller: Controller,
-    loop: Loop,
+    loop: ControlLoop,
     spread: Spread,
     seed: int,
     chunk: range,

@@ -9,13 +9,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from framework.control.closed_loop import Loop, Run, run_closed_loop, torque_limit
+from framework.control.closed_loop import ControlLoop, Run, run_closed_loop, torque_limit
 from framework.control.controllers import tuned_controller
 from framework.control.estimation import Controller
 from framework.control.reference import Reference, reference_of
 from framework.control.variation import Spread, draw
 from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import read_document, restored_plan
+from framework.crossing.saved import plan_document, read_document, restored_plan
 from framework.errors import InvalidInput
 
 FILE = "robustness.json"
@@ -28,12 +28,12 @@ class StudySetup:
 
     plan: CrossingPlan  # as it is read back from its own document
     period: float  # [s]
-    loop: Loop  # with the limits of the torques spelled out
+    loop: ControlLoop  # with the limits of the torques spelled out
     spread: Spread
     seed: int
 
     @staticmethod
-    def of(plan: CrossingPlan, *, period: float, loop: Loop, spread: Spread, seed: int) -> StudySetup:
+    def of(plan: CrossingPlan, *, period: float, loop: ControlLoop, spread: Spread, seed: int) -> StudySetup:
         """The setup of a new study.
 
         Torques of the plan are computed anew from its document, to be the same to the last bit as those that
@@ -42,9 +42,9 @@ class StudySetup:
         Raises:
             InvalidInput: a plan that cannot be written down; a period or limits that cannot be.
         """
-        plan = restored_plan(plan.to_dict(), Path(FILE))
+        plan = restored_plan(plan_document(plan), Path(FILE))
         limit = tuple(map(float, torque_limit(reference_of(plan, period=period), loop)))
-        spelled_out = Loop(band=loop.band, end=loop.end, limit=limit, sensors=loop.sensors)
+        spelled_out = ControlLoop(tolerance=loop.tolerance, end=loop.end, limit=limit, sensors=loop.sensors)
         return StudySetup(plan, period, spelled_out, spread, seed)
 
     @cached_property
@@ -61,26 +61,26 @@ class StudySetup:
         variation = draw(self.plan.robot, self.spread, (self.seed, number))
         return run_closed_loop(self.controller(controller), self.loop, self.spread, [variation], record=True)
 
-    def to_dict(self) -> dict[str, Any]:
-        """As robustness.json has it, with the versions of what computes."""
+    def to_dict(self, folder: Path | None = None) -> dict[str, Any]:
+        """As robustness.json in this folder has it, with the versions of what computes."""
         return {
             "seed": self.seed,
             "period": self.period,
             **asdict(self.loop),
             "spread": asdict(self.spread),
-            "plan": self.plan.to_dict(),
+            "plan": plan_document(self.plan, folder),
             "versions": versions(),
         }
 
     @staticmethod
-    def from_dict(saved: dict[str, Any], file: Path) -> StudySetup:
-        """What `to_dict` wrote; `file` is where that stood, for complaints.
+    def from_dict(saved: dict[str, Any], file: Path, *, robot_file: str | None = None) -> StudySetup:
+        """What `to_dict` wrote; `file` is where that stood, `robot_file` the robot's where it has moved.
 
         Raises:
             InvalidInput: it is not that, or the robot has changed since.
         """
         try:
-            loop = Loop(saved["band"], saved["end"], tuple(saved["limit"]), saved["sensors"])
+            loop = ControlLoop(saved["tolerance"], saved["end"], tuple(saved["limit"]), saved["sensors"])
             spread, period, seed = Spread(**saved["spread"]), float(saved["period"]), int(saved["seed"])
             plan = dict(saved["plan"])
         except InvalidInput as error:
@@ -90,7 +90,7 @@ class StudySetup:
                 f"{file}: not a study that `crossing robustness --out` wrote "
                 f"({type(error).__name__}: {error})"
             ) from None
-        return StudySetup(restored_plan(plan, file), period, loop, spread, seed)
+        return StudySetup(restored_plan(plan, file, robot_file=robot_file), period, loop, spread, seed)
 
 
 def versions() -> dict[str, str]:
@@ -99,12 +99,15 @@ def versions() -> dict[str, str]:
     return {**found, "python": platform.python_version(), "machine": platform.machine()}
 
 
-def load_study(folder: str | Path) -> tuple[StudySetup, dict[str, Any]]:
+def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[StudySetup, dict[str, Any]]:
     """The setup of the study that `crossing robustness --out` wrote into a folder, and its whole document.
+
+    Args:
+        robot_file: the robot's, where it is no longer where the study says.
 
     Raises:
         InvalidInput: there is no robustness.json, it is not one of ours, or its robot has changed since.
     """
     file = Path(folder) / FILE
     saved = read_document(file, "robustness")
-    return StudySetup.from_dict(saved, file), saved
+    return StudySetup.from_dict(saved, file, robot_file=robot_file), saved

@@ -1,4 +1,4 @@
-"""Limits of the motors that a law is to keep: given, or the robot file's."""
+"""Limits of the motors that a law is to keep: those asked for, or the robot file's."""
 
 from __future__ import annotations
 
@@ -7,43 +7,29 @@ from collections.abc import Sequence
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import InvalidInput
-from framework.model import ParallelRobot
-from framework.motion.law import is_number
-
-Limit = float | Sequence[float] | None
+from framework.crossing.optimal import Wish
+from framework.crossing.request import Request
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
-def motor_limits(
-    robot: ParallelRobot, torque_limit: Limit, speed_limit: Limit, margin: float
-) -> tuple[Array, Array]:
-    """Largest torques [N m] and speeds [rad/s] (n_a,) of the motors, motor side; infinite if unlimited.
+def motor_limits(robot: ParallelRobot, request: Request) -> tuple[Array, Array]:
+    """Largest torques [N m] and speeds [rad/s] (n_a,) of the motors, motor side, the margin taken off.
 
-    Args:
-        torque_limit, speed_limit: a number for all motors, one for each, or None for the robot file's.
-        margin: share of the limits that is left to the controllers.
-
-    Raises:
-        InvalidInput: a limit is not positive, there are not as many as motors, the margin is not in [0, 1).
+    Infinite where neither the request nor the robot file has a limit.
     """
-    if not (is_number(margin) and 0 <= margin < 1):
-        raise InvalidInput(f"margin: must lie in [0, 1), got {margin!r}")
-    motors = robot.description.actuators
-    torque = _limits(robot, "torque_limit", torque_limit, [motor.torque_limit for motor in motors])
-    speed = _limits(robot, "speed_limit", speed_limit, [motor.speed_limit for motor in motors])
-    return torque * (1.0 - margin), speed * (1.0 - margin)
+    motors, share = robot.description.actuators, 1.0 - request.margin
+    torque = _limits(request.torque_limit, [motor.torque_limit for motor in motors])
+    speed = _limits(request.speed_limit, [motor.speed_limit for motor in motors])
+    return torque * share, speed * share
 
 
-def _limits(robot: ParallelRobot, name: str, given: Limit, in_file: Sequence[float | None]) -> Array:
-    if given is None:
-        return np.array([np.inf if limit is None else limit for limit in in_file])
-    try:
-        values = np.atleast_1d(np.array(given, dtype=float))
-    except (TypeError, ValueError):
-        values = np.empty(0)
-    if values.shape not in ((1,), (robot.n_a,)) or not np.all(np.isfinite(values)) or np.any(values <= 0):
-        raise InvalidInput(
-            f"{name}: needs one positive number, or one for each motor "
-            f"({', '.join(robot.actuator_names)}), got {given!r}"
-        )
-    return np.broadcast_to(values, (robot.n_a,)).copy()
+def _limits(asked: Sequence[float] | None, in_file: Sequence[float | None]) -> Array:
+    if asked is not None:
+        return np.broadcast_to(np.array(asked), (len(in_file),)).copy()
+    return np.array([np.inf if limit is None else limit for limit in in_file])
+
+
+def optimal_wish(robot: ParallelRobot, request: Request) -> Wish:
+    """What an optimal law for this request is to be best at, with the limits of this robot's motors."""
+    limits = motor_limits(robot, request)
+    return Wish(request.goal, request.duration, request.longest, *limits, request.smoothness)

@@ -17,7 +17,7 @@ import scipy.sparse as sparse
 from numpy.polynomial import chebyshev, legendre
 from scipy.optimize import brentq
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.crossing.phase_plane import Demand
 from framework.errors import InvalidInput
 from framework.motion.chebyshev import coefficients as series_through
@@ -42,7 +42,7 @@ COMPARABLE = 4.0  # factor between the guessed and the found scale that needs no
 
 
 @dataclass(frozen=True, eq=False)
-class Wish:
+class Wish(ReadOnlyArrays):
     """What a law is to be best at, and within which limits.
 
     goal: "time", "peak_torque": the largest torque over its limit (or over the same number, for motors

@@ -31,7 +31,9 @@ from framework.crossing.optimal import (
     points_of,
 )
 from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, crossing_row, demand
-from framework.crossing.polynomial import Ground, check_contacts
+from framework.crossing.polynomial import check_contacts
+from framework.crossing.request import Request
+from framework.crossing.targets import Ground
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoLaw, NotConverged
@@ -52,12 +54,28 @@ ROOM = 1e-5  # share of a limit that is left free when it was exceeded
 class Task(NamedTuple):
     """Where a law is to pass, and what it is to be best at."""
 
-    branch: Branch
-    points: tuple[SingularPoint, ...]
-    targets: Sequence[SingularPoint | CrossingPoint]  # where condition (8) is to hold
-    speeds: Sequence[float] | None  # s' at each of them [1/s], if asked
+    ground: Ground
+    request: Request
     wish: Wish
-    geometry: str
+
+    @property
+    def geometry(self) -> str:
+        return self.request.geometry
+
+    @property
+    def speeds(self) -> Sequence[float] | None:
+        """s' at each target [1/s], if asked."""
+        return self.request.speeds
+
+    @property
+    def branch(self) -> Branch:
+        """The path as it was followed."""
+        return self.ground.branch
+
+    @property
+    def targets(self) -> Sequence[SingularPoint | CrossingPoint]:
+        """Where condition (8) is to hold."""
+        return self.ground.targets
 
     @property
     def phi(self) -> Smoothstep:
@@ -77,7 +95,7 @@ class OptimalMotion(NamedTuple):
     best: Best
 
 
-def optimal_motion(task: Task, *, tolerance: float) -> OptimalMotion:
+def optimal_motion(task: Task) -> OptimalMotion:
     """The best law of the least degree that is enough, certified, with all limits kept.
 
     Raises:
@@ -85,7 +103,7 @@ def optimal_motion(task: Task, *, tolerance: float) -> OptimalMotion:
         NotConverged: deflections and law do not settle together, or the solver gave up.
         As `resolve`.
     """
-    check_contacts(Ground(task.branch, task.points, task.targets))
+    check_contacts(task.ground)
     deflections: Deflections | None = None
     places = _places(task, None, None)
     wish = task.wish
@@ -106,7 +124,7 @@ def optimal_motion(task: Task, *, tolerance: float) -> OptimalMotion:
             degree = higher[0]
             continue
         try:
-            dynamics, law = _resolved(task, best.law, places, tolerance)
+            dynamics, law = _resolved(task, best.law, places)
         except NotConverged:
             if roughness >= ROUGHEST:
                 raise
@@ -260,10 +278,10 @@ def _against(task: Task, on_path: OnPath) -> str:
 
 
 def _resolved(
-    task: Task, law: OptimalLaw, places: Sequence[CrossingPoint], tolerance: float
+    task: Task, law: OptimalLaw, places: Sequence[CrossingPoint]
 ) -> tuple[InverseDynamics, OptimalLaw]:
     """The certified motion of this law, its speed moved with the conditions of the deflecting robot."""
-    branch = task.branch
+    branch, searched, tolerance = task.branch, task.ground.searched, task.request.tolerance
     at_rest = _places(task, None, None)
 
     def follow(
@@ -281,7 +299,7 @@ def _resolved(
         return OptimalLaw(y, base.smoothness, base.duration, base.dense_at)
 
     if not branch.robot.n_e or task.geometry == "rigid":
-        dynamics = resolve(branch, task.points, lambda *_: law, geometry=task.geometry, tolerance=tolerance)
+        dynamics = resolve(searched, lambda *_: law, geometry=task.geometry, tolerance=tolerance)
         return dynamics, law
     near, chosen = list(places), [law]
 
@@ -295,7 +313,7 @@ def _resolved(
             chosen.append(follow(near, on_path, law))
         return chosen[-1]
 
-    dynamics = resolve(branch, task.points, choose_law, geometry=task.geometry, tolerance=tolerance)
+    dynamics = resolve(searched, choose_law, geometry=task.geometry, tolerance=tolerance)
     return dynamics, next(known for known in reversed(chosen) if known is dynamics.law)
 
 

@@ -4,41 +4,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-
-from framework.arrays import Array
-from framework.crossing.condition import Condition8
 from framework.crossing.feasibility import feasibility_on_path
-from framework.crossing.limits import Limit, motor_limits
-from framework.crossing.optimal import Wish
+from framework.crossing.finish import finished_plan
+from framework.crossing.limits import optimal_wish
 from framework.crossing.optimal_motion import Task, optimal_motion
-from framework.crossing.polynomial import Ground, polynomial_at_rest, polynomial_motion
-from framework.crossing.request import Request, checked_smoothness, targets_of
-from framework.crossing.result import Crossing, CrossingPlan, Optimality
-from framework.crossing.timing import CrossingTime
+from framework.crossing.polynomial import polynomial_at_rest, polynomial_motion
+from framework.crossing.request import Limit, Request
+from framework.crossing.result import CrossingPlan, Optimality
+from framework.crossing.targets import Ground, ground_of
 from framework.dynamics.crossings import rigid_crossings
-from framework.dynamics.inverse_dynamics import TOLERANCE, checked_geometry
-from framework.dynamics.result import InverseDynamics, SingularityCrossing
-from framework.errors import (
-    InvalidInput,
-    LimitsExceeded,
-    NoLaw,
-    NotConverged,
-    UncontrolledMotions,
-    choose_from,
-)
-from framework.model import ParallelRobot
-from framework.motion.cone_program import GOALS
-from framework.motion.law import Law, MotionLaw, check_duration
-from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
+from framework.dynamics.inverse_dynamics import TOLERANCE
+from framework.dynamics.result import SingularityCrossing
+from framework.errors import LimitsExceeded, NoLaw, NotConverged, UncontrolledMotions
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.law import Law
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, search_path
 
 CREEPING = 0.1  # least speed over its mean (the ends divided out) below which a polynomial is given up
-LAWS = ("auto", "polynomial", "optimal")
 
 
 def plan_crossing(
@@ -99,53 +84,74 @@ def plan_crossing(
 
     Source: Briot and Arakelian 2010, condition (8) and Eqs. (19)-(31).
     """
-    started = time.perf_counter()
-    geometry = checked_geometry(robot, geometry)
-    request = Request(duration, times, speeds, at, checked_smoothness(robot, smoothness))
-    limits = motor_limits(robot, torque_limit, speed_limit, margin)
-    limited = torque_limit is not None or speed_limit is not None or margin > 0
-    asked = optimize is not None or longest is not None or limited
-    kind = _kind_of_law(law, asked, request)
-    free = kind == "optimal" or (kind == "auto" and request.smoothness <= HIGHEST_SMOOTHNESS)
-    wish = _wish(optimize, longest, limits, request) if free else None
-    branch, points = search_path(robot, path) if searched is None else searched
-    work = _Work(
-        Ground(branch, points, targets_of(branch, points, request)), request, geometry, tolerance, started
+    request = Request.of(
+        robot,
+        path,
+        duration=duration,
+        times=times,
+        speeds=speeds,
+        at=at,
+        geometry=geometry,
+        smoothness=smoothness,
+        tolerance=tolerance,
+        law=law,
+        optimize=optimize,
+        longest=longest,
+        torque_limit=torque_limit,
+        speed_limit=speed_limit,
+        margin=margin,
+        keep_limits=keep_limits,
     )
+    return plan_request(robot, request, searched=searched)
+
+
+def plan_request(
+    robot: ParallelRobot, request: Request, *, searched: SearchedPath | None = None
+) -> CrossingPlan:
+    """`plan_crossing` for a request of this robot.
+
+    Raises:
+        As `plan_crossing`.
+    """
+    started = time.perf_counter()
+    searched = search_path(robot, request.path) if searched is None else searched
+    work = _Work(ground_of(searched, request), request, started)
     try:
-        plan = _best(work, wish if kind == "optimal" else None, fallback=wish)
+        plan = _best(work)
     except UncontrolledMotions:
         raise
     except NoLaw as refusal:
-        told = [found.sentence(duration) for found in feasibility_on_path(work.searched) if found is not None]
+        feasible = feasibility_on_path(searched)
+        told = [found.sentence(request.duration) for found in feasible if found is not None]
         raise NoLaw("; ".join([str(refusal), *told])) from None
-    exceeded = plan.exceeded if keep_limits else {}
+    exceeded = plan.exceeded if request.keep_limits else {}
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
         raise LimitsExceeded(f"{robot.name}: the motion leaves limits: {listed}", exceeded=exceeded)
     return plan
 
 
-def _best(work: _Work, wish: Wish | None, *, fallback: Wish | None) -> CrossingPlan:
-    """The plan with the optimal law if there is a wish, else with the polynomial or what it falls back on."""
-    if wish is not None:
-        return _optimal(work, wish, "it was asked for")
+def _best(work: _Work) -> CrossingPlan:
+    """The plan with the law that is asked for, or with the polynomial or what it falls back on."""
+    request = work.request
+    if request.kind == "optimal":
+        return _optimal(work, "it was asked for")
     try:
         plan, advance = _polynomial(work)
     except UncontrolledMotions:
         raise
     except NoLaw as refusal:
-        if fallback is None:
+        if not request.may_be_optimal:
             raise
         try:
-            return _optimal(work, fallback, f"there is no polynomial: {refusal}")
+            return _optimal(work, f"there is no polynomial: {refusal}")
         except (NoLaw, NotConverged) as second:
             raise NoLaw(f"{refusal}; nor does the optimal law help: {second}") from None
-    if fallback is None or not plan.crossings or work.request.speeds is not None or advance >= CREEPING:
+    if not request.may_be_optimal or not plan.crossings or request.speeds is not None or advance >= CREEPING:
         return plan
     nearly_stops = f"the polynomial nearly stops: its least speed is {advance:.2g} of its mean"
     try:
-        return _optimal(work, fallback, nearly_stops)
+        return _optimal(work, nearly_stops)
     except (NoLaw, NotConverged):
         return plan
 
@@ -155,111 +161,29 @@ class _Work(NamedTuple):
 
     ground: Ground
     request: Request
-    geometry: str
-    tolerance: float
     started: float
-
-    @property
-    def searched(self) -> SearchedPath:
-        return SearchedPath(self.ground.branch, self.ground.points)
-
-
-def _kind_of_law(law: str, asked: bool, request: Request) -> str:
-    """Which law to use: "polynomial", "optimal", or "auto" for the first where it does."""
-    if law not in LAWS:
-        raise InvalidInput(choose_from("law", law, LAWS))
-    if asked and law == "polynomial":
-        raise InvalidInput("optimize, longest, limits and margin are for the optimal law, not the polynomial")
-    if asked or law == "optimal":
-        if request.times is not None:
-            raise InvalidInput("times: belong to the polynomial; the optimal law finds its own")
-        return "optimal"
-    if request.duration is None:
-        raise InvalidInput("duration: needed, unless optimize time finds the least, or longest bounds it")
-    return "polynomial" if law == "polynomial" or request.times is not None else "auto"
-
-
-def _wish(optimize: str | None, longest: float | None, limits: tuple[Array, Array], request: Request) -> Wish:
-    goal = "peak_torque" if optimize is None else optimize
-    if goal not in GOALS:
-        raise InvalidInput(choose_from("optimize", goal, GOALS))
-    if longest is not None:
-        check_duration(longest)
-    if longest is not None and request.duration is not None:
-        raise InvalidInput("longest: bounds a duration that is open; give either, not both")
-    if goal == "time" and request.duration is not None:
-        raise InvalidInput("duration: with optimize time it is found; give longest to bound it")
-    if goal == "time" and not (np.isfinite(limits[0]).any() or np.isfinite(limits[1]).any()):
-        raise InvalidInput(
-            "torque_limit: optimize time needs a limit of torque or speed, given or in the robot file"
-        )
-    if goal != "time" and request.duration is None and longest is None:
-        raise InvalidInput(
-            f"duration: optimize {goal} needs one, or longest: without, slower is always better"
-        )
-    if request.smoothness > HIGHEST_SMOOTHNESS:
-        raise InvalidInput(
-            f"smoothness: got {request.smoothness}, the optimal law has at most {HIGHEST_SMOOTHNESS}"
-        )
-    return Wish(goal, request.duration, longest, *limits, request.smoothness)
 
 
 def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
     """The plan with the polynomial law, and how well that advances."""
-    ground, request = work.ground, work.request
-    dynamics, law, met = polynomial_motion(ground, request, geometry=work.geometry, tolerance=work.tolerance)
+    ground, request, started = work
+    dynamics, law, timing = polynomial_motion(ground, request)
     advance = law.advance(request.smoothness)
-    certificate = replace(dynamics.certificate, monotone=advance > 0)
-    reported = tuple(_crossing(found, law, met, law.duration) for found in dynamics.crossings)
-    seconds = time.perf_counter() - work.started
-    robot, path = dynamics.robot, dynamics.path
-    return CrossingPlan(
-        robot, path, law, reported, dynamics, certificate, seconds, "the polynomial advances"
-    ), advance
+    reason = "the polynomial advances" if advance > 0 else "the polynomial, though it overshoots its ends"
+    if request.kind == "polynomial":
+        reason = "it was asked for"
+    seconds = time.perf_counter() - started
+    return finished_plan(ground, request, dynamics, law, timing, seconds=seconds, reason=reason), advance
 
 
-def _optimal(work: _Work, wish: Wish, reason: str) -> CrossingPlan:
+def _optimal(work: _Work, reason: str) -> CrossingPlan:
     """The plan with the optimal law."""
-    ground = work.ground
-    task = Task(ground.branch, ground.points, ground.targets, work.request.speeds, wish, work.geometry)
-    dynamics, law, best = optimal_motion(task, tolerance=work.tolerance)
-    certificate = replace(dynamics.certificate, monotone=law.advance(law.smoothness) > 0)
-    optimality = Optimality(wish, best.reference)
-    return CrossingPlan(
-        dynamics.robot,
-        dynamics.path,
-        law,
-        reported_crossings(dynamics, law),
-        dynamics,
-        certificate,
-        time.perf_counter() - work.started,
-        reason,
-        optimality,
-    )
-
-
-def reported_crossings(dynamics: InverseDynamics, law: MotionLaw) -> tuple[Crossing, ...]:
-    """What a finished motion does at its singular instants, whoever chose its law."""
-    return tuple(_crossing(found, law, {}, law.duration) for found in dynamics.crossings)
-
-
-def _crossing(
-    at: SingularityCrossing, law: MotionLaw, met: dict[CrossingTime, Condition8], duration: float
-) -> Crossing:
-    """What the finished motion does at a singular instant; `met` holds the conditions imposed, by timing."""
-    near = [timing for timing in met if abs(timing.time - at.time) < 1e-9 * duration]
-    found = CrossingTime(at.time, float(law(at.time, 1)))
-    time, speed = near[0] if near else found
-    return Crossing(
-        s=at.s,
-        time=time,
-        speed=speed,
-        acceleration=met[near[0]].acceleration(speed) if near else float(law(time, 2)),
-        kind=at.kind,
-        twist=at.twist,
-        platform=at.platform,
-        residual=at.residual,
-        condition=met[near[0]] if near else None,
+    ground, request, started = work
+    wish = optimal_wish(ground.branch.robot, request)
+    dynamics, law, best = optimal_motion(Task(ground, request, wish))
+    seconds, optimality = time.perf_counter() - started, Optimality(wish, best.reference)
+    return finished_plan(
+        ground, request, dynamics, law, (), seconds=seconds, reason=reason, optimality=optimality
     )
 
 
@@ -272,7 +196,6 @@ def uncertified_law(
     speeds: Sequence[float] | None = None,
     at: Sequence[float] | None = None,
     smoothness: int | None = None,
-    searched: SearchedPath | None = None,
 ) -> tuple[Law, tuple[SingularityCrossing, ...]]:
     """The law of `plan_crossing` on the undeformed robot before anything is proved, for raw sampling.
 
@@ -281,8 +204,17 @@ def uncertified_law(
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
-    request = Request(duration, times, speeds, at, checked_smoothness(robot, smoothness))
-    branch, points = search_path(robot, path) if searched is None else searched
-    ground = Ground(branch, points, targets_of(branch, points, request))
-    law = polynomial_at_rest(ground, request)
-    return law, rigid_crossings(branch, points, law)
+    request = Request.of(
+        robot, path, duration=duration, times=times, speeds=speeds, at=at, smoothness=smoothness
+    )
+    return law_before_proof(search_path(robot, path), request)
+
+
+def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tuple[SingularityCrossing, ...]]:
+    """`uncertified_law` of a request, on a path that has been searched.
+
+    Raises:
+        As `uncertified_law`.
+    """
+    law = polynomial_at_rest(ground_of(searched, request), request)
+    return law, rigid_crossings(searched.branch, searched.points, law)

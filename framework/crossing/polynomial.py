@@ -13,11 +13,11 @@ from framework.crossing.condition import (
     crossing_point,
 )
 from framework.crossing.request import Request
+from framework.crossing.targets import Ground
 from framework.crossing.timing import CrossingTime, check_advance, choose_timing
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw
-from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import Condition, Law, MotionLaw
 from framework.singularity.points_on_path import SingularPoint
@@ -28,31 +28,21 @@ OF_A_SCENE = (
 )
 
 
-class Ground(NamedTuple):
-    """The path followed, its singular points, and where on it condition (8) is to hold."""
-
-    branch: Branch
-    points: tuple[SingularPoint, ...]
-    targets: Sequence[SingularPoint | CrossingPoint]
-
-
 class PolynomialMotion(NamedTuple):
-    """The certified motion, and the conditions (8) that its law was made to meet, by timing."""
+    """The certified motion, its law, and when and how fast that was made to cross."""
 
     dynamics: InverseDynamics
     law: Law
-    met: dict[CrossingTime, Condition8]
+    timing: tuple[CrossingTime, ...]
 
 
-def polynomial_motion(
-    ground: Ground, request: Request, *, geometry: str, tolerance: float
-) -> PolynomialMotion:
+def polynomial_motion(ground: Ground, request: Request) -> PolynomialMotion:
     """The certified motion with the polynomial of least degree; what is open of its timing is chosen.
 
     Raises:
         As `plan_crossing`.
     """
-    branch, points, targets = ground
+    branch, points, targets = ground.branch, ground.points, ground.targets
     robot, choice = branch.robot, timing_of(ground, request)
 
     def crossings(
@@ -60,7 +50,7 @@ def polynomial_motion(
     ) -> list[tuple[CrossingPoint, Condition8]]:
         found = []
         for target, crossing_time in zip(targets, choice, strict=True):
-            here = _deflection(deflections, crossing_time.time) if geometry == "deformed" else None
+            here = _deflection(deflections, crossing_time.time) if request.geometry == "deformed" else None
             if isinstance(target, SingularPoint):
                 near = target.s if before is None else float(before(crossing_time.time))
                 place = crossing_point(branch, target, here, near)
@@ -78,14 +68,10 @@ def polynomial_motion(
 
     chosen: list[Law] = []
 
-    dynamics = resolve(branch, points, choose_law, geometry=geometry, tolerance=tolerance)
+    dynamics = resolve(ground.searched, choose_law, geometry=request.geometry, tolerance=request.tolerance)
     law = next(law for law in reversed(chosen) if law is dynamics.law)
     check_advance(law, [found.s for found in dynamics.crossings], robot.name)
-    met = {
-        crossing_time: condition
-        for (_, condition), crossing_time in zip(crossings(dynamics.deflections, law), choice, strict=True)
-    }
-    return PolynomialMotion(dynamics, law, met)
+    return PolynomialMotion(dynamics, law, choice)
 
 
 def polynomial_at_rest(ground: Ground, request: Request) -> Law:
@@ -126,7 +112,7 @@ def _law(
             (place.s, crossing_time.speed, condition.acceleration(crossing_time.speed))
         )
     ]
-    duration = _duration(request)
+    duration = request.fixed_duration
     try:
         return Law.rest_to_rest(duration, request.smoothness, inner)
     except InvalidInput as problem:
@@ -139,11 +125,11 @@ def _law(
 
 def timing_of(ground: Ground, request: Request) -> tuple[CrossingTime, ...]:
     """Times and speeds of the crossings on the undeformed robot, those left open chosen."""
-    times, speeds, duration = request.times, request.speeds, _duration(request)
+    duration = request.fixed_duration
     if not ground.targets:
         return ()
     check_contacts(ground)
-    for t in times or ():
+    for t in request.times or ():
         if not 0 < t < duration:
             raise InvalidInput(
                 f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
@@ -154,15 +140,7 @@ def timing_of(ground: Ground, request: Request) -> tuple[CrossingTime, ...]:
     def build(crossing_times: Sequence[CrossingTime]) -> Law:
         return _law(crossings, crossing_times, request)
 
-    return choose_timing(
-        [place.s for place, _ in crossings],
-        duration,
-        times,
-        speeds,
-        request.smoothness,
-        build,
-        ground.branch.robot.name,
-    )
+    return choose_timing([place.s for place, _ in crossings], request, build, ground.branch.robot.name)
 
 
 def check_contacts(ground: Ground) -> None:
@@ -174,9 +152,3 @@ def check_contacts(ground: Ground) -> None:
                 f"crossing it; finite torques would ask for condition (8) and its time derivative at once: "
                 f"move the path off the locus or across it"
             )
-
-
-def _duration(request: Request) -> float:
-    if request.duration is None:
-        raise InvalidInput("duration: a polynomial law needs one; only the optimal law can find its own")
-    return request.duration

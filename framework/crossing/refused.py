@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-from framework.crossing.plan import plan_crossing, uncertified_law
+from framework.crossing.plan import law_before_proof, plan_request
+from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.finite_differences import FiniteDifferenceTorques, finite_difference_torques
 from framework.dynamics.result import SingularityCrossing
 from framework.errors import UnboundedTorque
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import track_path
-from framework.model import ParallelRobot
 from framework.motion.law import Law
 from framework.motion.path import Path
 from framework.singularity.points_on_path import search_path
@@ -29,26 +29,22 @@ class RefusedMotion:
     samples: FiniteDifferenceTorques
 
 
-def plan_or_sample(
-    robot: ParallelRobot, path: Path, *, samples: int, **options: Any
-) -> CrossingPlan | RefusedMotion:
+def plan_or_sample(robot: ParallelRobot, request: Request, *, samples: int) -> CrossingPlan | RefusedMotion:
     """The plan of a motion, or where that has a pole its samples; the path is tracked and searched once.
 
     Args:
         samples: how many, equidistant in time.
-        options: of `plan_crossing`.
 
     Raises:
         As `plan_crossing`, but no UnboundedTorque.
     """
+    path = request.path
     searched = search_path(robot, path)
     try:
-        return plan_crossing(robot, path, searched=searched, **options)
+        return plan_request(robot, request, searched=searched)
     except UnboundedTorque as refusal:
         reason = str(refusal)
-    known = ("duration", "times", "speeds", "at", "smoothness")
-    given = {key: options[key] for key in known if key in options}
-    law, crossings = uncertified_law(robot, path, searched=searched, **given)
+    law, crossings = law_before_proof(searched, request)
     if robot.n_e:
         rigid = ParallelRobot.from_description(robot.description, flexibility="rigid")
         branch = track_path(rigid, path)

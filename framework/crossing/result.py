@@ -6,30 +6,30 @@ import csv
 import io
 from dataclasses import dataclass
 from os import PathLike
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
-from framework.catalogue import catalogue
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.crossing.condition import Condition8
 from framework.crossing.optimal import Wish
+from framework.crossing.request import Request
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput
 from framework.kinematics.joint_limits import positions_beyond_limits
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import PlannedLaw, is_number
-from framework.motion.path import Arc, Line, Path, Spline
+from framework.motion.path import Path
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class Crossing(ReadOnlyArrays):
     """One way through a Type 2 singularity, measured on the finished motion.
 
     The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`. `condition` holds the
-    coefficients of condition (8) that the law was made to meet there, None when nothing was asked and it
-    holds all the same. `residual` is |t_s . W_p| over the largest sum of its terms along the motion.
+    coefficients of condition (8) there where the law was made to meet it, None when nothing was asked and
+    it holds all the same. `residual` is |t_s . W_p| over the largest sum of its terms along the motion.
     """
 
     s: float
@@ -44,51 +44,11 @@ class Crossing:
 
 
 @dataclass(frozen=True, eq=False)
-class Optimality:
+class Optimality(ReadOnlyArrays):
     """What an optimal law was made best at, and what its torques were measured against, (n_a,) [N m]."""
 
     wish: Wish
     reference: Array
-
-    def to_dict(self) -> dict[str, Any]:
-        """As plan.json has it; no limit is null."""
-        wish = self.wish
-        return {
-            "optimize": wish.goal,
-            "duration": wish.duration,
-            "longest": wish.longest,
-            "torque_limit": _with_nulls(wish.torque_limit),
-            "speed_limit": _with_nulls(wish.speed_limit),
-            "reference": self.reference.tolist(),
-        }
-
-    @staticmethod
-    def from_dict(saved: dict[str, Any], smoothness: int) -> Optimality:
-        """What `to_dict` wrote.
-
-        Raises:
-            KeyError, TypeError, ValueError: it is not that.
-        """
-        torque, speed = (_without_nulls(saved[key]) for key in ("torque_limit", "speed_limit"))
-        wish = Wish(str(saved["optimize"]), saved["duration"], saved["longest"], torque, speed, smoothness)
-        return Optimality(wish, np.array(saved["reference"], dtype=float))
-
-
-def _with_nulls(limits: Array) -> list[float | None]:
-    return [float(limit) if np.isfinite(limit) else None for limit in limits]
-
-
-def _without_nulls(limits: list[float | None]) -> Array:
-    return np.array([np.inf if limit is None else limit for limit in limits], dtype=float)
-
-
-def path_points(path: Path) -> dict[str, list[list[float]]] | None:
-    """A path as a scene says it, {kind: points}; None for a path of the user's own making."""
-    if isinstance(path, Line):
-        return {"line": [path.start.tolist(), path.end.tolist()]}
-    if isinstance(path, Arc):
-        return {"arc": [path.start.tolist(), path.via.tolist(), path.end.tolist()]}
-    return {"spline": path.points.tolist()} if isinstance(path, Spline) else None
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -96,7 +56,7 @@ class CrossingPlan:
     """A motion law with its torques and its proof. All times in [s], t (T,) gives (T, n_a)."""
 
     robot: ParallelRobot
-    path: Path
+    request: Request
     law: PlannedLaw
     crossings: tuple[Crossing, ...]
     dynamics: InverseDynamics
@@ -104,6 +64,10 @@ class CrossingPlan:
     seconds: float  # time that planning took
     reason: str = ""  # why the law is of its kind
     optimality: Optimality | None = None  # of an optimal law
+
+    @property
+    def path(self) -> Path:
+        return self.request.path
 
     @property
     def duration(self) -> float:
@@ -128,6 +92,14 @@ class CrossingPlan:
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
         """Platform coordinates (T, n) [m, rad], or their derivatives up to order 4."""
         return self.dynamics.platform(t, order)
+
+    def configuration(self, t: ArrayLike) -> Array:
+        """All joint coordinates q (T, nq), passive and elastic ones too, as pinocchio orders them."""
+        return self.dynamics.configuration(t)
+
+    def velocity(self, t: ArrayLike, order: int = 1) -> Array:
+        """Joint velocities (order 1) or accelerations (order 2), (T, nv)."""
+        return self.dynamics.velocity(t, order)
 
     @property
     def peak_torque(self) -> dict[str, float]:
@@ -154,9 +126,8 @@ class CrossingPlan:
                 asked.append(f"speed {speeds[k]:.4g} rad/s of {motor.speed_limit:.4g}")
             if asked:
                 found[motor.joint] = ", ".join(asked)
-        for joint, position in positions_beyond_limits(
-            self.robot, self.dynamics.configuration(times)
-        ).items():
+        beyond = positions_beyond_limits(self.robot.limits, self.dynamics.configuration(times))
+        for joint, position in beyond.items():
             found[joint] = f"{found[joint]}, {position}" if joint in found else position
         return found
 
@@ -200,49 +171,3 @@ class CrossingPlan:
                 stream.write(text.getvalue())
         else:
             file.write(text.getvalue())
-
-    def _robot_file(self) -> str:
-        """The robot's name if it is one of the catalogue, else the path of its file."""
-        name, file = self.robot.name, self.robot.description.file
-        entry = catalogue().get(name)
-        return name if entry is not None and entry.file.samefile(file) else str(file.resolve())
-
-    def to_dict(self) -> dict[str, Any]:
-        """The content of plan.json."""
-        certificate = self.certificate
-        return {
-            "robot": self.robot.name,
-            "flexibility": self.robot.flexibility,
-            "geometry": self.geometry,
-            "duration": self.duration,
-            "law": self.law.to_dict(),
-            "crossings": [
-                {
-                    "s": crossing.s,
-                    "time": crossing.time,
-                    "speed": crossing.speed,
-                    "acceleration": crossing.acceleration,
-                    "kind": crossing.kind,
-                    "twist": crossing.twist.tolist(),
-                    "platform": crossing.platform.tolist(),
-                    "residual": crossing.residual,
-                }
-                for crossing in self.crossings
-            ],
-            "peak_torque": self.peak_torque,
-            "exceeded": self.exceeded,
-            "certificate": {
-                "nodes": certificate.nodes,
-                "tail": certificate.tail,
-                "passes": certificate.passes,
-                "change": certificate.change,
-                "max_closure_error": certificate.max_closure_error,
-                "max_residual_torque": certificate.max_residual_torque,
-                "monotone": certificate.monotone,
-            },
-            "seconds": self.seconds,
-            "robot_file": self._robot_file(),
-            "path": path_points(self.path),
-            "reason": self.reason,
-            "optimality": None if self.optimality is None else self.optimality.to_dict(),
-        }

@@ -1,115 +1,217 @@
-"""A plan read back from the folder that `crossing plan --out` wrote.
+"""plan.json: a plan written down, and read back.
 
-What was saved is the law; torques and proof are computed anew from it, and must be those of the file.
+It holds the request, the law and the verdict. What the law does is computed anew when it is read, torques and
+certificate with it, and must be what the file says: nothing in the file is believed.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import time
-from dataclasses import replace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, fields
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from framework.catalogue import robot_file
-from framework.crossing.plan import reported_crossings
-from framework.crossing.request import checked_smoothness
-from framework.crossing.result import CrossingPlan, Optimality
+from framework.arrays import Array
+from framework.catalogue import catalogue
+from framework.catalogue import robot_file as robot_file_of
+from framework.crossing.finish import finished_plan
+from framework.crossing.limits import optimal_wish
+from framework.crossing.request import Request
+from framework.crossing.result import Crossing, CrossingPlan, Optimality
 from framework.crossing.scenes import path_of
-from framework.dynamics.inverse_dynamics import inverse_dynamics
-from framework.errors import InvalidInput, NoAnswer, choose_from
+from framework.crossing.targets import ground_of
+from framework.crossing.timing import CrossingTime
+from framework.dynamics.inverse_dynamics import check_law, resolve
+from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from
 from framework.input import read_text
-from framework.model import ParallelRobot
-from framework.model.description import FLEXIBILITIES
-from framework.model.readers.recognise import read_any
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw, check_duration
 from framework.motion.optimal_law import OptimalLaw
-from framework.motion.path import Path
+from framework.motion.path import PointPath
+from framework.output import write_file
+from framework.singularity.points_on_path import search_path
 
+FILE = "plan.json"
+VERSION = 2  # of plan.json; files of version 1 had none, and did not say what had been asked
 LARGEST_DOCUMENT = 1_000_000_000  # bytes
-SAME = 1e-6  # peak torques of the file and of the plan computed anew may differ by this share
+LAW_KINDS = (Law.kind, OptimalLaw.kind)
+SAME = 1e-6  # share of its size by which a number of the file and the one computed anew may differ
+
+
+# ------------------------------------------------------------------ written
+
+
+def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:
+    """Write plan.json into a folder, for `load_plan`; returns the file.
+
+    Raises:
+        InvalidInput: see `plan_document`.
+        OutputError: it cannot be written.
+    """
+    file = FilePath(folder) / FILE
+    text = json.dumps(plan_document(plan, file.parent), indent=2, allow_nan=False) + "\n"
+    write_file(file, text, option="save_plan")
+    return file
+
+
+def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[str, Any]:
+    """The content of plan.json, SI units.
+
+    Args:
+        folder: where the file is to stand; the robot file is then told relative to it, where it can be.
+
+    Raises:
+        InvalidInput: the path or the law is of the user's own making, and cannot be written down.
+    """
+    return {
+        "version": VERSION,
+        "robot": plan.robot.name,
+        "robot_file": robot_place(plan.robot, folder),
+        "flexibility": plan.robot.flexibility,
+        "geometry": plan.geometry,
+        "duration": plan.duration,
+        "request": _request_document(plan.request),
+        "law": _law_document(plan.law),
+        "crossings": [_crossing_document(crossing) for crossing in plan.crossings],
+        "peak_torque": plan.peak_torque,
+        "exceeded": plan.exceeded,
+        "certificate": asdict(plan.certificate),
+        "reason": plan.reason,
+        "optimality": None
+        if plan.optimality is None
+        else {"optimize": plan.optimality.wish.goal, "reference": plan.optimality.reference.tolist()},
+        "seconds": plan.seconds,
+    }
+
+
+def robot_place(robot: ParallelRobot, folder: FilePath | None = None) -> str:
+    """The robot's name if it is one of the catalogue, else the path of its file, relative to a folder."""
+    name, file = robot.name, robot.description.file
+    entry = catalogue().get(name)
+    if entry is not None and file.exists() and entry.file.samefile(file):
+        return name
+    if folder is None:
+        return str(file.resolve())
+    try:
+        relative = os.path.relpath(file.resolve(), folder.resolve())
+    except ValueError:  # on another drive
+        return str(file.resolve())
+    return relative if os.path.dirname(relative) else os.path.join(os.curdir, relative)
+
+
+def _request_document(request: Request) -> dict[str, Any]:
+    path = request.path
+    if not isinstance(path, PointPath):
+        raise InvalidInput(
+            f"path: only a line, an arc or a spline can be written down, not {type(path).__name__}; save the "
+            f"motion with plan.to_csv"
+        )
+    rest = {field.name: getattr(request, field.name) for field in fields(request) if field.name != "path"}
+    return {"path": {path.kind: path.points.tolist()}, **rest}
+
+
+def _law_document(law: object) -> dict[str, Any]:
+    document = law.to_dict() if isinstance(law, PlannedLaw) else {"kind": type(law).__name__}
+    kind = document.get("kind", Law.kind)
+    if kind not in LAW_KINDS:
+        raise InvalidInput(
+            f"law: {choose_from('kind of law', kind, LAW_KINDS)}, in a plan that is saved; plan.to_csv "
+            f"saves its motion"
+        )
+    return document
+
+
+def _crossing_document(crossing: Crossing) -> dict[str, Any]:
+    condition = crossing.condition
+    return {
+        "s": crossing.s,
+        "time": crossing.time,
+        "speed": crossing.speed,
+        "acceleration": crossing.acceleration,
+        "kind": crossing.kind,
+        "twist": crossing.twist.tolist(),
+        "platform": crossing.platform.tolist(),
+        "residual": crossing.residual,
+        "condition": None if condition is None else condition._asdict(),
+    }
+
+
+# ------------------------------------------------------------------ read
 
 
 def is_plan_folder(name: str) -> bool:
     """Whether this is a folder with a plan.json in it."""
-    return os.path.isfile(os.path.join(name, "plan.json"))
+    return os.path.isfile(os.path.join(name, FILE))
 
 
-def load_plan(folder: str | FilePath) -> CrossingPlan:
-    """The plan of a folder written by `crossing plan --out`.
+def load_plan(folder: str | FilePath, *, robot_file: str | FilePath | None = None) -> CrossingPlan:
+    """The plan of a folder written by `crossing plan --out` or `save_plan`.
+
+    Request, law, reason and seconds are those of the file. Crossings, torques and certificate are computed
+    anew from the law: the same numbers again for a rigid robot, equal to the accuracy of the certificate
+    for a deformed one, whose deflections then start from another guess.
+
+    Args:
+        robot_file: the robot file, or its name in the catalogue, where it is no longer where the plan says.
 
     Raises:
-        InvalidInput: there is no plan.json, it is not one of ours, or its robot has changed since.
+        InvalidInput: there is no plan.json, it is not one of this version, or its robot has changed since.
         RobotFileError: the robot file is gone or broken.
     """
-    file = FilePath(folder) / "plan.json"
-    return restored_plan(read_document(file, "plan"), file)
+    file = FilePath(folder) / FILE
+    return restored_plan(read_document(file, "plan"), file, robot_file=robot_file)
 
 
-def restored_plan(saved: dict[str, Any], file: FilePath) -> CrossingPlan:
-    """The plan of which `CrossingPlan.to_dict` gave `saved`; `file` is where that stood, for complaints.
+def restored_plan(
+    saved: dict[str, Any], file: FilePath, *, robot_file: str | FilePath | None = None
+) -> CrossingPlan:
+    """The plan of which `plan_document` gave `saved`.
+
+    Args:
+        file: where that stands, for complaints; paths in it are relative to its folder.
 
     Raises:
         InvalidInput, RobotFileError: see `load_plan`.
     """
-    started = time.perf_counter()
-    try:
-        robot = _robot(saved)
-        path = _path(file, saved)
-        law = _law(robot, saved["law"], float(saved["duration"]))
+    if saved.get("version") != VERSION:
+        raise InvalidInput(
+            f"{file}: version: this program reads plans of version {VERSION}, got "
+            f"{saved.get('version', 'none, as before version 2')}; plan again"
+        )
+    with _complaints(file):
+        robot = _robot(saved, file, robot_file)
+        request = _request(robot, saved["request"])
+        law = _law(saved["law"], float(saved["duration"]), request)
+        if saved["geometry"] != request.geometry:
+            raise InvalidInput(f"geometry: {saved['geometry']!r}, but the request says {request.geometry!r}")
         optimality = None
         if isinstance(law, OptimalLaw):
-            optimality = Optimality.from_dict(saved["optimality"], law.smoothness)
-        geometry, peaks = saved["geometry"], {k: float(v) for k, v in saved["peak_torque"].items()}
-    except InvalidInput:
-        raise
-    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        raise InvalidInput(
-            f"{file}: not a plan that `crossing plan --out` wrote ({type(error).__name__}: {error}); "
-            f"plan again"
-        ) from None
+            reference = _numbers("optimality.reference", saved["optimality"]["reference"], (robot.n_a,))
+            optimality = Optimality(optimal_wish(robot, request), reference)
+        timing = [CrossingTime(float(told["time"]), float(told["speed"])) for told in saved["crossings"]]
+        reason, seconds = str(saved["reason"]), float(saved["seconds"])
+        check_law(law)
     try:
-        dynamics = inverse_dynamics(robot, path, law, geometry=geometry)
-    except NoAnswer as error:
+        ground = ground_of(search_path(robot, request.path), request)
+        dynamics = resolve(
+            ground.searched, lambda *_: law, geometry=request.geometry, tolerance=request.tolerance
+        )
+        plan = finished_plan(
+            ground, request, dynamics, law, timing, seconds=seconds, reason=reason, optimality=optimality
+        )
+    except (NoAnswer, InvalidInput) as error:
         raise InvalidInput(
             f"{file}: the robot has changed since, its law fits no more; plan again ({error})"
         ) from None
-    crossings = reported_crossings(dynamics, law)
-    smoothness = (law.degree + 1 - 3 * len(crossings)) // 2 - 1  # the degree of a polynomial counts them
-    certificate = replace(dynamics.certificate, monotone=law.advance(max(smoothness, 0)) > 0)
-    seconds, reason = time.perf_counter() - started, str(saved.get("reason", ""))
-    plan = CrossingPlan(robot, path, law, crossings, dynamics, certificate, seconds, reason, optimality)
-    largest = max(plan.peak_torque.values())
-    for joint, peak in plan.peak_torque.items():
-        if not abs(peak - peaks.get(joint, np.inf)) <= SAME * largest:
-            raise InvalidInput(
-                f"{file}: peak torque of {joint}: the file says {peaks.get(joint)}, the robot now needs "
-                f"{peak:.9g}: the robot has changed since; plan again"
-            )
+    with _complaints(file):
+        _check_same(saved, plan)
     return plan
-
-
-def _law(robot: ParallelRobot, saved: dict[str, Any], duration: float) -> PlannedLaw:
-    """The law of plan.json, by its kind; a polynomial if it names none.
-
-    Raises:
-        InvalidInput, KeyError, TypeError, ValueError: it is no law.
-    """
-    check_duration(duration)
-    kind = saved.get("kind", Law.kind)
-    if kind not in (Law.kind, OptimalLaw.kind):
-        raise InvalidInput(choose_from("kind of law", kind, (Law.kind, OptimalLaw.kind)))
-    key = "chebyshev" if kind == Law.kind else "squared_speed"
-    series = np.array(saved[key], dtype=float)
-    if series.ndim != 1 or series.size < 2 or not np.all(np.isfinite(series)):
-        raise InvalidInput(f"law: {key} must be a list of finite numbers")
-    if kind == Law.kind:
-        return Law(series, duration)
-    dense_at = tuple(float(sigma) for sigma in saved.get("dense_at", ()))
-    return OptimalLaw(series, checked_smoothness(robot, saved["smoothness"]), duration, dense_at)
 
 
 def read_document(file: FilePath, command: str) -> dict[str, Any]:
@@ -129,18 +231,105 @@ def read_document(file: FilePath, command: str) -> dict[str, Any]:
     return saved
 
 
-def _robot(saved: dict[str, Any]) -> ParallelRobot:
-    flexibility = saved["flexibility"]
-    if flexibility not in FLEXIBILITIES:
-        raise ValueError(f"flexibility {flexibility!r}")
-    return ParallelRobot.from_description(read_any(robot_file(saved["robot_file"])), flexibility=flexibility)
-
-
-def _path(file: FilePath, saved: dict[str, Any]) -> Path:
-    given = saved["path"]
-    if given is None:
+@contextmanager
+def _complaints(file: FilePath) -> Iterator[None]:
+    """Complaints about a document name its file; what is missing, or of another type, is no plan of ours."""
+    try:
+        yield
+    except RobotFileError:
+        raise
+    except InvalidInput as error:
+        raise InvalidInput(f"{file}: {error}") from None
+    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise InvalidInput(
-            f"{file}: path: was not a line, an arc or a spline; such a plan cannot be read back"
+            f"{file}: not a plan that `crossing plan --out` wrote ({type(error).__name__}: {error}); "
+            f"plan again"
+        ) from None
+
+
+def _robot(saved: dict[str, Any], file: FilePath, named: str | FilePath | None) -> ParallelRobot:
+    """The robot in the file that is named anew, or else in the one that the plan says."""
+    if named is not None:
+        return ParallelRobot.from_file(robot_file_of(str(named)), flexibility=saved["flexibility"])
+    known, told = catalogue(), str(saved["robot_file"])
+    place = known[told].file if told in known else file.parent / told
+    if not os.path.exists(place):
+        raise RobotFileError(
+            f"{file}: robot_file: there is no {place}; if it has moved, name it again (--robot-file, or "
+            f"robot_file= of load_plan)"
         )
-    ((kind, points),) = given.items()
-    return path_of(kind, points)
+    return ParallelRobot.from_file(place, flexibility=saved["flexibility"])
+
+
+def _request(robot: ParallelRobot, saved: dict[str, Any]) -> Request:
+    rest = dict(saved)
+    ((kind, points),) = rest.pop("path").items()
+    known = [field.name for field in fields(Request) if field.name != "path"]
+    for key in rest:
+        if key not in known:
+            raise InvalidInput(f"request: {choose_from('key', key, known)}")
+    return Request.of(robot, path_of(kind, points), **rest)
+
+
+def _law(saved: dict[str, Any], duration: float, request: Request) -> PlannedLaw:
+    """The law by its kind; a polynomial if it names none."""
+    check_duration(duration)
+    if request.duration not in (None, duration):
+        raise InvalidInput(f"duration: got {duration}, but the request says {request.duration}")
+    kind = saved.get("kind", Law.kind)
+    if kind not in LAW_KINDS:
+        raise InvalidInput(choose_from("kind of law", kind, LAW_KINDS))
+    if kind == Law.kind:
+        return Law(_numbers("law.chebyshev", saved["chebyshev"]), duration)
+    smoothness = saved["smoothness"]
+    if isinstance(smoothness, bool) or smoothness != request.smoothness:
+        raise InvalidInput(f"law.smoothness: got {smoothness!r}, but the request says {request.smoothness}")
+    series = _numbers("law.squared_speed", saved["squared_speed"])
+    return OptimalLaw(series, request.smoothness, duration, tuple(map(float, saved["dense_at"])))
+
+
+def _numbers(key: str, saved: Any, shape: tuple[int, ...] | None = None) -> Array:
+    values = np.array(saved, dtype=float)
+    fits = (values.ndim == 1 and values.size >= 2) if shape is None else values.shape == shape
+    if not fits or not np.all(np.isfinite(values)):
+        raise InvalidInput(f"{key}: must be a list of finite numbers")
+    return values
+
+
+def _check_same(saved: dict[str, Any], plan: CrossingPlan) -> None:
+    """Raise InvalidInput where a file says other than the plan that was computed anew from it."""
+    largest = max(plan.peak_torque.values())
+    for joint, peak in plan.peak_torque.items():
+        _check_number(f"peak torque of {joint}", saved["peak_torque"].get(joint), peak, largest)
+    if len(saved["crossings"]) != len(plan.crossings):
+        raise _changed("crossings", len(saved["crossings"]), len(plan.crossings))
+    pace = 1.0 / plan.duration
+    sizes = {"s": 1.0, "time": plan.duration, "speed": pace, "acceleration": pace**2}
+    for k, (told, crossing) in enumerate(zip(saved["crossings"], plan.crossings, strict=True)):
+        where = f"crossings[{k}]"
+        if told["kind"] != crossing.kind:
+            raise _changed(f"{where}.kind", told["kind"], crossing.kind)
+        for key, size in sizes.items():
+            now = getattr(crossing, key)
+            _check_number(f"{where}.{key}", told[key], now, max(size, abs(now)))
+        _check_number(f"{where}.twist", told["twist"], crossing.twist, 1.0)
+        _check_number(f"{where}.platform", told["platform"], crossing.platform, plan.robot.length)
+        if (told["condition"] is None) != (crossing.condition is None):
+            raise _changed(f"{where}.condition", told["condition"], crossing.condition)
+        for key, now in ({} if crossing.condition is None else crossing.condition._asdict()).items():
+            _check_number(f"{where}.condition.{key}", told["condition"][key], now, told["condition"]["scale"])
+    if saved["certificate"]["monotone"] is not plan.certificate.monotone:
+        raise _changed("certificate.monotone", saved["certificate"]["monotone"], plan.certificate.monotone)
+
+
+def _check_number(key: str, told: Any, now: ArrayLike, size: float) -> None:
+    """Raise InvalidInput unless what the file says is within SAME of its size."""
+    values = np.array(np.nan if told is None else told, dtype=float)
+    if values.shape != np.shape(now) or not np.all(np.abs(values - now) <= SAME * size):
+        raise _changed(key, told, now)
+
+
+def _changed(key: str, told: object, now: object) -> InvalidInput:
+    return InvalidInput(
+        f"{key}: the file says {told}, the robot now needs {now}: the robot has changed since; plan again"
+    )

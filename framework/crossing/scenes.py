@@ -1,14 +1,15 @@
-"""Scenes of a robot file: their path, and their plan."""
+"""Scenes of a robot file: their path, what they ask for, and their plan."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from framework.crossing.plan import plan_crossing
+from framework.crossing.plan import plan_request
+from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, choose_from
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import Scene
 from framework.motion.path import Arc, Line, Path, Spline
 
@@ -19,6 +20,7 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
     Raises:
         InvalidInput: the robot has no such scene; lists those it has.
     """
+    expect_robot(robot)
     scenes = robot.description.scenes
     if name not in scenes:
         raise InvalidInput(f"{robot.name}: {choose_from('scene', name, scenes)}")
@@ -48,19 +50,23 @@ def path_of(kind: str, points: Sequence[Sequence[float]]) -> Path:
 
 def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:
     """`plan_crossing` with what the scene says; keyword options override it."""
-    chosen = scene(robot, name)
-    return plan_crossing(robot, scene_path(chosen), **{**asked_by_scene(chosen, options), **options})
+    return plan_request(robot, scene_request(robot, name, **options))
 
 
-def asked_by_scene(scene: Scene, options: Mapping[str, Any]) -> dict[str, Any]:
-    """What a scene says of the motion, as far as it fits a law of these options of `plan_crossing`.
+def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
+    """What a scene asks for; keyword options of `plan_crossing` override it.
 
-    The timing of its crossings belongs to the polynomial; its duration not to a law that finds its own.
+    The timing of a scene's crossings belongs to the polynomial and is left out where the options are for an
+    optimal law; its duration where they ask for a law that finds its own.
+
+    Raises:
+        InvalidInput: the robot has no such scene, or see `Request.of`.
     """
-    given = {"duration": scene.duration, "times": scene.times, "speeds": scene.speeds, "at": scene.at}
+    chosen = scene(robot, name)
+    given = {"duration": chosen.duration, "times": chosen.times, "speeds": chosen.speeds, "at": chosen.at}
     wanted = [options.get(key) for key in ("optimize", "longest", "torque_limit", "speed_limit", "margin")]
     if options.get("law") == "optimal" or any(value is not None for value in wanted):
         given.update(times=None, speeds=None)
     if options.get("optimize") == "time" or options.get("longest") is not None:
         given.update(duration=None)
-    return given
+    return Request.of(robot, scene_path(chosen), **{**given, **options})

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
+from framework.crossing.request import Request
 from framework.errors import InvalidInput, NoLaw
 from framework.motion.law import OVERSHOOT, Law
 
@@ -26,24 +27,21 @@ class CrossingTime(NamedTuple):
 
 def choose_timing(
     s: Sequence[float],
-    duration: float,
-    times: Sequence[float] | None,
-    speeds: Sequence[float] | None,
-    smoothness: int,
+    request: Request,
     build: Callable[[Sequence[CrossingTime]], Law],
     name: str,
 ) -> tuple[CrossingTime, ...]:
     """Timing of the crossings at path coordinates s (k,), ascending.
 
-    What the user gives is kept. What is open starts from the law that would ignore the crossings, and
+    What the request gives is kept. What is open starts from the law that would ignore the crossings, and
     is then moved, if need be, until the law built by `build` advances comfortably.
 
     Raises:
         NoLaw: no law that always advances was found.
     """
-    if times is not None and speeds is not None:
+    if request.times is not None and request.speeds is not None:
         # what such a law does is for `check_advance` to judge
-        return _timings(np.array(times), np.array(speeds))
+        return _timings(np.array(request.times), np.array(request.speeds))
     if len(s) > MOST_CROSSINGS:
         raise NoLaw(
             f"{name}: the path meets {len(s)} singular points, the first at s = {s[0]:.6g}; a law through "
@@ -51,13 +49,13 @@ def choose_timing(
         )
     best: tuple[CrossingTime, ...] = ()
     score = -np.inf
-    for start in _starts(s, duration, times, speeds, smoothness):
-        found = _advance(build, start, smoothness, duration)
+    for start in _starts(s, request):
+        found = _advance(build, start, request)
         if found > score or not best:
             best, score = start, found
         if score >= COMFORTABLE:
             return best
-    best, score = _improve(best, times is None, speeds is None, smoothness, duration, build)
+    best, score = _improve(best, request, build)
     if score <= 0:
         raise NoLaw(
             f"{name}: no law that always advances found through s = "
@@ -104,15 +102,10 @@ def check_advance(law: Law, s: Sequence[float], name: str) -> None:
             )
 
 
-def _starts(
-    s: Sequence[float],
-    duration: float,
-    times: Sequence[float] | None,
-    speeds: Sequence[float] | None,
-    smoothness: int,
-) -> Iterator[tuple[CrossingTime, ...]]:
+def _starts(s: Sequence[float], request: Request) -> Iterator[tuple[CrossingTime, ...]]:
     """First the law that ignores the crossings, then laws of one cruising speed, ever faster."""
-    plain = Law.rest_to_rest(duration, smoothness)
+    duration, times, speeds = request.fixed_duration, request.times, request.speeds
+    plain = Law.rest_to_rest(duration, request.smoothness)
     when = np.array([_inverse(plain, value) for value in s]) if times is None else np.array(times)
     how_fast = plain(when, 1) if speeds is None else np.array(speeds)
     yield _timings(when, how_fast)
@@ -138,31 +131,29 @@ def _inverse(law: Law, s: float) -> float:
 def _advance(
     build: Callable[[Sequence[CrossingTime]], Law],
     crossing_times: Sequence[CrossingTime],
-    smoothness: int,
-    duration: float,
+    request: Request,
 ) -> float:
     """How well the law advances; negative infinity where there is none."""
+    duration = request.fixed_duration
     t = np.array([0.0, *(m.time for m in crossing_times), duration])
     if np.any(np.diff(t) < 1e-3 * duration) or any(m.speed <= 0 for m in crossing_times):
         return -np.inf
     try:
-        return build(crossing_times).advance(smoothness)
+        return build(crossing_times).advance(request.smoothness)
     except InvalidInput:
         return -np.inf
 
 
 def _improve(
     first: tuple[CrossingTime, ...],
-    open_times: bool,
-    open_speeds: bool,
-    smoothness: int,
-    duration: float,
+    request: Request,
     build: Callable[[Sequence[CrossingTime]], Law],
 ) -> tuple[tuple[CrossingTime, ...], float]:
     """Nelder-Mead on what is open, until the law advances comfortably."""
     from scipy.optimize import minimize
 
-    count = len(first)
+    count, duration = len(first), request.fixed_duration
+    open_times, open_speeds = request.times is None, request.speeds is None
 
     def crossing_times(free: Array) -> tuple[CrossingTime, ...]:
         shift = free[:count] if open_times else np.zeros(count)
@@ -173,7 +164,7 @@ def _improve(
         )
 
     def cost(free: Array) -> float:
-        score = _advance(build, crossing_times(free), smoothness, duration)
+        score = _advance(build, crossing_times(free), request)
         return 1e6 if np.isneginf(score) else -min(score, COMFORTABLE)
 
     unknowns = count * (open_times + open_speeds)
@@ -190,4 +181,4 @@ def _improve(
         },
     )
     best = crossing_times(found.x)
-    return best, _advance(build, best, smoothness, duration)
+    return best, _advance(build, best, request)

@@ -11,8 +11,8 @@ from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque, point
 from framework.kinematics.inverse_kinematics import close_loops, mode_signs, motion_at, system_at
 from framework.kinematics.loop_matrices import measured_matrix
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch, escaping
-from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
 from framework.motion.law import MotionLaw, PlannedLaw
 from framework.motion.path import Path, along
@@ -28,12 +28,12 @@ def panel_edges(path: Path, law: MotionLaw) -> Array:
     whole = np.array([0.0, law.duration])
     if isinstance(law, PlannedLaw) and len(law.edges):
         whole = law.edges
-    inner = [_instants(law, whole, knot) for knot in path.knots]
+    inner = [instants(law, whole, knot) for knot in path.knots]
     return np.unique(np.concatenate([whole, *inner])) if inner else whole
 
 
-def _instants(law: MotionLaw, edges: Array, s: float) -> Array:
-    """All t with law(t) = s."""
+def instants(law: MotionLaw, edges: Array, s: float) -> Array:
+    """All t (k,) with law(t) = s, ascending; `edges` bound the panels on which the law is smooth."""
     grid = TimeGrid(edges, 65)
     function = grid.fit(np.asarray(law(grid.times))[:, None])
     found = []
@@ -63,7 +63,7 @@ def rigid_crossings(
     for at in points:
         check_kind(branch.robot, at)
     edges = panel_edges(branch.path, law)
-    return tuple(_rigid_crossing(branch, law, t, at) for at in points for t in _instants(law, edges, at.s))
+    return tuple(_rigid_crossing(branch, law, t, at) for at in points for t in instants(law, edges, at.s))
 
 
 def check_kind(robot: ParallelRobot, at: SingularPoint) -> None:

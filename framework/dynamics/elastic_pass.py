@@ -8,12 +8,10 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.forces import Forces, loop_forces
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import Motion, close_loops, joint_rates, motion_at
-from framework.kinematics.platform import platform_residual
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch
-from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw
 from framework.motion.path import along
@@ -63,7 +61,7 @@ def moving(
         near = integrate(robot, branch.guess(s[0]), step)
     else:  # along the tangent, by the factors that are there already
         system = before.motion.system
-        ahead = -platform_residual(robot, system.frames, x)
+        ahead = -robot.platform.residual(system.frames, x)
         near = integrate(robot, before.motion.q, joint_rates(robot, system, ahead, q_e - before.q_e))
     closed = close_loops(robot, x, near)
     if not robot.n_e:
@@ -73,4 +71,4 @@ def moving(
 
 def spring_scale(robot: ParallelRobot) -> Array:
     """Length of the robot for springs that stretch, 1 for those that turn (n_e,)."""
-    return np.asarray(column_scale(robot)[robot.elastic])
+    return np.asarray(robot.column_scale[robot.elastic])

@@ -34,9 +34,9 @@ from framework.dynamics.elastic_pass import Pass, moving, one_pass, spring_scale
 from framework.dynamics.forces import Forces
 from framework.errors import NoAnswer, NotConverged
 from framework.kinematics.inverse_kinematics import Motion
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch
 from framework.linalg.krylov import gmres
-from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw
 

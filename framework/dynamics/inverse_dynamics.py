@@ -22,28 +22,28 @@ from framework.dynamics.crossings import (
     panel_edges,
     rigid_crossings,
 )
-from framework.dynamics.elastic_pass import spring_scale
 from framework.dynamics.elasticity import Deflected, LawChoice, settle
 from framework.dynamics.forces import motor_torque
+from framework.dynamics.near_misses import unseen_near_miss
 from framework.dynamics.neglected import check_idle_joints, measure_neglected
+from framework.dynamics.refusals import LOOSEST, not_resolved, not_settled
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import (
     InvalidInput,
     NotAssembled,
     NotConverged,
     choose_from,
+    expect_call,
 )
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import difference
-from framework.kinematics.tracking import Branch, track_path
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import OVERSHOOT, MotionLaw, PlannedLaw, is_number
 from framework.motion.path import Path
-from framework.singularity.points_on_path import SingularPoint, locate_singularities
+from framework.singularity.points_on_path import SearchedPath, search_path
 
 GEOMETRIES = ("rigid", "deformed")
-LOOSEST = 1e-6  # tolerance that still tells a resolved torque from a pole
 TOLERANCE = 1e-10  # tail of the torques that counts as resolved
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
 FEW = 32  # nodes of a panel that the law itself asks for, tried first
@@ -81,14 +81,13 @@ def inverse_dynamics(
         OutOfReach, Type1Singularity, SingularPath: see `locate_singularities`.
     """
     geometry = checked_geometry(robot, geometry)
-    _check_law(law)
-    branch = track_path(robot, path)
-    points = locate_singularities(robot, path, branch=branch)
-    return resolve(branch, points, lambda *_: law, geometry=geometry, tolerance=tolerance)
+    check_law(law)
+    return resolve(search_path(robot, path), lambda *_: law, geometry=geometry, tolerance=tolerance)
 
 
 def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
     """The geometry to use: deformed by default when the robot has springs."""
+    expect_robot(robot)
     if geometry is None:
         return "deformed" if robot.n_e else "rigid"
     if geometry not in GEOMETRIES:
@@ -96,25 +95,31 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
     return geometry if robot.n_e else "rigid"
 
 
+def check_tolerance(tolerance: float) -> None:
+    """Raise InvalidInput unless the tolerance tells a resolved torque from a pole."""
+    if not (is_number(tolerance) and 0 < tolerance <= LOOSEST):
+        raise InvalidInput(f"tolerance: must lie in (0, {LOOSEST:g}], got {tolerance!r}")
+
+
 def resolve(
-    branch: Branch,
-    points: tuple[SingularPoint, ...],
+    searched: SearchedPath,
     choose_law: LawChoice,
     *,
     geometry: str,
     tolerance: float,
 ) -> InverseDynamics:
     """Double the nodes until the torques are resolved, or tell why they never are."""
-    if not (is_number(tolerance) and 0 < tolerance <= LOOSEST):
-        raise InvalidInput(f"tolerance: must lie in (0, {LOOSEST:g}], got {tolerance!r}")
+    check_tolerance(tolerance)
+    branch = searched.branch
     law = choose_law(None, None)
-    crossings = rigid_crossings(branch, points, law)
+    crossings = rigid_crossings(branch, searched.points, law)
     fixed_geometry = geometry == "rigid"
     if fixed_geometry:
         check_bounded(branch.robot, crossings, PROVED)
     instants = np.array([crossing.time for crossing in crossings])
     start: TimeFunction | None = None
-    at_rest, passes, obstacles, enough, pole = law, 0, 0, np.inf, POLE
+    at_rest, passes, obstacles, pole = law, 0, 0, POLE
+    enough, unseen = np.inf, None
     own_panels = isinstance(law, PlannedLaw) and len(law.edges) > 0
     for size in (FEW, *SIZES) if own_panels else SIZES:
         grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law), size)
@@ -126,7 +131,7 @@ def resolve(
             check_bounded(branch.robot, crossings, pole)
             raise NotConverged(
                 f"{branch.robot.name}: the deflections tear the loops open: the springs are too soft for "
-                f"this motion; use stiffer ones or geometry rigid ({failure})",
+                f"this motion; use stiffer springs or geometry rigid ({failure})",
                 residual=failure.residual,
             ) from None
         except NotConverged:
@@ -147,71 +152,26 @@ def resolve(
             crossings = tuple(deformed_crossing(result, crossing) for crossing in crossings)
             pole = max(POLE, certificate.change)
         closed = certificate.max_closure_error <= CLOSED_BETWEEN * max(branch.robot.length, 1.0)
+        if not (closed and _law_is_resolved(state.law, grid)):
+            continue
         left = max(certificate.tail, certificate.change)
-        if closed and _law_is_resolved(state.law, grid):
-            enough = min(enough, left)
-            if left <= tolerance:
-                check_bounded(branch.robot, crossings, PROVED)
-                check_crossings(branch.robot, state, geometry, crossings)
-                check_idle_joints(branch, state, result)
-                return replace(result, crossings=crossings)
+        if left <= LOOSEST:
+            unseen = unseen_near_miss(searched, state, result)
+            enough = min(enough, left) if unseen is None else enough
+        if left <= tolerance and unseen is None:
+            check_bounded(branch.robot, crossings, PROVED)
+            check_crossings(branch.robot, state, geometry, crossings)
+            check_idle_joints(branch, state, result)
+            return replace(result, crossings=crossings)
     check_bounded(branch.robot, crossings, pole)
     if state.change > LOOSEST < enough:
-        raise _not_settled(branch.robot, state)
-    raise _not_resolved(branch.robot, grid, result, tolerance, enough)
+        raise not_settled(branch.robot, state)
+    raise not_resolved(searched, result, tolerance, size=grid.size, enough=enough, unseen=unseen)
 
 
-def _not_settled(robot: ParallelRobot, state: Deflected) -> NotConverged:
-    """What to raise when no deflections were found that their forces cause."""
-    size = np.abs(state.caused / spring_scale(robot))
-    instant, k = divmod(int(np.argmax(size)), robot.n_e)
-    unit = "rad" if spring_scale(robot)[k] == 1.0 else "m"
-    why = f" ({state.obstacle})" if state.obstacle else ""
-    return NotConverged(
-        f"{robot.name}: no deflections found that hold the forces they cause: with "
-        f"{state.caused[instant, k]:.3g} {unit} of {robot.elastic_names[k]} at t = "
-        f"{state.grid.times[instant]:.4g} s, {state.change:.2g} of that is lacking{why}; use stiffer "
-        f"springs, geometry rigid, or another law",
-        residual=state.change,
-    )
-
-
-def _not_resolved(
-    robot: ParallelRobot, grid: TimeGrid, result: InverseDynamics, tolerance: float, enough: float
-) -> NotConverged:
-    """What to raise when motion, torques or deflections are not resolved by the finest grid.
-
-    `enough` is the tolerance that some grid met.
-    """
-    certificate = result.certificate
-    if certificate.tail > tolerance:
-        what = f"the torques are not resolved (tail {certificate.tail:.2g}, tolerance {tolerance:.2g})"
-    elif certificate.change > tolerance:
-        what = (
-            f"the deflections are not resolved (one more pass would change them by {certificate.change:.2g} "
-            f"of the largest, tolerance {tolerance:.2g})"
-        )
-    else:
-        gap = certificate.max_closure_error
-        what = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
-    helps = (
-        f"tolerance {_rounded_up(enough):g} would do"
-        if enough < LOOSEST
-        else "is the law smooth, is the path far from other singularities?"
-    )
-    return NotConverged(
-        f"{robot.name}: {what} by {grid.size} nodes a panel: {helps}",
-        residual=max(certificate.tail, certificate.change),
-    )
-
-
-def _rounded_up(value: float) -> float:
-    """Two digits, a little above the value."""
-    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
-    return float(np.ceil(1.1 * value / unit) * unit)
-
-
-def _check_law(law: MotionLaw) -> None:
+def check_law(law: MotionLaw) -> None:
+    """Raise InvalidInput unless a law has a duration and stays on the path."""
+    expect_call("law", law, ("duration",), "a Law")
     duration = law.duration
     if not (np.isfinite(duration) and duration > 0):
         raise InvalidInput(f"law: duration must be a positive number of seconds, got {duration!r}")
@@ -268,7 +228,7 @@ def _result(
             nodes=len(grid.times),
             tail=max(
                 _tail(torques, _torque_rounding(robot, state.law.duration)),
-                _tail(grid.fit(state.caused), 1e-14 * column_scale(robot)[robot.elastic]),
+                _tail(grid.fit(state.caused), 1e-14 * robot.column_scale[robot.elastic]),
             ),
             passes=passes,
             change=state.change,

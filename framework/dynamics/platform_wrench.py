@@ -21,7 +21,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.kinematics.inverse_kinematics import Motion, System, joint_rates
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
 class PlatformWrench(NamedTuple):
@@ -29,6 +29,7 @@ class PlatformWrench(NamedTuple):
 
     asked: Array  # (T, n) W [N, N m] on the platform's axes, inertia and weight of all bodies and rotors
     motor_speed: Array  # (T, n_a, n) G: motor speeds [rad/s] for unit twists along the platform's axes
+    rotors: Array  # (T, n) what of W the rotors take for themselves
 
     def along(self, twist: Array) -> Array:
         """The force (T,) asked for along a twist (n,) or (T, n)."""
@@ -37,6 +38,15 @@ class PlatformWrench(NamedTuple):
     def reach(self, twist: Array, torque_limit: Array) -> Array:
         """The largest force (T,) along a twist (n,) or (T, n) that motor torques up to limits (n_a,) give."""
         return np.asarray(np.abs(_applied(self.motor_speed, twist)) @ torque_limit)
+
+    def band(self, twist: Array, torque_limit: Array) -> Array:
+        """The least and the largest force (T, 2) along a twist that is left for the bodies.
+
+        Motor torques are up to limits (n_a,), and their rotors move as the motion asks: the band holds
+        t_s . W_p of `wrench_curves` wherever motors within their limits can carry the motion on.
+        """
+        reach, own = self.reach(twist, torque_limit), np.sum(self.rotors * twist, axis=1)
+        return np.column_stack([-reach - own, reach - own])
 
     def vertices(self, torque_limit: Array) -> Array:
         """Wrenches (T, 2^n_a, n) of all motors at plus or minus their limits (n_a,).
@@ -71,5 +81,5 @@ def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:
     """
     G, rates = motor_speeds(robot, motion.system)
     rotors = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]  # (T, n_a) motor side
-    asked = np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion)) + np.einsum("tan,ta->tn", G, rotors)
-    return PlatformWrench(asked, G)
+    own = np.einsum("tan,ta->tn", G, rotors)
+    return PlatformWrench(np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion)) + own, G, own)

@@ -6,18 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.certificate import Certificate
+from framework.errors import check_order
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import MotionLaw
-from framework.motion.path import Path, along
+from framework.motion.path import HIGHEST_ORDER, Path, along
 
 
 @dataclass(frozen=True, eq=False)
-class SingularityCrossing:
+class SingularityCrossing(ReadOnlyArrays):
     """An instant at which the motion is in a Type 2 singularity.
 
     `wrench` is t_s . W_p there [N, or N m for a pure turn], the inertia of all bodies included; `scale`
@@ -40,7 +41,7 @@ class SingularityCrossing:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class InverseDynamics:
+class InverseDynamics(ReadOnlyArrays):
     """Torques of a motion as functions of time, with the certificate."""
 
     robot: ParallelRobot
@@ -80,6 +81,7 @@ class InverseDynamics:
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
         """Platform coordinates [m, rad] or their time derivatives up to order 4, (T, n)."""
+        check_order(order, HIGHEST_ORDER)
         times = np.asarray(t, dtype=float)
         return along(self.path, [self.law(times, k) for k in range(order + 1)])[order]
 

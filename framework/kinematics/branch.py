@@ -14,13 +14,12 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from framework.arrays import Array, ArrayLike, IntArray
+from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.errors import NotAssembled
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, system_at
 from framework.kinematics.loop_matrices import mobile_matrix
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import nodes, tail
 from framework.motion.path import Path
 
@@ -34,7 +33,7 @@ RESOLVED = 1e-11  # [rad, lengths] tail of the continuation, and how far it may 
 
 
 @dataclass(frozen=True)
-class Continuation:
+class Continuation(ReadOnlyArrays):
     """The branch between `start` and `end` as Chebyshev series; inside the `core` nothing else will do."""
 
     start: float
@@ -53,7 +52,7 @@ class Continuation:
 
 
 @dataclass(frozen=True)
-class Branch:
+class Branch(ReadOnlyArrays):
     """A path with the branch of the inverse kinematics that leads along it, springs at rest.
 
     Between the knots `s` (K,) the branch is known well enough (cubic Hermite in the tangent `offset`
@@ -132,7 +131,7 @@ def _span(branch: Branch, s: float, start: float, end: float) -> tuple[Continuat
     robot = branch.robot
     at = start + 0.5 * (end - start) * (nodes(SIZE) + 1.0)
     basis = chebyshev.chebvander(nodes(SIZE), DEGREE)
-    lengths = column_scale(robot)
+    lengths = robot.column_scale
     guess, x, continuation = branch.guess(at), branch.path(at), None
     error = np.inf
     for share in SHARES:

@@ -72,7 +72,7 @@ def parse_yaml(text: str) -> Any:
     """The content of a YAML text, if it is of a sensible size with its aliases written out.
 
     Raises:
-        RobotFileError: it is not, has a key twice, or is no YAML.
+        RobotFileError: it is not, has a duplicate key, or is no YAML.
     """
     if len(text) > LARGEST_YAML_TEXT:
         raise RobotFileError(f"{len(text)} characters of YAML; at most {LARGEST_YAML_TEXT} are read")
@@ -121,7 +121,7 @@ class _Loader(yaml.SafeLoader):
                 continue  # told below
             if key in lines:
                 raise RobotFileError(
-                    f"{reprlib.repr(key)}: the key is there twice, in line {lines[key]} and in line {line}"
+                    f"{reprlib.repr(key)}: duplicate key, in line {lines[key]} and in line {line}"
                 )
             lines[key] = line
         return super().construct_mapping(node, deep=deep)

@@ -170,7 +170,7 @@ def _check_names(description: RobotDescription, urdf: Urdf) -> None:
     for key, names in groups.items():
         for name in names:
             if names.count(name) > 1:
-                raise RobotFileError(f"{key}: {name!r} is there twice")
+                raise RobotFileError(f"{key}: duplicate {name!r}")
     for name in groups["springs"]:
         if name in urdf.joints:
             raise RobotFileError(f"springs: {name!r} is already a joint of the URDF")

@@ -120,7 +120,7 @@ def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
     for element in root.findall(tag):
         name = attribute(element, f"<{tag}>", "name")
         if name in names:
-            raise RobotFileError(f"{tag} {name!r} is there twice")
+            raise RobotFileError(f"duplicate {tag} {name!r}")
         names[name] = None
     return list(names)
 

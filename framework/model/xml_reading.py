@@ -49,7 +49,7 @@ def only(
         if tag not in children:
             raise RobotFileError(f"{where}: {choose_from('element', tag, children)}")
         if tags.count(tag) > 1:
-            raise RobotFileError(f"{where}: <{tag}> is there twice")
+            raise RobotFileError(f"{where}: duplicate <{tag}>")
     for attribute in element.attrib:
         if attribute not in attributes:
             raise RobotFileError(f"{where}: {choose_from('attribute', attribute, attributes)}")

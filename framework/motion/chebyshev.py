@@ -16,8 +16,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.arrays import Array, ArrayLike
-from framework.errors import InvalidInput
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.errors import InvalidInput, check_order
 
 NOISE = 3.0  # times the largest coefficient of the last eighth: all that may be rounding
 
@@ -82,7 +82,7 @@ def real_roots(series: Array, *, margin: float = 1e-9) -> Array:
 
 
 @dataclass(frozen=True)
-class TimeFunction:
+class TimeFunction(ReadOnlyArrays):
     """A vector function of time: `coefficients` (panels, size, k) between `edges` (panels + 1,) [s]."""
 
     edges: Array
@@ -94,6 +94,7 @@ class TimeFunction:
         Raises:
             InvalidInput: t lies outside the interval, or is not finite.
         """
+        check_order(order)
         times = np.asarray(t, dtype=float)
         start, end = self.edges[0], self.edges[-1]
         slack = 1e-12 * (end - start)
@@ -121,7 +122,7 @@ class TimeFunction:
 
 
 @dataclass(frozen=True)
-class TimeGrid:
+class TimeGrid(ReadOnlyArrays):
     """Chebyshev nodes of `size` points on each panel between `edges` (panels + 1,) [s]."""
 
     edges: Array

@@ -15,8 +15,8 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.arrays import Array, ArrayLike
-from framework.errors import InvalidInput
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.errors import InvalidInput, check_order
 from framework.motion.chebyshev import derivative_matrix, extrema, nodes
 
 # A law may overshoot the ends of the path by this much of it; the path goes on there as a curve.
@@ -85,7 +85,7 @@ class Condition(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Law:
+class Law(ReadOnlyArrays):
     """Polynomial law: Chebyshev `coefficients` (degree + 1,) on [0, `duration`] [s]."""
 
     coefficients: Array
@@ -104,6 +104,7 @@ class Law:
         Raises:
             InvalidInput: t lies outside [0, duration], where the polynomial means nothing, or is not finite.
         """
+        check_order(order)
         scale = 2.0 / self.duration
         local = np.asarray(t, dtype=float) * scale - 1.0
         if not np.all(np.abs(local) <= 1.0 + SLACK):

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 from scipy.special import betainc, betaincinv
 
-from framework.arrays import Array, ArrayLike
-from framework.errors import InvalidInput
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
+from framework.errors import InvalidInput, check_order
 from framework.motion.chebyshev import TimeFunction, TimeGrid, extrema
 from framework.motion.law import SLACK
 
@@ -112,7 +112,7 @@ def _slope_powers(smoothness: int, order: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class OptimalLaw:
+class OptimalLaw(ReadOnlyArrays):
     """The law s = phi(sigma(t)) with (d sigma/dt)^2 a Chebyshev series in xi(sigma).
 
     `coefficients` (degree + 1,) [1/s^2] are those of the series. `dense_at`: places sigma where xi is
@@ -134,6 +134,7 @@ class OptimalLaw:
     kind: ClassVar[str] = "optimal"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not np.all(np.isfinite(self.coefficients)) or least_value(self.coefficients) <= 0:
             raise InvalidInput("law: the squared speed of an optimal law must be positive on all of [0, 1]")
         taken = float(self._time[1][-1])
@@ -175,7 +176,7 @@ class OptimalLaw:
         begin = np.concatenate(([0.0], np.cumsum(steps)))
         if abs(begin[-1] - self.duration) <= SAME * self.duration:  # of the duration to the last bit
             series, begin = series * (self.duration / begin[-1]), begin * (self.duration / begin[-1])
-        return TimeFunction(grid.edges, series), begin
+        return TimeFunction(grid.edges, series), read_only(begin)
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
         """z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma up to order 3, by the chain rule."""
@@ -229,8 +230,7 @@ class OptimalLaw:
         Raises:
             InvalidInput: t lies outside [0, duration], or the order is above 4.
         """
-        if not 0 <= order <= HIGHEST_ORDER:
-            raise InvalidInput(f"law: order {order} (valid: 0 .. {HIGHEST_ORDER})")
+        check_order(order, HIGHEST_ORDER)
         return self.at_parameter(self.parameter(t), order)
 
     def at_parameter(self, sigma: ArrayLike, order: int = 0) -> Array:

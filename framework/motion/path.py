@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
-from framework.errors import InvalidInput
+from framework.arrays import Array, ArrayLike, read_only
+from framework.errors import InvalidInput, check_order, expect_call
 
 HIGHEST_ORDER = 4  # derivatives that an elastic robot's torque needs
+NO_KNOTS: Array = read_only(np.empty(0))
 LARGEST = 1e30  # [m, rad] coordinate whose powers do not overflow
 
 
@@ -30,6 +31,11 @@ class Path(Protocol):
     def knots(self) -> Array: ...
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array: ...
+
+
+def expect_path(given: object) -> None:
+    """Raise InvalidInput unless what was given can be called and asked like a path."""
+    expect_call("path", given, ("n", "knots"), "a Line, an Arc or a Spline")
 
 
 def _points(points: Any, least: int, kind: str) -> Array:
@@ -46,87 +52,136 @@ def _points(points: Any, least: int, kind: str) -> Array:
         raise InvalidInput(f"{kind}: points must be at most {LARGEST:g} in size, got {points!r}")
     if np.any(np.linalg.norm(np.diff(array, axis=0), axis=1) == 0):
         raise InvalidInput(f"{kind}: two points in a row are the same: {points!r}")
-    array.flags.writeable = False
-    return array
+    return read_only(array)
 
 
 def _stack(s: ArrayLike, values: Array) -> Array:
     return values.reshape(*np.shape(s), values.shape[1])
 
 
-class Line:
+def _hold(frozen: object, **values: Any) -> None:
+    """Set attributes that a frozen object works out from what it was given."""
+    for name, value in values.items():
+        object.__setattr__(frozen, name, value)
+
+
+class PointPath:
+    """A path that its `points` (m, n) define: equal to another of its kind through the same points."""
+
+    kind: ClassVar[str]
+    points: Any
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, PointPath)
+            and type(self) is type(other)
+            and np.array_equal(self.points, other.points)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.kind, self.points.tobytes()))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(map(str, self.points.tolist()))})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Line(PointPath):
     """The straight segment from `start` to `end`, both (n,): x(s) = start + s (end - start)."""
 
-    knots = np.empty(0)
+    start: Any
+    end: Any
+    points: Array = field(init=False)
 
-    def __init__(self, start: ArrayLike, end: ArrayLike) -> None:
-        self.start, self.end = _points([start, end], 2, "line")
-        self.n = len(self.start)
+    kind: ClassVar[str] = "line"
+    knots: ClassVar[Array] = NO_KNOTS
+
+    def __post_init__(self) -> None:
+        points = _points([self.start, self.end], 2, "line")
+        _hold(self, start=points[0], end=points[1], points=points)
+
+    @property
+    def n(self) -> int:
+        return len(self.start)
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
+        check_order(order)
         flat = np.atleast_1d(np.asarray(s, dtype=float)).reshape(-1, 1)
         direction = self.end - self.start
         if order == 0:
             return _stack(s, self.start + flat * direction)
         return _stack(s, np.broadcast_to(direction if order == 1 else 0.0 * direction, (len(flat), self.n)))
 
-    def __repr__(self) -> str:
-        return f"Line({self.start.tolist()}, {self.end.tolist()})"
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Arc(PointPath):
+    """The circular arc from `start` through `via` to `end`, each (n,), n >= 2, at constant speed.
 
-class Arc:
-    """The circular arc from `start` through `via` to `end`, each (n,), n >= 2, at constant speed."""
+    `center` (n,), `radius` and the signed `angle` [rad] that it sweeps follow from them.
+    """
 
-    knots = np.empty(0)
+    start: Any
+    via: Any
+    end: Any
+    points: Array = field(init=False)
+    center: Array = field(init=False)
+    radius: float = field(init=False)
+    angle: float = field(init=False)
+    _spokes: Array = field(init=False)  # (2, n) unit vectors of its plane, the first towards the start
 
-    def __init__(self, start: ArrayLike, via: ArrayLike, end: ArrayLike) -> None:
-        points = _points([start, via, end], 3, "arc")
-        self.start, self.via, self.end = points
-        self.n = points.shape[1]
-        first, second = self.via - self.start, self.end - self.start
+    kind: ClassVar[str] = "arc"
+    knots: ClassVar[Array] = NO_KNOTS
+
+    def __post_init__(self) -> None:
+        start, via, end = points = _points([self.start, self.via, self.end], 3, "arc")
+        first, second = via - start, end - start
         plane = np.array([[first @ first, first @ second], [first @ second, second @ second]])
-        if self.n < 2 or np.linalg.det(plane) <= 1e-18 * np.trace(plane) ** 2:
+        if len(start) < 2 or np.linalg.det(plane) <= 1e-18 * np.trace(plane) ** 2:
             raise InvalidInput(f"arc: its three points lie on a line: {points.tolist()}")
-        weights = np.linalg.solve(plane, 0.5 * np.diag(plane))
-        self.center = self.start + weights @ np.array([first, second])
-        spoke = self.start - self.center
-        self.radius = float(np.linalg.norm(spoke))
-        self._u = spoke / self.radius
-        across = first - (first @ self._u) * self._u
-        self._w = across / np.linalg.norm(across)
-        angle_via, angle_end = (self._angle(point) for point in (self.via, self.end))
+        center = start + np.linalg.solve(plane, 0.5 * np.diag(plane)) @ np.array([first, second])
+        radius = float(np.linalg.norm(start - center))
+        u = (start - center) / radius
+        across = first - (first @ u) * u
+        spokes = np.array([u, across / np.linalg.norm(across)])
+        angle_via, angle_end = (
+            float(np.arctan2(*(spokes @ (point - center))[::-1]) % (2 * np.pi)) for point in (via, end)
+        )
         # `via` lies between the ends: its angle decides which way round the arc goes
-        self.angle = angle_end if angle_via < angle_end else angle_end - 2 * np.pi
+        angle = angle_end if angle_via < angle_end else angle_end - 2 * np.pi
+        _hold(self, start=start, via=via, end=end, points=points)
+        _hold(self, center=read_only(center), radius=radius, angle=angle, _spokes=read_only(spokes))
 
-    def _angle(self, point: Array) -> float:
-        spoke = point - self.center
-        return float(np.arctan2(spoke @ self._w, spoke @ self._u) % (2 * np.pi))
+    @property
+    def n(self) -> int:
+        return len(self.start)
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
+        check_order(order)
         phase = np.atleast_1d(np.asarray(s, dtype=float)).reshape(-1, 1) * self.angle
         turned = phase + order * np.pi / 2
-        wheel = self.radius * self.angle**order * (np.cos(turned) * self._u + np.sin(turned) * self._w)
+        u, w = self._spokes
+        wheel = self.radius * self.angle**order * (np.cos(turned) * u + np.sin(turned) * w)
         return _stack(s, wheel + self.center if order == 0 else wheel)
 
-    def __repr__(self) -> str:
-        return f"Arc({self.start.tolist()}, {self.via.tolist()}, {self.end.tolist()})"
 
-
-@dataclass(frozen=True)
-class Spline:
+@dataclass(frozen=True, eq=False, repr=False)
+class Spline(PointPath):
     """The spline through `points` (m, n) with four continuous derivatives, by chord length.
 
     Degree 5, or m - 1 for fewer than six points: the torque of an elastic robot needs x''''.
     """
 
+    kind: ClassVar[str] = "spline"
     points: Any
     knots: Array = field(init=False, repr=False)
     n: int = field(init=False, repr=False)
 
+    def __repr__(self) -> str:
+        return f"Spline({self.points.tolist()})"
+
     def __post_init__(self) -> None:
         points = _points(self.points, 2, "spline")
-        object.__setattr__(self, "points", points)
-        object.__setattr__(self, "n", points.shape[1])
+        _hold(self, points=points, n=points.shape[1])
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if chords.min() < 1e-9 * chords.max():
             k = int(np.argmin(chords))
@@ -135,8 +190,7 @@ class Spline:
                 f"uneven to tell their places on the curve"
             )
         degree = min(5, len(points) - 1)
-        inner = np.unique(self._spline.t[degree + 1 : -degree - 1])
-        object.__setattr__(self, "knots", inner)
+        _hold(self, knots=read_only(np.unique(self._spline.t[degree + 1 : -degree - 1])))
 
     @cached_property
     def _spline(self) -> Any:
@@ -148,6 +202,7 @@ class Spline:
         return make_interp_spline(at, self.points, k=min(5, len(self.points) - 1))
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
+        check_order(order)
         flat = np.atleast_1d(np.asarray(s, dtype=float)).ravel()
         if order > self._spline.k:
             return _stack(s, np.zeros((flat.size, self.n)))
@@ -160,8 +215,7 @@ def along(path: Path, law_values: list[Array]) -> list[Array]:
     `law_values[k]` (T,) is the k-th time derivative of s. Faa di Bruno's formula, written out.
     """
     order = len(law_values) - 1
-    if order > HIGHEST_ORDER:
-        raise InvalidInput(f"order {order} of the platform motion (valid: 0 .. {HIGHEST_ORDER})")
+    check_order(order, HIGHEST_ORDER)
     s = law_values[0]
     x = [path(s, k) for k in range(order + 1)]
     d = [value[..., None] for value in law_values]

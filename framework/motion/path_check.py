@@ -14,7 +14,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import InvalidInput
-from framework.motion.path import Path
+from framework.motion.path import Path, expect_path
 
 SAME = 1e-4  # of the largest derivative along the path: rounding and tables are below, mistakes above
 ROUNDING = 1e-10  # of the largest value, over the length of an interval
@@ -27,9 +27,10 @@ def check_path(path: Path) -> None:
     """Test x' and x'' of a path against x at a few places.
 
     Raises:
-        InvalidInput: the knots do not ascend inside (0, 1), a value is missing or not finite, or path(s, 1)
-            or path(s, 2) is not the derivative of what comes before it.
+        InvalidInput: it is no path, the knots do not ascend inside (0, 1), a value is missing or not finite,
+            or path(s, 1) or path(s, 2) is not the derivative of what comes before it.
     """
+    expect_path(path)
     starts, lengths = _intervals(path)
     nodes, weights = np.polynomial.legendre.leggauss(5)
     inside = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)

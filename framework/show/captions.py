@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from framework.arrays import Array
 from framework.catalogue import catalogue
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene_path
-from framework.model import ParallelRobot
-from framework.model.description import Scene
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.film import Film, Instant
 
 NOTHING = 1e-3  # share of its largest value below which a force or an acceleration counts as zero here
@@ -21,24 +21,12 @@ def said(name: str) -> str:
 
 def plan_name(plan: CrossingPlan, folder: str) -> str:
     """The scene that a saved plan is, as `show --scene` calls it; the plan's folder where it is none."""
+    request = plan.request
+    asked_for = (request.path, request.duration, request.times, request.speeds, request.at)
     for name, scene in plan.robot.description.scenes.items():
-        path, samples = scene_path(scene), np.linspace(0.0, 1.0, 7)
-        same = path.n == plan.path.n and np.allclose(path(samples), plan.path(samples), rtol=0.0, atol=1e-12)
-        if same and scene.duration == plan.duration and _asks_for(scene, plan):
+        if (scene_path(scene), scene.duration, scene.times, scene.speeds, scene.at) == asked_for:
             return f"Scene {name}"
     return f"Plan {folder}"
-
-
-def _asks_for(scene: Scene, plan: CrossingPlan) -> bool:
-    """Whether the crossings of a plan are those that a scene asks for, where it asks."""
-    return all(
-        wanted is None
-        or (
-            len(wanted) == len(plan.crossings)
-            and np.allclose(wanted, [getattr(one, what) for one in plan.crossings])
-        )
-        for wanted, what in ((scene.times, "time"), (scene.speeds, "speed"), (scene.at, "s"))
-    )
 
 
 def asked(robot: ParallelRobot) -> str:
@@ -49,6 +37,12 @@ def asked(robot: ParallelRobot) -> str:
 def unit(robot: ParallelRobot) -> str:
     """The unit of t_s . W_p."""
     return "N" if np.any(robot.translations) else "N m"
+
+
+def stated(robot: ParallelRobot, limit: Array) -> str:
+    """Motors by their torque limits (n_a,), in words."""
+    alike = np.ptp(limit) == 0 and len(set(robot.torque_units)) == 1
+    return f"motors of {limit[0]:.3g} {robot.torque_units[0]}" if alike else "motors at their limits"
 
 
 def subtitle(film: Film) -> str:

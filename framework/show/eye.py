@@ -13,7 +13,8 @@ from framework.arrays import Array, ArrayLike
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
 from framework.errors import InvalidInput, finite_numbers
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.show.captions import stated
 from framework.show.style import COLORS, CROSSING, figure
 
 SAMPLES = 401
@@ -57,8 +58,7 @@ def draw_eye(
     asked, reach = wrench.along(twist), wrench.reach(twist, limit)
     top = 1.6 * max(float(np.abs(asked).max()), 1e-300)
     unit = "N" if np.any(twist[robot.translations]) else "N m"
-    motors = f"{limit[0]:.3g} {robot.torque_units[0]}" if np.ptp(limit) == 0 else "the limits"
-    given = f"what motors of {motors} can give"
+    given = f"what {stated(robot, limit)} can give"
     ax.fill_between(time, -reach, reach, color=COLORS[4], alpha=0.3, linewidth=0, label=given)
     ax.plot(time, asked, color=COLORS[1], label="what the motion asks for")
     ax.axvline(0.0, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))

@@ -14,10 +14,13 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.refused import plan_or_sample
+from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
+from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
 from framework.dynamics.result import SingularityCrossing
-from framework.dynamics.wrench import WrenchCurves, wrench_curves
-from framework.model import ParallelRobot
+from framework.dynamics.wrench import wrench_curves
+from framework.kinematics.inverse_kinematics import Motion
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import MotionLaw
 from framework.motion.path import Path
 
@@ -57,6 +60,7 @@ class Film:
     g: Array  # (F,)
     t_s: Array  # (F, n)
     W_p: Array  # (F, n)
+    motors: PlatformWrench  # what the motors can give, (F, ...)
     instants: tuple[Instant, ...]
     drawn_rigid: bool = False  # asked for with springs, which an unproved law would tear
 
@@ -65,26 +69,24 @@ class Film:
         return self.plan is not None
 
 
-def film_motion(robot: ParallelRobot, path: Path, *, name: str = "", **options: Any) -> Film:
+def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Film:
     """Plan the motion and film it; a motion with a pole is filmed from its unproved law.
 
     Args:
         name: what stands above the picture, such as Scene C.
-        options: of `plan_crossing`.
 
     Raises:
         As `plan_crossing`, but no UnboundedTorque.
     """
-    found = plan_or_sample(robot, path, samples=FRAMES, **options)
+    found = plan_or_sample(robot, request, samples=FRAMES)
     if isinstance(found, CrossingPlan):
         return film_plan(found, name=name)
     raw = found.samples
     return _film(
         found.robot,
-        raw.motion.q,
-        wrench_curves(found.robot, raw.motion),
+        raw.motion,
         name=name,
-        path=path,
+        path=request.path,
         law=found.law,
         plan=None,
         refusal=found.reason,
@@ -102,8 +104,7 @@ def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
     motion = plan.dynamics.motion(times)
     return _film(
         plan.robot,
-        motion.q,
-        wrench_curves(plan.robot, motion),
+        motion,
         name=name,
         path=plan.path,
         law=plan.law,
@@ -116,15 +117,17 @@ def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
     )
 
 
-def _film(robot: ParallelRobot, q: Array, curves: WrenchCurves, **facts: Any) -> Film:
-    """A film of configurations q (F, nq) with what was measured along them."""
+def _film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
+    """A film of F instants of a motion with what is measured along it."""
+    curves = wrench_curves(robot, motion)
     return Film(
         robot=robot,
-        q=q,
+        q=motion.q,
         x=facts["path"](facts["law"](facts["time"])),
         g=curves.g if robot.n_p else np.full_like(curves.g, np.nan),
         t_s=curves.twist,
         W_p=curves.wrench,
+        motors=platform_wrench(robot, motion),
         **facts,
     )
 

@@ -8,22 +8,18 @@ import io
 import re
 from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from framework.arrays import ArrayLike
-from framework.crossing.optimal import Wish
-from framework.crossing.result import CrossingPlan
-from framework.crossing.scenes import scene_path
+from framework.crossing.result import Crossing, CrossingPlan
 from framework.errors import point
-from framework.model import ParallelRobot
-from framework.motion.path import Line
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show import plots
 from framework.show.captions import asked, how, parts, said, why
 from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page
+from framework.show.reproduction import command_line, given_options, python_call
 from framework.show.scene import film_documents
 from framework.show.style import styled
 
@@ -162,8 +158,8 @@ def _law(plan: CrossingPlan) -> str:
     if plan.optimality is not None:
         smoothness = plan.optimality.wish.smoothness
         return (
-            f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1). It is the best law for "
-            f"{said(plan.optimality.wish.goal)}: s = φ(σ) with φ′ proportional to "
+            f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1). It was optimised for "
+            f"{said(plan.optimality.wish.goal)} with degree {plan.law.degree}: s = φ(σ), φ′ proportional to "
             f"(σ (1 − σ))<sup>{smoothness}</sup>, φ(1) = 1, and (dσ/dt)² = Σ c<sub>k</sub> "
             f"T<sub>k</sub>(2 σ − 1) with Chebyshev polynomials T<sub>k</sub>; it takes {plan.duration:g} s. "
             f"c<sub>k</sub>:</p><pre>[{values}]</pre>"
@@ -189,14 +185,15 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
             f"largest value along the motion, as a finite torque needs: condition (8) in the paper of Briot "
             f"and Arakelian, 2010."
         )
+        said_of += [_condition(crossing) for crossing in plan.crossings]
     if plan.robot.n_e:
-        rigid = plan.geometry == "rigid"
+        crossed = "; the crossings are those of the deformed robot" if plan.crossings else ""
         said_of.append(
             "Forces were taken on the undeformed robot (small displacements)."
-            if rigid
-            else f"Forces and deflections were computed in turn {certificate.passes} times, until they "
-            f"agreed to {certificate.change:.1e}, and the singular point was found anew on the deformed "
-            f"robot each time."
+            if plan.geometry == "rigid"
+            else f"Forces and deflections were computed in turn, {certificate.passes} "
+            f"time{'s' * (certificate.passes != 1)}, until one more time would have changed "
+            f"them by {certificate.change:.1e} of the largest{crossed}."
         )
     said_of.append(
         "The platform advances along the path all the time (s′ > 0)."
@@ -206,9 +203,27 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
     if film.g.size and not np.isnan(film.g).any():
         nearest = float(np.abs(film.g).min())
         if not plan.crossings:
-            said_of.append(f"The measure of singularity |g| stays above {nearest:.3g} along the motion.")
+            said_of.append(
+                f"The measure of singularity |g| is {nearest:.3g} or more at {len(film.g)} instants of the "
+                f"motion."
+            )
     items = "".join(f"<li>{_marked(text)}</li>" for text in said_of)
     return f"<ul>{items}</ul><p>All of it was computed from the law when this page was written.</p>"
+
+
+def _condition(crossing: Crossing) -> str:
+    """Condition (8) at a crossing, in numbers."""
+    asked = crossing.condition
+    if asked is None:
+        return f"At t = {crossing.time:.6g} s nothing was asked of the law; condition (8) holds all the same."
+    if asked.holds_anyway:
+        return f"At t = {crossing.time:.6g} s condition (8) holds whatever s′ and s″ are."
+    terms = (("s″", asked.alpha), ("s′²", asked.beta), ("s′", asked.delta), ("1", asked.gamma))
+    listed = ", ".join(f"{value:.6g} of {name}" for name, value in terms)
+    return (
+        f"The law was made to meet condition (8) at t = {crossing.time:.6g} s: t_s · W_p is the sum of these "
+        f"multiples: {listed}."
+    )
 
 
 def _parameters(plan: CrossingPlan) -> str:
@@ -219,6 +234,8 @@ def _parameters(plan: CrossingPlan) -> str:
         ("platform", f"{description.platform.frame}: {', '.join(robot.axis_names)}"),
         ("path", repr(plan.path)),
         ("duration", f"{plan.duration:g} s"),
+        ("asked for", ", ".join(f"{key} {_plain(value)}" for key, value in given_options(plan).items())),
+        ("law", f"{plan.law.kind}: {plan.reason}"),
         ("gravity", f"{point(description.gravity)} m/s²"),
         ("mass", f"{sum(inertia.mass for inertia in list(robot.model.inertias)[1:]):.6g} kg in moving parts"),
     ]
@@ -238,6 +255,10 @@ def _parameters(plan: CrossingPlan) -> str:
     return _table(rows)
 
 
+def _plain(value: object) -> str:
+    return " ".join(map(repr, value)) or "none" if isinstance(value, tuple) else str(value)
+
+
 def _reproduction(plan: CrossingPlan) -> str:
     robot = plan.robot
     installed = []
@@ -246,55 +267,10 @@ def _reproduction(plan: CrossingPlan) -> str:
             installed.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             installed.append(f"{package} (not installed)")
-    file = plan.to_dict().get("robot_file", robot.name)
-    asked = [f"crossing plan {file}", *filter(None, _motion(plan)), f"--flexibility {robot.flexibility}"]
-    if plan.optimality is not None:
-        asked += _best(plan.optimality.wish)
-    elif plan.crossings:
-        asked += [
-            f"--times {_listed([crossing.time for crossing in plan.crossings])}",
-            f"--speeds {_listed([crossing.speed for crossing in plan.crossings])}",
-        ]
-    if robot.n_e:
-        asked.append(f"--geometry {plan.geometry}")
-    asked += [f"--smoothness {_smoothness(plan)}", "--out again"]
-    line = " \\\n    ".join(asked)
+    line = command_line(plan, "again")
+    again = python_call(plan) if line is None else f"{line}\ncrossing report again"
     return (
-        f"<pre>{html.escape(line)}\ncrossing report again</pre>"
+        f"<pre>{html.escape(again)}</pre>"
         f"<p>{html.escape(robot.name)} is {html.escape(str(robot.description.file.name))}; written with "
         f"{html.escape(', '.join(installed))}.</p>"
     )
-
-
-def _best(wish: Wish) -> list[str]:
-    """The options that ask for the optimal law again; limits with their margin taken off already."""
-    asked = ["--law optimal", f"--optimize {wish.goal}"]
-    for option, limit in (("torque", wish.torque_limit), ("speed", wish.speed_limit)):
-        if np.all(np.isfinite(limit)):
-            asked.append(f"--{option}-limit {_listed(limit)}")
-    return asked if wish.longest is None else [*asked, f"--longest {wish.longest!r}"]
-
-
-def _motion(plan: CrossingPlan) -> list[str]:
-    """The path as options: a line by its ends, any other by its scene."""
-    free = plan.optimality is not None and plan.optimality.wish.duration is None
-    duration = "" if free else f"--duration {plan.duration!r}"
-    if isinstance(plan.path, Line):
-        return [f"--from {_listed(plan.path.start)}", f"--to {_listed(plan.path.end)}", duration]
-    for name, scene in plan.robot.description.scenes.items():
-        samples = np.linspace(0.0, 1.0, 7)
-        path: Any = scene_path(scene)
-        if path.n == plan.path.n and np.array_equal(path(samples), plan.path(samples)):
-            return [f"--scene {name}", duration]
-    return ["--scene ...", duration]
-
-
-def _smoothness(plan: CrossingPlan) -> int:
-    """How many derivatives of s vanish at both ends: the degree of a polynomial counts them."""
-    if plan.optimality is not None:
-        return plan.optimality.wish.smoothness
-    return (plan.law.degree + 1 - 3 * len(plan.crossings)) // 2 - 1
-
-
-def _listed(values: ArrayLike) -> str:
-    return " ".join(f"{float(value):.13g}" for value in np.asarray(values))

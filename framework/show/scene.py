@@ -14,6 +14,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import point
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import (
     carried_axis,
     frame_positions,
@@ -23,10 +24,10 @@ from framework.kinematics.placements import (
     platform_positions,
     rotated,
 )
-from framework.model import ParallelRobot
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
-from framework.show.captions import asked, how, proof, said, subtitle, summary, unit, why
+from framework.show.captions import asked, how, proof, said, stated, subtitle, summary, unit, why
+from framework.show.eye import shown_limit
 from framework.show.film import Film
 from framework.show.shapes import body_shapes, turned_onto
 from framework.singularity.locus import LocusCurves, locus_curves, locus_patch
@@ -59,10 +60,18 @@ def film_documents(films: Sequence[Film]) -> list[dict[str, Any]]:
             traced.append((film.robot.description, found))
         return found
 
-    return [_film_document(film, curves_about) for film in films]
+    return [_film_document(film, curves_about, _limit(film, films)) for film in films]
 
 
-def _film_document(film: Film, curves_about: CurvesAbout) -> dict[str, Any]:
+def _limit(film: Film, films: Sequence[Film]) -> Array:
+    """Torque limits (n_a,) that a film's motors are shown with: alike for all films of one robot."""
+    alike = [other for other in films if other.robot.actuator_names == film.robot.actuator_names]
+    proved = [np.abs(other.torque).max(axis=0) for other in alike if other.proved]
+    usual = np.array(proved) if proved else np.full((1, film.robot.n_a), _torque_limit(film))
+    return shown_limit(film.robot, usual, None)
+
+
+def _film_document(film: Film, curves_about: CurvesAbout, limit: Array) -> dict[str, Any]:
     robot = film.robot
     poses = joint_poses(robot, film.q)
     platform = platform_positions(robot, poses)
@@ -89,6 +98,9 @@ def _film_document(film: Film, curves_about: CurvesAbout) -> dict[str, Any]:
         "law": floats(film.law(film.time)),
         "g": None if np.isnan(film.g).any() else floats(film.g),
         "power": floats(power),
+        "stated": stated(robot, limit),
+        "band": floats(film.motors.band(film.t_s, limit)),
+        "polygon": _polygon(film, limit),
         "t_s": _wrench_like(robot, film.t_s),
         "W_p": _wrench_like(robot, film.W_p),
         "instants": [
@@ -225,9 +237,23 @@ def _round_down(value: float) -> float:
 def _wrench_like(robot: ParallelRobot, values: Array) -> dict[str, Any]:
     """Linear and angular parts (F, 3) of platform vectors (F, n), with their largest sizes."""
     six = np.zeros((len(values), 6))
-    six[:, robot.platform_axes] = values
+    six[:, robot.platform.axes] = values
     largest = [float(np.linalg.norm(part, axis=1).max()) for part in (six[:, :3], six[:, 3:])]
     return {"linear": floats(six[:, :3]), "angular": floats(six[:, 3:]), "largest": largest}
+
+
+def _polygon(film: Film, limit: Array) -> dict[str, Any] | None:
+    """The forces that motors within limits (n_a,) can give, on a platform that moves in a plane.
+
+    Around `center` (F, 3) the sums of plus or minus the `sides` (F, n_a, 3), one of each motor.
+    """
+    robot = film.robot
+    if robot.n != 2 or not robot.translations.all():
+        return None
+    center, sides = np.zeros((len(film.time), 3)), np.zeros((len(film.time), robot.n_a, 3))
+    center[:, robot.platform.axes] = -film.motors.rotors
+    sides[:, :, robot.platform.axes] = limit[:, None] * film.motors.motor_speed
+    return {"center": floats(center), "sides": floats(sides), "count": robot.n_a}
 
 
 def _torque_limit(film: Film) -> float:
@@ -266,7 +292,7 @@ def drawn_locus(
     """Curves of the locus within `beside` lengths of the robot from places (F, 3) of the platform."""
     if found is None or not found.curves:
         return None
-    world = robot.platform_axes[list(found.axes)]
+    world = robot.platform.axes[list(found.axes)]
     pieces = []
     for curve in found.curves:
         line = np.repeat(platform[:1], len(curve), axis=0)
@@ -293,16 +319,16 @@ def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) ->
 
 
 def _view(points: Array, normal: Array | None) -> dict[str, Any]:
-    """Centre, size and direction to look from: on a planar robot from its normal, else from a corner."""
+    """Centre, size, and where to look from: a planar robot nearly from its normal, others from a corner."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
     radius = max(float(np.linalg.norm(points - center, axis=1).max()), 1e-6)
     direction = np.array([0.75, -1.35, 0.65])
     if normal is not None:
         normal = normal * (np.sign(normal @ np.array([0.2, -1.0, 2.0])) or 1.0)
-        direction = normal + (
-            np.array([0.0, -0.42, 0.0]) if abs(normal[2]) > 0.7 else np.array([0.25, -0.2, 0.3])
-        )
+        # nearly flat-on: ten degrees off, so that bodies still show their depth
+        aside = np.array([0.0, -1.0, 0.0]) if abs(normal[2]) > 0.7 else np.array([0.5, 0.0, 0.8])
+        direction = normal + np.tan(np.radians(10.0)) * aside
     return {
         "center": center.tolist(),
         "radius": radius,

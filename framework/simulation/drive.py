@@ -12,7 +12,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
 from framework.kinematics.frames import integrate
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
 @runtime_checkable
@@ -37,8 +37,8 @@ class PlannedMotion(Protocol):
 
 
 def planned_motion(source: Any) -> PlannedMotion | None:
-    """The planned motion in `source`: itself, or the inverse dynamics that a plan carries, or none."""
-    for candidate in (source, getattr(source, "dynamics", None)):
+    """The planned motion in `source`: the inverse dynamics that a plan carries, or itself, or none."""
+    for candidate in (getattr(source, "dynamics", None), source):
         if isinstance(candidate, PlannedMotion):
             return candidate
     return None

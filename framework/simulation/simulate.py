@@ -18,14 +18,14 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, choose_from, finite_numbers
-from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tracking import assemble
-from framework.model import ParallelRobot
 from framework.simulation.consistent import consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
 from framework.simulation.equations import Equations
@@ -41,8 +41,8 @@ DURATIONS = (1e-30, 1e30)  # [s] as for laws
 
 
 def simulate(
-    robot: ParallelRobot,
-    drive: PlannedMotion | Callable[..., ArrayLike],
+    robot: ParallelRobot | PlannedMotion,
+    drive: PlannedMotion | Callable[..., ArrayLike] | None = None,
     *,
     method: str = "reference",
     start: ArrayLike | None = None,
@@ -60,6 +60,7 @@ def simulate(
     """Forward dynamics of a robot under motor torques.
 
     Args:
+        robot: the robot; or a plan alone, which is then simulated on its own robot.
         drive: a plan or a result of `inverse_dynamics`, or motor torques (n_a,) [N m] as torque(t) or as
             feedback torque(t, q, v), motor side.
         method: reference (to `tolerance`, 1e-12); stiff (the same with fewer stages, 1e-7: quick vibrations
@@ -85,6 +86,7 @@ def simulate(
         NotConverged: no step can be solved from some instant on.
     """
     began = clock.perf_counter()
+    robot, drive = _robot_and_drive(robot, drive)
     chosen = _method(method)
     settings = _settings(chosen, method, tolerance, step, stages)
     _whole("samples", samples, SAMPLED)
@@ -95,6 +97,14 @@ def simulate(
     state = _start(equations, source, planned, start, start_velocity)
     run = chosen.run(Task(equations, source, state, span, tuple(events), progress), settings)
     return summary(equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began)
+
+
+def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
+    """What to simulate and what drives it; a plan alone is driven on its own robot."""
+    if drive is None and planned_motion(robot) is not None:
+        robot, drive = getattr(robot, "robot", None), robot
+    expect_robot(robot)
+    return robot, drive
 
 
 def _method(name: str) -> Method:
@@ -158,7 +168,7 @@ def _start(
     elif planned is not None:
         q, v = _planned_start(robot, planned)
     else:
-        q, v = reference_configuration(robot).q, np.zeros(model.nv)
+        q, v = robot.reference.q, np.zeros(model.nv)
     if start_velocity is not None:
         v = finite_numbers("start_velocity", start_velocity, model.nv)
     torque = drive(np.zeros(1), q[None], v[None])[0]

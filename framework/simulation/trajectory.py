@@ -7,10 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput
 from framework.kinematics.frames import difference, integrate
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.simulation.collocation_step import Step
 
 
@@ -50,7 +50,7 @@ class Polynomials:
 
 
 @dataclass(frozen=True, eq=False)
-class Cubics:
+class Cubics(ReadOnlyArrays):
     """Fixed steps: cubic polynomials through the states at their ends."""
 
     robot: ParallelRobot

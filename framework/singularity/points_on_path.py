@@ -8,30 +8,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import NotConverged, Type1Singularity, point
-from framework.kinematics.assembly import loop_rows, passive_columns
 from framework.kinematics.branch import Branch, with_continuation
 from framework.kinematics.closures import loop_equations, scaled
-from framework.kinematics.inverse_kinematics import moving_columns, system_at
+from framework.kinematics.inverse_kinematics import system_at
 from framework.kinematics.loop_matrices import VANISHED, measured_matrix, mobile_matrix
-from framework.kinematics.platform import path_twist
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import escaping, track_path, weakest_leg
-from framework.model import ParallelRobot
 from framework.motion.path import Path
 from framework.singularity.classification import uncontrolled_motion
+from framework.singularity.panels import NARROWEST, Measured, Panel, Samples, Unresolved, candidates, panels
 from framework.singularity.rank_deficiency import (
     CLOSE,
-    NARROWEST,
     Contact,
-    Measured,
-    Panel,
-    Samples,
-    Unresolved,
+    NearMiss,
     block_slopes,
-    candidates,
     contacts,
-    panels,
+    near_misses,
 )
 from framework.singularity.root_of_g import STENCIL, slope_of_g, stencil
 
@@ -39,23 +33,26 @@ MOST_CONTINUATIONS = 16
 
 
 @dataclass(frozen=True, eq=False)
-class SingularPoint:
+class SingularPoint(ReadOnlyArrays):
     """A place on the path where the motors lose hold of the robot, springs at rest.
 
     `kind` is type_2, leg_passive, constraint or closure (see `uncontrolled_motion`); `contact` is
     transversal or tangential. `corank` motions escape at once; `slope` is dg/ds, and for several of
     them that of the one which is let go most slowly, without sign. `motion` are the joint rates of the twist.
+    Two singular points nearer together than `resolution`, in s, would look like this tangential one; None
+    where that was not measured, and for transversal ones.
     """
 
     s: float
     kind: str
     contact: str
     corank: int
-    twist: Array  # (n,) t_s, unit, pointing along the path
+    twist: Array  # (n,) t_s of unit speed (see `unit_twist`), pointing along the path; zeros if not type_2
     platform: Array  # (n,)
     slope: float
     q: Array  # (nq,)
     motion: Array  # (nv,)
+    resolution: float | None = None
 
 
 class SearchedPath(NamedTuple):
@@ -63,22 +60,46 @@ class SearchedPath(NamedTuple):
 
     branch: Branch
     points: tuple[SingularPoint, ...]
+    near_misses: tuple[NearMiss, ...] = ()  # minima of |g| below a hundredth of its largest on the path
 
 
-def search_path(robot: ParallelRobot, path: Path) -> SearchedPath:
-    """Follow the path and find its singular points.
+def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = None) -> SearchedPath:
+    """Follow the path, find its singular points, each to rounding, and where it just misses one.
+
+    Args:
+        branch: the path as followed by `track_path`, if at hand.
 
     Raises:
-        As `track_path` and `locate_singularities`.
+        As `locate_singularities`.
     """
-    branch = track_path(robot, path)
-    return SearchedPath(branch, locate_singularities(robot, path, branch=branch))
+    branch = track_path(robot, path) if branch is None else branch
+    samples, mobile, mobile_panels = _continued(branch)
+    continued = samples.branch
+    if isinstance(mobile_panels, Unresolved):  # the branch has a kink, or another one meets it
+        type_1 = [_weakest_place(mobile, mobile_panels.s)]
+    else:
+        type_1 = [place.s for place in contacts(mobile, mobile_panels) if _is_type_1(mobile, place.s)]
+    if type_1:
+        raise _type_1(continued, type_1[0])
+    if not len(robot.following):  # every joint has a motor: locked, nothing moves
+        return SearchedPath(branch, ())
+    power = 1 if len(robot.loops.names) == len(robot.following) else 2
+    passive = Measured(continued, partial(measured_matrix, robot), power)
+    try:
+        resolved = panels(samples, passive)
+        found = contacts(passive, resolved)
+        missed = near_misses(passive, resolved, found)
+    except Unresolved as unresolved:
+        raise _too_near(passive, unresolved) from None
+    for contact in found:
+        _check_dropped_rows(continued, contact.s)
+    return SearchedPath(branch, tuple(_singular_point(passive, contact) for contact in found), tuple(missed))
 
 
 def locate_singularities(
     robot: ParallelRobot, path: Path, *, branch: Branch | None = None
 ) -> tuple[SingularPoint, ...]:
-    """All singular points on the path, ascending in s, each to rounding in s.
+    """All singular points on the path, ascending in s, each to rounding.
 
     Args:
         branch: the path as followed by `track_path`, if at hand.
@@ -90,25 +111,7 @@ def locate_singularities(
             where the path starts or ends.
         NotConverged: g cannot be resolved, or needs loop equations that were dropped; says where.
     """
-    samples, mobile, mobile_panels = _continued(track_path(robot, path) if branch is None else branch)
-    branch = samples.branch
-    if isinstance(mobile_panels, Unresolved):  # the branch has a kink, or another one meets it
-        type_1 = [_weakest_place(mobile, mobile_panels.s)]
-    else:
-        type_1 = [place.s for place in contacts(mobile, mobile_panels) if _is_type_1(mobile, place.s)]
-    if type_1:
-        raise _type_1(branch, type_1[0])
-    if not len(passive_columns(robot)):  # every joint has a motor: locked, nothing moves
-        return ()
-    power = 1 if len(loop_rows(robot).names) == len(passive_columns(robot)) else 2
-    passive = Measured(branch, partial(measured_matrix, robot), power)
-    try:
-        found = contacts(passive, panels(samples, passive))
-    except Unresolved as unresolved:
-        raise _too_near(passive, unresolved) from None
-    for contact in found:
-        _check_dropped_rows(branch, contact.s)
-    return tuple(_singular_point(passive, contact) for contact in found)
+    return search_path(robot, path, branch=branch).points
 
 
 def _continued(branch: Branch) -> tuple[Samples, Measured, list[Panel] | Unresolved]:
@@ -166,12 +169,14 @@ def _check_dropped_rows(branch: Branch, s: float) -> None:
     that say it all at the reference need not do so everywhere.
     """
     robot, system = branch.robot, branch.closed(s).system
-    columns = moving_columns(robot)
-    whole = scaled(robot, loop_equations(robot.rows, system.frames).jacobian, robot.rows)[0][:, columns]
-    kept = scaled(robot, system.closures, loop_rows(robot))[0][:, columns]
+    columns = robot.moving
+    whole = scaled(robot, loop_equations(robot.rows, system.frames).jacobian, robot.rows.rotation)[0][
+        :, columns
+    ]
+    kept = scaled(robot, system.closures, robot.loops.rotation)[0][:, columns]
     every, chosen = (np.linalg.svd(part, compute_uv=False) for part in (whole, kept))
     if np.sum(chosen > VANISHED) < np.sum(every > VANISHED):
-        dropped = sorted(set(robot.rows.names) - set(loop_rows(robot).names))
+        dropped = sorted(set(robot.rows.names) - set(robot.loops.names))
         raise NotConverged(
             f"{robot.name}: the loops are sound at s = {s:.6g}, but the loop equations that were dropped as "
             f"redundant at the reference ({', '.join(dropped)}) are needed there; give a reference nearer to "
@@ -200,7 +205,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     robot, at = branch.robot, stencil(s)
     closed = branch.closed(at)
     uncontrolled = uncontrolled_motion(robot, closed.system.at(1))
-    forward = np.dot(uncontrolled.twist, path_twist(robot, branch.path, s))
+    forward = np.dot(uncontrolled.twist, robot.platform.path_twist(branch.path, s))
     along = -1.0 if forward < 0 else 1.0
     P = passive.matrix(closed.system)
     if uncontrolled.corank > 1:
@@ -220,6 +225,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
         slope=float(slope),
         q=closed.q[1],
         motion=along * uncontrolled.motion,
+        resolution=contact.resolution,
     )
 
 

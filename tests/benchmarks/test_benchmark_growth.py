@@ -16,7 +16,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from framework import Law, ParallelRobot, inverse_dynamics, scene_path
+from framework import Law, ParallelRobot, inverse_dynamics
+from framework.crossing.scenes import scene_path
 from framework.dynamics.elasticity import settle
 from framework.kinematics.tracking import track_path
 from framework.motion.chebyshev import TimeGrid

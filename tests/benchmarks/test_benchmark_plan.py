@@ -15,7 +15,8 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import finite_difference_torques, plan_scene
+from framework import plan_scene
+from framework.dynamics.finite_differences import finite_difference_torques
 from tests.oracles import five_bar as oracle
 
 pytestmark = pytest.mark.benchmark

@@ -49,13 +49,17 @@ def chromium() -> Iterator[Any]:
 def opened(chromium, tmp_path) -> Iterator[Callable[..., Any]]:
     """Opens a page, given as HTML or by its address, and fails if it complains or asks the network for more.
 
-    HTML is opened from a file, with the network off.
+    HTML is opened from a file, with the network off. A film plays by itself where motion is wanted.
     """
     contexts, complaints = [], []
 
-    def open_page(page: str, *, width: int = 1280, height: int = 760) -> Any:
+    def open_page(page: str, *, width: int = 1280, height: int = 760, playing: bool = False) -> Any:
         served = page.startswith("http://127.0.0.1:")
-        context = chromium.new_context(viewport={"width": width, "height": height}, offline=not served)
+        context = chromium.new_context(
+            viewport={"width": width, "height": height},
+            offline=not served,
+            reduced_motion="no-preference" if playing else "reduce",
+        )
         contexts.append(context)
         if not served:
             file: Path = tmp_path / f"page{len(contexts)}.html"

@@ -2,68 +2,17 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import robots
-from framework import ParallelRobot
-from framework.crossing.scenes import scene, scene_path
-from framework.errors import NoAnswer
-from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack
-from framework.show.film import Film, film_motion
-from framework.show.jogging import move_by_hand
-from framework.show.page import film_page, hand_page
-from framework.show.server import PageServer
+from framework.show.page import film_page
 from tests.browser.conftest import wait_until
+from tests.browser.pages import BETWEEN, ON_SCREEN, filmed, gap, nodes_at, placements
 
 pytestmark = pytest.mark.browser
-
-# From the scene graph, not from the data: position and axes of every node as three.js has them.
-NODES = """(view) => view.nodes.map((node) => {
-  view.robot.updateMatrixWorld(true);
-  const toRobot = view.robot.matrixWorld.clone().invert();
-  return toRobot.multiply(node.matrixWorld).toArray();
-})"""
-ON_SCREEN = 2e-6  # lengths of the robot: what singles leave of a closed loop
-BETWEEN = 2e-4  # lengths: what is left half-way between two frames, turned and shifted straight
-
-
-def filmed(name: str, scene_name: str | None = None, flexibility: str = "rigid") -> Film:
-    """A scene of the robot, or the first that can be filmed."""
-    robot = robots.load(name, flexibility=flexibility)
-    for one in [scene_name] if scene_name else robot.description.scenes:
-        chosen = scene(robot, one)
-        asked = {key: getattr(chosen, key) for key in ("duration", "times", "speeds", "at")}
-        try:
-            return film_motion(robot, scene_path(chosen), name=one, **asked)
-        except NoAnswer:
-            continue
-    raise AssertionError(f"{name}: no scene can be filmed")
-
-
-def nodes_at(tab, t: float, film: int = 0) -> np.ndarray:
-    """Placements (njoints, 4, 4) of the robot's nodes on the screen at time t."""
-    tab.evaluate("t => { crossing.clock.pause(); crossing.clock.seek(t); }", t)
-    return placements(tab, f"crossing.films[{film}].view")
-
-
-def placements(tab, view: str) -> np.ndarray:
-    columns = tab.evaluate(f"({NODES})({view})")
-    return np.array(columns).reshape(-1, 4, 4).transpose(0, 2, 1)
-
-
-def gap(robot: ParallelRobot, nodes: np.ndarray) -> float:
-    """Largest loop equation, in lengths of the robot and radians, of the bodies where the screen has them."""
-    frames = [robot.model.frames[frame] for frame in robot.frames]
-    poses = np.array([nodes[frame.parentJoint] @ frame.placement.homogeneous for frame in frames])
-    still = np.zeros((1, robot.model.nv, 6)), np.zeros((len(frames), robot.model.nv))
-    stack = FrameStack(poses[None, :, :3, 3], poses[None, :, :3, :3], *still)
-    residual = np.abs(loop_equations(robot.rows, stack).residual[0])
-    return float((residual / np.where(robot.rows.rotation, 1.0, robot.length)).max())
 
 
 @pytest.mark.parametrize("name", robots.CATALOGUE)
@@ -84,7 +33,7 @@ def test_every_robot_stands_moves_and_keeps_its_loops_closed(opened, name):
 
 
 def test_it_plays_by_itself_and_stops_when_told(opened):
-    tab = opened(film_page([filmed("five_bar", "C")]))
+    tab = opened(film_page([filmed("five_bar", "C")]), playing=True)
     assert tab.evaluate("crossing.clock.playing")
     wait_until(tab, "crossing.clock.t > 0.2")  # it starts from rest, slowly
     started, before = tab.evaluate("crossing.clock.t"), placements(tab, "crossing.films[0].view")
@@ -120,8 +69,9 @@ def test_arrows_are_t_s_and_w_p(opened):
     film = filmed("biglide", "bow")
     tab = opened(film_page([film]))
     (instant,) = film.instants
-    arrows = """() => Object.fromEntries(Object.entries(crossing.films[0].arrows).map(([name, {linear}]) =>
-      [name, [linear.object.visible, ...linear.tip.clone().sub(linear.object.position).toArray()]]))"""
+    arrows = """() => Object.fromEntries(
+      Object.entries(crossing.films[0].vectors.arrows).map(([name, {linear}]) =>
+        [name, [linear.object.visible, ...linear.tip.clone().sub(linear.object.position).toArray()]]))"""
     for k in (150, int(np.argmin(np.abs(film.time - instant.time))), 400):
         nodes_at(tab, float(film.time[k]))
         drawn = tab.evaluate(arrows)
@@ -134,12 +84,9 @@ def test_arrows_are_t_s_and_w_p(opened):
     drawn = tab.evaluate(arrows)
     t_s, W_p = (np.array(drawn[name][1:]) for name in ("t_s", "W_p"))
     assert abs(t_s @ W_p) < 1e-4 * np.linalg.norm(t_s) * np.linalg.norm(W_p)  # at a right angle
-    assert tab.evaluate("crossing.films[0].corner.object.visible")
-    nodes_at(tab, float(film.time[400]))
-    assert not tab.evaluate("crossing.films[0].corner.object.visible")
 
 
-def test_motors_redden_with_their_torque_and_springs_stretch(opened):
+def test_motors_darken_with_their_torque_and_springs_stretch(opened):
     film = filmed("five_bar", "C", "flexible_links")
     tab = opened(film_page([film]))
     grey = tab.evaluate(
@@ -242,78 +189,3 @@ def test_names_are_text(opened):
     tab = opened(film_page([replace(film, name=name, refusal=name)]))
     assert tab.locator("h2").inner_text().startswith(name)
     assert tab.locator("img").count() == 0
-
-
-@pytest.fixture
-def by_hand():
-    """Serves robots to be moved by hand; gives their addresses."""
-    servers = []
-
-    def serve(robot: ParallelRobot) -> str:
-        server = PageServer(hand_page(robot), lambda asked: move_by_hand(robot, asked))
-        thread = threading.Thread(target=server.serve_until_interrupted)
-        thread.start()
-        servers.append((server, thread))
-        return server.address
-
-    yield serve
-    for server, thread in servers:
-        server.shutdown()
-        thread.join()
-
-
-def drag(tab, part: str, index: int, value: float) -> dict:
-    """Move a slider and wait for what the page then knows."""
-    tab.evaluate(
-        """([part, index, value]) => {
-          const slider = document.querySelector(`input[data-part=${part}][data-index="${index}"]`);
-          window.before = crossing.hand.state;
-          slider.value = value;
-          slider.dispatchEvent(new Event("input"));
-          slider.dispatchEvent(new Event("change"));
-        }""",
-        [part, index, value],
-    )
-    wait_until(tab, "crossing.hand.state !== window.before && !crossing.hand.busy")
-    return tab.evaluate("crossing.hand.state")
-
-
-def test_sliders_move_the_robot_with_its_loops_closed(opened, by_hand):
-    robot = robots.load("five_bar")
-    tab = opened(by_hand(robot))
-    before = placements(tab, "crossing.hand.view")
-    for part, value in (("platform", 0.0), ("motor", 1.5)):
-        state = drag(tab, part, 0, value)
-        assert state[part][0] == pytest.approx(value, abs=2e-3)  # a slider has steps
-        after = placements(tab, "crossing.hand.view")
-        assert np.abs(after - before).max() > 0.01
-        assert gap(robot, after) < ON_SCREEN
-        assert tab.locator("output").first.inner_text().startswith(f"{state['platform'][0]:.4f}")
-        before = after
-
-
-def test_the_page_turns_colour_at_the_locus_and_stops_at_the_edge(opened, by_hand):
-    tab = opened(by_hand(robots.load("five_bar")))
-    drag(tab, "platform", 0, 0.0)
-    assert "regular" in tab.get_attribute(".view", "class")
-    on = drag(tab, "platform", 1, float(np.sqrt(0.06)))
-    assert on["level"] == "singular"
-    assert "singular" in tab.get_attribute(".view", "class")
-    assert "Type 2" in tab.inner_text(".class")
-    edge = drag(tab, "platform", 1, 0.75)
-    assert "edge of the workspace" in tab.inner_text(".stop")
-    shown = float(tab.evaluate("document.querySelectorAll('input[data-part=platform]')[1].value"))
-    assert shown == pytest.approx(edge["platform"][1], abs=1e-3)  # the slider went back to where the robot is
-    tab.click("button.back")
-    assert tab.inner_text(".stop") == ""
-
-
-@pytest.mark.parametrize("name", ["gough_stewart", "standing_quadruped"])
-def test_other_robots_can_be_moved_by_hand(opened, by_hand, name):
-    robot = robots.load(name)
-    tab = opened(by_hand(robot))
-    value = tab.evaluate("crossing.hand.state.platform[2]") - 0.02
-    state = drag(tab, "platform", 2, value)
-    assert state["platform"][2] == pytest.approx(value, abs=0.01 * robot.length)
-    assert gap(robot, placements(tab, "crossing.hand.view")) < ON_SCREEN
-    assert tab.locator("input[data-part=motor]").count() == (0 if name == "standing_quadruped" else 6)

@@ -15,7 +15,7 @@ import robots
 from framework import InvalidInput, plan_scene
 from framework.cli import main
 from framework.control import study as study_module
-from framework.control.closed_loop import Loop, run_closed_loop
+from framework.control.closed_loop import ControlLoop, run_closed_loop
 from framework.control.controllers import tuned_controller
 from framework.control.feedforward import FeedforwardPD
 from framework.control.reference import reference_of
@@ -51,7 +51,7 @@ def test_the_plan_held_over_each_period_comes_back_to_second_order(flexibility):
         reference = reference_of(plan, period=period)
         nothing = np.zeros(reference.robot.n_a)
         run = run_closed_loop(
-            FeedforwardPD(reference, nothing, nothing), Loop(), Spread(), unvaried(tuned(reference))
+            FeedforwardPD(reference, nothing, nothing), ControlLoop(), Spread(), unvaried(tuned(reference))
         )
         errors.append(run.tracking_error[0])
     assert errors[1] < 2e-5  # robot lengths
@@ -67,7 +67,7 @@ def test_an_optimal_law_is_held_over_each_period_to_second_order_too():
         reference = reference_of(plan, period=period)
         nothing = np.zeros(reference.robot.n_a)
         run = run_closed_loop(
-            FeedforwardPD(reference, nothing, nothing), Loop(), Spread(), unvaried(tuned(reference))
+            FeedforwardPD(reference, nothing, nothing), ControlLoop(), Spread(), unvaried(tuned(reference))
         )
         errors.append(run.tracking_error[0])
     assert 3.0 < errors[0] / errors[1] < 5.5
@@ -79,7 +79,7 @@ def tuned(reference):
 
 def test_robust_controllers_pass_with_a_wrong_payload_where_naive_computed_torque_does_not():
     passed = {
-        name: run_chunk(controller(name), Loop(), PAYLOAD, 0, range(12)).passed.mean()
+        name: run_chunk(controller(name), ControlLoop(), PAYLOAD, 0, range(12)).passed.mean()
         for name in ("feedforward", "lqr", "computed_torque", "naive_computed_torque")
     }
     assert [passed[name] for name in ("feedforward", "lqr", "computed_torque")] == [1.0, 1.0, 1.0]
@@ -88,8 +88,8 @@ def test_robust_controllers_pass_with_a_wrong_payload_where_naive_computed_torqu
 
 def test_a_run_does_not_depend_on_its_neighbours():
     one = controller("lqr")
-    together = run_chunk(one, Loop(), PAYLOAD, 7, range(3, 8))
-    alone = run_chunk(one, Loop(), PAYLOAD, 7, range(5, 6))
+    together = run_chunk(one, ControlLoop(), PAYLOAD, 7, range(3, 8))
+    alone = run_chunk(one, ControlLoop(), PAYLOAD, 7, range(5, 6))
     assert together.tracking_error[2] == alone.tracking_error[0]
     np.testing.assert_array_equal(together.peak_torque[2], alone.peak_torque[0])
 
@@ -99,30 +99,30 @@ def test_a_study_does_not_depend_on_the_executor(monkeypatch):
     spread = Spread(payload=0.05, friction=0.05, places=1e-5, noise=1e-6, speed_noise=1e-4)
     one = controller("feedforward", period=5e-3)
     done = []
-    serial = run_study(one, Loop(), spread, runs=5, seed=3, progress=done.append)
+    serial = run_study(one, ControlLoop(), spread, runs=5, seed=3, progress=done.append)
     with ThreadPoolExecutor(2) as pool:
-        parallel = run_study(one, Loop(), spread, runs=5, seed=3, executor=pool)
+        parallel = run_study(one, ControlLoop(), spread, runs=5, seed=3, executor=pool)
     np.testing.assert_array_equal(serial.tracking_error, parallel.tracking_error)
     np.testing.assert_array_equal(serial.peak_torque, parallel.peak_torque)
     assert done == sorted(done)
     assert {2, 4, 5} <= set(done)  # chunk by chunk, and those under way by their share
-    other = run_study(one, Loop(), spread, runs=5, seed=4)
+    other = run_study(one, ControlLoop(), spread, runs=5, seed=4)
     assert not np.array_equal(serial.payload, other.payload)
 
 
 def test_a_failure_comes_back_by_its_seed():
     naive = controller("naive_computed_torque")
-    study = run_study(naive, Loop(), PAYLOAD, runs=6, seed=1)
+    study = run_study(naive, ControlLoop(), PAYLOAD, runs=6, seed=1)
     assert study.failures
     seed = study.failures[0]
-    again = run_closed_loop(naive, Loop(), PAYLOAD, [draw(naive.reference.robot, PAYLOAD, seed)])
+    again = run_closed_loop(naive, ControlLoop(), PAYLOAD, [draw(naive.reference.robot, PAYLOAD, seed)])
     assert not again.passed[0]
     assert again.tracking_error[0] == study.tracking_error[seed[1]]
     assert again.why[0] == study.why[seed[1]]
 
 
 def test_the_interval_is_wilsons():
-    study = run_study(controller("naive_computed_torque"), Loop(), PAYLOAD, runs=7)
+    study = run_study(controller("naive_computed_torque"), ControlLoop(), PAYLOAD, runs=7)
     passed = int(study.passed.sum())
     expected = binomtest(passed, 7).proportion_ci(method="wilson")
     np.testing.assert_allclose(study.interval, (expected.low, expected.high), atol=1e-12)
@@ -130,7 +130,7 @@ def test_the_interval_is_wilsons():
 
 def test_torques_stay_within_the_limit():
     limit = (0.10, 0.09)
-    run = run_chunk(controller("lqr"), Loop(limit=limit), PAYLOAD, 0, range(3))
+    run = run_chunk(controller("lqr"), ControlLoop(limit=limit), PAYLOAD, 0, range(3))
     np.testing.assert_allclose(run.peak_torque.max(axis=0), limit, rtol=1e-12)  # the plan asks for more
     assert not run.passed.any()
 
@@ -140,7 +140,7 @@ def test_what_comes_late_and_what_rubs_leaves_a_larger_error():
     nothing = unvaried(one)[0]
     error = {
         what: run_closed_loop(
-            one, Loop(), Spread(), [Variation(**{**vars(nothing), **change})]
+            one, ControlLoop(), Spread(), [Variation(**{**vars(nothing), **change})]
         ).tracking_error[0]
         for what, change in {
             "nothing": {},
@@ -183,12 +183,15 @@ def test_a_heavier_payload_adds_its_inertia_and_nothing_else(robot):
         (lambda: Spread(payload=-0.1), "payload"),
         (lambda: Spread(payload=1.0), "below 1"),
         (lambda: Spread(delay=np.nan), "delay"),
-        (lambda: Loop(band=0.0), "band"),
-        (lambda: Loop(sensors="eyes"), "motors"),
-        (lambda: run_study(controller("lqr"), Loop(), Spread(), runs=0), "runs"),
-        (lambda: run_study(controller("lqr"), Loop(), Spread(), runs=1, seed=-1), "seed"),
-        (lambda: run_chunk(controller("lqr"), Loop(limit=(1.0, 2.0, 3.0)), Spread(), 0, range(1)), "limit"),
-        (lambda: run_chunk(controller("lqr"), Loop(limit=(-1.0,)), Spread(), 0, range(1)), "limit"),
+        (lambda: ControlLoop(tolerance=0.0), "tolerance"),
+        (lambda: ControlLoop(sensors="eyes"), "motors"),
+        (lambda: run_study(controller("lqr"), ControlLoop(), Spread(), runs=0), "runs"),
+        (lambda: run_study(controller("lqr"), ControlLoop(), Spread(), runs=1, seed=-1), "seed"),
+        (
+            lambda: run_chunk(controller("lqr"), ControlLoop(limit=(1.0, 2.0, 3.0)), Spread(), 0, range(1)),
+            "limit",
+        ),
+        (lambda: run_chunk(controller("lqr"), ControlLoop(limit=(-1.0,)), Spread(), 0, range(1)), "limit"),
     ],
 )
 def test_what_cannot_be_is_refused_by_name(build, says):
@@ -316,7 +319,7 @@ def test_ctrl_c_before_any_run_is_finished_leaves_nothing(tmp_path, capsys, monk
 
 def test_in_this_process_progress_is_told_while_a_chunk_is_under_way():
     done = []
-    run_study(controller("feedforward", period=5e-3), Loop(), PAYLOAD, runs=5, progress=done.append)
+    run_study(controller("feedforward", period=5e-3), ControlLoop(), PAYLOAD, runs=5, progress=done.append)
     assert set(done) == {0, 1, 2, 3, 4, 5}
 
 
@@ -326,7 +329,7 @@ def test_in_this_process_progress_is_told_while_a_chunk_is_under_way():
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
-    spread = ["--places", "1e-5", "--friction", "0.02", "--noise", "1e-6", "--band", "1e-3"]
+    spread = ["--places", "1e-5", "--friction", "0.02", "--noise", "1e-6", "--tolerance", "1e-3"]
     controllers = ["--controller", "lqr", "naive_computed_torque"]
     assert main([*SHORT, *spread, *controllers, "--limit", "2", "--out", str(folder)]) == 0
     return folder
@@ -337,7 +340,12 @@ def test_a_study_keeps_all_that_a_rerun_needs(study):
     assert saved["spread"] == dict(
         payload=0.05, stiffness=0.0, places=1e-5, friction=0.02, delay=0.0, noise=1e-6, speed_noise=0.0
     )
-    assert (saved["period"], saved["limit"], saved["band"], saved["seed"]) == (5e-3, [2.0, 2.0], 0.001, 0)
+    assert (saved["period"], saved["limit"], saved["tolerance"], saved["seed"]) == (
+        5e-3,
+        [2.0, 2.0],
+        0.001,
+        0,
+    )
     assert saved["plan"]["robot_file"] == "five_bar"
     assert {"parallel-singularity-crossing", "pin", "numpy", "scipy", "python"} <= set(saved["versions"])
 
@@ -394,12 +402,15 @@ def test_a_replay_that_cannot_be_is_refused_by_name(study, capsys, change, says)
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        *((key, REMOVED) for key in ("plan", "period", "spread", "limit", "band", "studies", "runs", "seed")),
+        *(
+            (key, REMOVED)
+            for key in ("plan", "period", "spread", "limit", "tolerance", "studies", "runs", "seed")
+        ),
         ("versions", REMOVED),
         ("spread", {"payload": -1.0}),
         ("spread.colour", 1.0),
         ("limit", None),
-        ("band", "wide"),
+        ("tolerance", "wide"),
         ("sensors", "eyes"),
         ("period", "short"),
         ("plan", []),

@@ -9,7 +9,7 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.control.closed_loop import Loop, run_closed_loop
+from framework.control.closed_loop import ControlLoop, run_closed_loop
 from framework.control.controllers import CONTROLLERS, tuned_controller
 from framework.control.reference import reference_of
 from framework.control.variation import Spread, draw
@@ -22,8 +22,8 @@ def test_a_run_that_runs_away_leaves_its_neighbours_alone(name, sensors):
     controller = tuned_controller(name, reference_of(plan, period=1e-2))
     good = draw(plan.robot, Spread(), (0, 0))
     wild = replace(good, friction=np.full(plan.robot.n_a, 1e200))  # not a number after one step
-    alone = run_closed_loop(controller, Loop(sensors=sensors), Spread(), [good])
-    among = run_closed_loop(controller, Loop(sensors=sensors), Spread(), [good, wild, good])
+    alone = run_closed_loop(controller, ControlLoop(sensors=sensors), Spread(), [good])
+    among = run_closed_loop(controller, ControlLoop(sensors=sensors), Spread(), [good, wild, good])
     assert "lost" in among.why[1]
     np.testing.assert_array_equal(among.tracking_error[[0, 2]], alone.tracking_error[0])
 
@@ -33,5 +33,5 @@ def test_a_platform_may_turn_by_more_than_half_a_turn(name):
     plan = plan_scene(robots.load("four_bar"), "full_turn")
     assert plan.platform([plan.duration])[0, 0] < -np.pi
     controller = tuned_controller(name, reference_of(plan, period=2e-3))
-    run = run_closed_loop(controller, Loop(), Spread(), [draw(plan.robot, Spread(), (0, 0))])
+    run = run_closed_loop(controller, ControlLoop(), Spread(), [draw(plan.robot, Spread(), (0, 0))])
     assert run.passed[0], run.why[0]

@@ -19,6 +19,7 @@ from framework import (
     simulate,
 )
 from framework.crossing.bound import estimated_best
+from framework.crossing.saved import plan_document
 from framework.errors import InvalidInput, NoAnswer, NoLaw
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
@@ -140,7 +141,7 @@ def test_the_plan_says_which_law_it_took_and_why(robot, quickest):
     plain = plan_crossing(robot, LINE, duration=1.5)
     assert (plain.law.kind, plain.reason) == ("polynomial", "the polynomial advances")
     assert quickest.reason == "it was asked for"
-    assert quickest.to_dict()["law"]["kind"] == "optimal"
+    assert plan_document(quickest)["law"]["kind"] == "optimal"
 
 
 @pytest.mark.slow

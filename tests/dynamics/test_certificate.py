@@ -15,12 +15,12 @@ from framework import (
     Line,
     ParallelRobot,
     Spline,
-    finite_difference_torques,
     inverse_dynamics,
     locate_singularities,
     plan_crossing,
 )
 from framework.dynamics.elasticity import settle
+from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.forces import motor_torque
 from framework.errors import InvalidInput, NoLaw, NotConverged
 from framework.kinematics.tracking import track_path

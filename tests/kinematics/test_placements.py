@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import robots
-from framework import scene_path
+from framework.crossing.scenes import scene_path
 from framework.kinematics.frames import frames_at
 from framework.kinematics.placements import (
     carried_axis,

@@ -36,7 +36,7 @@ def test_the_robot_file_of_the_5r_becomes_records():
     assert found.springs[0] == Spring("left_drive", "joint", "left_motor", (), (25000.0,))
     assert found.springs[2] == Spring("left_rod", "link", "left_rod_tip", ("x",), (350000.0,))
     assert found.gravity == (0.0, 0.0, -9.81)
-    assert list(found.scenes) == ["A", "B", "C", "C-printed"]
+    assert list(found.scenes) == ["A", "B", "C", "C-printed", "bow"]
     points = ((0.1, 0.345), (-0.05, 0.195))
     assert found.scenes["B"] == Scene("B", "line", points, 1.5, (), None, None)  # no crossing condition
     assert found.scenes["A"].times is None  # left open

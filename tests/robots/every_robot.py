@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import CrossingPlan, ParallelRobot, plan_scene, scene_path
+from framework import CrossingPlan, ParallelRobot, plan_scene
+from framework.crossing.scenes import scene_path
 from framework.errors import NoAnswer, NoLaw
 from framework.model.description import FLEXIBILITIES, Scene
 

@@ -15,9 +15,9 @@ from framework import (
     assemble,
     locate_singularities,
     plan_scene,
-    scene_path,
     velocity_matrices,
 )
+from framework.crossing.scenes import scene_path
 from framework.errors import OutOfReach, UnboundedTorque
 from tests.oracles.forward_simulation import forward_simulate
 from tests.oracles.one_degree import ASIDE, DIGITS, instants, law_powers, law_value

@@ -19,9 +19,9 @@ from framework import (
     inverse_dynamics,
     locate_singularities,
     plan_scene,
-    scene_path,
     velocity_matrices,
 )
+from framework.crossing.scenes import scene_path
 from framework.errors import UnboundedTorque
 from framework.kinematics.frames import frames_at
 from tests.oracles import lagrange

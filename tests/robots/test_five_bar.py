@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import assemble, locate_singularities, plan_scene, scene_path, velocity_matrices
+from framework import assemble, locate_singularities, plan_scene, velocity_matrices
+from framework.crossing.scenes import scene_path
 from framework.errors import UnboundedTorque
 from tests.oracles import five_bar as oracle
 

@@ -10,16 +10,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import robots
-from framework import (
-    Condition,
-    Law,
-    assemble,
-    finite_difference_torques,
-    inverse_dynamics,
-    locate_singularities,
-    plan_scene,
-    scene_path,
-)
+from framework import Condition, Law, assemble, inverse_dynamics, locate_singularities, plan_scene
+from framework.crossing.scenes import scene_path
+from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import UnboundedTorque
 from tests.oracles.forward_simulation import forward_simulate
 

@@ -15,9 +15,9 @@ from framework import (
     assemble,
     locate_singularities,
     plan_scene,
-    scene_path,
     velocity_matrices,
 )
+from framework.crossing.scenes import scene_path
 from framework.errors import OutOfReach, Type1Singularity, UnboundedTorque
 from framework.model.description import Actuator, Platform
 from tests.oracles.forward_simulation import forward_simulate

@@ -14,9 +14,9 @@ from framework import (
     inverse_dynamics,
     locate_singularities,
     plan_scene,
-    scene_path,
     velocity_matrices,
 )
+from framework.crossing.scenes import scene_path
 from framework.errors import UnboundedTorque
 from tests.oracles.spherical import GEAR, Spherical
 

@@ -18,9 +18,9 @@ from framework import (
     locate_singularities,
     plan_crossing,
     plan_scene,
-    scene_path,
     velocity_matrices,
 )
+from framework.crossing.scenes import scene_path
 from framework.errors import UnboundedTorque
 from tests.oracles.forward_simulation import forward_simulate
 

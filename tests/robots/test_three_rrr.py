@@ -12,7 +12,8 @@ import pytest
 from scipy.optimize import brentq
 
 import robots
-from framework import assemble, locate_singularities, plan_scene, scene_path, velocity_matrices
+from framework import assemble, locate_singularities, plan_scene, velocity_matrices
+from framework.crossing.scenes import scene_path
 from framework.errors import UnboundedTorque
 from tests.oracles.forward_simulation import forward_simulate
 

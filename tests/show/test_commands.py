@@ -18,7 +18,7 @@ import pytest
 import robots
 from framework import Line, plan_crossing, plan_scene
 from framework.cli import main
-from framework.crossing.saved import load_plan
+from framework.crossing.saved import load_plan, plan_document
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("plans") / "C"
     out.mkdir()
     plan = plan_scene(robots.load("five_bar", flexibility="flexible_links"), "C")
-    (out / "plan.json").write_text(json.dumps(plan.to_dict()), encoding="utf-8")
+    (out / "plan.json").write_text(json.dumps(plan_document(plan)), encoding="utf-8")
     return out
 
 
@@ -196,7 +196,7 @@ def test_a_report_says_what_the_plan_is_and_how_to_have_it_again(crossing, folde
 def test_an_optimal_law_is_filmed_and_reported_as_any_other(crossing, tmp_path):
     path = Line([0.1, 0.345], [-0.05, 0.195])
     plan = plan_crossing(robots.load("five_bar"), path, optimize="time", torque_limit=0.165)
-    (tmp_path / "plan.json").write_text(json.dumps(plan.to_dict()), encoding="utf-8")
+    (tmp_path / "plan.json").write_text(json.dumps(plan_document(plan)), encoding="utf-8")
     file = tmp_path / "film.html"
     assert crossing("show", tmp_path, "--html", file)[0] == 0
     (scene,) = scenes(file)

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 import robots
-from framework.crossing.scenes import scene, scene_path
+from framework.crossing.scenes import scene_request
 from framework.dynamics.wrench import wrench_along
 from framework.show.film import film_motion
 
 
 def filmed(name: str, scene_name: str, flexibility: str = "rigid"):
     robot = robots.load(name, flexibility=flexibility)
-    chosen = scene(robot, scene_name)
-    asked = {key: getattr(chosen, key) for key in ("duration", "times", "speeds", "at")}
-    return film_motion(robot, scene_path(chosen), name=scene_name, **asked)
+    return film_motion(robot, scene_request(robot, scene_name), name=scene_name)
 
 
 @pytest.fixture(scope="module")
@@ -67,3 +65,40 @@ def test_a_robot_without_passive_joints_has_no_measure():
     film = filmed("two_arms", "lift")
     assert np.isnan(film.g).all()
     assert film.instants == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "scene_name"), [("five_bar", "C"), ("five_bar", "bow"), ("orthoglide", "cross")]
+)
+def test_motors_that_a_motion_takes_reach_all_that_it_asks_for_along_t_s(name, scene_name):
+    film = filmed(name, scene_name)
+    power = np.sum(film.t_s * film.W_p, axis=1)
+    low, high = film.motors.band(film.t_s, np.abs(film.torque).max(axis=0)).T
+    slack = 1e-9 * np.abs(power).max()
+    assert np.all(low <= power + slack)
+    assert np.all(power <= high + slack)
+    for instant in film.instants:  # the eye of the needle: a point, and it is 0
+        k = int(np.argmin(np.abs(film.time - instant.time)))
+        assert np.abs([low[k], high[k], power[k]]).max() < 1e-8 * np.abs(high).max()
+
+
+def test_an_unproved_motion_misses_the_eye_whatever_the_motors():
+    film = filmed("five_bar", "B")
+    (instant,) = film.instants
+    power = np.sum(film.t_s * film.W_p, axis=1)
+    widths = []
+    for limit in (0.1, 0.3):
+        low, high = film.motors.band(film.t_s, np.full(2, limit)).T
+        missed = film.time[(power < low) | (power > high)]
+        assert missed.min() < instant.time < missed.max()
+        widths.append(np.ptp(missed))
+    assert widths[1] < 0.5 * widths[0]  # the stronger the motors, the nearer they come, and no further
+
+
+def test_films_side_by_side_are_shown_with_the_same_motors():
+    from framework.show.scene import film_documents
+
+    works, fails = filmed("five_bar", "C"), filmed("five_bar", "B")
+    documents = film_documents([fails, works])
+    assert documents[0]["stated"] == documents[1]["stated"]
+    assert documents[1]["stated"] == f"motors of {1.5 * np.abs(works.torque).max():.3g} N m"

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import finite_difference_torques, plan_crossing, plan_scene
+from framework import plan_crossing, plan_scene
+from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
 from framework.show import plots
 from framework.show.eye import plot_eye

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Event, InvalidInput, simulate
+from framework import InvalidInput, simulate
+from framework.simulation import Event
 
 
 @pytest.mark.parametrize("method", ["reference", "stiff", "fast"])

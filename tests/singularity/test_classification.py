@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, scene_path
+from framework import Line
+from framework.crossing.scenes import scene_path
 from framework.kinematics.loop_matrices import measured_matrix
 from framework.kinematics.tracking import track_path
 from framework.singularity.classification import singularity_measure

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import assemble, locate_singularities, scene_path
+from framework import assemble, locate_singularities
+from framework.crossing.scenes import scene_path
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.loop_matrices import passive_matrix
 from framework.singularity.locus import locus_curves, locus_patch

@@ -10,7 +10,8 @@ from scipy.linalg import expm
 
 from framework.errors import SingularPath
 from framework.singularity.bordered_system import Border, bordered
-from framework.singularity.rank_deficiency import Measured, Samples, contacts, panels
+from framework.singularity.panels import Measured, Samples, panels
+from framework.singularity.rank_deficiency import contacts, near_misses
 
 SIZE = 6
 
@@ -89,6 +90,52 @@ def test_values_that_vanish_near_one_another_are_told_apart(gap):
     places = found(root(0.4), root(0.4 + gap, -0.8))
     assert [place.kind for place in places] == ["transversal"] * 2
     np.testing.assert_allclose([place.s for place in places], [0.4, 0.4 + gap], rtol=0, atol=1e-12)
+
+
+def bowl(depth, at=0.4137):
+    """A parabola, not quite symmetric, whose lowest value is a depth: two roots where that is negative."""
+    return lambda s: ((s - at) ** 2 + depth) * (1.0 + 0.3 * (s - at))
+
+
+@pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-5, 1.8e-6, 1e-6, 5e-7])
+def test_two_roots_are_two_however_near_to_each_other(gap):
+    before, behind = found(bowl(-(gap**2) / 4))
+    assert (before.kind, behind.kind) == ("transversal", "transversal")
+    # g is known to a few 1e-16, and its slope at the roots is their distance
+    np.testing.assert_allclose(
+        [before.s, behind.s], 0.4137 + np.array([-gap, gap]) / 2, rtol=0, atol=2e-15 / gap
+    )
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-9, 1e-8])
+def test_two_roots_that_rounding_cannot_part_are_a_touch_that_says_so(gap):
+    (only,) = found(bowl(-(gap**2) / 4))
+    assert only.kind == "tangential"
+    assert only.s == pytest.approx(0.4137, abs=1e-9)
+    assert gap < only.resolution < 5e-7
+
+
+@pytest.mark.parametrize("gap", [1e-3, 1.8e-6])
+def test_a_third_root_beside_two_is_found_as_well(gap):
+    def three(s):
+        return (s - 0.4) * (s - 0.4 - gap) * (s - 0.41)
+
+    # what rounding leaves of g over its slope there
+    slope = 0.01 * gap
+    places = [place.s for place in found(three)]
+    np.testing.assert_allclose(places, [0.4, 0.4 + gap, 0.41], rtol=0, atol=4e-15 / slope)
+
+
+@pytest.mark.parametrize("beside", [1e-3, 1e-5, 1e-6])
+def test_a_near_miss_is_told_with_its_place_its_depth_and_its_width(beside):
+    matrix = measured(bowl(beside**2))
+    resolved = panels(Samples(matrix.branch, {}), matrix)
+    assert contacts(matrix, resolved) == []
+    (miss,) = near_misses(matrix, resolved, [])
+    assert miss.s == pytest.approx(0.4137, abs=max(1e-9, beside**2))
+    assert abs(miss.g) == pytest.approx(beside**2, rel=5e-3)
+    # to where it has doubled; the walk there goes in steps of two
+    assert 0.9 * beside < miss.width < 2.1 * beside
 
 
 @pytest.mark.parametrize("distance", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6])

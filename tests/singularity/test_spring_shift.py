@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Arc, Line, ParallelRobot, locate_singularities, plan_scene, scene_path
+from framework import Arc, Line, ParallelRobot, locate_singularities, plan_scene
+from framework.crossing.scenes import scene_path
 from framework.kinematics.tracking import track_path
 from framework.singularity.spring_shift import spring_shift
 

@@ -16,8 +16,10 @@ import pytest
 import robots
 from framework import Condition, Law, Line, NoLaw, assemble, locate_singularities, plan_crossing
 from framework.crossing import timing
+from framework.crossing.request import Request
 from framework.crossing.timing import MOST_CROSSINGS, TRIALS, choose_timing
 
+OPEN = Request(path=Line([0.0], [1.0]), duration=1.0)
 COUNTS = (1, 2, 4, 8, 16, 32)
 
 
@@ -50,7 +52,7 @@ def trials(count: int) -> int:
 
     s = np.arange(1, count + 1) / (count + 1)
     with pytest.raises(NoLaw):
-        choose_timing(list(s), 1.0, None, None, 2, build, "robot")
+        choose_timing(list(s), OPEN, build, "robot")
     return tried
 
 
@@ -62,7 +64,7 @@ def test_one_polynomial_swings_between_many_points():
 
 @pytest.mark.parametrize("count", COUNTS)
 def test_the_search_is_bounded(count):
-    starts = len(list(timing._starts([0.5], 1.0, None, None, 2)))
+    starts = len(list(timing._starts([0.5], OPEN)))
     assert trials(count) <= (0 if count > MOST_CROSSINGS else TRIALS + starts + 2 * count + 2)
 
 

@@ -27,11 +27,11 @@ from framework import (
     ParallelRobot,
     Spline,
     assemble,
-    finite_difference_torques,
     inverse_dynamics,
     plan_crossing,
     velocity_matrices,
 )
+from framework.dynamics.finite_differences import finite_difference_torques
 from tests.oracles.planar import LINE
 
 BAD = [math.nan, math.inf, -math.inf]

@@ -13,7 +13,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from framework import Line, NoAnswer, NoLaw, locate_singularities, plan_crossing
+from framework import Line, NoAnswer, NoLaw, NotConverged, locate_singularities, plan_crossing, track_path
+from framework.singularity.classification import singularity_measure
+from framework.singularity.points_on_path import search_path
 from tests.oracles import naive
 from tests.oracles.planar import exact, mp, rods_cross, without_rotors
 from tests.singularity.test_points_on_path import locus, locus_tangent
@@ -39,7 +41,7 @@ def exact_crossings(path: Line, near: list[float]) -> list:
         x, y = (exact(float(a)) + s * (exact(float(b)) - exact(float(a))) for a, b in ends)
         return rods_cross(x, y)
 
-    return [mp.findroot(measure, mp.mpf(s)) for s in near]
+    return [mp.findroot(measure, (mp.mpf(s), mp.mpf(s) + mp.mpf("1e-9"))) for s in near]
 
 
 def found(depth: float, samples: int = 200) -> tuple[int, int, int, float]:
@@ -71,6 +73,56 @@ def test_a_near_miss_has_no_crossing_and_a_touch_is_one_of_its_own():
     assert touch.contact == "tangential"
     with pytest.raises(NoLaw, match="touches the locus without crossing"):
         plan_crossing(without_rotors(), chord(0.0), duration=1.5)
+
+
+def level(gap: float, *, across: bool) -> tuple[Line, list]:
+    """The level path, 0.12 m long, that meets the locus twice, a gap in s apart, or misses it by as little.
+
+    The 5R and its locus are symmetric about x = 0. With it the exact roots for its y as rounded.
+    """
+    top = mp.sqrt(mp.mpf("0.06"))
+    depth = top - mp.findroot(lambda y: rods_cross(exact(0.06) * gap, y), (top, top - mp.mpf("1e-4")))
+    y = float(top - depth if across else top + depth)
+    path = Line([0.06, y], [-0.06, y])
+    return path, exact_crossings(path, [0.5 - gap / 2, 0.5 + gap / 2]) if across else []
+
+
+@pytest.mark.parametrize("gap", [1e-3, 1e-5, 1.8e-6, 1e-6])
+def test_two_crossings_a_micrometre_of_path_apart_are_told_as_two(gap):
+    path, (before, behind) = level(gap, across=True)
+    assert float(behind - before) == pytest.approx(gap, rel=0.02)  # but for the rounding of y
+    found = locate_singularities(without_rotors(), path)
+    assert [point.contact for point in found] == ["transversal"] * 2
+    assert found[0].slope * found[1].slope < 0
+    for point, exactly in zip(found, (before, behind), strict=True):
+        # half of what rounding leaves of g over its slope there
+        assert abs(float(point.s - exactly)) < 1e-15 / (0.15 * gap)
+
+
+@pytest.mark.parametrize("gap", [1e-2, 1e-4, 1.8e-6])
+def test_a_near_miss_is_told_with_its_place_and_how_near_it_is(gap):
+    """The same depth beyond the locus as a crossing would reach over it: g has the same size there."""
+    missing, _ = level(gap, across=False)
+    searched = search_path(without_rotors(), missing)
+    assert searched.points == ()
+    (miss,) = searched.near_misses
+    assert miss.s == pytest.approx(0.5, abs=1e-7)
+    over, _ = level(gap, across=True)
+    middle = track_path(without_rotors(), over).closed(np.array([0.5])).system
+    g = singularity_measure(without_rotors(), middle).g[0]
+    assert abs(miss.g) == pytest.approx(abs(g), rel=0.02)
+    assert miss.g * g < 0
+    assert 0.3 * gap < miss.width < 3 * gap
+
+
+@pytest.mark.parametrize("gap", [1e-2, 1e-5, 1e-6])
+def test_no_torque_is_certified_across_a_near_miss_and_the_refusal_says_where(gap):
+    """A stretch of 1e-6 in s lies between two nodes: the tail alone would be 7e-12 and prove it."""
+    missing, _ = level(gap, across=False)
+    with pytest.raises(NotConverged, match=r"at s = 0\.5.*misses a singularity by \|g\| =") as caught:
+        plan_crossing(without_rotors(), missing, duration=1.5)
+    assert caught.value.s == pytest.approx(0.5, abs=1e-7)
+    np.testing.assert_allclose(caught.value.platform, missing(0.5), atol=1e-7)
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def describe(
     names = [closure.name for closure in closures]
     for closure in closures:
         if names.count(closure.name) > 1:
-            raise RobotFileError(f"closure {closure.name!r} is there twice")
+            raise RobotFileError(f"duplicate closure {closure.name!r}")
         if closure.frames[0] == closure.frames[1]:
             raise RobotFileError(
                 f"closure {closure.name!r}: joins {closure.frames[0]!r} with itself; needs two frames"

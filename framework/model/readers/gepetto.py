@@ -66,7 +66,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
         if name not in tree.movable:
             raise RobotFileError(f"name_mot[{i}]: {choose_from('movable joint', name, tree.movable)}")
         if motors.count(name) > 1:
-            raise RobotFileError(f"name_mot: {name!r} is there twice")
+            raise RobotFileError(f"name_mot: duplicate {name!r}")
     return describe(tree, file, options, closures, actuators=[Actuator(name) for name in motors])
 
 
@@ -79,7 +79,7 @@ def _replace_joints(tree: UrdfTree, content: Mapping[Any, Any]) -> None:
         )
     for i, (name, kind) in enumerate(zip(names, kinds, strict=True)):
         if names.count(name) > 1:
-            raise RobotFileError(f"joint_name: {name!r} is there twice")
+            raise RobotFileError(f"joint_name: duplicate {name!r}")
         if name not in tree.joints:
             raise RobotFileError(f"joint_name[{i}]: {choose_from('joint', name, tree.joints)}")
         joint = tree.joints[name]

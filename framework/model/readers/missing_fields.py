@@ -84,7 +84,7 @@ def _actuators(
         if name not in joints:
             raise RobotFileError(f"--motors: {choose_from('movable joint', name, joints)}")
         if list(motors).count(name) > 1:
-            raise RobotFileError(f"--motors: {name!r} is there twice")
+            raise RobotFileError(f"--motors: duplicate {name!r}")
     if not motors:
         raise RobotFileError(f"--motors: needs at least one joint (valid: {_few(joints)})")
     return tuple(by_joint.get(name, Actuator(name)) for name in motors)

@@ -36,8 +36,8 @@ function steady(value, largest) {
 
 class Chart {
   // series: [{values, color, dash, name}], each on `time`; `limit` clips them; beyond the time `unreal` they are
-  // grey, and begin anew. events: [{time, value, said, alarm}], a line each and, with a value, a ring on it.
-  constructor(parent, { title, time, series, limit, events = [], unreal = Infinity, seek, height = 150 }) {
+  // grey, and begin anew. `band` has a least and a largest value for each time. events: [{time, value, said, alarm}], a line each and, with a value, a ring on it.
+  constructor(parent, { title, time, series, limit, events = [], unreal = Infinity, seek, height = 150, band }) {
     Object.assign(this, { time, series, unreal, breaks: events.filter(({ alarm }) => alarm).map((event) => event.time) });
     const width = Math.max(300, parent.clientWidth - 16), left = 52, right = 10, top = 22, bottom = 20;
     const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "chart", role: "img", "aria-label": title }, parent);
@@ -71,16 +71,20 @@ class Chart {
     const frame = `frame${frames++}`;
     svg("rect", box, svg("clipPath", { id: frame }, root));
     const inside = svg("g", { "clip-path": `url(#${frame})` }, root);
+    if (band) {
+      const edge = (side) => Array.from(time, (t, k) => `${this.x(t).toFixed(1)} ${this.height(band[2 * k + side]).toFixed(2)}`);
+      svg("polygon", { points: [...edge(0), ...edge(1).reverse()].join(" "), class: "band" }, inside);
+    }
     for (const { time: t } of events) svg("line", { x1: this.x(t), x2: this.x(t), y1: top, y2: height - bottom, class: "event" }, inside);
     series.forEach(({ values, color, dash }) => {
       for (const [path, shade] of [[this.outline(values, -Infinity, unreal), color], [this.outline(values, unreal, Infinity), UNREAL]]) {
         if (path) svg("path", { d: path, fill: "none", stroke: shade, "stroke-width": 2, "stroke-dasharray": dash || "" }, inside);
       }
     });
+    const taken = [];
     for (const { time: t, value, said, alarm } of events) {
-      const late = this.x(t) > left + 0.6 * box.width, at = value === undefined ? top + 10 : this.height(value) - 7;
       if (value !== undefined) svg("circle", { cx: this.x(t), cy: this.height(value), r: 4.5, class: `ring ${alarm ? "alarm" : ""}` }, root);
-      if (said) svg("text", { x: this.x(t) + (late ? -7 : 7), y: at, "text-anchor": late ? "end" : "start", class: `said ${alarm ? "alarm" : ""}` }, root).textContent = said;
+      if (said) this.write(said, this.x(t), value === undefined ? top + 6 : this.height(value), box, taken, alarm ? "said alarm" : "said", root);
     }
     this.line = svg("line", { y1: top, y2: height - bottom, class: "mark" }, root);
     this.dots = series.map(() => svg("circle", { r: 4, stroke: "#fff" }, inside));
@@ -91,6 +95,32 @@ class Chart {
     root.addEventListener("pointerdown", (event) => { root.setPointerCapture(event.pointerId); at(event); });
     root.addEventListener("pointermove", (event) => { if (event.buttons) at(event); });
     this.mark(0, 0, 0);
+  }
+
+  // Writes a text beside a point, as near as it can stand clear of the curves and of the texts before it.
+  write(text, x, y, box, taken, kind, root) {
+    const written = svg("text", { class: kind }, root);
+    written.textContent = text;
+    const width = written.getComputedTextLength(), up = 9, down = 3;
+    const dots = this.series.flatMap(({ values }) => Array.from(values, (value, k) => [this.x(this.time[k]), this.height(value)])).filter(([, height]) => isFinite(height));
+    const lines = dots.flatMap(([a, b], k) => { // the steep pieces of a curve, filled with dots
+      const [c, d] = dots[k - 1] || [a, b], between = c < a ? Math.min(40, Math.floor(Math.abs(d - b) / 4)) : 0;
+      return [[a, b], ...Array.from({ length: between }, (_, i) => [a + ((c - a) * (i + 1)) / (between + 1), b + ((d - b) * (i + 1)) / (between + 1)])];
+    });
+    const struck = ([left, base]) => lines.filter(([a, b]) => left - 3 < a && a < left + width + 3 && base - up - 3 < b && b < base + down + 3).length
+      + 1000 * taken.filter((other) => left < other.right && other.left < left + width && base - up < other.base + down && other.base - up < base + down).length;
+    const places = [];
+    for (let away = 0; away < box.height; away += 4) {
+      for (const base of away ? [y + 4 - away, y + 4 + away] : [y + 4]) {
+        for (const left of [x + 9, x - 9 - width]) {
+          if (left > box.x && left + width < box.x + box.width && base - up > box.y && base + down < box.y + box.height) places.push([left, base]);
+        }
+      }
+    }
+    const scores = places.map(struck), best = places.length ? places[scores.indexOf(Math.min(...scores))] : [Math.max(box.x, x - 9 - width), y - 7];
+    written.setAttribute("x", best[0]);
+    written.setAttribute("y", best[1]);
+    taken.push({ left: best[0], right: best[0] + width, base: best[1] });
   }
 
   // The curve strictly between two times, as far as it is finite.

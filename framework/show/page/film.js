@@ -1,9 +1,5 @@
 // One film: a view, what moves in it, the curves beside it, and what is to be said about this instant.
 
-function symbols(text) {
-  return plain(text).replace(/\bt_s\b/g, "t<sub>s</sub>").replace(/\bW_p\b/g, "W<sub>p</sub>");
-}
-
 class Film {
   constructor(section, content, seek) {
     this.content = content;
@@ -13,13 +9,10 @@ class Film {
     const torque = decoded(content.torque);
     this.torque = content.motors.map((_, k) => Float32Array.from(this.time, (_, f) => torque[f * n + k]));
     this.power = decoded(content.power);
+    this.band = decoded(content.band);
     this.g = content.g && decoded(content.g);
     this.law = decoded(content.law);
     this.platform = decoded(content.platform);
-    this.vectors = Object.fromEntries(["t_s", "W_p"].map((name) => {
-      const { linear, angular, largest } = content[name];
-      return [name, { linear: decoded(linear), angular: decoded(angular), largest }];
-    }));
     this.largestG = this.g ? Math.max(...this.g.map(Math.abs)) : 1;
 
     // the singular instant that nobody gets beyond, of a motion without a proof
@@ -32,6 +25,8 @@ class Film {
     this.caption = section.querySelector(".now");
     this.legend(document.getElementById("legend"), section.querySelector(".legend"));
     this.charts(section.querySelector(".side"), seek);
+    this.view.extra.push(...points(this.platform), ...this.tips());
+    this.view.frame();
   }
 
   furnish() {
@@ -44,23 +39,7 @@ class Film {
     for (let k = 1; k < track.length; k++) way.push(way[k - 1] + track[k].distanceTo(track[k - 1]));
     this.way = way.map((value) => value / (way[way.length - 1] || 1));
     this.spot = view.add(new THREE.Mesh(new THREE.SphereGeometry(0.014 * L, 24, 16), new THREE.MeshBasicMaterial({ color: COLORS.trace })));
-    this.arrows = {};
-    for (const [name, color] of [["t_s", COLORS.twist], ["W_p", COLORS.wrench]]) {
-      const bothWays = name === "t_s";
-      this.arrows[name] = {
-        linear: new Arrow(color, 0.007 * L, { bothWays }),
-        angular: new Arrow(color, 0.005 * L, { bothWays, turning: true }),
-      };
-      for (const arrow of Object.values(this.arrows[name])) view.add(arrow.object);
-    }
-    this.corner = new RightAngle(0x1d2530, 0.004 * L, 0.06 * L);
-    view.add(this.corner.object);
-    const tip = (name) => () => {
-      const { linear, angular } = this.arrows[name];
-      return linear.object.visible ? linear.tip : angular.object.visible ? angular.tip : null;
-    };
-    view.label("t<sub>s</sub>", "var(--twist)", tip("t_s"));
-    view.label("W<sub>p</sub>", "var(--wrench)", tip("W_p"));
+    this.vectors = new Vectors(view, content);
     const few = content.motors.length > 4 ? [] : content.motors;
     const places = few.map(({ node, placement }) => {
       const place = new THREE.Vector3().setFromMatrixPosition(matrix(placement));
@@ -101,7 +80,7 @@ class Film {
   besideArrow(instant, lower) {
     const { view, content } = this, place = new THREE.Vector3(...instant.place);
     const k = this.time.reduce((best, t, i) => (Math.abs(t - instant.time) < Math.abs(this.time[best] - instant.time) ? i : best), 0);
-    const tip = this.vector(this.vectors.t_s.linear, k, 0).multiplyScalar(content.length).add(place);
+    const tip = this.vectors.at("t_s", "linear", k, 0).multiplyScalar(content.length).add(place);
     const from = view.onScreen(place), to = view.onScreen(tip);
     const across = to.x - from.x, down = to.y - from.y, size = Math.hypot(across, down) || 1;
     const clear = ([x, y]) => Math.abs(x * down - y * across) / size > (60 * Math.abs(down) + 14 * Math.abs(across)) / size;
@@ -119,10 +98,10 @@ class Film {
     }
     else if (content.instants.length) key("var(--locus)", "singular place");
     if (this.g) key("var(--twist)", "t<sub>s</sub>: direction without hold");
-    key("var(--wrench)", "W<sub>p</sub>: force that the motion asks for");
+    key("var(--wrench)", "W<sub>p</sub>: force asked for");
+    if (this.g) lines.push(`<div><span class="key given" style="background:var(--given)"></span>what ${plain(content.stated)} can give</div>`);
     if (this.trace) {
-      key("var(--trace)", "platform's way");
-      key("var(--path)", "still to go");
+      lines.push('<div><span class="key" style="background:linear-gradient(90deg, var(--trace) 50%, var(--path) 50%)"></span>way gone, and to go</div>');
     }
     const limit = content.shared_limit;
     lines.push(`<div>motor torque 0<span class="scale"></span>${rounded(limit)} ${content.motors[0].unit}</div>`);
@@ -147,7 +126,7 @@ class Film {
     side.insertAdjacentHTML("beforeend", `<p class="summary">${symbols(content.summary)}</p>`);
     if (content.refusal) side.insertAdjacentHTML("beforeend", `<p class="summary refusal">The planner: ${symbols(content.refusal)}</p>`);
     this.panels = [new Chart(side, {
-      title: `motor torque [${units}]`, time, seek, unreal, limit: content.shared_limit, height: beside ? 116 : 166,
+      title: `motor torque [${units}]`, time, seek, unreal, limit: content.shared_limit, height: beside ? 116 : 150,
       events: content.instants.map((instant) => mark(instant, undefined, alarm ? `${rounded(instant.time)} s: no bound` : "")),
       series: this.torque.map((values, k) => ({ values, color: PALETTE[k % 6], dash: dashes[k % 4], name: short ? content.motors[k].name.replace(/_/g, " ") : "" })),
     })];
@@ -155,22 +134,15 @@ class Film {
       `<span style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"} ${name}</span>`).join("&ensp; ")}</p>`);
     if (!this.g) return;
     this.panels.push(new Chart(side, {
-      title: `${content.asked} tₛ: tₛ · Wₚ [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 103 : 140,
+      title: `${content.asked} tₛ, asked for (tₛ · Wₚ) and given [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 103 : 176,
       events: content.instants.map((instant) => mark(instant, alarm ? instant.wrench : 0,
-        alarm ? `${rounded(instant.wrench)} ${content.unit}, not 0` : `0 at ${rounded(instant.time)} s`)),
-      series: [{ values: this.power, color: WRENCH }],
+        alarm ? `misses the eye: ${rounded(instant.wrench)} ${content.unit}` : `through the eye: 0`)),
+      series: [{ values: this.power, color: WRENCH }], band: this.band,
     }));
     this.panels.push(new Chart(side, {
       title: `singularity measure g: 0 ${content.locus ? `on the purple ${content.locus.kind === "patch" ? "surface" : "curve"}` : "where singular"}`, time, seek, unreal,
       height: beside ? 103 : 140, events: content.instants.map((instant) => mark(instant, 0, "")),
       series: [{ values: this.g, color: LOCUS }],
-    }));
-  }
-
-  vector(values, k, part) {
-    return new THREE.Vector3(...[0, 1, 2].map((i) => {
-      const a = values[3 * k + i];
-      return part > 0 ? a + part * (values[3 * k + 3 + i] - a) : a;
     }));
   }
 
@@ -182,21 +154,16 @@ class Film {
     while (k < time.length - 2 && time[k + 1] <= at) k++;
     const part = Math.min(1, Math.max(0, (at - time[k]) / (time[k + 1] - time[k])));
     view.setPoses(view.poses, k, part);
-    const origin = this.vector(this.platform, k, part);
+    const origin = vectorAt(this.platform, k, part);
     this.spot.position.copy(origin);
     const g = this.g ? between(this.g, k, part) : 1;
-    const near = 1 - Math.min(1, Math.abs(g) / (0.5 * this.largestG));
-    for (const name of ["t_s", "W_p"]) {
-      const { linear, angular, largest } = this.vectors[name];
-      const opacity = name === "t_s" ? 0.25 + 0.75 * near : 1;
-      const scale = (size) => (size > 1e-9 * (largest[0] + largest[1]) ? (name === "t_s" ? 0.32 : 0.45) * L / size : 0);
-      this.arrows[name].linear.set(origin, this.vector(linear, k, part).multiplyScalar(scale(largest[0])), opacity);
-      this.arrows[name].angular.set(origin, this.vector(angular, k, part).multiplyScalar(0.8 * scale(largest[1])), opacity);
-    }
-    this.square(at, origin);
+    this.vectors.set(origin, k, part, {
+      near: 1 - Math.min(1, Math.abs(g) / (0.5 * this.largestG)),
+      crossing: content.proved && content.instants.some(({ time }) => Math.abs(time - at) < 0.02 * this.duration),
+    });
     this.torque.forEach((values, m) => {
       const value = between(values, k, part);
-      view.setMotor(m, isFinite(value) ? Math.abs(value) / content.shared_limit : 1);
+      view.setMotor(m, isFinite(value) ? Math.abs(value) / content.shared_limit : Infinity);
       const label = this.motorLabels[m];
       if (label) label.textContent = Math.abs(value) > content.shared_limit * 1.001 || !isFinite(value) ? "off the scale" : `${steady(value, content.shared_limit)} ${content.motors[m].unit}`;
     });
@@ -212,58 +179,22 @@ class Film {
       this.trace.geometry.setDrawRange(0, 48 * Math.ceil(between(this.way, k, part) * segments));
     }
     this.panels.forEach((panel) => panel.mark(at, k, part));
-    this.say(at, g, between(this.power, k, part));
-    view.viewer.set_dirty();
-  }
-
-  // The sign of the right angle, where the arrows stand at one as the locus is crossed.
-  square(t, origin) {
-    const { content, arrows } = this;
-    const near = content.instants.some(({ time }) => Math.abs(time - t) < 0.02 * this.duration);
-    const [twist, wrench] = ["t_s", "W_p"].map((name) => arrows[name].linear.tip.clone().sub(origin));
-    const seen = Math.min(twist.length(), wrench.length()) > 0.03 * content.length;
-    const flat = !content.turning.some(Boolean) && Math.abs(twist.dot(wrench)) < 0.1 * twist.length() * wrench.length();
-    this.corner.object.visible = near && seen && flat;
-    if (this.corner.object.visible) this.corner.set(origin, twist, wrench);
-  }
-
-  // What is to be said now: of the singular instant that is nearest in time.
-  say(t, g, power) {
-    const { content, view } = this;
-    const nearest = content.instants.reduce((best, each) => (!best || Math.abs(each.time - t) < Math.abs(best.time - t) ? each : best), null);
-    const unreal = t > this.end + 1e-9 && !this.singular(nearest, t);
-    const near = this.g && Math.abs(g) < 0.25 * this.largestG;
-    const when = nearest && `<span class="whole">t = ${rounded(nearest.time)} s</span>`;
-    const now = `<b>${steady(power, content.shared_force)} ${content.unit}</b>`;
-    const hold = near ? "Along t<sub>s</sub> the motors have little hold" : "The motors hold the platform in every direction";
-    const asked = `${content.asked} t<sub>s</sub>`;
-    let state = "", text;
-    if (!this.g) {
-      text = "<b>Every joint has a motor.</b> This robot has no Type 2 singularity.";
-    } else if (!nearest) {
-      text = `<b>No singularity on this way.</b> ${hold}.`;
-    } else if (this.singular(nearest, t) && content.proved) {
-      state = "singular";
-      text = `<b>Singular now.</b> ${symbols(content.why)} ${symbols(nearest.how)} The torque stays finite.`;
-    } else if (this.singular(nearest, t)) {
-      state = "unbounded";
-      text = `<b>Singular now.</b> ${symbols(content.why)} The motion asks for ${rounded(Math.abs(nearest.wrench))} ${content.unit} ${content.asked.split(" ")[1]} t<sub>s</sub>: no motor torque is large enough.`;
-    } else if (unreal) {
-      state = "unreal";
-      text = `<b>The real robot would not get here</b>: no torque carries it through ${when}. Shown for comparison.`;
-    } else if (t < nearest.time) {
-      const then = content.proved ? `must reach 0 by ${when}` : `must reach 0 by ${when}, and does not`;
-      text = `<b>${near ? "Near" : "Before"} the singularity.</b> ${hold}. The ${asked}, now ${now}, ${then}.`;
-    } else {
-      text = `<b>${near ? "Just past" : "Past"} the singularity.</b> ${hold}${near ? " yet" : " again"}. The ${asked}, now ${now}, was 0 at ${when}.`;
-    }
+    const { text, state } = spoken(this, at, g, between(this.power, k, part));
     this.caption.className = `now ${state}`;
     this.caption.innerHTML = text;
     view.element.className = `view ${{ singular: "crossing", unbounded: "singular", unreal: "unreal" }[state] || ""}`;
+    this.shown = at;
+    view.viewer.set_dirty();
+  }
+
+  // Where the arrows end at times all along, and at the singular instants: that too has to be in sight.
+  tips() {
+    const times = Array.from({ length: 25 }, (_, k) => (k / 24) * this.duration);
+    return [...times, ...this.content.instants.map(({ time }) => time)].flatMap((t) => { this.show(t); return this.vectors.ends; });
   }
 
   singular(instant, t) {
-    return Boolean(instant) && Math.abs(instant.time - t) < 0.006 * this.duration;
+    return Boolean(instant) && Math.abs(instant.time - t) < 1e-9 * this.duration;
   }
 
   // Its own singular instant, if it has one.

@@ -1,9 +1,14 @@
 // The page: one column a film (or one robot to move by hand), one clock for all.
 
+const HELD = 2; // seconds for which a playing film stands at a singular instant
+const SNAP = 0.006; // share of the duration within which the time bar takes to a singular instant
+
 class Clock {
   constructor(films, bar) {
     this.films = films;
     this.duration = Math.max(...films.map(({ duration }) => duration));
+    this.instants = [...new Set(films.flatMap(({ content }) => content.instants.map(({ time }) => time)))].sort((a, b) => a - b);
+    this.holding = 0; // seconds for which it still stands
     this.t = 0;
     this.playing = false;
     bar.innerHTML = `<button class="play" type="button">▶ Play</button>
@@ -18,11 +23,28 @@ class Clock {
     this.speed = bar.querySelector(".speed");
     this.speed.value = this.duration < 4 ? "0.25" : "1";
     this.button.addEventListener("click", () => (this.playing ? this.pause() : this.play()));
-    bar.querySelector(".telling").addEventListener("click", () => this.tell());
-    this.bar.addEventListener("input", () => { this.pause(); this.seek(Number(this.bar.value)); });
+    const telling = bar.querySelector(".telling");
+    telling.addEventListener("click", () => this.tell());
+    if (!this.instants.length) telling.remove();
+    this.bar.addEventListener("input", () => this.take(Number(this.bar.value)));
+    // the space bar plays wherever the focus is, as long as the scene is in sight
+    const plays = (event) => {
+      const { top, bottom } = document.getElementById("stage").getBoundingClientRect();
+      return event.code === "Space" && bottom > 0 && top < innerHeight;
+    };
     document.addEventListener("keydown", (event) => {
-      if (event.code === "Space" && event.target === document.body) { event.preventDefault(); this.button.click(); }
-    });
+      if (!plays(event)) return;
+      event.preventDefault();
+      if (!event.repeat) this.button.click();
+    }, true);
+    document.addEventListener("keyup", (event) => { if (plays(event)) event.preventDefault(); }, true);
+  }
+
+  // What a hand leads to: a time, or the singular instant that it means.
+  take(t) {
+    this.pause();
+    const near = this.instants.find((instant) => Math.abs(instant - t) < SNAP * this.duration);
+    this.seek(near === undefined ? t : near);
   }
 
   seek(t) {
@@ -53,14 +75,26 @@ class Clock {
       const passed = (now - last) / 1000;
       last = now;
       if (this.t >= this.duration && (rest += passed) > 1.2) { this.t = 0; rest = 0; }
-      this.seek(this.t + (this.t >= this.duration ? 0 : passed * Number(this.speed.value)));
+      else if (this.holding > 0) this.holding -= passed;
+      else if (this.t < this.duration) this.advance(passed);
       requestAnimationFrame(step);
     };
     requestAnimationFrame(step);
   }
 
+  // Slower near a singular instant, and never past one without standing there.
+  advance(passed) {
+    const apart = Math.min(...this.instants.map((instant) => Math.abs(instant - this.t)), this.duration);
+    const slow = Math.min(1, 0.2 + 0.8 * (apart / (0.08 * this.duration)));
+    const next = this.t + Math.min(passed, 0.1) * Number(this.speed.value) * slow;
+    const instant = this.instants.find((time) => this.t < time && time <= next);
+    if (instant !== undefined) this.holding = HELD;
+    this.seek(instant === undefined ? next : instant);
+  }
+
   pause() {
     this.playing = false;
+    this.holding = 0;
     this.button.textContent = "▶ Play";
   }
 }
@@ -98,14 +132,15 @@ function start() {
   document.getElementById("legend").dataset.columns = contents.length;
   let clock = null;
   const sections = contents.map(section); // all of them, so that each knows its width
-  const films = contents.map((content, k) => new Film(sections[k], content, (t) => { clock.pause(); clock.seek(t); }));
+  const films = contents.map((content, k) => new Film(sections[k], content, (t) => clock.take(t)));
   clock = new Clock(films, document.getElementById("controls"));
   window.crossing = { films, clock };
   const makeRoom = () => {
+    const shown = films.map((film) => film.shown);
     const height = Math.max(...films.map((film) => film.wordiest));
     for (const film of films) film.caption.style.height = `${height}px`;
     if (films.length > 1) fillHeight(films, columns);
-    clock.seek(clock.t);
+    films.forEach((film, k) => film.show(shown[k]));
   };
   addEventListener("resize", makeRoom);
   makeRoom();

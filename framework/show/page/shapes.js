@@ -2,9 +2,9 @@
 
 const THREE = MeshCat.THREE;
 // One meaning each, as in page.css; blue, orange and yellow are left to the robots.
-const [LOCUS, TWIST, WRENCH, TRACE, PATH] = ["locus", "twist", "wrench", "trace", "path"].map((name) =>
+const [LOCUS, TWIST, WRENCH, TRACE, PATH, GIVEN] = ["locus", "twist", "wrench", "trace", "path", "given"].map((name) =>
   getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
-const COLORS = { locus: new THREE.Color(LOCUS), twist: new THREE.Color(TWIST), wrench: new THREE.Color(WRENCH), trace: new THREE.Color(TRACE), path: new THREE.Color(PATH) };
+const COLORS = { locus: new THREE.Color(LOCUS), twist: new THREE.Color(TWIST), wrench: new THREE.Color(WRENCH), trace: new THREE.Color(TRACE), path: new THREE.Color(PATH), given: new THREE.Color(GIVEN) };
 
 // Names come from robot files: text, never HTML.
 function plain(text) {
@@ -26,6 +26,10 @@ function points(values) {
 
 function matrix(placement) {
   return new THREE.Matrix4().fromArray(placement);
+}
+
+function corners({ min, max }) {
+  return [0, 1, 2, 3, 4, 5, 6, 7].map((k) => new THREE.Vector3((k & 1 ? max : min).x, (k & 2 ? max : min).y, (k & 4 ? max : min).z));
 }
 
 function solidGeometry(shape) {
@@ -156,6 +160,82 @@ class RightAngle {
   }
 }
 
+// All sums of plus or minus some vectors of a plane: a polygon, that is the forces which motors can give, as
+// far as it lies within a disc. Flat it is a line.
+class Polygon {
+  constructor(color, radius, count) {
+    this.radius = radius;
+    this.rim = 48;
+    const corners = 2 * count + this.rim;
+    this.place = new THREE.BufferAttribute(new Float32Array(3 * corners), 3);
+    this.object = new THREE.Group();
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", this.place);
+    geometry.setIndex(Array.from({ length: corners - 2 }, (_, k) => [0, k + 1, k + 2]).flat());
+    const fill = new THREE.MeshBasicMaterial({ color, opacity: 0.22, transparent: true, side: THREE.DoubleSide, depthWrite: false });
+    const inside = new THREE.Mesh(geometry, fill);
+    inside.frustumCulled = false;
+    this.object.add(inside);
+    const ink = new THREE.MeshBasicMaterial({ color, depthTest: false, depthWrite: false, transparent: true });
+    this.edges = Array.from({ length: 2 * count }, () => {
+      const edge = new THREE.Mesh(new THREE.CylinderGeometry(0.006 * radius, 0.006 * radius, 1, 8), ink);
+      edge.renderOrder = 7;
+      this.object.add(edge);
+      return edge;
+    });
+  }
+
+  // About `center`, seen from `origin`, the center of the disc.
+  set(origin, center, sides) {
+    const [across, along] = this.plane || (this.plane = axesOf(sides));
+    const flat = sides.map((side) => [side.dot(across), side.dot(along)]).map(([x, y]) => (y < 0 || (y === 0 && x < 0) ? [-x, -y] : [x, y]));
+    flat.sort((a, b) => Math.atan2(a[1], a[0]) - Math.atan2(b[1], b[0]));
+    let at = [center.dot(across), center.dot(along)].map((value, i) => value - flat.reduce((sum, side) => sum + side[i], 0));
+    const half = [];
+    for (const turn of [1, -1]) for (const [x, y] of flat) { half.push(at); at = [at[0] + 2 * turn * x, at[1] + 2 * turn * y]; }
+    const seen = withinDisc(half, this.radius, this.rim);
+    const placed = ([x, y]) => origin.clone().addScaledVector(across, x).addScaledVector(along, y);
+    for (let k = 0; k < this.place.count; k++) {
+      const { x, y, z } = seen.length ? placed(seen[Math.min(k, seen.length - 1)]) : origin;
+      this.place.setXYZ(k, x, y, z);
+    }
+    // its own sides, not the rim of the disc
+    const sideways = seen.map((corner, k) => [corner, seen[(k + 1) % seen.length]]).filter(([a, b]) =>
+      Math.hypot(a[0] + b[0], a[1] + b[1]) < 1.99 * this.radius && Math.hypot(a[0] - b[0], a[1] - b[1]) > 1e-6 * this.radius);
+    this.edges.forEach((edge, k) => {
+      edge.visible = k < sideways.length;
+      if (!edge.visible) return;
+      const [from, to] = sideways[k].map(placed), way = to.clone().sub(from);
+      edge.position.copy(from).addScaledVector(way, 0.5);
+      edge.scale.y = way.length();
+      edge.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), way.normalize());
+    });
+    this.place.needsUpdate = true;
+    this.corners = half;
+  }
+}
+
+// Two directions at right angles that span what all vectors span.
+function axesOf(vectors) {
+  const across = vectors[0].clone().normalize();
+  const rests = vectors.map((vector) => vector.clone().addScaledVector(across, -vector.dot(across)));
+  return [across, rests.reduce((best, rest) => (rest.length() > best.length() ? rest : best)).normalize()];
+}
+
+// A convex polygon, counter-clockwise, as far as it lies within a regular one of `rim` corners about the origin.
+function withinDisc(corners, radius, rim) {
+  let left = corners;
+  for (let k = 0; k < rim && left.length; k++) {
+    const angle = (2 * Math.PI * k) / rim, out = ([x, y]) => x * Math.cos(angle) + y * Math.sin(angle) - radius;
+    left = left.flatMap((corner, i) => {
+      const before = left[(i + left.length - 1) % left.length], a = out(before), b = out(corner);
+      const cut = a * b < 0 ? [[before[0] + (a / (a - b)) * (corner[0] - before[0]), before[1] + (a / (a - b)) * (corner[1] - before[1])]] : [];
+      return b <= 0 ? [...cut, corner] : cut;
+    });
+  }
+  return left;
+}
+
 // A spring: a helix along z that stretches, or one that turns a needle against a fixed one.
 class Coil {
   constructor(coil, length, factor) {
@@ -200,8 +280,9 @@ class Coil {
   }
 }
 
+// The colour of a motor by its share of the largest torque: grey to teal; red, the alarm, beyond it.
 function heat(share) {
-  const stops = [[0.83, 0.84, 0.86], [0.76, 0.42, 0.38], [0.55, 0.07, 0.05]];
-  const at = Math.min(1, Math.max(0, share)) * 2, k = Math.min(1, Math.floor(at)), t = at - k;
-  return stops[k].map((value, i) => value + t * (stops[k + 1][i] - value));
+  if (share > 1.001) return [0.7, 0.15, 0.12];
+  const [from, to] = [[0.83, 0.84, 0.86], [0.0, 0.32, 0.37]], t = Math.max(0, share);
+  return from.map((value, i) => value + t * (to[i] - value));
 }

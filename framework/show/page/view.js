@@ -8,6 +8,8 @@ class View {
     this.pane.className = "pane";
     this.viewer = new MeshCat.Viewer(this.pane);
     this.labels = [];
+    this.extra = []; // points that have to be in sight beside the bodies
+    this.turned = false; // by hand: then the camera stays where it was put
     this.fit();
     this.nodes = [];
     this.robot = new THREE.Group();
@@ -42,24 +44,16 @@ class View {
 
   resize() {
     this.viewer.set_3d_pane_size();
+    if (!this.turned) this.frame();
   }
 
   surroundings() {
-    const { center, radius, from, lowest, flat } = this.content.view;
+    const { center, radius, lowest, flat } = this.content.view;
     const viewer = this.viewer;
     for (const name of ["Grid", "Axes"]) viewer.set_property([name], "visible", false);
     viewer.hide_background();
-    viewer.camera.fov = 36;
-    viewer.camera.near = radius / 100;
-    viewer.camera.far = 60 * radius;
-    const { clientWidth, clientHeight } = this.element;
-    const far = (flat ? 2.45 : 2.75) * radius / Math.min(1, clientWidth / clientHeight || 1);
-    // the camera lives in a frame whose y is up
-    const inCamera = (x, y, z) => new THREE.Vector3(x, z, -y);
-    viewer.controls.target.copy(inCamera(...center));
-    viewer.camera.position.copy(inCamera(...center.map((value, k) => value + far * from[k])));
-    viewer.camera.updateProjectionMatrix();
-    viewer.controls.update();
+    viewer.camera.fov = flat ? 20 : 36; // a planar robot nearly without perspective
+    viewer.controls.addEventListener("start", () => { this.turned = true; });
     const step = Math.pow(10, Math.floor(Math.log10(radius)));
     const cells = 2 * Math.ceil((2.4 * radius) / step);
     const grid = new THREE.GridHelper(cells * step, cells, 0xb9c2cc, 0xdde2e8);
@@ -68,6 +62,70 @@ class View {
     grid.material.transparent = true;
     grid.material.opacity = 0.6;
     viewer.scene.add(grid);
+    const tools = this.element.appendChild(document.createElement("div"));
+    tools.className = "tools";
+    for (const [sign, title, act] of [["+", "zoom in", () => this.zoom(0.8)], ["−", "zoom out", () => this.zoom(1.25)], ["⤢", "fit the robot into the picture", () => this.frame()]]) {
+      const button = tools.appendChild(document.createElement("button"));
+      Object.assign(button, { type: "button", textContent: sign, title, onclick: act });
+      button.setAttribute("aria-label", title);
+    }
+  }
+
+  zoom(factor) {
+    const { camera, controls } = this.viewer;
+    this.turned = true;
+    camera.position.sub(controls.target).multiplyScalar(factor).add(controls.target);
+    controls.update();
+    this.viewer.set_dirty();
+  }
+
+  // Corners of all bodies in some frames of the motion, and what else has to be in sight.
+  inSight(frames = 25) {
+    const found = [...this.extra], placed = new THREE.Matrix4();
+    const count = this.poses.length / (7 * this.content.joints), last = Math.min(frames, count) - 1;
+    for (let f = 0; f <= last; f++) {
+      this.setPoses(this.poses, last ? Math.round((f * (count - 1)) / last) : 0);
+      this.robot.updateMatrixWorld(true);
+      const toRobot = this.robot.matrixWorld.clone().invert();
+      this.robot.traverse((mesh) => {
+        if (!mesh.geometry) return;
+        if (!mesh.geometry.boundingBox) mesh.geometry.computeBoundingBox();
+        placed.multiplyMatrices(toRobot, mesh.matrixWorld);
+        found.push(...corners(mesh.geometry.boundingBox).map((corner) => corner.applyMatrix4(placed)));
+      });
+    }
+    return found;
+  }
+
+  // Stands the camera as near as it can be with all that is to be seen in its frame, from the given direction.
+  frame() {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    if (!width || !height) return;
+    if (!this.cloud) this.cloud = this.inSight();
+    const { camera, controls } = this.viewer, rim = Math.min(34, 0.12 * Math.min(width, height));
+    const inCamera = ({ x, y, z }) => new THREE.Vector3(x, z, -y); // the camera lives in a frame whose y is up
+    const ahead = inCamera(new THREE.Vector3(...this.content.view.from)).negate();
+    const right = ahead.clone().cross(new THREE.Vector3(0, 1, 0)).normalize(), up = right.clone().cross(ahead);
+    const slope = Math.tan((camera.fov * Math.PI) / 360);
+    const across = slope * (width - 2 * rim) / height, along = slope * (1 - 2 * rim / height);
+    // |x - x0| <= across (z - z0) and |y - y0| <= along (z - z0) for all points: four least sides bound z0
+    const side = [-Infinity, -Infinity, -Infinity, -Infinity];
+    let middle = 0;
+    for (const point of this.cloud.map(inCamera)) {
+      const [x, y, z] = [point.dot(right), point.dot(up), point.dot(ahead)];
+      [x - across * z, -x - across * z, y - along * z, -y - along * z].forEach((value, k) => { side[k] = Math.max(side[k], value); });
+      middle += z / this.cloud.length;
+    }
+    const depth = Math.min(-(side[0] + side[1]) / (2 * across), -(side[2] + side[3]) / (2 * along));
+    camera.position.set(0, 0, 0)
+      .addScaledVector(right, 0.5 * (side[0] - side[1])).addScaledVector(up, 0.5 * (side[2] - side[3])).addScaledVector(ahead, depth);
+    controls.target.copy(camera.position).addScaledVector(ahead, middle - depth);
+    camera.near = (middle - depth) / 100;
+    camera.far = 60 * (middle - depth);
+    camera.updateProjectionMatrix();
+    controls.update();
+    this.turned = false;
+    this.viewer.set_dirty();
   }
 
   motor(motor) {
@@ -134,19 +192,24 @@ class View {
   }
 
   placeLabels() {
-    const { clientWidth, clientHeight } = this.element;
+    const { clientWidth, clientHeight } = this.element, taken = [];
     for (const { element, place, aside, line } of this.labels) {
       const point = place();
-      element.style.display = point ? "" : "none";
+      for (const part of [element, line]) if (part) part.style.display = point ? "" : "none";
       if (!point) continue;
       const at = this.onScreen(point), [right, down] = aside(at);
-      const half = 0.5 * element.offsetWidth + 3;
-      const x = Math.min(Math.max(at.x + right, half), clientWidth - half), y = Math.min(at.y + down, clientHeight - 12);
+      const half = 0.5 * element.offsetWidth + 3, high = 0.5 * element.offsetHeight;
+      const inside = (value, rim, size) => Math.min(Math.max(value, rim), size - rim);
+      const wanted = { x: inside(at.x + right, half, clientWidth), y: inside(at.y + down, high, clientHeight) };
+      const free = ({ x, y }) => taken.every((other) => Math.abs(other.x - x) > other.half + half || Math.abs(other.y - y) > other.high + high);
+      const tried = [0, 1, -1, 2, -2, 3, -3].map((step) => ({ x: wanted.x, y: inside(wanted.y + 0.9 * high * step, high, clientHeight) }));
+      const { x, y } = tried.find(free) || wanted;
+      taken.push({ x, y, half, high });
       element.style.left = `${x}px`;
       element.style.top = `${y}px`;
       if (!line) continue;
-      // to the upper edge of the label
-      const across = x - at.x, along = y - 9 - at.y;
+      // to the nearer edge of the label
+      const across = x - at.x, along = y - Math.sign(y - at.y) * 9 - at.y;
       line.style.left = `${at.x}px`;
       line.style.top = `${at.y}px`;
       line.style.width = `${Math.hypot(across, along)}px`;

@@ -14,7 +14,7 @@ import pytest
 
 import robots
 from framework.errors import RobotFileError
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.readers import read_any
 from tests.watchdog import bounded
 
@@ -56,9 +56,9 @@ CHANGES = [
     ("yaml", "['3d']", "[3]", "type: needs a list of names"),
     ("yaml", "'left_motor', ", "'left_moter', ", "name_mot[0]: unknown movable joint 'left_moter'"),
     ("yaml", "'left_motor', ", "'tip_A_frame', ", "name_mot[0]: unknown movable joint 'tip_A_frame'"),
-    ("yaml", "'left_motor', ", "'right_motor', ", "name_mot: 'right_motor' is there twice"),
+    ("yaml", "'left_motor', ", "'right_motor', ", "name_mot: duplicate 'right_motor'"),
     ("yaml", "name_mot: [", "name_mot: [[", "not valid YAML"),
-    ("yaml", "name_mot:", "type:", "the key is there twice"),
+    ("yaml", "name_mot:", "type:", "duplicate key"),
     ("yaml", "name_mot:", "joint_name: [left_elbow]\nname_mot:", "joint_type: needs one entry a joint"),
     (
         "yaml",
@@ -76,7 +76,7 @@ CHANGES = [
         "yaml",
         "name_mot:",
         "joint_name: [left_elbow, left_elbow]\njoint_type: [FIXED, FIXED]\nname_mot:",
-        "joint_name: 'left_elbow' is there twice",
+        "joint_name: duplicate 'left_elbow'",
     ),
     (
         "yaml",
@@ -87,14 +87,14 @@ CHANGES = [
     # Gepetto's URDF
     ("pair", "<robot", "<robots", "not well-formed XML"),
     ("pair", '<link name="tip_B"/>', "", "child: unknown link 'tip_B'"),
-    ("pair", '<link name="tip_B"/>', '<link name="tip_A"/>', "link 'tip_A' is there twice"),
+    ("pair", '<link name="tip_B"/>', '<link name="tip_A"/>', "duplicate link 'tip_A'"),
     (
         "pair",
         'name="tip_B_frame" type="fixed"',
         'name="tip_B_frame" type="floating"',
         "unknown type 'floating'",
     ),
-    ("pair", 'name="tip_B_frame"', 'name="tip_A_frame"', "joint 'tip_A_frame' is there twice"),
+    ("pair", 'name="tip_B_frame"', 'name="tip_A_frame"', "duplicate joint 'tip_A_frame'"),
     ("pair", '<parent link="right_rod"/>', '<parent link="tip_B"/>', "joins 'tip_B' with itself"),
     ("pair", 'xyz="0.2 0 0"', 'xyz="0.2 0"', "joint 'right_motor': <origin> xyz: needs 3 numbers"),
     ("pair", 'xyz="0.2 0 0"', 'xyz="0.2 0 nan"', "<origin> xyz: needs finite numbers"),
@@ -138,7 +138,7 @@ CHANGES = [
         "loop 'tip': <axis>: the axis is zero",
     ),
     ("plus", "</loop>", "<gap/></loop>", "loop 'tip': unknown element 'gap'"),
-    ("plus", "</loop>", '<axis xyz="1 0 0"/></loop>', "loop 'tip': <axis> is there twice"),
+    ("plus", "</loop>", '<axis xyz="1 0 0"/></loop>', "loop 'tip': duplicate <axis>"),
     ("plus", "</robot>", '<loop name="tip" type="revolute"/></robot>', "loop 'tip': <axis> is missing"),
     (
         "plus",
@@ -214,7 +214,7 @@ CHANGES = [
     ("sites", 'site1="left_tip"', 'site1="left_tip" body1="left_rod"', "give either two sites or bodies"),
     ("sites", "<equality>", '<equality><tendon tendon1="t"/>', "unknown or unsupported element 'tendon'"),
     ("sites", 'name="left_motor" class="driven"', 'name="left_motor" class="drive"', "unknown class 'drive'"),
-    ("sites", 'name="left_elbow"', 'name="left_motor"', "joint 'left_motor': the name is there twice"),
+    ("sites", 'name="left_elbow"', 'name="left_motor"', "joint 'left_motor': duplicate name"),
     ("sites", '<joint name="left_elbow"/>', "<freejoint/>", "body 'left_rod': a free body is not supported"),
     ("sites", '<joint name="left_elbow"/>', '<joint type="free"/>', "a free body is not supported"),
     ("sites", '<joint name="left_elbow"/>', '<joint type="screw"/>', "unknown type 'screw'"),
@@ -256,8 +256,8 @@ CHANGES = [
     ("sites", 'mass="10"', 'mass="-10"', "mass: must not be negative"),
     ("sites", ' mass="10"', "", "body 'left_rod': <inertial>: mass is missing"),
     ("sites", ' diaginertia="0 0 0"', "", "needs diaginertia or fullinertia"),
-    ("sites", 'name="right_crank"', 'name="left_crank"', "body 'left_crank': the name is there twice"),
-    ("sites", 'name="right_crank"', 'name="world"', "body 'world': the name is there twice, or taken"),
+    ("sites", 'name="right_crank"', 'name="left_crank"', "body 'left_crank': duplicate name"),
+    ("sites", 'name="right_crank"', 'name="world"', "body 'world': duplicate name, or taken"),
     ("sites", 'name="right_crank"', 'name="right_crank" mocap="true"', "mocap bodies are not supported"),
     ("sites", "<worldbody>", "<wordbody/><worldbody>", "unknown or unsupported section '<wordbody>'"),
     ("sites", "<worldbody>", "<tendon><fixed/></tendon><worldbody>", "section '<tendon>'"),

@@ -94,7 +94,7 @@ class Bodies:
         name = given or self.new_name(f"body_{len(self.bodies)}")
         if given is not None:
             if given in self.names:
-                raise RobotFileError(f"body {given!r}: the name is there twice, or taken")
+                raise RobotFileError(f"body {given!r}: duplicate name, or taken")
             self.names.add(given)
         where = f"body {name!r}"
         known(element, where, _BODY)
@@ -134,7 +134,7 @@ class Bodies:
             if key not in _JOINT:
                 raise RobotFileError(f"{where}: {choose_from('attribute', key, _JOINT)}")
         if name in self.coordinates:
-            raise RobotFileError(f"{where}: the name is there twice")
+            raise RobotFileError(f"{where}: duplicate name")
         kind = attributes.get("type", "hinge")
         if kind == "free":
             raise RobotFileError(f"{where}: {_FREE}")
@@ -182,7 +182,7 @@ class Bodies:
         if not name:
             return
         if name in self.sites:
-            raise RobotFileError(f"site {name!r} is there twice")
+            raise RobotFileError(f"duplicate site {name!r}")
         if "fromto" in attributes:
             raise RobotFileError(f"site {name!r} fromto: not supported; give pos and an orientation")
         self.sites[name] = (link, self.settings.placed(attributes, f"site {name!r}"))

@@ -37,7 +37,7 @@ def inertial_element(
     """The URDF's `<inertial>` of a body: its own, else that of its geoms; None for a body without mass."""
     found = element.findall("inertial")
     if len(found) > 1:
-        raise RobotFileError(f"body {link!r}: <inertial> is there twice")
+        raise RobotFileError(f"body {link!r}: duplicate <inertial>")
     if found and settings.from_geoms != "true":
         where = f"body {link!r}: <inertial>"
         known(found[0], where, _INERTIAL)

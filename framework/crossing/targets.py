@@ -1,0 +1,80 @@
+"""Where on the path condition (8) is to hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from framework.crossing.condition import CrossingPoint, imposed_point
+from framework.crossing.request import Request
+from framework.dynamics.crossings import check_kind
+from framework.errors import InvalidInput, NoLaw
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tracking import Branch
+from framework.singularity.points_on_path import SearchedPath, SingularPoint
+
+
+class Ground(NamedTuple):
+    """The path followed, its singular points, and where on it condition (8) is to hold."""
+
+    searched: SearchedPath
+    targets: Sequence[SingularPoint | CrossingPoint]
+
+    @property
+    def branch(self) -> Branch:
+        """The path as it was followed."""
+        return self.searched.branch
+
+    @property
+    def points(self) -> tuple[SingularPoint, ...]:
+        """The singular points of the undeformed robot on it."""
+        return self.searched.points
+
+
+def ground_of(searched: SearchedPath, request: Request) -> Ground:
+    """A path that has been searched, with the places that a request is about.
+
+    Raises:
+        InvalidInput: times or speeds are not as many as these places.
+        NoLaw, UncontrolledMotions: no law can cross at one of them.
+    """
+    return Ground(searched, _targets(searched.branch, searched.points, request))
+
+
+def _targets(
+    branch: Branch, points: tuple[SingularPoint, ...], request: Request
+) -> list[SingularPoint | CrossingPoint]:
+    """Where condition (8) is to hold; refuses what no law can cross."""
+    robot = branch.robot
+    times, speeds, at = request.times, request.speeds, request.at
+    if at is not None:
+        targets: list[SingularPoint | CrossingPoint] = [imposed_point(branch, s) for s in at]
+        what = f"{len(at)} imposed by `at`"
+    else:
+        targets = [*points]
+        what = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
+        if points:
+            what += " at s = " + ", ".join(f"{found.s:.6g}" for found in points)
+    if times is not None and len(times) == 0 and at is None:
+        if speeds:
+            raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
+        return []
+    for name, given in (("times", times), ("speeds", speeds)):
+        if given is not None and len(given) != len(targets):
+            raise InvalidInput(
+                f"{name}: got {len(given)} ({', '.join(f'{value:g}' for value in given)}), but there "
+                f"{'is' if len(targets) == 1 else 'are'} {what}"
+            )
+    for target in points if at is None else ():
+        _check_crossable(robot, target)
+    return targets
+
+
+def _check_crossable(robot: ParallelRobot, at: SingularPoint) -> None:
+    check_kind(robot, at)
+    if at.s < 1e-9 or at.s > 1 - 1e-9:
+        end = "starts" if at.s < 0.5 else "ends"
+        raise NoLaw(
+            f"{robot.name}: at s = {at.s:.6g} the path {end} on a Type 2 singularity; a stop on the locus "
+            f"can never be crossed: move the path's end"
+        )

@@ -1,0 +1,66 @@
+"""Near misses of the singular locus: whether the torques of a motion are known there.
+
+Beside a singularity torques may rise like 1/|g|, over as short a stretch of the path as |g| takes to double.
+Nodes farther apart than that do not see it, however small the tail of their series is. So the torques are
+computed once more, from the motion, where |g| is least and where it has doubled; they agree as far as a
+resolved torque has to, and rounding of g lets them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.dynamics.crossings import instants
+from framework.dynamics.elasticity import Deflected
+from framework.dynamics.forces import loop_forces
+from framework.dynamics.neglected import motion_of_forces, planned_pose
+from framework.dynamics.result import InverseDynamics
+from framework.errors import point
+from framework.kinematics.loop_matrices import measured_matrix
+from framework.singularity.extrema_of_g import extremum_near
+from framework.singularity.points_on_path import SearchedPath
+from framework.singularity.rank_deficiency import NearMiss
+
+SEEN = 1e-6  # of the largest torque: the loosest tolerance of a resolved one
+
+
+def unseen_near_miss(searched: SearchedPath, state: Deflected, result: InverseDynamics) -> NearMiss | None:
+    """The first near miss where the torques are not what their series say; None if all are."""
+    for miss in searched.near_misses:
+        for t in instants(state.law, state.grid.edges, miss.s):
+            if not _is_seen(searched, state, result, miss, t):
+                return miss
+    return None
+
+
+def _is_seen(
+    searched: SearchedPath, state: Deflected, result: InverseDynamics, miss: NearMiss, near: float
+) -> bool:
+    robot, edges = searched.branch.robot, state.grid.edges
+    start, duration = edges[0], edges[-1] - edges[0]
+
+    def matrices(share: Array) -> Array:
+        times = start + share * duration
+        closed = planned_pose(result, times)
+        if result.geometry == "rigid":
+            closed = searched.branch.closed(np.asarray(state.law(times)))
+        return measured_matrix(robot, closed.system)
+
+    # with its deflections the robot is nearest to the singularity somewhat earlier or later
+    turning = extremum_near(matrices, (edges - start) / duration, (near - start) / duration, miss.size)
+    times = start + duration * np.array([turning.s, *turning.beyond(2 * abs(turning.g))])
+    motion = motion_of_forces(searched.branch, result, times, planned_pose(result, times))
+    computed = loop_forces(robot, motion).joint_torque
+    known = state.grid.fit(state.forces.joint_torque)(times)
+    allowed = SEEN + turning.rounding / max(abs(turning.g), turning.rounding)
+    return bool(np.abs(computed - known).max() <= allowed * np.abs(state.forces.joint_torque).max())
+
+
+def near_miss_sentence(searched: SearchedPath, miss: NearMiss) -> str:
+    """The sentence about a near miss: where, how near, and what to do."""
+    robot, x = searched.branch.robot, searched.branch.path(miss.s)
+    return (
+        f"at s = {miss.s:.9g}, {', '.join(robot.axis_names)} = {point(x)} the path misses a singularity by "
+        f"|g| = {abs(miss.g):.2g}: move it across the locus, or farther off"
+    )

@@ -1,0 +1,90 @@
+// t_s and W_p at the platform: arrows for their forces and shifts, ringed ones for their moments and turns;
+// and the forces that the motors can give, to the scale of W_p.
+
+const RIGHT = Math.sin((0.5 * Math.PI) / 180); // within half a degree
+
+// Entry k of points or vectors, row after row, and of the way to the next one.
+function vectorAt(values, k, part) {
+  return new THREE.Vector3(...[0, 1, 2].map((i) => {
+    const a = values[3 * k + i];
+    return part > 0 ? a + part * (values[3 * k + 3 + i] - a) : a;
+  }));
+}
+
+class Vectors {
+  constructor(view, content) {
+    const L = content.length;
+    this.length = L;
+    this.turning = content.turning;
+    this.values = {};
+    this.arrows = {};
+    for (const [name, color] of [["t_s", COLORS.twist], ["W_p", COLORS.wrench]]) {
+      const { linear, angular, largest } = content[name], bothWays = name === "t_s";
+      this.values[name] = { linear: decoded(linear), angular: decoded(angular), largest };
+      this.arrows[name] = {
+        linear: new Arrow(color, 0.007 * L, { bothWays }),
+        angular: new Arrow(color, 0.005 * L, { bothWays, turning: true }),
+      };
+      for (const arrow of Object.values(this.arrows[name])) view.add(arrow.object);
+      view.label(symbols(name), bothWays ? "var(--twist)" : "var(--wrench)", () => {
+        const { linear, angular } = this.arrows[name];
+        return linear.object.visible ? linear.tip : angular.object.visible ? angular.tip : null;
+      }, (tip) => { // beyond the head of the arrow
+        const from = view.onScreen(this.origin), across = tip.x - from.x, down = tip.y - from.y, size = Math.hypot(across, down) || 1;
+        return [(13 * across) / size, (13 * down) / size];
+      });
+    }
+    if (content.polygon) {
+      const { center, sides, count } = content.polygon;
+      this.given = { center: decoded(center), sides: decoded(sides), count };
+      this.polygon = new Polygon(COLORS.given, 0.5 * L, count);
+      view.add(this.polygon.object);
+    }
+    this.corner = new RightAngle(0x1d2530, 0.004 * L, 0.06 * L);
+    view.add(this.corner.object);
+  }
+
+  at(name, part, k, way) {
+    return vectorAt(this.values[name][part], k, way);
+  }
+
+  // Frame k and the way to the next; `near` from 0 to 1 is how near the locus is, `crossing` whether a
+  // proven motion is just crossing it.
+  set(origin, k, part, { near, crossing }) {
+    this.origin = origin;
+    for (const name of ["t_s", "W_p"]) {
+      const { largest } = this.values[name];
+      const opacity = name === "t_s" ? 0.25 + 0.75 * near : 1;
+      const scale = (size) => (size > 1e-9 * (largest[0] + largest[1]) ? (name === "t_s" ? 0.32 : 0.45) * this.length / size : 0);
+      this.arrows[name].linear.set(origin, this.at(name, "linear", k, part).multiplyScalar(scale(largest[0])), opacity);
+      this.arrows[name].angular.set(origin, this.at(name, "angular", k, part).multiplyScalar(0.8 * scale(largest[1])), opacity);
+    }
+    if (this.polygon) {
+      const { center, sides, count } = this.given, scale = (0.45 * this.length) / (this.values.W_p.largest[0] || 1);
+      const side = (m) => { // of motor m; between two frames as all vectors are
+        const [a, b] = [vectorAt(sides, count * k + m, 0), part > 0 ? vectorAt(sides, count * (k + 1) + m, 0) : null];
+        return (b ? a.lerp(b, part) : a).multiplyScalar(scale);
+      };
+      this.polygon.set(origin, vectorAt(center, k, part).multiplyScalar(scale), Array.from({ length: count }, (_, m) => side(m)));
+    }
+    this.square(crossing);
+  }
+
+  // The sign of the right angle: on a platform that only shifts, or only turns, where the angle is one.
+  square(crossing) {
+    const kind = !this.turning.some(Boolean) ? "linear" : this.turning.every(Boolean) ? "angular" : null;
+    this.corner.object.visible = false;
+    if (!crossing || !kind) return;
+    const [twist, wrench] = ["t_s", "W_p"].map((name) => this.arrows[name][kind].tip.clone().sub(this.origin));
+    const least = Math.min(twist.length(), wrench.length());
+    if (least < 0.03 * this.length || Math.abs(twist.dot(wrench)) > RIGHT * twist.length() * wrench.length()) return;
+    this.corner.object.visible = true;
+    this.corner.set(this.origin, twist, wrench);
+  }
+
+  // Both ends of all arrows that are seen.
+  get ends() {
+    return Object.values(this.arrows).flatMap((pair) => Object.values(pair)).filter(({ object }) => object.visible).flatMap(({ tip, bothWays }) =>
+      (bothWays ? [tip.clone(), this.origin.clone().multiplyScalar(2).sub(tip)] : [tip.clone()]));
+  }
+}

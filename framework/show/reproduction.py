@@ -1,0 +1,78 @@
+"""How to have a plan again: the command line, or the call, that asks for the same."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable
+from dataclasses import fields
+from typing import Any
+
+from framework.crossing.request import Request
+from framework.crossing.result import CrossingPlan
+from framework.crossing.saved import robot_place
+from framework.crossing.scenes import scene_request
+from framework.errors import InvalidInput
+from framework.motion.path import Line
+
+ONLY_CALLED = ("at", "tolerance")  # what `plan_crossing` can be told and a command line cannot
+
+
+def command_line(plan: CrossingPlan, folder: str) -> str | None:
+    """The `crossing plan` that asks for the same and writes it into a folder; None where there is none."""
+    typed = {key: value for key, value in given_options(plan).items() if key not in ONLY_CALLED}
+    motion = _path_options(plan, typed)
+    if motion is None:
+        return None
+    robot = f"crossing plan {shlex.quote(robot_place(plan.robot))}"
+    words = [robot, *motion, f"--flexibility {plan.robot.flexibility}"]
+    words += [_typed(key, value) for key, value in typed.items()]
+    return " \\\n    ".join([*words, f"--out {shlex.quote(folder)}"])
+
+
+def python_call(plan: CrossingPlan) -> str:
+    """The call of `plan_crossing` that asks for the same."""
+    file = str(plan.robot.description.file)
+    robot = f"ParallelRobot.from_file({file!r}, flexibility={plan.robot.flexibility!r})"
+    options = [f"{key}={value!r}" for key, value in given_options(plan).items()]
+    return "plan_crossing(\n    " + ",\n    ".join([robot, repr(plan.path), *options]) + ",\n)"
+
+
+def given_options(plan: CrossingPlan) -> dict[str, Any]:
+    """What was asked for beside the path, as options of `plan_crossing`; what nobody asked for left out.
+
+    What depends on the robot if it is left out is always told.
+    """
+    told = ("smoothness", "geometry") if plan.robot.n_e else ("smoothness",)
+    found = {}
+    for field in fields(Request):
+        value = getattr(plan.request, field.name)
+        if field.name != "path" and (field.name in told or value != field.default):
+            found[field.name] = value
+    return found
+
+
+def _path_options(plan: CrossingPlan, typed: dict[str, Any]) -> list[str] | None:
+    """The path as options: a line by its ends, any other, or imposed places, by a scene that has them."""
+    path = plan.path
+    if isinstance(path, Line) and Request.of(plan.robot, path, **typed) == plan.request:
+        return [f"--from {_listed(path.start)}", f"--to {_listed(path.end)}"]
+    for name in plan.robot.description.scenes:
+        try:
+            asked = scene_request(plan.robot, name, **typed)
+        except InvalidInput:  # the options do not go with this scene
+            continue
+        if asked == plan.request:
+            return [f"--scene {shlex.quote(name)}"]
+    return None
+
+
+def _typed(key: str, value: Any) -> str:
+    """One option of the command line."""
+    option = f"--{key.replace('_', '-')}"
+    if value is True:
+        return option
+    return f"{option} {_listed(value)}".rstrip() if isinstance(value, tuple) else f"{option} {value}"
+
+
+def _listed(values: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)

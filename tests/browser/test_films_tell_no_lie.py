@@ -1,0 +1,230 @@
+"""What a film shows is true: all of the robot, angles, instants and labels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework.show.page import film_page
+from tests.browser.conftest import wait_until
+from tests.browser.pages import filmed, nodes_at
+
+pytestmark = pytest.mark.browser
+
+# Vertices of all bodies that are seen, projected by the camera: how far the nearest comes to the rim, from
+# 0, on it, to 1, and how large the whole is, of the picture.
+RIM = """(film, t) => {
+  film.show(t);
+  const { viewer, robot } = film.view, seen = { rim: Infinity, size: [0, 0] };
+  viewer.scene.updateMatrixWorld(true);
+  viewer.camera.updateMatrixWorld(true);
+  const low = [1, 1], high = [-1, -1];
+  robot.traverse((mesh) => {
+    if (!mesh.geometry) return;
+    const at = mesh.geometry.attributes.position, point = mesh.position.clone();
+    for (let k = 0; k < at.count; k++) {
+      const { x, y } = point.fromBufferAttribute(at, k).applyMatrix4(mesh.matrixWorld).project(viewer.camera);
+      [x, y].forEach((value, i) => { low[i] = Math.min(low[i], value); high[i] = Math.max(high[i], value); });
+    }
+  });
+  const rim = Math.min(1 + low[0], 1 + low[1], 1 - high[0], 1 - high[1]);
+  return [rim, Math.max(high[0] - low[0], high[1] - low[1]) / 2];
+}"""
+
+
+@pytest.mark.parametrize("name", robots.CATALOGUE)
+def test_nothing_of_a_robot_is_cut_off_and_it_is_not_far_away(opened, name):
+    film = filmed(name)
+    tab = opened(film_page([film]))
+    for width, height, count in ((1280, 760, 25), (390, 800, 5), (1920, 1080, 5)):
+        tab.set_viewport_size({"width": width, "height": height})
+        tab.wait_for_timeout(100)
+        times = np.linspace(0.0, film.time[-1], count).tolist()
+        seen = tab.evaluate(f"times => times.map((t) => ({RIM})(crossing.films[0], t))", times)
+        assert min(rim for rim, _ in seen) > 0.02
+        assert max(size for _, size in seen) > 0.35
+
+
+def test_the_rim_of_the_picture_stays_empty(opened):
+    """The same as pixels, with nothing but the robot in the picture."""
+    film = filmed("three_rpr")
+    tab = opened(film_page([film]))
+    tab.evaluate(
+        """() => { const { view } = crossing.films[0];
+          for (const child of view.viewer.scene.children)
+            if (child !== view.robot && !child.isLight && child.name !== "Lights") child.visible = false; }"""
+    )
+    for t in (0.0, 0.4, 0.9, 1.2, 1.5):
+        nodes_at(tab, t)
+        width, height, left, right, top, bottom = tab.evaluate(DRAWN)
+        assert 10 < left < right < width - 10
+        assert 10 < top < bottom < height - 10
+        assert bottom - top > 0.5 * height
+
+
+# Size of the first picture, and the first and last columns and rows with a pixel that is not transparent.
+DRAWN = """() => {
+  const { viewer } = crossing.films[0].view;
+  viewer.render();
+  const { width, height } = viewer.renderer.domElement, copy = document.createElement("canvas");
+  Object.assign(copy, { width, height });
+  const pen = copy.getContext("2d");
+  pen.drawImage(viewer.renderer.domElement, 0, 0);
+  const { data } = pen.getImageData(0, 0, width, height);
+  let [left, right, top, bottom] = [width, 0, height, 0];
+  for (let y = 0; y < height; y++) for (let x = 0; x < width; x++) {
+    if (data[4 * (y * width + x) + 3] === 0) continue;
+    [left, right] = [Math.min(left, x), Math.max(right, x)];
+    [top, bottom] = [Math.min(top, y), Math.max(bottom, y)];
+  }
+  return [width, height, left, right, top, bottom];
+}"""
+
+
+# Each film at many of its times: the angle that it draws the sign of a right angle for, in degrees.
+CORNERS = """times => crossing.films.flatMap((film) => times.flatMap((t) => {
+  film.show(t);
+  const { corner, arrows, origin, turning } = film.vectors;
+  if (!corner.object.visible) return [];
+  const kind = turning.some(Boolean) ? "angular" : "linear";
+  const [a, b] = ["t_s", "W_p"].map((name) => arrows[name][kind].tip.clone().sub(origin));
+  return [(a.angleTo(b) * 180) / Math.PI];
+}))"""
+
+
+@pytest.mark.parametrize(
+    ("name", "scene_name", "drawn"),
+    [
+        ("five_bar", "bow", True),
+        ("biglide", "bow", True),
+        ("orthoglide", "cross", True),
+        ("spherical_rrr", "cross", True),
+        ("five_bar", "C", False),  # W_p vanishes there
+        ("five_bar", "B", False),
+        ("delta", "cross-unprepared", False),
+        ("orthoglide", "cross-unprepared", False),
+        ("biglide", "unprepared", False),
+        ("gough_stewart", "turn", False),  # forces and moments: no angle
+    ],
+)
+def test_the_right_angle_is_drawn_where_it_is_proven_and_within_half_a_degree(
+    opened, name, scene_name, drawn
+):
+    film = filmed(name, scene_name)
+    tab = opened(film_page([film]))
+    times = [*np.linspace(0.0, film.time[-1], 241), *(instant.time for instant in film.instants)]
+    angles = np.array(tab.evaluate(CORNERS, times))
+    assert np.all(np.abs(angles - 90.0) <= 0.5)
+    assert bool(tab.evaluate(CORNERS, times[-len(film.instants) :])) == drawn
+    assert bool(len(angles)) == drawn
+
+
+def test_a_playing_film_stands_for_two_seconds_at_its_singular_instant(opened):
+    tab = opened(film_page([filmed("five_bar", "C")]), playing=True)
+    wait_until(tab, "crossing.clock.holding > 0")
+    assert tab.evaluate("crossing.clock.t") == 1.0
+    assert "Singular now" in tab.inner_text(".now")
+    held = tab.evaluate(
+        """() => new Promise((done) => { const from = performance.now() - 1000 * (2 - crossing.clock.holding);
+          const look = () => {
+            if (crossing.clock.holding > 0) requestAnimationFrame(look);
+            else done(performance.now() - from);
+          };
+          look(); })"""
+    )
+    assert 1900 < held < 2600
+    wait_until(tab, "crossing.clock.t > 1")
+    assert "Just past" in tab.inner_text(".now")
+
+
+def test_singular_now_is_said_at_the_instant_alone(opened):
+    film = filmed("five_bar", "C")
+    tab = opened(film_page([film]))
+    for t in (0.99, 0.9999, 1.0001, 1.01):
+        nodes_at(tab, t)
+        assert "Singular now" not in tab.inner_text(".now")
+    # a hand that leads the time bar near it means it
+    tab.evaluate(
+        "(bar) => { bar.value = 1.004; bar.dispatchEvent(new Event('input')); }", tab.query_selector(".bar")
+    )
+    assert tab.evaluate("crossing.clock.t") == 1.0
+
+
+def test_the_space_bar_plays_wherever_the_focus_is(opened):
+    tab = opened(film_page([filmed("five_bar", "C")]))
+    tab.click("button.telling")
+    for focus in ("button.telling", "button.play", "select.speed", ".bar", "body"):
+        tab.evaluate("crossing.clock.pause()")
+        tab.locator(focus).focus()
+        tab.keyboard.press("Space")
+        assert tab.evaluate("crossing.clock.playing"), focus
+        tab.keyboard.press("Space")
+        assert not tab.evaluate("crossing.clock.playing"), focus
+
+
+def test_a_resize_leaves_each_scene_at_its_own_instant(opened):
+    tab = opened(film_page([filmed("five_bar", name) for name in ("B", "C")]))
+    tab.click("button.telling")
+    tab.set_viewport_size({"width": 1000, "height": 700})
+    tab.wait_for_timeout(200)
+    assert all("Singular now" in text for text in tab.locator(".now").all_inner_texts())
+
+
+def test_the_button_to_the_singularity_is_there_where_there_is_one(opened):
+    assert opened(film_page([filmed("five_bar", "A")])).locator("button.telling").count() == 0
+    assert opened(film_page([filmed("five_bar", "C")])).locator("button.telling").count() == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "scene_name"),
+    [
+        ("five_bar", "B"),
+        ("five_bar", "C"),
+        ("biglide", "across"),
+        ("four_bar", "full_turn"),
+        ("par4", "cross"),
+    ],
+)
+def test_no_curve_runs_through_what_is_written_beside_it(opened, name, scene_name):
+    page = film_page([filmed(name, scene_name)])
+    for width in (390, 1280):
+        struck = opened(page, width=width).evaluate(STRUCK)
+        assert struck == []
+
+
+# What is written in a chart and has a curve in its box, but for two pixels above and below.
+STRUCK = """() => [...document.querySelectorAll(".chart")].flatMap((chart) => {
+  const boxes = [...chart.querySelectorAll("text.said")].map((text) => [text.textContent, text.getBBox()]);
+  return [...chart.querySelectorAll("path")].flatMap((path) => {
+    const step = path.getTotalLength() / 1999;
+    const points = Array.from({ length: 2000 }, (_, k) => path.getPointAtLength(k * step));
+    return boxes.filter(([, { x, y, width, height }]) => points.some((point) =>
+      x < point.x && point.x < x + width && y + 2 < point.y && point.y < y + height - 2));
+  });
+})"""
+
+
+def test_the_polygon_of_forces_is_a_line_across_t_s_at_the_singular_instant(opened):
+    film = filmed("five_bar", "bow")
+    tab = opened(film_page([film]))
+    (instant,) = film.instants
+
+    def corners(t: float) -> np.ndarray:
+        tab.evaluate("t => crossing.clock.seek(t)", t)
+        return np.array(tab.evaluate("crossing.films[0].vectors.polygon.corners"))
+
+    def sizes(t: float) -> np.ndarray:
+        found = corners(t)
+        return np.linalg.svd(found - found.mean(axis=0), compute_uv=False)
+
+    assert sizes(0.0)[1] > 0.2 * sizes(0.0)[0]
+    assert sizes(instant.time)[1] < 1e-5 * sizes(instant.time)[0]
+    # at the same scale as W_p, its area is that of the parallelogram of the motors: 4 |det G| limit^2
+    k = int(np.argmin(np.abs(film.time - 0.2)))
+    (x0, y0), (x1, y1), (x2, y2) = corners(float(film.time[k]))[:3]
+    area = abs((x1 - x0) * (y2 - y1) - (y1 - y0) * (x2 - x1))
+    limit = 1.5 * np.abs(film.torque).max()
+    scale = 0.45 * tab.evaluate("crossing.films[0].content.length") / np.linalg.norm(film.W_p, axis=1).max()
+    expected = 4.0 * abs(np.linalg.det(film.motors.motor_speed[k])) * limit**2 * scale**2
+    assert area == pytest.approx(expected, rel=1e-4)

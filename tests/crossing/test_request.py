@@ -1,0 +1,131 @@
+"""One record says what is asked, whoever asks: a call, a scene or a command line."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError, fields, replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Arc, InvalidInput, Line, Spline, plan_crossing, plan_scene
+from framework.cli import arguments
+from framework.cli.parser import OneLineParser, add_motion, add_path
+from framework.crossing.limits import motor_limits
+from framework.crossing.request import Request
+from framework.crossing.scenes import scene_request
+
+LINE = Line([0.1, 0.345], [-0.05, 0.195])
+ASKED = {"duration": 1.5, "times": [1.0], "speeds": [1.5]}
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("five_bar")
+
+
+def typed(robot, *words: str) -> Request:
+    """The request of a command line."""
+    parser = OneLineParser()
+    add_path(parser)
+    add_motion(parser)
+    return arguments.request(parser.parse_args(words), robot)
+
+
+def test_a_call_a_scene_and_a_command_line_ask_the_same(robot):
+    request = Request.of(robot, LINE, **ASKED)
+    assert scene_request(robot, "C") == request
+    assert typed(robot, "--scene", "C") == request
+    ends = ["--from", "0.1", "0.345", "--to", "-0.05", "0.195"]
+    assert typed(robot, *ends, "--duration", "1.5", "--times", "1", "--speeds", "1.5") == request
+
+
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [
+        ("--optimize time --torque-limit 0.3 0.4", {"optimize": "time", "torque_limit": [0.3, 0.4]}),
+        ("--law optimal --margin 10%", {"law": "optimal", "margin": 0.1}),
+        ("--longest 2 --optimize energy", {"longest": 2.0, "optimize": "energy"}),
+        ("--duration 3 --times 2 --smoothness 3", {"duration": 3.0, "times": [2.0], "smoothness": 3}),
+    ],
+)
+def test_what_is_typed_beside_a_scene_is_what_a_call_says_beside_it(robot, words, options):
+    assert typed(robot, "--scene", "C", *words.split()) == scene_request(robot, "C", **options)
+
+
+def test_a_plan_keeps_its_request(robot):
+    assert plan_crossing(robot, LINE, **ASKED).request == Request.of(robot, LINE, **ASKED)
+    assert plan_scene(robot, "A").request == scene_request(robot, "A")
+
+
+def test_what_the_robot_decides_is_filled_in():
+    for flexibility, geometry, smoothness in (("rigid", "rigid", 2), ("flexible_joints", "deformed", 4)):
+        request = Request.of(robots.load("five_bar", flexibility=flexibility), LINE, duration=1.5)
+        assert (request.geometry, request.smoothness) == (geometry, smoothness)
+
+
+def test_a_request_is_plain_and_cannot_be_changed(robot):
+    times, limit = np.array([1.0]), np.array([0.3, 0.4])
+    request = Request.of(robot, LINE, duration=np.float64(1.5), times=times)
+    assert request.times == (1.0,)
+    times[0] = 0.5
+    assert request.times == (1.0,)
+    with pytest.raises(FrozenInstanceError):
+        request.margin = 0.2
+    assert Request.of(robot, LINE, duration=1.5, torque_limit=limit).torque_limit == (0.3, 0.4)
+    for field in fields(request):
+        assert not isinstance(getattr(request, field.name), np.ndarray)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"duration": -1.0}, "duration"),
+        ({"margin": 1.0}, "margin"),
+        ({"law": "cubic"}, "cubic"),
+        ({"optimize": "noise"}, "noise"),
+        ({"optimize": "energy"}, "belong to the polynomial"),
+        ({"speeds": (-1.0,)}, "speeds"),
+        ({"tolerance": 0.5}, "tolerance"),
+        ({"duration": None}, "duration"),
+    ],
+)
+def test_a_request_that_is_changed_is_checked_again(robot, change, says):
+    request = Request.of(robot, LINE, **ASKED)
+    with pytest.raises(InvalidInput, match=says):
+        replace(request, **change)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"times": 1.0}, "times: needs a list of numbers, got 1.0"),
+        ({"times": "1.0"}, "times: needs a list"),
+        ({"speeds": [None]}, "speeds: must be finite numbers, got None"),
+        ({"at": [float("nan")]}, "at: must be finite"),
+        ({"times": [], "duration": "long"}, "duration: must be a positive number"),
+        ({"torque_limit": [1.0, 2.0, 3.0]}, r"one for each motor \(left_motor, right_motor\)"),
+        ({"smoothness": 2.0}, "smoothness: needs a whole number"),
+    ],
+)
+def test_misuse_is_told_with_what_was_expected(robot, options, says):
+    with pytest.raises(InvalidInput, match=says):
+        plan_crossing(robot, LINE, **{"duration": 1.5, **options})
+
+
+def test_limits_are_those_asked_for_or_the_robot_file_s_less_the_margin(robot):
+    asked = Request.of(robot, LINE, duration=1.5, torque_limit=0.4, margin=0.25)
+    torque, speed = motor_limits(robot, asked)
+    np.testing.assert_allclose(torque, [0.3, 0.3], rtol=1e-15)
+    motors = robot.description.actuators
+    in_file = [np.inf if motor.speed_limit is None else 0.75 * motor.speed_limit for motor in motors]
+    np.testing.assert_allclose(speed, in_file, rtol=1e-15)
+
+
+def test_paths_are_equal_where_their_kind_and_points_are():
+    corners = [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]
+    paths = [Line(*corners[:2]), Line(*corners[1:]), Arc(*corners), Spline(corners)]
+    again = [Line(*corners[:2]), Line(*corners[1:]), Arc(*corners), Spline(corners)]
+    assert len({*paths, *again}) == len(paths)
+    for k, one in enumerate(paths):
+        assert [one == other for other in again] == [k == other for other in range(len(again))]

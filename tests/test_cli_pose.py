@@ -1,0 +1,71 @@
+"""`crossing pose`: from the platform to the motors and back, and what it says of limits and misuse."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import robots
+from framework import assemble
+from framework.cli import main
+from framework.kinematics.forward_kinematics import motors_are_free
+from framework.kinematics.joint_limits import joint_limits
+
+ROUND = ["five_bar", "delta", "gough_stewart", "three_rrr", "agile_eye", "orthoglide"]
+
+
+def posed(capsys, *arguments):
+    assert main(["pose", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("name", ROUND)
+def test_the_motors_of_a_pose_give_it_back(name, capsys):
+    robot = robots.load(name)
+    assert motors_are_free(robot)
+    x = assemble(robot).x + 0.02 * robot.length * np.resize([1.0, -0.5, 0.7], robot.n)
+    there = posed(capsys, name, "--platform", *x)
+    np.testing.assert_allclose(list(there["platform"].values()), x, rtol=0, atol=1e-12)
+    back = posed(capsys, name, "--motors", *there["motor_joints"].values())
+    for part in ("joints", "platform", "motor_angles"):
+        expected = list(there[part].values())
+        np.testing.assert_allclose(list(back[part].values()), expected, rtol=1e-9, atol=1e-9)
+    assert max(there["closure_error"], back["closure_error"]) < 1e-11
+    assert (there["working_mode"], there["assembly_mode"]) == (back["working_mode"], back["assembly_mode"])
+
+
+def test_motor_angles_are_gear_ratio_times_the_joint(capsys):
+    there = posed(capsys, "five_bar", "--platform", 0.0, 0.3)
+    for joint, angle in there["motor_joints"].items():
+        assert there["motor_angles"][joint] == pytest.approx(50 * angle, rel=1e-15)
+        assert there["joints"][joint] == angle
+
+
+def test_limits_that_a_pose_leaves_are_named(capsys):
+    assert main(["pose", "five_bar", "--motors", "1.3", "1.2"]) == 0
+    assert "limits" not in capsys.readouterr().out
+    limits = joint_limits(robots.load("gough_stewart"))
+    legs = [limit.upper + 0.01 for limit in limits if limit.joint.endswith("motor")]
+    assert main(["pose", "gough_stewart", "--motors", *map(str, legs)]) == 0
+    assert capsys.readouterr().out.count("exceeds its limits: position") == 6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        ((), 2, "give either --motors or --platform"),
+        (("--motors", "1", "1", "--platform", "0", "0.3"), 2, "give either --motors or --platform"),
+        (("--motors", "1"), 2, "must be 2 finite numbers"),
+        (("--platform", "0", "nan"), 2, "must be 2 finite numbers"),
+        (("--platform", "0", "3"), 1, "left_motor"),
+        (("--motors", "1.2", "-1.9"), 1, "Type 2 singularity on the way"),
+    ],
+)
+def test_what_cannot_be_is_one_line(arguments, code, words, capsys):
+    assert main(["pose", "five_bar", *arguments]) == code
+    told = capsys.readouterr()
+    assert words in told.err
+    assert told.err.count("\n") == 1
+    assert told.out == ""

@@ -1,0 +1,155 @@
+"""The public face: few names, objects that nobody can change behind their proof, misuse answered in words."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from types import MappingProxyType, ModuleType
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import framework
+import robots
+from framework import (
+    Arc,
+    InvalidInput,
+    Law,
+    Line,
+    Spline,
+    assemble,
+    check_robot,
+    errors,
+    forward_kinematics,
+    inverse_dynamics,
+    locate_singularities,
+    plan_crossing,
+    plan_scene,
+    simulate,
+    track_path,
+    velocity_matrices,
+)
+
+ERRORS = {
+    name for name, value in vars(errors).items() if isinstance(value, type) and issubclass(value, Exception)
+}
+PATH = Line([0.1, 0.345], [-0.05, 0.195])
+ROBOT = robots.load("five_bar")
+
+
+def test_about_twenty_names_and_every_error() -> None:
+    assert set(framework.__all__) >= ERRORS
+    assert all(issubclass(getattr(framework, name), framework.FrameworkError) for name in ERRORS)
+    assert 15 <= len(set(framework.__all__) - ERRORS) <= 25
+    assert all(getattr(framework, name).__doc__ for name in framework.__all__)
+
+
+def reached(value: Any, place: str, seen: set[int]) -> Iterator[tuple[str, np.ndarray]]:
+    """All arrays that hang on an object's public and private fields, with where they are."""
+    if id(value) in seen or isinstance(value, (str, bytes, type, ModuleType, pin.Model)):
+        return
+    seen.add(id(value))
+    if isinstance(value, np.ndarray):
+        yield place, value
+    elif isinstance(value, (tuple, list)):
+        for name, item in zip(getattr(value, "_fields", range(len(value))), value, strict=True):
+            yield from reached(item, f"{place}.{name}", seen)
+    elif isinstance(value, (dict, MappingProxyType)):
+        for key, item in value.items():
+            yield from reached(item, f"{place}[{key!r}]", seen)
+    elif dataclasses.is_dataclass(value):
+        for name, item in vars(value).items():
+            yield from reached(item, f"{place}.{name}", seen)
+
+
+def whole_plan() -> Any:
+    return plan_scene(robots.load("five_bar", flexibility="flexible_links"), "C")
+
+
+def an_optimal_plan() -> Any:
+    return plan_crossing(ROBOT, Arc([0.1, 0.345], [0.03, 0.26], [-0.05, 0.195]), duration=1.5, law="optimal")
+
+
+OBJECTS: dict[str, Callable[[], Any]] = {
+    "plan": whole_plan,
+    "optimal plan": an_optimal_plan,
+    "robot": lambda: robots.load("delta", flexibility="flexible_links"),
+    "configuration": lambda: assemble(ROBOT, [0.0, 0.3]),
+    "pose": lambda: forward_kinematics(ROBOT, assemble(ROBOT).q[ROBOT.actuated] + 0.01),
+    "branch": lambda: track_path(ROBOT, PATH),
+    "points": lambda: locate_singularities(ROBOT, PATH),
+    "matrices": lambda: velocity_matrices(ROBOT, assemble(ROBOT).q),
+    "spline": lambda: Spline([[0.1, 0.345], [0.0, 0.27], [-0.05, 0.195]]),
+    "simulation": lambda: simulate(plan_scene(ROBOT, "C")),
+    "quick simulation": lambda: simulate(plan_scene(ROBOT, "A"), method="fast"),
+}
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_nothing_that_is_returned_can_be_written_to(name: str) -> None:
+    arrays = list(reached(OBJECTS[name](), name, set()))
+    assert arrays
+    assert [place for place, array in arrays if array.flags.writeable] == []
+
+
+def test_what_was_given_stays_the_givers_own() -> None:
+    series = np.array([0.5, 0.5])
+    law = Law(series, 1.0)
+    series[0] = 7.0
+    assert law(0.5) == 0.5
+
+
+def own_law(t: Any, order: int = 0) -> Any:
+    return np.asarray(t)  # has no duration
+
+
+MISUSE: dict[str, tuple[Callable[[], object], str]] = {
+    "times is a number": (lambda: plan_crossing(ROBOT, PATH, duration=1.5, times=1.0), "times: .*list"),  # type: ignore[arg-type]
+    "speeds is a word": (lambda: plan_crossing(ROBOT, PATH, duration=1.5, speeds="fast"), "speeds: .*list"),  # type: ignore[arg-type]
+    "a list for a path": (lambda: plan_crossing(ROBOT, [[0, 1], [1, 0]], duration=1.0), "path: .*Line"),  # type: ignore[arg-type]
+    "a list to locate": (lambda: locate_singularities(ROBOT, [[0, 1], [1, 0]]), "path: .*Line"),  # type: ignore[arg-type]
+    "a name for a robot": (lambda: plan_crossing("five_bar", PATH, duration=1.0), "robot: .*robots.load"),  # type: ignore[arg-type]
+    "to locate": (lambda: locate_singularities("five_bar", PATH), "robot: .*robots.load"),  # type: ignore[arg-type]
+    "to assemble": (lambda: assemble("five_bar"), "robot: .*robots.load"),  # type: ignore[arg-type]
+    "to check": (lambda: check_robot("five_bar"), "robot: .*robots.load"),  # type: ignore[arg-type]
+    "to pose": (lambda: forward_kinematics("five_bar", [0, 0]), "robot: .*robots.load"),  # type: ignore[arg-type]
+    "to differentiate": (lambda: velocity_matrices("five_bar", [0] * 4), "robot: .*robots.load"),  # type: ignore[arg-type]
+    "to invert": (lambda: inverse_dynamics("five_bar", PATH, Law.rest_to_rest(1.0, 2)), "robot: .*load"),  # type: ignore[arg-type]
+    "to simulate": (lambda: simulate("five_bar", lambda t: t), "robot: .*robots.load"),  # type: ignore[arg-type]
+    "nothing drives it": (lambda: simulate(ROBOT), "torque: needs a plan"),
+    "a scene of nothing": (lambda: plan_scene("five_bar", "C"), "robot: .*robots.load"),  # type: ignore[arg-type]
+    "a law without duration": (lambda: inverse_dynamics(ROBOT, PATH, own_law), "law: .*duration"),  # type: ignore[arg-type]
+    "a word for a law": (lambda: inverse_dynamics(ROBOT, PATH, "optimal"), "law: .*Law"),  # type: ignore[arg-type]
+    "order -1 of a path": (lambda: PATH(0.5, -1), "order: .*got -1"),
+    "order -1 of a law": (lambda: Law.rest_to_rest(1.0, 2)(0.5, -1), "order: .*got -1"),
+    "order 1.5": (lambda: PATH(0.5, 1.5), "order: .*got 1.5"),  # type: ignore[arg-type]
+    "flexibility without its name": (lambda: robots.load("five_bar", "flexible"), "flexibility='flexible'"),
+    "a robot that nobody knows": (lambda: robots.load("five_bars"), "did you mean 'five_bar'"),
+    "a robot that is a list": (lambda: robots.load(["five_bar"]), "unknown robot"),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("name", MISUSE)
+def test_misuse_is_answered_by_what_was_expected(name: str) -> None:
+    call, words = MISUSE[name]
+    with pytest.raises(InvalidInput, match=words):
+        call()
+
+
+@pytest.mark.parametrize("what", ["torque", "motor_angle", "deflection", "platform"])
+def test_an_order_that_no_derivative_has(what: str) -> None:
+    function = getattr(plan_scene(ROBOT, "C"), what)
+    for order in (-1, 0.5, "first"):
+        with pytest.raises(InvalidInput, match="order"):
+            function(0.5, order)
+
+
+def test_a_plan_alone_is_simulated_on_its_own_robot() -> None:
+    plan = plan_scene(ROBOT, "C")
+    alone, told = simulate(plan), simulate(ROBOT, plan)
+    assert alone.robot is ROBOT
+    assert alone.tracking_error is not None
+    assert alone.tracking_error < 1e-9
+    np.testing.assert_allclose(alone.q, told.q, rtol=0, atol=1e-12)
