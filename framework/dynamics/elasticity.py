@@ -260,7 +260,7 @@ class _Iteration:
 
     def _within(self, here: Pass, count: int) -> tuple[float, float]:
         """The parts of what a pass lacks in the first coefficients, and in the others."""
-        series = self.grid.fit(here.residual).coefficients
+        series = self.grid.fit(here.residual).coefficients.copy()
         series[:, count:] = 0.0
         within = self.grid.values(TimeFunction(self.grid.edges, series))[0]
         return self._share(within, here), self._share(here.residual - within, here)
