@@ -24,9 +24,9 @@ FLOORS = (
     ("singularity", "simulation", "catalogue"),  # neither knows the other: simulation is the witness
     ("dynamics",),
     ("crossing",),
-    ("control",),
-    ("show", "__init__"),  # __init__ is the public face: `import framework` draws nothing
-    ("cli",),
+    ("control", "export"),
+    ("show", "public"),  # the public face: `import framework` draws nothing
+    ("__init__", "cli"),
     ("__main__",),
 )
 FLOOR = {part: floor for floor, parts in enumerate(FLOORS) for part in parts}

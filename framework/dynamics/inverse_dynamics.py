@@ -151,14 +151,16 @@ def resolve(
         if not fixed_geometry:
             crossings = tuple(deformed_crossing(result, crossing) for crossing in crossings)
             pole = max(POLE, certificate.change)
-        closed = certificate.max_closure_error <= CLOSED_BETWEEN * max(branch.robot.length, 1.0)
-        if not (closed and _law_is_resolved(state.law, grid)):
-            continue
         left = max(certificate.tail, certificate.change)
-        if left <= LOOSEST:
+        enough = min(enough, left)
+        if left > tolerance and size < SIZES[-1]:
+            continue
+        result = _with_neglected(branch, state, result)
+        closed = result.certificate.max_closure_error <= CLOSED_BETWEEN * max(branch.robot.length, 1.0)
+        if left <= tolerance and closed and _law_is_resolved(state.law, grid):
             unseen = unseen_near_miss(searched, state, result)
-            enough = min(enough, left) if unseen is None else enough
-        if left <= tolerance and unseen is None:
+            if unseen is not None:
+                continue
             check_bounded(branch.robot, crossings, PROVED)
             check_crossings(branch.robot, state, geometry, crossings)
             check_idle_joints(branch, state, result)
@@ -213,7 +215,7 @@ def _result(
     motor = grid.fit(robot.gear_ratio * turned[:, robot.actuated])
     deflections = state.deflections
     s = state.law(grid.times)
-    result = InverseDynamics(
+    return InverseDynamics(
         robot=robot,
         path=branch.path,
         law=state.law,
@@ -238,6 +240,10 @@ def _result(
             monotone=bool(np.all(np.diff(s) > -1e-14)),
         ),
     )
+
+
+def _with_neglected(branch: Branch, state: Deflected, result: InverseDynamics) -> InverseDynamics:
+    """The result whose certificate has looked at all rows and joints, between the nodes too."""
     left_out = measure_neglected(branch, state, result)
     certificate = replace(
         result.certificate,
