@@ -44,7 +44,7 @@ def not_resolved(
 ) -> NotConverged:
     """Where motion, torques or deflections are not resolved by the finest grid, `size` nodes a panel.
 
-    `enough` is the tolerance that some grid met, `unseen` a near miss that none resolved.
+    `enough` is the least tail and change of all grids, `unseen` a near miss that none resolved.
     """
     robot, certificate = searched.branch.robot, result.certificate
     missed = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
@@ -67,7 +67,7 @@ def not_resolved(
         first, second = min(pairwise(searched.points), key=lambda pair: pair[1].s - pair[0].s)
         apart = second.s - first.s
         advice = f"is the law smooth? The path is singular at s = {first.s:.9g} and {apart:.2g} farther on"
-    if enough < LOOSEST:
+    if tolerance < enough < LOOSEST:
         advice = f"tolerance {_rounded_up(enough):g} would do; {advice}"
     return NotConverged(
         f"{robot.name}: {what} by {size} nodes a panel: {advice}",
