@@ -24,7 +24,7 @@ FLOORS = (
     ("singularity", "simulation", "catalogue"),  # neither knows the other: simulation is the witness
     ("dynamics",),
     ("crossing",),
-    ("control",),
+    ("control", "export"),
     ("show", "__init__"),  # __init__ is the public face: `import framework` draws nothing
     ("cli",),
     ("__main__",),
