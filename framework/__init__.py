@@ -3,7 +3,8 @@
 Bring a robot (`ParallelRobot.from_file`, or `robots.load` for the catalogue) and a path (`Line`, `Arc`,
 `Spline`), and ask:
 
-* `check_robot`: what a file describes; `assemble`, `forward_kinematics`, `track_path`: where its joints are;
+* `check_robot`: what a file describes, a `Mechanism` whose loops do not close, too;
+* `assemble`, `forward_kinematics`, `track_path`: where its joints are;
 * `velocity_matrices`: A, B and C of A v = B dq_a + C dq_e; `locate_singularities`: singular points of a path;
 * `plan_crossing`, `plan_scene`: a motion law that passes, its torques and their proof, a `CrossingPlan`;
 * `inverse_dynamics`: the torques of a law of one's own; `simulate`: where torques bring the robot.
@@ -43,9 +44,10 @@ from framework.errors import (
 )
 from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.forward_kinematics import forward_kinematics
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import assemble, track_path
 from framework.kinematics.velocity_matrices import velocity_matrices
-from framework.model import ParallelRobot
 from framework.motion.law import Condition, Law
 from framework.motion.path import Arc, Line, Spline
 from framework.simulation import Simulation, simulate
@@ -63,6 +65,7 @@ __all__ = [
     "Line",
     "LoadedJoint",
     "LostWorkers",
+    "Mechanism",
     "MissingPackage",
     "NoAnswer",
     "NoLaw",

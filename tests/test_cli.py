@@ -555,7 +555,7 @@ def test_the_quickest_way_is_planned_simulated_and_reported(crossing, tmp_path):
     assert crossing("simulate", folder)[0] == 0
     assert crossing("report", folder)[0] == 0
     page = (folder / "report.html").read_text()
-    assert "--law optimal --optimize time" in page.replace(" \\\n   ", "")
+    assert "--optimize time --torque-limit 0.165 --margin 0.1" in page.replace(" \\\n   ", "")
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ import robots
 from framework import assemble
 from framework.cli import main
 from framework.kinematics.forward_kinematics import motors_are_free
-from framework.kinematics.joint_limits import joint_limits
 
 ROUND = ["five_bar", "delta", "gough_stewart", "three_rrr", "agile_eye", "orthoglide"]
 
@@ -46,7 +45,7 @@ def test_motor_angles_are_gear_ratio_times_the_joint(capsys):
 def test_limits_that_a_pose_leaves_are_named(capsys):
     assert main(["pose", "five_bar", "--motors", "1.3", "1.2"]) == 0
     assert "limits" not in capsys.readouterr().out
-    limits = joint_limits(robots.load("gough_stewart"))
+    limits = robots.load("gough_stewart").limits
     legs = [limit.upper + 0.01 for limit in limits if limit.joint.endswith("motor")]
     assert main(["pose", "gough_stewart", "--motors", *map(str, legs)]) == 0
     assert capsys.readouterr().out.count("exceeds its limits: position") == 6

@@ -20,11 +20,11 @@ FLOORS = (
     ("input",),
     ("output", "linalg", "motion"),
     ("model",),
-    ("kinematics", "catalogue"),
-    ("singularity", "simulation"),  # neither knows the other: simulation is the witness
+    ("kinematics",),
+    ("singularity", "simulation", "catalogue"),  # neither knows the other: simulation is the witness
     ("dynamics",),
     ("crossing",),
-    ("control",),
+    ("control", "export"),
     ("show", "__init__"),  # __init__ is the public face: `import framework` draws nothing
     ("cli",),
     ("__main__",),
@@ -43,11 +43,12 @@ FACES = [name for name in FRAMEWORK if name.split(".")[1] in ("show", "cli")]
 # From the parts that compute, only what answers a question whole may come in: these modules, or these of
 # their names. No equations, no solvers, no measures to evaluate.
 QUESTIONS = {
-    "framework.kinematics.assembly": {"reference_configuration"},
     "framework.kinematics.diagnostics": None,
     "framework.kinematics.forward_kinematics": None,
     "framework.kinematics.inverse_kinematics": {"Motion"},
+    "framework.kinematics.mechanism": {"Mechanism"},
     "framework.kinematics.mobility": None,
+    "framework.kinematics.parallel_robot": {"ParallelRobot"},
     "framework.kinematics.placements": None,
     "framework.kinematics.pose": None,
     "framework.kinematics.tracking": {"assemble"},

@@ -9,7 +9,8 @@ import pytest
 import robots
 from framework.errors import InvalidInput, RobotFileError
 from framework.input import LARGEST_FILE, read_text
-from framework.model import ParallelRobot, read_robot_file
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model import read_robot_file
 from framework.model.documents import LARGEST_XML, parse_xml, parse_yaml
 from framework.model.readers import read_any
 from tests.conftest import REMOVED

@@ -19,7 +19,19 @@ from typing import Any
 
 import numpy as np
 
-from framework.cli import check, convert, locate, plan, pose, report, robots, robustness, show, simulate
+from framework.cli import (
+    check,
+    convert,
+    export,
+    locate,
+    plan,
+    pose,
+    report,
+    robots,
+    robustness,
+    show,
+    simulate,
+)
 from framework.cli.console import complain, one_line, tell
 from framework.cli.parser import Misuse, OneLineParser
 from framework.errors import FrameworkError, NoAnswer
@@ -36,6 +48,7 @@ COMMANDS = (
     robustness,
     show,
     report,
+    export,
 )  # in the order of --help
 UNEXPECTED = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback

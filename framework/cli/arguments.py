@@ -15,7 +15,8 @@ from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import is_plan_folder, load_plan
 from framework.crossing.scenes import scene, scene_path, scene_request
 from framework.errors import InvalidInput
-from framework.model import ParallelRobot
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import LARGEST, RobotDescription
 from framework.model.readers.recognise import read_any
 from framework.motion.path import Line, Path
@@ -27,14 +28,19 @@ OF_THE_MOTION = (  # arguments of `plan_crossing` that can be typed
 
 
 def load(options: argparse.Namespace) -> ParallelRobot:
-    """The robot, with the springs of --flexibility where the command has it; warns if there are none."""
+    """The robot, assembled; options as for `load_mechanism`."""
+    return ParallelRobot.of(load_mechanism(options))
+
+
+def load_mechanism(options: argparse.Namespace) -> Mechanism:
+    """The mechanism, with the springs of --flexibility where the command has it; warns if there are none."""
     asked = getattr(options, "flexibility", "rigid")
-    robot = ParallelRobot.from_file(robot_file(options.robot), flexibility=asked, **_said(options))
-    if robot.flexibility != asked:
+    found = Mechanism.from_file(robot_file(options.robot), flexibility=asked, **_said(options))
+    if found.flexibility != asked:
         options.warnings.append(
-            f"{robot.name} has no springs of its own for --flexibility {asked}: taken as {robot.flexibility}"
+            f"{found.name} has no springs of its own for --flexibility {asked}: taken as {found.flexibility}"
         )
-    return robot
+    return found
 
 
 def describe(options: argparse.Namespace) -> RobotDescription:

@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """What `check_robot` finds."""
-    found = check_robot(arguments.load(options))
+    found = check_robot(arguments.load_mechanism(options))
     rank = f"{found.rank} of {found.loop_equations} loop equations independent"
     if found.redundant_rows:
         rank += f"; redundant: {', '.join(found.redundant_rows)}"

@@ -12,7 +12,7 @@ from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_path, add_robot, command
 from framework.crossing.feasibility import feasibility_on_path
 from framework.errors import point
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.classification import moves_point
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.spring_shift import spring_shift

@@ -14,7 +14,7 @@ from framework.crossing.plan import law_before_proof
 from framework.crossing.request import Request
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.points_on_path import search_path
 
 

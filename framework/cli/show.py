@@ -12,7 +12,7 @@ from framework.cli import arguments
 from framework.cli.console import tell
 from framework.cli.parser import Report, add_flexibility, add_motion, add_moved_robot, add_robot, command
 from framework.errors import InvalidInput, NoAnswer
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import write_file
 
 if TYPE_CHECKING:

@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.control.estimation import Controller, Measurement, State
 from framework.control.reference import Reference
-from framework.control.variation import Spread, Variation, noise_of, unvaried, varied
+from framework.control.variation import Spread, Variation, noise_of, varied
 from framework.errors import InvalidInput, NotAssembled, choose_from
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import integrate
-from framework.kinematics.platform import unwrap
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matvec
-from framework.model import ParallelRobot
 from framework.simulation import Stepper
 
 SENSORS = ("motors", "joints")
@@ -105,7 +103,7 @@ def run_closed_loop(
     for k in range(last + 1):
         if k % LOOK == 0 or k == last:
             advanced(k / last)
-            watch.look(ref.times[k], unwrap(nominal, stepper.platform(q, v)[0], ref.x[k]), ref.x[k])
+            watch.look(ref.times[k], nominal.platform.unwrap(stepper.platform(q, v)[0], ref.x[k]), ref.x[k])
         seen = _measured(
             ref, k, stepper, q, v, noise=None if noise is None else noise[k], sensors=loop.sensors
         )
@@ -119,7 +117,7 @@ def run_closed_loop(
             break
         q, v = stepper.step(q, v, given - friction.torque(v), ref.period)
         # one run without numbers would leave none in stacked solves: runs that are over stand at their start
-        slow = np.abs(v) * ref.period < FASTEST * column_scale(nominal)
+        slow = np.abs(v) * ref.period < FASTEST * nominal.column_scale
         watch.lose(ref.times[k + 1], np.asarray(~(np.isfinite(q).all(axis=1) & slow.all(axis=1))))
         q, v = (np.where(watch.alive[:, None], now, first) for now, first in zip((q, v), start, strict=True))
     return watch.verdict(loop, variations)
@@ -131,7 +129,7 @@ def _started(controller: Controller, variations: Sequence[Variation]) -> tuple[S
     real = [varied(ref.robot, variation) for variation in variations]
     count = len(real)
     try:
-        stepper = Stepper.of(real, like=unvaried(ref.robot))
+        stepper = Stepper.of(real, like=ref.robot)
         q, v = stepper.start(np.tile(ref.motion.q[0], (count, 1)), None, np.tile(ref.torque[0], (count, 1)))
     except NotAssembled as error:
         raise InvalidInput(f"places: with so large a spread a robot cannot be assembled: {error}") from None
@@ -150,7 +148,7 @@ def _measured(
     if sensors == "motors":
         return Measurement(angle, speed, None)
     back = np.linalg.pinv(ref.N[k])  # (n, nv)
-    x = unwrap(robot, stepper.platform(q, v)[0], ref.x[k]) + matvec(back, turned)
+    x = robot.platform.unwrap(stepper.platform(q, v)[0], ref.x[k]) + matvec(back, turned)
     return Measurement(
         angle,
         speed,

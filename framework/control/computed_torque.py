@@ -21,13 +21,10 @@ from framework.control.estimation import Measurement, State, consistent_solution
 from framework.control.reference import Reference
 from framework.dynamics.forces import tree_forces
 from framework.errors import InvalidInput
-from framework.kinematics.assembly import loop_rows, passive_columns
-from framework.kinematics.closures import closure_drift, column_scale, loop_equations, scaled
+from framework.kinematics.closures import closure_drift, loop_equations, scaled
 from framework.kinematics.frames import frame_motions, frames_at
-from framework.kinematics.inverse_kinematics import moving_columns
-from framework.kinematics.platform import platform_jacobian, platform_twist
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matvec, solve
-from framework.model import ParallelRobot
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,16 +64,16 @@ class ComputedTorque:
             + self.frequency**2 * (ref.x[k] - state.x)
         )
         motion = _constrained_motion(robot, state, asked)
-        columns = passive_columns(robot)
-        J = scaled(robot, motion.loops, loop_rows(robot))  # (R, m, nv) dimensionless
-        r = tree_forces(robot, motion) * column_scale(robot)
+        columns = robot.following
+        J = scaled(robot, motion.loops, robot.loops.rotation)  # (R, m, nv) dimensionless
+        r = tree_forces(robot, motion) * robot.column_scale
         P = J[:, :, columns].transpose(0, 2, 1)
         if self.multipliers is None:
             multipliers = solve(P, r[:, columns])
         else:
             planned = self.multipliers[k]
             multipliers = planned + consistent_solution(P, r[:, columns] - matvec(P, planned))
-        held = (r - matvec(J.transpose(0, 2, 1), multipliers)) / column_scale(robot)
+        held = (r - matvec(J.transpose(0, 2, 1), multipliers)) / robot.column_scale
         n = robot.gear_ratio
         return np.asarray(robot.rotor_inertia * n * motion.a[:, robot.actuated] + held[:, robot.actuated] / n)
 
@@ -96,15 +93,15 @@ def _constrained_motion(robot: ParallelRobot, state: State, ddx: Array) -> _Moti
     As `motion_at`, but run by run where that factors all instants as one band matrix: there the length of
     the stack rounds differently. Infinite where the platform does not determine the joints.
     """
-    at, columns = frames_at(robot, state.q), moving_columns(robot)
-    rows = loop_rows(robot)
+    at, columns = frames_at(robot, state.q), robot.moving
+    rows = robot.loops
     loops = loop_equations(rows, at).jacobian
-    whole = np.concatenate([platform_jacobian(robot, at), loops], axis=1)[:, :, columns]
-    twist, dtwist = platform_twist(robot, state.x, state.dx, ddx)
+    whole = np.concatenate([robot.platform.jacobian(at), loops], axis=1)[:, :, columns]
+    twist, dtwist = robot.platform.twist(state.x, state.dx, ddx)
     v, a = np.zeros((2, len(state.q), robot.model.nv))
     v[:, columns] = solve(whole, np.concatenate([twist, np.zeros((len(twist), len(rows.names)))], axis=1))
     motions = frame_motions(robot, at, state.q, v)
-    platform_drift = motions.drift[:, 0, robot.platform_axes]
+    platform_drift = motions.drift[:, 0, robot.platform.axes]
     drift = np.concatenate([dtwist - platform_drift, -closure_drift(rows, at, motions)], axis=1)
     a[:, columns] = solve(whole, drift)
     return _Motion(state.q, v, a, loops)
@@ -119,6 +116,6 @@ def _planned_multipliers(reference: Reference) -> Array:
     r = tree_forces(robot, motion)
     n = robot.gear_ratio
     r[:, robot.actuated] -= n * (reference.torque - robot.rotor_inertia * n * motion.a[:, robot.actuated])
-    J = scaled(robot, motion.system.closures, loop_rows(robot))
+    J = scaled(robot, motion.system.closures, robot.loops.rotation)
     transposed = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
-    return np.asarray((transposed @ (r * column_scale(robot))[..., None])[..., 0])
+    return np.asarray((transposed @ (r * robot.column_scale)[..., None])[..., 0])

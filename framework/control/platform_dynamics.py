@@ -18,7 +18,7 @@ from framework.arrays import Array
 from framework.control.reference import platform_rates
 from framework.dynamics.forces import tree_forces
 from framework.kinematics.inverse_kinematics import close_loops, motion_at
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
 class PlatformDynamics(NamedTuple):

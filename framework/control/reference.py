@@ -10,8 +10,7 @@ from framework.arrays import Array, ReadOnlyArrays
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import Motion, joint_rates
-from framework.kinematics.platform import platform_twist
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 MOST_SAMPLES = 200_000
 
@@ -73,6 +72,6 @@ def platform_rates(robot: ParallelRobot, motion: Motion, x: Array) -> Array:
     columns = []
     for axis in np.eye(robot.n):
         rate = np.broadcast_to(axis, x.shape)
-        twist, _ = platform_twist(robot, x, rate)
+        twist, _ = robot.platform.twist(x, rate)
         columns.append(joint_rates(robot, motion.system, twist, np.zeros((len(x), robot.n_e))))
     return np.stack(columns, axis=2)

@@ -10,9 +10,7 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.errors import InvalidInput
-from framework.kinematics.assembly import loop_rows
-from framework.kinematics.closures import column_scale
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
 @dataclass(frozen=True)
@@ -72,11 +70,14 @@ def noise_of(
     shape = (samples, 2, robot.model.nv)
     sequences = [np.random.SeedSequence((*seed, 1)) for seed in seeds]
     runs = [np.random.default_rng(sequence).standard_normal(shape) for sequence in sequences]
-    return np.asarray(np.stack(runs, axis=1) * size * column_scale(robot))
+    return np.asarray(np.stack(runs, axis=1) * size * robot.column_scale)
 
 
 def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     """The robot as it really is. Its loops close at another configuration if the geometry differs.
+
+    What was proved of the robot is kept, and of its loop equations only the independent ones: redundant ones
+    hold for exact places only; a real machine has clearance there.
 
     The payload is the inertia of the platform's link, or of the moving body that the platform frame is
     on when that link has none of its own.
@@ -90,15 +91,13 @@ def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     for k, place in enumerate(variation.shifts):
         placement = model.jointPlacements[k + 1]
         model.jointPlacements[k + 1] = pin.SE3(placement.rotation, placement.translation + place)
-    return replace(unvaried(robot), model=model, stiffness=robot.stiffness * variation.stiffness)
-
-
-def unvaried(robot: ParallelRobot) -> ParallelRobot:
-    """The robot as varied ones are, without their variation: no loop equation is redundant.
-
-    Redundant ones hold for exact places only; a real machine has clearance there.
-    """
-    return replace(robot, rows=loop_rows(robot))
+    return replace(
+        robot,
+        model=model,
+        stiffness=robot.stiffness * variation.stiffness,
+        rows=robot.loops,
+        independent=np.arange(len(robot.loops.names)),
+    )
 
 
 def _scaled(whole: pin.Inertia, part: pin.Inertia, factor: float) -> pin.Inertia:

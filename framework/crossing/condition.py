@@ -18,7 +18,6 @@ from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, motion_at, system_at
 from framework.kinematics.loop_matrices import measured_matrix
-from framework.kinematics.platform import path_twist
 from framework.kinematics.tracking import Branch
 from framework.motion.path import along
 from framework.singularity.classification import uncontrolled_motion
@@ -116,7 +115,7 @@ def imposed_point(branch: Branch, s: float) -> CrossingPoint:
 def _oriented(branch: Branch, s: float, closed: ClosedStack) -> CrossingPoint:
     """The uncontrolled motion there, its twist pointing along the path."""
     found = uncontrolled_motion(branch.robot, closed.system)
-    sign = -1.0 if np.dot(found.twist, path_twist(branch.robot, branch.path, s)) < 0 else 1.0
+    sign = -1.0 if np.dot(found.twist, branch.robot.platform.path_twist(branch.path, s)) < 0 else 1.0
     return CrossingPoint(s, found.kind, sign * found.twist, sign * found.motion, closed.q[0])
 
 
@@ -162,7 +161,8 @@ def coefficients_at(
     rest, pushed, forth, back = forces @ here.motion
     alpha = pushed - rest
     # what s" = 1 asks for at most; on massless legs the forces of a payload cancel before they get here
-    moved = np.abs(path_twist(robot, branch.path, here.s)) * np.where(robot.translations, 1.0, robot.length)
+    size = np.where(robot.translations, 1.0, robot.length)
+    moved = np.abs(robot.platform.path_twist(branch.path, here.s)) * size
     mass = sum(inertia.mass for inertia in robot.model.inertias)
     own = max(float(np.abs((forces[1] - forces[0]) * here.motion).sum()), mass * float(moved.max()))
     scale = max(float(np.abs(forces * here.motion).sum(axis=1).max()), own)

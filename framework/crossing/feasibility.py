@@ -15,7 +15,6 @@ import pinocchio as pin
 from framework.crossing.condition import NO_HOLD, Condition8, CrossingPoint, coefficients_at, crossing_point
 from framework.dynamics.crossings import check_kind
 from framework.errors import NoLaw
-from framework.kinematics.platform import path_twist
 from framework.kinematics.tracking import Branch
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
@@ -157,7 +156,7 @@ def _feasibility(branch: Branch, here: CrossingPoint) -> Feasibility:
         here.s,
         condition,
         weight_share=_cosine(robot.model.gravity.linear, falling),
-        tangent_share=_cosine(path_twist(robot, branch.path, here.s) * length, here.twist * length),
+        tangent_share=_cosine(robot.platform.path_twist(branch.path, here.s) * length, here.twist * length),
         orthogonal=abs(condition.alpha) <= NO_HOLD * own,
     )
 

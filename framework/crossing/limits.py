@@ -9,7 +9,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.crossing.optimal import Wish
 from framework.crossing.request import Request
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
 def motor_limits(robot: ParallelRobot, request: Request) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from framework.arrays import Array
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput
 from framework.kinematics.frames import difference
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import is_number
 
 RATES = ("", "/s", "/s2")  # of a unit, by the order of the derivative

@@ -21,7 +21,6 @@ from framework.crossing.condition import NO_HOLD, CrossingPoint
 from framework.dynamics.forces import loop_forces, motor_torque, tree_forces
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import ClosedStack, Motion, close_loops, motion_at, system_at
-from framework.kinematics.platform import path_twist
 from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.optimal_law import OptimalLaw, Smoothstep
@@ -108,7 +107,8 @@ def crossing_row(
     row = np.array([rest, one - rest, pushed - rest])
     # on massless legs the forces of a payload cancel before they get here
     mass = sum(inertia.mass for inertia in robot.model.inertias)
-    moved = np.abs(path_twist(robot, branch.path, at.s)) * np.where(robot.translations, 1.0, robot.length)
+    size = np.where(robot.translations, 1.0, robot.length)
+    moved = np.abs(robot.platform.path_twist(branch.path, at.s)) * size
     slope, bend = (float(phi(sigma, order)[0]) for order in (1, 2))
     push = mass * float(moved.max()) * np.array([0.0, slope**2 + abs(bend), slope])
     size = np.maximum(np.abs(parts).sum(axis=1), push)

@@ -18,7 +18,7 @@ from framework.dynamics.crossings import rigid_crossings
 from framework.dynamics.inverse_dynamics import TOLERANCE
 from framework.dynamics.result import SingularityCrossing
 from framework.errors import LimitsExceeded, NoLaw, NotConverged, UncontrolledMotions
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, search_path

@@ -10,8 +10,8 @@ from framework.crossing.result import CrossingPlan
 from framework.dynamics.finite_differences import FiniteDifferenceTorques, finite_difference_torques
 from framework.dynamics.result import SingularityCrossing
 from framework.errors import UnboundedTorque
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import track_path
-from framework.model import ParallelRobot
 from framework.motion.law import Law
 from framework.motion.path import Path
 from framework.singularity.points_on_path import search_path

@@ -10,7 +10,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.inverse_dynamics import TOLERANCE, check_tolerance, checked_geometry
 from framework.errors import InvalidInput, choose_from
-from framework.model import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.cone_program import GOALS
 from framework.motion.law import check_duration, is_number
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS

@@ -16,7 +16,7 @@ from framework.crossing.request import Request
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.joint_limits import positions_beyond_limits
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import PlannedLaw
 from framework.motion.path import Path
 
@@ -124,9 +124,8 @@ class CrossingPlan:
                 asked.append(f"speed {speeds[k]:.4g} rad/s of {motor.speed_limit:.4g}")
             if asked:
                 found[motor.joint] = ", ".join(asked)
-        for joint, position in positions_beyond_limits(
-            self.robot, self.dynamics.configuration(times)
-        ).items():
+        beyond = positions_beyond_limits(self.robot.limits, self.dynamics.configuration(times))
+        for joint, position in beyond.items():
             found[joint] = f"{found[joint]}, {position}" if joint in found else position
         return found
 

@@ -30,7 +30,7 @@ from framework.crossing.timing import CrossingTime
 from framework.dynamics.inverse_dynamics import check_law, resolve
 from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from
 from framework.input import read_text
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw, check_duration
 from framework.motion.optimal_law import OptimalLaw
 from framework.motion.path import PointPath

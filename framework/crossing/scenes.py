@@ -9,7 +9,7 @@ from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, choose_from
-from framework.model import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import Scene
 from framework.motion.path import Arc, Line, Path, Spline
 

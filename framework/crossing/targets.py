@@ -9,8 +9,8 @@ from framework.crossing.condition import CrossingPoint, imposed_point
 from framework.crossing.request import Request
 from framework.dynamics.crossings import check_kind
 from framework.errors import InvalidInput, NoLaw
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch
-from framework.model import ParallelRobot
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
 

@@ -11,8 +11,8 @@ from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque, point
 from framework.kinematics.inverse_kinematics import close_loops, mode_signs, motion_at, system_at
 from framework.kinematics.loop_matrices import measured_matrix
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch, escaping
-from framework.model import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
 from framework.motion.law import MotionLaw, PlannedLaw
 from framework.motion.path import Path, along

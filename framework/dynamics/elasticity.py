@@ -16,10 +16,8 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.forces import Forces, loop_forces
 from framework.errors import NotConverged
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import Motion, close_loops, joint_rates, motion_at
-from framework.kinematics.platform import platform_residual
 from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw
@@ -82,7 +80,7 @@ def settle(
             new = grid.smooth(new)
         changes.append(float(np.abs(new - q_e).max()))
         largest = float(np.abs(new).max())
-        beyond = np.abs(new / column_scale(robot)[robot.elastic]).max(initial=0.0) > LARGEST
+        beyond = np.abs(new / robot.column_scale[robot.elastic]).max(initial=0.0) > LARGEST
         if not np.isfinite(changes[-1]) or len(changes) > PASSES or beyond:
             how = (
                 f"would grow to {largest:.3g}" if beyond else f"change by {changes[-1]:.3g} of {largest:.3g}"
@@ -128,7 +126,7 @@ def _motion(
         step[:, robot.elastic] = q_e - q_e_before
         near = integrate(robot, branch.guess(s[0]), step)
     else:  # along the tangent, by the factors that are there already
-        ahead = -platform_residual(robot, before.system.frames, x)
+        ahead = -robot.platform.residual(before.system.frames, x)
         near = integrate(robot, before.q, joint_rates(robot, before.system, ahead, q_e - q_e_before))
     closed = close_loops(robot, x, near)
     if not robot.n_e:

@@ -16,10 +16,10 @@ from framework.arrays import Array
 from framework.dynamics.forces import loop_forces
 from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.errors import InvalidInput
-from framework.kinematics.frames import actuated_coordinates, integrate
+from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch, track_path
-from framework.model import ParallelRobot
 from framework.motion.law import MotionLaw, is_number
 from framework.motion.path import Path, along
 
@@ -67,7 +67,7 @@ def finite_difference_torques(
         motion = _motion(branch, law, times, q_e)
         if geometry == "deformed" and done < passes - 1:
             forces = loop_forces(robot, motion)
-    angle = robot.gear_ratio * actuated_coordinates(robot, motion.q)
+    angle = robot.gear_ratio * robot.actuated_coordinates(motion.q)
     _, acceleration = _differences(angle, times)
     torque = robot.rotor_inertia * acceleration + forces.joint_torque / robot.gear_ratio
     return FiniteDifferenceTorques(times, torque, angle, q_e, motion)

@@ -19,9 +19,9 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.frames import difference, scratch_of
-from framework.kinematics.inverse_kinematics import Motion, moving_columns
+from framework.kinematics.inverse_kinematics import Motion
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import solve
-from framework.model import ParallelRobot
 
 
 class Forces(NamedTuple):
@@ -67,7 +67,7 @@ def loop_forces(robot: ParallelRobot, motion: Motion) -> Forces:
     and comes out as infinite.
     """
     r, system = tree_forces(robot, motion), motion.system
-    columns = moving_columns(robot)  # the actuated ones first
+    columns = robot.moving  # the actuated ones first
     loads = np.zeros((1 + robot.n_a, len(r), len(columns)))
     loads[0] = r[:, columns]
     loads[np.arange(1, 1 + robot.n_a), :, np.arange(robot.n_a)] = 1.0

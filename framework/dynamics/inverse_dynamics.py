@@ -35,10 +35,9 @@ from framework.errors import (
     choose_from,
     expect_call,
 )
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import difference
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tracking import Branch
-from framework.model import ParallelRobot, expect_robot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import OVERSHOOT, MotionLaw, PlannedLaw, is_number
 from framework.motion.path import Path
@@ -229,7 +228,7 @@ def _result(
             nodes=len(grid.times),
             tail=max(
                 _tail(torques, _torque_rounding(robot, state.law.duration)),
-                _tail(deflections, 1e-14 * column_scale(robot)[robot.elastic]),
+                _tail(deflections, 1e-14 * robot.column_scale[robot.elastic]),
             ),
             passes=max(len(state.changes), 1),
             change=state.changes[-1] if state.changes else 0.0,

@@ -22,18 +22,16 @@ from framework.dynamics.elasticity import Deflected
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics
 from framework.errors import LoadedJoint, NotAssembled
-from framework.kinematics.assembly import idle_columns, independent_rows
-from framework.kinematics.closures import column_scale, loop_wrenches
+from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.frames import FrameStack
 from framework.kinematics.inverse_kinematics import (
     ClosedStack,
     Motion,
     motion_at,
-    moving_columns,
     system_at,
 )
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch
-from framework.model import ParallelRobot
 from framework.motion.path import along
 
 OPEN = 1e-9  # [rad, lengths of the robot] that a dropped loop equation may be open on a node
@@ -71,10 +69,10 @@ def measure_neglected(branch: Branch, state: Deflected, result: InverseDynamics)
 
 def check_idle_joints(branch: Branch, state: Deflected, result: InverseDynamics) -> None:
     """Raise LoadedJoint if this motion would load a joint that is held still because it seemed idle."""
-    robot, idle = branch.robot, idle_columns(branch.robot)
+    robot, idle = branch.robot, branch.robot.idle
     if not len(idle):
         return
-    times, scale = _instants(robot, state.grid.times), column_scale(robot)
+    times, scale = _instants(robot, state.grid.times), robot.column_scale
     motion = motion_of_forces(branch, result, times, planned_pose(result, times))
     loads = _residual_torques(robot, motion, _joint_torques(state, times))[:, idle]
     worst = int(np.argmax(np.abs(loads * scale[idle])))
@@ -98,7 +96,7 @@ def check_idle_joints(branch: Branch, state: Deflected, result: InverseDynamics)
 def _instants(robot: ParallelRobot, nodes: Array) -> Array:
     """Half-way between the nodes; with idle joints the nodes too, where all other joints are in balance."""
     middle = 0.5 * (nodes[1:] + nodes[:-1])
-    return np.sort(np.concatenate([nodes, middle])) if len(idle_columns(robot)) else middle
+    return np.sort(np.concatenate([nodes, middle])) if len(robot.idle) else middle
 
 
 def planned_pose(result: InverseDynamics, times: Array) -> ClosedStack:
@@ -131,7 +129,7 @@ def _all_rows(robot: ParallelRobot, at: FrameStack) -> Array:
 def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: Array) -> None:
     """Raise NotAssembled if a loop equation (T, rows) that is not among the independent ones is open."""
     scale = np.where(robot.rows.rotation, 1.0, robot.length)
-    dropped = np.setdiff1d(np.arange(len(scale)), independent_rows(robot))
+    dropped = np.setdiff1d(np.arange(len(scale)), robot.independent)
     if not len(dropped):
         return
     instant, k = divmod(int(np.argmax(np.abs(residual[:, dropped]) / scale[dropped])), len(dropped))
@@ -154,7 +152,7 @@ def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Ar
 
     A wrench on the platform is given by the joints that carry it; springs are left out.
     """
-    forces, columns, idle = tree_forces(robot, motion), moving_columns(robot), idle_columns(robot)
+    forces, columns, idle = tree_forces(robot, motion), robot.moving, robot.idle
     load = forces[:, columns].copy()
     load[:, : robot.n_a] -= torque
     held = motion.system.factors.solve_transposed(load[None])[0]  # w and lambda

@@ -21,7 +21,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.kinematics.inverse_kinematics import Motion, System, joint_rates
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
 class PlatformWrench(NamedTuple):

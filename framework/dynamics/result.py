@@ -11,7 +11,7 @@ from framework.dynamics.certificate import Certificate
 from framework.errors import check_order
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import MotionLaw
 from framework.motion.path import HIGHEST_ORDER, Path, along

@@ -10,7 +10,7 @@ from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.inverse_kinematics import Motion, joint_rates
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.classification import singularity_measure, unit_twist
 
 

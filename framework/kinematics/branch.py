@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.errors import NotAssembled
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, system_at
 from framework.kinematics.loop_matrices import mobile_matrix
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import nodes, tail
 from framework.motion.path import Path
 
@@ -132,7 +131,7 @@ def _span(branch: Branch, s: float, start: float, end: float) -> tuple[Continuat
     robot = branch.robot
     at = start + 0.5 * (end - start) * (nodes(SIZE) + 1.0)
     basis = chebyshev.chebvander(nodes(SIZE), DEGREE)
-    lengths = column_scale(robot)
+    lengths = robot.column_scale
     guess, x, continuation = branch.guess(at), branch.path(at), None
     error = np.inf
     for share in SHARES:

@@ -20,18 +20,15 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.errors import NotAssembled
-from framework.kinematics.closures import column_scale, loop_equations, scaled
+from framework.kinematics.closures import loop_equations, scaled
 from framework.kinematics.frames import FrameStack, frames_at, integrate
-from framework.kinematics.joint_limits import joint_limits
 from framework.kinematics.locked_directions import (
-    LockedDirections,
     direction_gaps,
     direction_slopes,
-    locked_directions,
     turned_over,
 )
-from framework.model import ParallelRobot
-from framework.model.parallel_robot import LoopRows
+from framework.kinematics.mechanism import Mechanism
+from framework.model.loop_rows import LockedDirections, LoopRows
 
 STARTS = 32  # a group of loops, at most
 ENOUGH = 8  # closed poses of a group to choose from
@@ -55,19 +52,19 @@ class ClosedPose(NamedTuple):
     moved: str  # how far, "0.6 rad"
 
 
-def find_closed_pose(robot: ParallelRobot) -> ClosedPose:
+def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
     """A configuration that closes all loops within the joints' limits, springs at rest.
 
     Raises:
         NotAssembled: no start leads to one; names a loop equation and says how near the best came.
     """
-    lower, upper = _ranges(robot)
-    u = np.zeros(robot.model.nv)
-    for group in _groups(robot, robot.q_near, lower, upper):
+    lower, upper = _ranges(mechanism)
+    u = np.zeros(mechanism.model.nv)
+    for group in _groups(mechanism, mechanism.q_near, lower, upper):
         u[group.columns] = _nearest(group)
-    farthest, step = int(np.argmax(np.abs(u))), u * column_scale(robot)
-    moved = f"{abs(step[farthest]):.3g} {'m' if robot.sliding[farthest] else 'rad'}"
-    return ClosedPose(integrate(robot, robot.q_near, step), robot.joint_of(farthest), moved)
+    farthest, step = int(np.argmax(np.abs(u))), u * mechanism.column_scale
+    moved = f"{abs(step[farthest]):.3g} {'m' if mechanism.sliding[farthest] else 'rad'}"
+    return ClosedPose(integrate(mechanism, mechanism.q_near, step), mechanism.joint_of(farthest), moved)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +74,7 @@ class _Group:
     Offsets are from a configuration, in radians and lengths of the robot.
     """
 
-    robot: ParallelRobot
+    mechanism: Mechanism
     origin: Array  # (nq,)
     rows: LoopRows
     directions: LockedDirections  # what the rows alone would let turn over
@@ -87,7 +84,7 @@ class _Group:
 
     def equations(self, u: Array) -> Array:
         """The loop equations (m,), in lengths of the robot and radians."""
-        weights = np.where(self.rows.rotation, 1.0, 1.0 / self.robot.length)
+        weights = np.where(self.rows.rotation, 1.0, 1.0 / self.mechanism.length)
         return np.asarray(weights * loop_equations(self.rows, self._frames(u)).residual[0])
 
     def gap(self, u: Array) -> Array:
@@ -98,8 +95,8 @@ class _Group:
     def slope(self, u: Array) -> Array:
         """The derivative of `gap` along the k joints."""
         at = self._frames(u)
-        rows = scaled(self.robot, loop_equations(self.rows, at).jacobian, self.rows)[0]
-        vectors = direction_slopes(self.directions, at)[0] * column_scale(self.robot)
+        rows = scaled(self.mechanism, loop_equations(self.rows, at).jacobian, self.rows.rotation)[0]
+        vectors = direction_slopes(self.directions, at)[0] * self.mechanism.column_scale
         return np.concatenate([rows, vectors.reshape(-1, rows.shape[1])])[:, self.columns]
 
     def closed_from(self, start: Array) -> tuple[Array, float]:
@@ -136,40 +133,40 @@ class _Group:
         return np.asarray(answer.x)
 
     def _frames(self, u: Array) -> FrameStack:
-        step = np.zeros(self.robot.model.nv)
-        step[self.columns] = u * column_scale(self.robot)[self.columns]
-        return frames_at(self.robot, integrate(self.robot, self.origin, step)[None])
+        step = np.zeros(self.mechanism.model.nv)
+        step[self.columns] = u * self.mechanism.column_scale[self.columns]
+        return frames_at(self.mechanism, integrate(self.mechanism, self.origin, step)[None])
 
 
-def _groups(robot: ParallelRobot, origin: Array, lower: Array, upper: Array) -> list[_Group]:
+def _groups(mechanism: Mechanism, origin: Array, lower: Array, upper: Array) -> list[_Group]:
     """The loops of a robot, parted where they share no joint; springs are at rest."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
-    carried = frames_at(robot, origin[None]).carried
-    moving = carried[robot.rows.second] != carried[robot.rows.first]  # (m, nv)
-    moving[:, robot.elastic] = False
+    carried = frames_at(mechanism, origin[None]).carried
+    moving = carried[mechanism.rows.second] != carried[mechanism.rows.first]  # (m, nv)
+    moving[:, mechanism.elastic] = False
     shared = csr_array(moving.astype(float))
     label = connected_components(shared @ shared.T, directed=False)[1]
-    groups, directions = [], locked_directions(robot)
+    groups, directions = [], mechanism.directions
     for k in range(int(label.max()) + 1):
         rows = np.flatnonzero(label == k)
         columns = np.flatnonzero(moving[rows].any(axis=0))
-        table = robot.rows.take(rows)
+        table = mechanism.rows.take(rows)
         names = {name.rpartition(".")[0] for name in table.names}
         own = directions.take(np.flatnonzero([name in names for name in directions.closures]))
-        groups.append(_Group(robot, origin, table, own, columns, lower[columns], upper[columns]))
+        groups.append(_Group(mechanism, origin, table, own, columns, lower[columns], upper[columns]))
     return groups
 
 
-def _ranges(robot: ParallelRobot) -> tuple[Array, Array]:
+def _ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     """How far each joint may go from the reference, (nv,) each, in radians and lengths of the robot."""
-    lower, upper = np.full(robot.model.nv, -np.inf), np.full(robot.model.nv, np.inf)
-    for limit in joint_limits(robot):
-        column = robot.model.joints[robot.model.getJointId(limit.joint)].idx_v
-        here = robot.q_near[limit.coordinate]
+    lower, upper = np.full(mechanism.model.nv, -np.inf), np.full(mechanism.model.nv, np.inf)
+    for limit in mechanism.limits:
+        column = mechanism.model.joints[mechanism.model.getJointId(limit.joint)].idx_v
+        here = mechanism.q_near[limit.coordinate]
         lower[column], upper[column] = limit.lower - here, limit.upper - here
-    lower, upper = lower / column_scale(robot), upper / column_scale(robot)
+    lower, upper = lower / mechanism.column_scale, upper / mechanism.column_scale
     # a joint whose limits meet keeps a little room: the solver's bounds may not
     limited = np.isfinite(lower)
     room = LEAST_ROOM * np.maximum(np.abs(lower[limited]), 1.0)
@@ -179,7 +176,7 @@ def _ranges(robot: ParallelRobot) -> tuple[Array, Array]:
 
 def _nearest(group: _Group) -> Array:
     """Offsets (k,) that close a group's loops, the smallest of those that several starts lead to."""
-    turning = ~group.robot.sliding[group.columns]
+    turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
     reach = np.where(turning, np.pi, 1.0)
     low, high = np.where(limited, group.lower, -reach), np.where(limited, group.upper, reach)
@@ -203,19 +200,19 @@ def _nearest(group: _Group) -> Array:
 
 def _still_open(group: _Group, u: Array) -> NotAssembled:
     """What to say of a group that no start has closed; `u` (k,) came nearest."""
-    gap, robot = np.abs(group.equations(u)), group.robot
-    row, step = int(np.argmax(gap)), np.zeros(robot.model.nv)
-    step[group.columns] = u * column_scale(robot)[group.columns]
-    q = integrate(robot, group.origin, step)
+    gap, mechanism = np.abs(group.equations(u)), group.mechanism
+    row, step = int(np.argmax(gap)), np.zeros(mechanism.model.nv)
+    step[group.columns] = u * mechanism.column_scale[group.columns]
+    q = integrate(mechanism, group.origin, step)
     turning = bool(group.rows.rotation[row])
-    left = float(gap[row]) * (1.0 if turning else robot.length)
+    left = float(gap[row]) * (1.0 if turning else mechanism.length)
     best = f"{group.rows.names[row]} stays {left:.3g} {'rad' if turning else 'm'} apart"
     if gap[row] < NEARLY:
-        best = f"{turned_over(robot, frames_at(robot, q[None]))} is turned over"
+        best = f"{turned_over(mechanism, frames_at(mechanism, q[None]))} is turned over"
     return NotAssembled(
-        f"{robot.name}: the loops do not close: of {STARTS} starts within the joints' limits none leads to a "
-        f"closed pose; in the best {best}; check the link lengths and the closures, or give a reference near "
-        f"to an assembled configuration",
+        f"{mechanism.name}: the loops do not close: of {STARTS} starts within the joints' limits none leads "
+        f"to a closed pose; in the best {best}; check the link lengths and the closures, or give a reference "
+        f"near to an assembled configuration",
         q=q,
         residual=left,
     )

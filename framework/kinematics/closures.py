@@ -2,22 +2,22 @@
 
 Each equation is written as a wrench between its two bodies: what the wrench yields on the screw of a
 joint that carries one of them is the derivative along that joint (Ball's reciprocal product). So one
-table of rows (`ParallelRobot.rows`) serves every kind of joint, and a joint that carries both bodies or
+table of rows (`Mechanism.rows`) serves every kind of joint, and a joint that carries both bodies or
 neither leaves no entry at all: a kind is data, not code.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from framework.arrays import Array
 from framework.kinematics.frames import FrameMotions, FrameStack, cross
+from framework.kinematics.mechanism import Mechanism
 from framework.linalg.ordered_sums import dot, matmul
-from framework.model import ParallelRobot
-from framework.model.parallel_robot import LoopRows
+from framework.model.loop_rows import LoopRows
 
 
 class LoopEquations(NamedTuple):
@@ -107,20 +107,11 @@ def _second_axes(rows: LoopRows, at: FrameStack) -> Array:
 # ------------------------------------------------------------------ without dimension
 
 
-def scaled(robot: ParallelRobot, matrix: Array, rows: LoopRows | None) -> Array:
-    """A matrix (..., m, nv) made dimensionless: metres in lengths of the robot.
+def scaled(mechanism: Mechanism, matrix: Array, turning: NDArray[np.bool_]) -> Array:
+    """A matrix (..., m, nv) made dimensionless: metres in lengths of the mechanism.
 
-    `rows` is its table of loop equations, or None when its rows are the platform's coordinates.
-    Conditioning and singularity are judged on this, so a robot drawn in millimetres is judged alike.
+    `turning` (m,) tells the rows that are angles. Conditioning and singularity are judged on this, so a
+    robot drawn in millimetres is judged alike.
     """
-    turning = rows.rotation if rows is not None else ~robot.translations
-    row_scale = np.where(turning, 1.0, 1.0 / robot.length)
-    return matrix * row_scale[:, None] * column_scale(robot)
-
-
-@lru_cache(maxsize=128)
-def column_scale(robot: ParallelRobot) -> Array:
-    """Length of the robot for sliding joints, 1 for turning ones, shape (nv,)."""
-    scale = np.where(robot.sliding, robot.length, 1.0)
-    scale.flags.writeable = False
-    return scale
+    row_scale = np.where(turning, 1.0, 1.0 / mechanism.length)
+    return matrix * row_scale[:, None] * mechanism.column_scale

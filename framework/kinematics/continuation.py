@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import System
-from framework.model import ParallelRobot
+from framework.kinematics.mechanism import Mechanism
 
 FIRST_STEP = 1 / 8  # of the way
 SHORTEST_STEP = 1e-7  # of the way: between the last place that closes and the first that does not
@@ -49,7 +48,7 @@ class Way(NamedTuple):
 
 
 def follow(
-    robot: ParallelRobot,
+    robot: Mechanism,
     start: Place,
     arrive: Callable[[float, Array], Place | None],
     belongs: Callable[[Place, Place, bool], bool],
@@ -64,7 +63,7 @@ def follow(
             whether the tangent has turned no more than the corrections of one branch allow.
         step: the first one, as a share of the way.
     """
-    lengths = column_scale(robot)
+    lengths = robot.column_scale
     at, here, places = 0.0, start, [(0.0, start)]
     while at < 1.0:
         step = min(step, 1.0 - at)

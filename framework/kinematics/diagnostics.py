@@ -7,21 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import NotAssembled
-from framework.kinematics.assembly import (
-    independent_at_reference,
-    independent_rows,
-    nearby_configurations,
-    reference_configuration,
-    rows_of_springs_alone,
-    singular_reference,
-)
+from framework.errors import NotAssembled, SingularReference, expect
+from framework.kinematics.assembly import close_reference, loop_matrix, nearby_configurations
 from framework.kinematics.closing_search import find_closed_pose
+from framework.kinematics.independence import independent_rows
 from framework.kinematics.inverse_kinematics import mode_signs, reference_system
 from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.loop_matrices import passive_matrix
+from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.mobility import Mobility, PlatformAxes, mobility_of, platform_axes_of
-from framework.model import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
 @dataclass(frozen=True)
@@ -58,8 +53,8 @@ class Checkup:
     advice: tuple[str, ...]
 
 
-def check_robot(robot: ParallelRobot) -> Checkup:
-    """Examine a robot at its assembled reference, or at a pose that `check` finds where that is none.
+def check_robot(mechanism: Mechanism) -> Checkup:
+    """Examine a mechanism at its assembled reference, or at a pose that `check` finds where that is none.
 
     Where the loops do not close near the reference, another pose is looked for; where the reference is on a
     singularity of the loops, a pose beside it is examined. `advice` says so.
@@ -68,28 +63,30 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
         SingularReference: they are nearly singular there and beside it, too.
     """
-    expect_robot(robot)
-    given, found = robot, list[str]()
+    expect("robot", mechanism, Mechanism, 'robots.load("five_bar") or Mechanism.from_file("my.yaml")')
+    given, found = mechanism, list[str]()
     try:
-        reference = reference_configuration(robot)
+        q = close_reference(mechanism).q
     except NotAssembled:
-        pose = find_closed_pose(robot)
+        pose = find_closed_pose(mechanism)
         found.append(
             f"the loops do not close near the reference that is given; a search within the joints' limits "
             f"has found the one that is printed, {pose.joint} {pose.moved} away: paste it into "
             f"the file (or give it by --reference) if the robot is meant to be assembled that way"
         )
-        robot = _assembled_at(robot, pose.q)
-        reference = reference_configuration(robot)
-    singular = singular_reference(robot)
-    if singular is not None:
-        moved = replace(robot, q_near=nearby_configurations(robot)[0])
-        if singular_reference(moved) is not None:
-            raise singular
-        beside = check_robot(moved)
+        mechanism = _with_reference(mechanism, pose.q)
+        q = close_reference(mechanism).q
+    assembled = mechanism is given
+    try:
+        robot = ParallelRobot.of(mechanism)
+    except SingularReference as singular:
+        beside = replace(mechanism, q_near=nearby_configurations(mechanism, q)[0])
+        try:
+            robot = ParallelRobot.of(beside)
+        except SingularReference:
+            raise singular from None
         found.append(f"said of a pose beside the reference: {singular}")
-        return replace(beside, assembled=robot is given, advice=(*found, *beside.advice))
-    kept = independent_rows(robot)
+    reference = robot.reference
     names = robot.rows.names
     motions = mobility_of(robot)
     axes = platform_axes_of(robot, motions.working - len(motions.loose))
@@ -102,9 +99,9 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         smallest = float(values[-1]) if len(values) else None
     masses = _link_masses(robot)
     massless = tuple(name for name, mass in masses.items() if mass == 0.0)
-    redundant = tuple(name for i, name in enumerate(names) if i not in kept)
+    redundant = tuple(name for i, name in enumerate(names) if i not in robot.independent)
     found += _advice_on_motions(robot, motions, axes) + _advice(robot, redundant, masses)
-    beyond = positions_beyond_limits(robot, reference.q[None])
+    beyond = positions_beyond_limits(robot.limits, reference.q[None])
     if beyond:
         listed = "; ".join(f"{joint}: {position}" for joint, position in beyond.items())
         found.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
@@ -124,7 +121,7 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         mobility=motions.freedoms,
         redundant_motors=max(robot.n_a - motions.working, 0),
         loop_equations=len(names),
-        rank=len(kept),
+        rank=len(robot.independent),
         redundant_rows=redundant,
         mass=float(sum(masses.values())),
         massless_joints=massless,
@@ -141,18 +138,16 @@ def check_robot(robot: ParallelRobot) -> Checkup:
         square=square,
         stuck_axes=axes.stuck,
         axes_that_do=axes.proposals,
-        assembled=robot is given,
+        assembled=assembled,
         advice=tuple(found),
     )
 
 
-def _assembled_at(robot: ParallelRobot, q: Array) -> ParallelRobot:
-    """The robot with another reference, q (nq,)."""
-    values = {
-        robot.joint_of(column): float(q[column]) for column in range(len(q)) if column not in robot.elastic
-    }
-    return ParallelRobot.from_description(
-        replace(robot.description, reference=values), flexibility=robot.flexibility
+def _with_reference(mechanism: Mechanism, q: Array) -> Mechanism:
+    """The mechanism with another reference, q (nq,)."""
+    values = {mechanism.joint_of(int(column)): float(q[column]) for column in mechanism.joints}
+    return Mechanism.from_description(
+        replace(mechanism.description, reference=values), flexibility=mechanism.flexibility
     )
 
 
@@ -207,7 +202,7 @@ def _advice(robot: ParallelRobot, redundant: tuple[str, ...], masses: dict[str, 
             f"a planar or overconstrained mechanism; where they are needed elsewhere, lock only what it "
             f"takes (axes: [...])"
         )
-    alone = rows_of_springs_alone(robot)
+    alone = robot.springs_alone
     if alone:
         found.append(
             f"{', '.join(alone)} can only be closed by springs, which planning refuses: lock fewer axes "
@@ -233,17 +228,16 @@ def _suspects(robot: ParallelRobot, mobility: int) -> str:
     """The closures without any one of which the platform would have as many axes as freedoms."""
     if mobility >= robot.n:
         return ""
-    found = []
+    found, loops = [], loop_matrix(robot, robot.reference.q)[:, robot.joints]
     for closure in robot.description.closures:
         others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
-        without = replace(robot, rows=robot.rows.take(np.array(others, dtype=np.intp)))
-        rank = len(independent_at_reference(without)) if others else 0
-        if mobility + len(independent_rows(robot)) - rank >= robot.n:
+        rank = len(independent_rows(loops[others])) if others else 0
+        if mobility + len(robot.independent) - rank >= robot.n:
             found.append(closure.name)
     return f" (look at {', '.join(found)} first: without one of them the freedom is there)" if found else ""
 
 
 def _link_masses(robot: ParallelRobot) -> dict[str, float]:
     """Mass [kg] of what each moving joint carries, under the joint's name."""
-    model = ParallelRobot.from_description(robot.description).model  # springs part a joint from its mass
+    model = Mechanism.from_description(robot.description).model  # springs part a joint from its mass
     return {str(model.names[j]): float(model.inertias[j].mass) for j in range(1, model.njoints)}

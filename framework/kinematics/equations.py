@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
-from framework.kinematics.assembly import loop_rows, passive_columns
+from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.kinematics.frames import scratch_of
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.platform import PlatformCoordinates
 from framework.linalg.banded_lu import Band
 from framework.linalg.sparsity import Part, Sparsity
-from framework.model import ParallelRobot
-from framework.model.parallel_robot import LoopRows
+from framework.model.loop_rows import LoopRows
 
 
-class Equations(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Equations(ReadOnlyArrays):
     """F = [platform - x ; closures]: n + m equations, and where their Jacobian has entries."""
 
     loops: LoopRows  # the m independent ones
@@ -30,31 +30,30 @@ class Equations(NamedTuple):
     moving_band: Band | None  # None if not square
     passive_band: Band | None
 
-
-@lru_cache(maxsize=128)
-def equations_of(robot: ParallelRobot) -> Equations:
-    """The table of a robot's equations. Memoised: a pure function of a frozen robot."""
-    loops, carried = loop_rows(robot), scratch_of(robot).carried
-    platform = np.repeat(carried[:1], robot.n, axis=0)
-    pattern = Sparsity.of(np.concatenate([platform, carried[loops.second] - carried[loops.first]]))
-    rows = np.arange(pattern.shape[0])
-    columns = np.concatenate([robot.actuated, passive_columns(robot)])
-    columns.flags.writeable = False
-    moving = pattern.part(rows, columns)
-    passive = pattern.part(rows[robot.n :], passive_columns(robot))
-    bands = [
-        Band.of(part.row, part.column, part.shape[0]) if part.shape[0] == part.shape[1] > 0 else None
-        for part in (moving, passive)
-    ]
-    return Equations(
-        loops=loops,
-        bodies=np.concatenate([np.zeros(robot.n, dtype=np.intp), loops.second]),
-        platform=np.eye(6)[robot.platform_axes],
-        pattern=pattern,
-        columns=columns,
-        moving=moving,
-        elastic=pattern.part(rows, robot.elastic),
-        passive=passive,
-        moving_band=bands[0],
-        passive_band=bands[1],
-    )
+    @staticmethod
+    def of(
+        mechanism: Mechanism, platform: PlatformCoordinates, loops: LoopRows, columns: IntArray, n_a: int
+    ) -> Equations:
+        """The table for these loop equations and `columns`, of which the first n_a have motors."""
+        carried, n = scratch_of(mechanism).carried, len(platform.axes)
+        own = np.repeat(carried[:1], n, axis=0)
+        pattern = Sparsity.of(np.concatenate([own, carried[loops.second] - carried[loops.first]]))
+        rows = np.arange(pattern.shape[0])
+        moving = pattern.part(rows, columns)
+        passive = pattern.part(rows[n:], columns[n_a:])
+        bands = [
+            Band.of(part.row, part.column, part.shape[0]) if part.shape[0] == part.shape[1] > 0 else None
+            for part in (moving, passive)
+        ]
+        return Equations(
+            loops=loops,
+            bodies=np.concatenate([np.zeros(n, dtype=np.intp), loops.second]),
+            platform=np.eye(6)[platform.axes],
+            pattern=pattern,
+            columns=columns,
+            moving=moving,
+            elastic=pattern.part(rows, mechanism.elastic),
+            passive=passive,
+            moving_band=bands[0],
+            passive_band=bands[1],
+        )

@@ -16,10 +16,10 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
-from framework.kinematics.assembly import Configuration, loop_rows, passive_columns, reference_configuration
-from framework.kinematics.closures import column_scale, loop_equations
+from framework.kinematics.assembly import Configuration
+from framework.kinematics.closures import loop_equations
 from framework.kinematics.continuation import FIRST_STEP, Place, Way, follow
-from framework.kinematics.frames import actuated_coordinates, difference, integrate
+from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import (
     ClosedStack,
     System,
@@ -30,8 +30,7 @@ from framework.kinematics.inverse_kinematics import (
 )
 from framework.kinematics.loop_matrices import VANISHED, passive_matrix
 from framework.kinematics.newton import Linear, Which, newton
-from framework.kinematics.platform import platform_coordinates, unwrap
-from framework.model import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 
 CROSSING = 0.1  # least singular value of P above which no assembly modes meet near by
 SHORT = 0.05  # [rad, lengths] that the joints may move by in a single step
@@ -73,12 +72,12 @@ def forward_kinematics(robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike 
             f"{robot.name}: its {robot.n_a} motors drive {robot.n} degrees of freedom, so none of them can "
             f"move while all others rest; move the platform"
         )
-    start = assembled_at(robot, reference_configuration(robot).q if near is None else near)
+    start = assembled_at(robot, robot.reference.q if near is None else near)
     way = _follow_motors(robot, start, target)
     on_the_way = system_at(robot, way.q, np.repeat(start.x, len(way.q), axis=0))
     x = start.x
-    for there in platform_coordinates(robot, on_the_way.frames):
-        x = unwrap(robot, there[None], x[0])
+    for there in robot.platform.coordinates(on_the_way.frames):
+        x = robot.platform.unwrap(there[None], x[0])
     clearances = _clearances(robot, on_the_way)
     if not way.complete:
         raise _stopped(robot, way, x[0], clearances, target)
@@ -95,14 +94,14 @@ def forward_kinematics(robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike 
 
 def motors_are_free(robot: ParallelRobot) -> bool:
     """Whether one motor can move while the others rest: P is square, and as many motors as platform axes."""
-    return robot.n_a == robot.n and len(passive_columns(robot)) == len(loop_rows(robot).names)
+    return robot.n_a == robot.n and len(robot.following) == len(robot.loops.names)
 
 
 def _follow_motors(robot: ParallelRobot, start: ClosedStack, q_a: Array) -> Way:
     """Turn the motors to q_a (n_a,) from an assembled configuration, as far as that goes."""
-    columns = passive_columns(robot)
+    columns = robot.following
     turn = np.zeros((1, robot.model.nv))
-    turn[0, robot.actuated] = q_a - actuated_coordinates(robot, start.q)[0]
+    turn[0, robot.actuated] = q_a - robot.actuated_coordinates(start.q)[0]
 
     def evaluate(q: Array, which: Which) -> System:
         return system_at(robot, q, np.repeat(start.x, len(q), axis=0))
@@ -137,7 +136,7 @@ def _follow_motors(robot: ParallelRobot, start: ClosedStack, q_a: Array) -> Way:
     if here is None or _clearances(robot, start.system)[0] < VANISHED:  # on the meeting of two modes
         here = Place(start.q, start.system, turn)
         return Way(np.zeros(1), start.q, turn, here)
-    short = np.abs(here.rate / column_scale(robot)).max() < SHORT
+    short = np.abs(here.rate / robot.column_scale).max() < SHORT
     return follow(robot, here, arrive, belongs, step=1.0 if short else FIRST_STEP)
 
 

@@ -18,7 +18,7 @@ import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
 
 from framework.arrays import Array, IntArray
-from framework.model import ParallelRobot
+from framework.kinematics.mechanism import Mechanism
 
 FEW = 300  # numbers: up to here the calls cost, beyond it the numbers
 _PLUS, _MINUS = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
@@ -39,7 +39,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 class FrameStack(NamedTuple):
-    """The robot's frames (F of them, `ParallelRobot.frames`) at T configurations."""
+    """The robot's frames (F of them, `Mechanism.frames`) at T configurations."""
 
     position: Array  # (T, F, 3) [m]
     rotation: Array  # (T, F, 3, 3), columns are the frame's axes
@@ -69,9 +69,9 @@ class FrameMotions(NamedTuple):
     drift: Array  # (T, F, 6) classical acceleration when all joint accelerations are zero
 
 
-def frames_at(robot: ParallelRobot, q: Array) -> FrameStack:
+def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
     """Poses of all frames and screws of all joints at q (T, nq)."""
-    model, scratch = robot.model, scratch_of(robot)
+    model, scratch = mechanism.model, scratch_of(mechanism)
     data, placements, columns = scratch.data, scratch.placements, scratch.columns
     poses = np.empty((len(q), *placements.shape))
     screws = np.empty((len(q), *columns.shape))
@@ -87,9 +87,9 @@ def frames_at(robot: ParallelRobot, q: Array) -> FrameStack:
     return FrameStack(poses[:, :, 9:], rotation, screws, scratch.carried)
 
 
-def frame_motions(robot: ParallelRobot, at: FrameStack, q: Array, v: Array) -> FrameMotions:
+def frame_motions(mechanism: Mechanism, at: FrameStack, q: Array, v: Array) -> FrameMotions:
     """Twists and drift accelerations of the frames `at` q (T, nq) with joint rates v (T, nv)."""
-    model, scratch = robot.model, scratch_of(robot)
+    model, scratch = mechanism.model, scratch_of(mechanism)
     data, velocities, accelerations = scratch.data, scratch.velocities, scratch.accelerations
     rest = np.zeros(model.nv)
     moving = np.empty((2, len(q), *velocities.shape))
@@ -108,7 +108,7 @@ def frame_motions(robot: ParallelRobot, at: FrameStack, q: Array, v: Array) -> F
 
 
 class Scratch(NamedTuple):
-    """Pinocchio's working memory for a robot, and what is read from it, seen as arrays.
+    """Pinocchio's working memory for a mechanism, and what is read from it, seen as arrays.
 
     The arrays show the memory of `data` itself: they change with every call of pinocchio on it. Where its
     layout is not the expected one they are copies, which `refresh` brings up to date after a call.
@@ -126,20 +126,20 @@ class Scratch(NamedTuple):
     refresh: Callable[[], None] | None  # None: the arrays are pinocchio's own memory
 
 
-def scratch_of(robot: ParallelRobot) -> Scratch:
-    """The robot's working memory of this thread: what a call leaves there, the next one writes over.
+def scratch_of(mechanism: Mechanism) -> Scratch:
+    """The working memory of this thread: what a call leaves there, the next one writes over.
 
-    Making a `pin.Data` costs more than a hundred of the calls that use it (7.7 ms for 81 joints).
+    Making a `pin.Data` costs more than a hundred of the calls that use it (7.7 ms for 81 joints). It belongs
+    to the model, so a mechanism and the robot made of it share it.
     """
-    return _scratch(robot, threading.get_ident())
+    return _scratch(mechanism.model, mechanism.frames, threading.get_ident())
 
 
 @lru_cache(maxsize=16)  # megabytes each
-def _scratch(robot: ParallelRobot, thread: int) -> Scratch:
-    model = robot.model
+def _scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
     data = model.createData()
     moved = np.linspace(0.5, 1.0, model.nv)  # a motion in which most numbers differ from one another
-    q = pin.integrate(model, robot.q_near, moved)
+    q = pin.integrate(model, pin.neutral(model), moved)
     pin.computeForwardKinematicsDerivatives(model, data, q, moved, moved)
     pin.updateFramePlacements(model, data)
     public, memory = _by_accessors(data), _by_memory(data)
@@ -150,7 +150,7 @@ def _scratch(robot: ParallelRobot, thread: int) -> Scratch:
         for array, now in zip(arrays, _by_accessors(data), strict=True):
             array[...] = now
 
-    bodies = np.array([model.frames[frame].parentJoint for frame in robot.frames], dtype=np.intp)
+    bodies = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
     return Scratch(
         data=data,
         placements=arrays[0],
@@ -158,7 +158,7 @@ def _scratch(robot: ParallelRobot, thread: int) -> Scratch:
         velocities=arrays[2],
         accelerations=arrays[3],
         joints=arrays[4],
-        frames=np.array(robot.frames, dtype=np.intp),
+        frames=np.array(frames, dtype=np.intp),
         bodies=bodies,
         carried=_carried(model, bodies),
         refresh=None if shown else refresh,
@@ -218,9 +218,9 @@ def _carried(model: pin.Model, bodies: IntArray) -> Array:
     return carried
 
 
-def integrate(robot: ParallelRobot, q: Array, step: Array) -> Array:
+def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
     """q (..., nq) moved by tangent vectors (..., nv): pinocchio's integrate, stacked."""
-    model = robot.model
+    model = mechanism.model
     if model.nq == model.nv:  # every joint a line: integrating is adding
         return q + step
     q = np.broadcast_to(q, (*step.shape[:-1], model.nq))
@@ -231,14 +231,9 @@ def integrate(robot: ParallelRobot, q: Array, step: Array) -> Array:
     return np.array(flat).reshape(*step.shape[:-1], model.nq)
 
 
-def actuated_coordinates(robot: ParallelRobot, q: Array) -> Array:
-    """The motors' joints q_a (T, n_a) at q (T, nq), joint side of the gears [rad, m]."""
-    return difference(robot, np.asarray(pin.neutral(robot.model)), q)[:, robot.actuated]
-
-
-def difference(robot: ParallelRobot, start: Array, q: Array) -> Array:
+def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
     """Tangent vectors (T, nv) from one configuration `start` (nq,) to q (T, nq)."""
-    model = robot.model
+    model = mechanism.model
     if model.nq == model.nv:
         return q - start
     return np.array([pin.difference(model, start, np.ascontiguousarray(row)) for row in q])

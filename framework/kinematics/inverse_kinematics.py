@@ -12,20 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, IntArray
+from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, NotAssembled, finite_numbers, point
-from framework.kinematics.assembly import (
-    loop_rows,
-    reference_configuration,
-    rows_of_springs_alone,
-)
 from framework.kinematics.closures import closure_drift, loop_equations, loop_wrenches, scaled
-from framework.kinematics.equations import Equations, equations_of
+from framework.kinematics.equations import Equations
 from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at
 from framework.kinematics.newton import ITERATIONS, Closing, Linear, Which, newton
-from framework.kinematics.platform import platform_coordinates, platform_residual, platform_twist
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.banded_lu import Factors
-from framework.model import ParallelRobot, expect_robot
 
 VANISHED = 1e-6  # what a step leaves of a determinant if it ends on its zero: half the digits are lost there
 OPEN = 1e-6  # loops [robot lengths, rad] that are open by more are no rounding of an assembled robot
@@ -105,22 +99,17 @@ class Motion:
     system: System
 
 
-def moving_columns(robot: ParallelRobot) -> IntArray:
-    """The columns that follow when x and q_e are given: actuated, then passive."""
-    return equations_of(robot).columns
-
-
 def require_square(robot: ParallelRobot) -> None:
     """Raise InvalidInput unless x and the loops determine all joints, and there are motors enough."""
-    held_by_springs = rows_of_springs_alone(robot)
+    held_by_springs = robot.springs_alone
     if held_by_springs:
         raise InvalidInput(
             f"{robot.name}, {robot.flexibility}: {', '.join(held_by_springs)} can only be closed by springs: "
             f"the joints cannot move along them; lock fewer axes there (axes: [...]) or leave those axes "
             f"out of the springs' motion"
         )
-    loops = len(loop_rows(robot).names)
-    joints = len(moving_columns(robot))
+    loops = len(robot.loops.names)
+    joints = len(robot.moving)
     mobility = joints - loops
     if not robot.n == mobility <= robot.n_a:
         raise InvalidInput(
@@ -132,13 +121,13 @@ def require_square(robot: ParallelRobot) -> None:
 
 def system_at(robot: ParallelRobot, q: Array, x: Array) -> System:
     """F, its rows and their derivatives at q (T, nq) for the platform at x (T, n)."""
-    equations, at = equations_of(robot), frames_at(robot, q)
+    equations, at = robot.equations, frames_at(robot, q)
     loops = loop_wrenches(equations.loops, at)
     wrench = np.empty((len(q), len(equations.bodies), 6))
     wrench[:, : robot.n] = equations.platform
     wrench[:, robot.n :] = loops.wrench
     wrench[..., 3:] += cross(at.position[:, equations.bodies], wrench[..., :3])  # about the base's origin
-    residual = np.concatenate([platform_residual(robot, at, x), loops.residual], axis=1)
+    residual = np.concatenate([robot.platform.residual(at, x), loops.residual], axis=1)
     return System(equations, at, residual, equations.pattern.entries(wrench, at.screws))
 
 
@@ -157,7 +146,7 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike) -> ClosedStack:
         raise InvalidInput(
             f"q: the loops of {robot.name} are open by {residual.max():.3g} m or rad there; see `assemble`"
         )
-    x = platform_coordinates(robot, at)
+    x = robot.platform.coordinates(at)
     return ClosedStack(q, x, system_at(robot, q, x))
 
 
@@ -199,7 +188,7 @@ def close_each(
     def linear(system: System) -> Linear:
         return Linear(system.residual, system.factors)
 
-    columns = moving_columns(robot)
+    columns = robot.moving
     return newton(robot, guess, columns, evaluate, linear, iterations=iterations, farthest=farthest)
 
 
@@ -216,7 +205,7 @@ def _solve_rates(robot: ParallelRobot, system: System, right: Array, elastic: Ar
     if np.count_nonzero(elastic):
         right = right - system.equations.elastic.times(system.entries, elastic)
     try:
-        rates[:, moving_columns(robot)] = system.factors.solve(right)
+        rates[:, robot.moving] = system.factors.solve(right)
     except np.linalg.LinAlgError:
         raise NotAssembled(
             f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
@@ -240,11 +229,11 @@ def motion_at(
     dq_e = nothing if dq_e is None else dq_e
     ddq_e = nothing if ddq_e is None else ddq_e
     system = closed.system
-    twist, dtwist = platform_twist(robot, closed.x, dx, ddx)
+    twist, dtwist = robot.platform.twist(closed.x, dx, ddx)
     v = joint_rates(robot, system, twist, dq_e)
     motions = frame_motions(robot, system.frames, closed.q, v)
     drift = closure_drift(system.equations.loops, system.frames, motions)
-    platform_drift = motions.drift[:, 0, robot.platform_axes]
+    platform_drift = motions.drift[:, 0, robot.platform.axes]
     right = np.concatenate([dtwist - platform_drift, -drift], axis=1)
     return Motion(closed.q, v, _solve_rates(robot, system, right, ddq_e), system)
 
@@ -281,10 +270,10 @@ def keeps_working_mode(robot: ParallelRobot, one: System, two: System) -> bool:
     of which no more than rounding is left has no sign, and loops that have lost rank allow more than one
     motion: no such configuration belongs to a mode.
     """
-    columns = moving_columns(robot)
+    columns = robot.moving
 
     def loops(system: System) -> Array:
-        return scaled(robot, system.closures, loop_rows(robot))[0][:, columns]
+        return scaled(robot, system.closures, robot.loops.rotation)[0][:, columns]
 
     if np.linalg.svd(loops(two), compute_uv=False).min(initial=np.inf) < LOST:
         return False
@@ -295,12 +284,14 @@ def keeps_working_mode(robot: ParallelRobot, one: System, two: System) -> bool:
     for system in (one, two):
         basis = np.linalg.svd(loops(system))[2][system.closures.shape[1] :].T
         bases.append(basis)
-        maps.append(float(np.linalg.det(scaled(robot, system.platform, None)[0][:, columns] @ basis)))
+        maps.append(
+            float(np.linalg.det(scaled(robot, system.platform, ~robot.translations)[0][:, columns] @ basis))
+        )
     carried_on = maps[1] * np.sign(maps[0] * np.linalg.det(bases[0].T @ bases[1]))
     return bool(carried_on > VANISHED * abs(maps[0]))
 
 
 def reference_system(robot: ParallelRobot) -> System:
     """The equations at the assembled reference."""
-    reference = reference_configuration(robot)
+    reference = robot.reference
     return system_at(robot, reference.q[None], reference.x[None])

@@ -7,13 +7,13 @@ or are the same, as exporters write them that know of none; one left out alone i
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from functools import lru_cache
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from framework.arrays import Array
-from framework.model import ParallelRobot
 
 ROUNDING = 1e-9  # [rad, m] beyond a limit that is still on it
 
@@ -28,11 +28,10 @@ class JointLimit(NamedTuple):
     unit: str  # rad or m
 
 
-@lru_cache(maxsize=128)
-def joint_limits(robot: ParallelRobot) -> tuple[JointLimit, ...]:
-    """The limited joints, in the order of the URDF. Memoised: a pure function of a frozen robot."""
+def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimit, ...]:
+    """The limited joints, in the order of the URDF."""
     found = []
-    for joint in ElementTree.fromstring(robot.description.urdf_text).findall("joint"):
+    for joint in urdf.findall("joint"):
         limit, kind = joint.find("limit"), joint.get("type")
         if limit is None or kind not in ("revolute", "prismatic"):
             continue
@@ -40,15 +39,15 @@ def joint_limits(robot: ParallelRobot) -> tuple[JointLimit, ...]:
         if lower == upper:
             continue
         name = joint.get("name", "")
-        place = robot.model.joints[robot.model.getJointId(name)].idx_q
+        place = model.joints[model.getJointId(name)].idx_q
         found.append(JointLimit(name, place, lower, upper, "m" if kind == "prismatic" else "rad"))
     return tuple(found)
 
 
-def positions_beyond_limits(robot: ParallelRobot, q: Array) -> dict[str, str]:
+def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str, str]:
     """What is beyond limits among configurations q (T, nq), by joint: `position -4.27 rad of -3.2`."""
     found = {}
-    for joint, coordinate, lower, upper, unit in joint_limits(robot):
+    for joint, coordinate, lower, upper, unit in limits:
         least, most = float(np.min(q[:, coordinate])), float(np.max(q[:, coordinate]))
         beyond = []
         if least < lower - ROUNDING:

@@ -20,14 +20,9 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.kinematics.assembly import (
-    independent_rows,
-    nearby_configurations,
-    reference_configuration,
-)
-from framework.kinematics.closures import column_scale, loop_equations, scaled
+from framework.kinematics.assembly import loop_matrix, nearby_configurations
 from framework.kinematics.frames import frames_at
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
 
 AT_REST = 1e-6  # [lengths of the robot a radian, radians a radian]: slower, and it does not count as moving
@@ -59,13 +54,8 @@ class PlatformAxes(NamedTuple):
 
 
 def mobility_of(robot: ParallelRobot) -> Mobility:
-    """Count the freedoms at the assembled reference.
-
-    Raises:
-        NotAssembled: the loops do not close near the reference.
-        SingularReference: the reference is on a singularity of the loops.
-    """
-    q = reference_configuration(robot).q
+    """Count the freedoms at the assembled reference."""
+    q = robot.reference.q
     hidden = _hidden_motions(robot, q)
     centres = _centres_of_mass(robot, q) @ hidden
     idle = _pivots(hidden @ _null_space(centres, BALANCED))
@@ -78,18 +68,13 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
 
 
 def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
-    """Examine the platform's axes near the assembled reference; `freedoms` is how many axes are needed.
-
-    Raises:
-        NotAssembled: the loops do not close near the reference.
-        SingularReference: the reference is on a singularity of the loops.
-    """
-    q = reference_configuration(robot).q
-    own, twists = robot.platform_axes, [_frame_twists(robot, q)]
+    """Examine the platform's axes near the assembled reference; `freedoms` is how many axes are needed."""
+    q = robot.reference.q
+    own, twists = robot.platform.axes, [_frame_twists(robot, q)]
     here = _null_space(twists[0][own].T)  # (n, k) combinations of axes that stay at rest
     if not here.shape[1] and robot.n == freedoms:
         return PlatformAxes("", "", freedoms, ())
-    twists += [_frame_twists(robot, pose) for pose in nearby_configurations(robot)]
+    twists += [_frame_twists(robot, pose) for pose in nearby_configurations(robot, q)]
     stuck = min((_null_space(matrix[own].T) for matrix in twists), key=lambda held: held.shape[1])
     velocities = max(np.linalg.matrix_rank(matrix, tol=AT_REST) for matrix in twists)
     names = robot.axis_names
@@ -112,18 +97,17 @@ def _proposals(twists: list[Array], freedoms: int) -> tuple[tuple[str, ...], ...
 
 def _motions(robot: ParallelRobot, q: Array) -> Array:
     """Orthonormal motions (nv, f) that the loops allow at q (nq,), in radians and lengths of the robot."""
-    movable = np.setdiff1d(np.arange(robot.model.nv), robot.elastic)
-    loops = scaled(robot, loop_equations(robot.rows, frames_at(robot, q[None])).jacobian, robot.rows)[0]
-    right = np.linalg.svd(loops[:, movable])[2]
-    motions = np.zeros((robot.model.nv, len(movable) - len(independent_rows(robot))))
-    motions[movable] = right[len(independent_rows(robot)) :].T
+    right = np.linalg.svd(loop_matrix(robot, q)[:, robot.joints])[2]
+    rank = len(robot.independent)
+    motions = np.zeros((robot.model.nv, len(robot.joints) - rank))
+    motions[robot.joints] = right[rank:].T
     return motions
 
 
 def _hidden_motions(robot: ParallelRobot, q: Array) -> Array:
     """Orthonormal motions (nv, k) at q (nq,) in which no motor and no platform coordinate takes part."""
     motions = _motions(robot, q)
-    felt = [_platform_twists(robot, q)[robot.platform_axes], np.eye(robot.model.nv)[robot.actuated]]
+    felt = [_platform_twists(robot, q)[robot.platform.axes], np.eye(robot.model.nv)[robot.actuated]]
     return np.asarray(motions @ _null_space(np.concatenate(felt) @ motions))
 
 
@@ -135,7 +119,7 @@ def _frame_twists(robot: ParallelRobot, q: Array) -> Array:
 def _platform_twists(robot: ParallelRobot, q: Array) -> Array:
     """Twists (6, nv) of the platform's frame, in radians and lengths of the robot."""
     twist = frames_at(robot, q[None]).jacobian[0, 0]
-    return np.asarray(twist / np.repeat([robot.length, 1.0], 3)[:, None] * column_scale(robot))
+    return np.asarray(twist / np.repeat([robot.length, 1.0], 3)[:, None] * robot.column_scale)
 
 
 def _centres_of_mass(robot: ParallelRobot, q: Array) -> Array:
@@ -147,7 +131,7 @@ def _centres_of_mass(robot: ParallelRobot, q: Array) -> Array:
         if model.inertias[joint].mass > 0.0:
             twist = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
             parts.append(twist[:3] - pin.skew(model.inertias[joint].lever) @ twist[3:])
-    return np.asarray(np.concatenate(parts) / robot.length * column_scale(robot))
+    return np.asarray(np.concatenate(parts) / robot.length * robot.column_scale)
 
 
 def _in_words(stuck: Array, names: tuple[str, ...]) -> str:

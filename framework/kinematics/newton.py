@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
 from framework.kinematics.assembly import LONGEST_STEP
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import integrate
+from framework.kinematics.mechanism import Mechanism
 from framework.linalg.banded_lu import Factors
-from framework.model import ParallelRobot
 
 # A Newton step this small leaves an error of its square: rounding. In radians and robot lengths.
 LAST_STEP = 1e-8
@@ -45,7 +44,7 @@ class Closing(NamedTuple, Generic[S]):
 
 
 def newton(
-    robot: ParallelRobot,
+    robot: Mechanism,
     guess: Array,
     columns: IntArray,
     evaluate: Callable[[Array, Which], S],
@@ -63,7 +62,7 @@ def newton(
         linear: their values and derivatives.
         farthest: an instant is given up when a step asks for more [rad, lengths of the robot].
     """
-    lengths = column_scale(robot)[columns]
+    lengths = robot.column_scale[columns]
     q, largest, size = guess, np.inf, np.full(len(guess), np.inf)
     live: Which = slice(None)
     for _ in range(iterations):

@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.kinematics.assembly import reference_configuration
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
 def joint_poses(robot: ParallelRobot, q: Array) -> Array:
@@ -89,7 +88,7 @@ def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
 def planar_normal(robot: ParallelRobot) -> Array | None:
     """The normal (3,) of a planar robot: all joints turn about it or slide across it. None for any other."""
     model, data = robot.model, robot.model.createData()
-    whole = np.array(pin.computeJointJacobians(model, data, reference_configuration(robot).q), dtype=float)
+    whole = np.array(pin.computeJointJacobians(model, data, robot.reference.q), dtype=float)
     turning = np.linalg.norm(whole[3:], axis=0) > 0.5  # (nv,), axes in the base frame
     if not turning.any():
         return None

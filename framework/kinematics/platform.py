@@ -9,108 +9,111 @@ so v = T(x) dx with T the left Jacobian of SO(3) in the last case and the identi
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.kinematics.frames import FrameStack, cross
 from framework.linalg.ordered_sums import dot
-from framework.model import ParallelRobot
+from framework.model.description import AXES
 from framework.motion.path import Path
 
 
-class _Axes(NamedTuple):
-    """The coordinates of a platform by kind: their places in x, and their axes 0..2."""
+@dataclass(frozen=True, eq=False)
+class PlatformCoordinates(ReadOnlyArrays):
+    """The coordinates x (n,) of a platform by kind: their places in x, and their axes 0..2."""
 
+    axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
+    translations: NDArray[np.bool_]  # (n,) the others are turns
     sliding: IntArray
     along: IntArray
     turning: IntArray
     about: IntArray
 
+    @staticmethod
+    def of(names: Sequence[str]) -> PlatformCoordinates:
+        """The coordinates on axes out of x, y, z, rx, ry, rz."""
+        axes = np.array([AXES.index(name) for name in names])
+        translations = axes < 3
+        sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)
+        return PlatformCoordinates(axes, translations, sliding, axes[sliding], turning, axes[turning] - 3)
 
-@lru_cache(maxsize=128)
-def _axes(robot: ParallelRobot) -> _Axes:
-    axes = robot.platform_axes
-    sliding, turning = np.flatnonzero(robot.translations), np.flatnonzero(~robot.translations)
-    return _Axes(sliding, axes[sliding], turning, axes[turning] - 3)
+    def coordinates(self, at: FrameStack) -> Array:
+        """Coordinates x (T, n) of the platform on its axes, in the base frame [m, rad]."""
+        sliding, along, turning, about = self.sliding, self.along, self.turning, self.about
+        x = np.empty((len(at.position), len(self.axes)))
+        x[:, sliding] = at.position[:, 0, along]
+        if len(turning) == 1:
+            x[:, turning] = _twist_angle(at.rotation[:, 0], int(about[0]))[:, None]
+        elif len(turning):
+            x[:, turning] = _logarithm(at.rotation[:, 0])[:, about]
+        return x
 
-
-def platform_coordinates(robot: ParallelRobot, at: FrameStack) -> Array:
-    """Coordinates x (T, n) of the platform on its axes, in the base frame [m, rad]."""
-    sliding, along, turning, about = _axes(robot)
-    x = np.empty((len(at.position), robot.n))
-    x[:, sliding] = at.position[:, 0, along]
-    if len(turning) == 1:
-        x[:, turning] = _twist_angle(at.rotation[:, 0], int(about[0]))[:, None]
-    elif len(turning):
-        x[:, turning] = _logarithm(at.rotation[:, 0])[:, about]
-    return x
-
-
-def platform_residual(robot: ParallelRobot, at: FrameStack, x: Array) -> Array:
-    """How far the platform is from x, (T, n); turns are taken the short way round."""
-    sliding, along, turning, about = _axes(robot)
-    if not len(turning):
-        return at.position[:, 0, along] - x
-    if len(turning) == 1:
-        difference = platform_coordinates(robot, at) - x
-        difference[:, turning] = np.mod(difference[:, turning] + np.pi, 2 * np.pi) - np.pi
+    def residual(self, at: FrameStack, x: Array) -> Array:
+        """How far the platform is from x, (T, n); turns are taken the short way round."""
+        sliding, along, turning, about = self.sliding, self.along, self.turning, self.about
+        if not len(turning):
+            return at.position[:, 0, along] - x
+        if len(turning) == 1:
+            difference = self.coordinates(at) - x
+            difference[:, turning] = np.mod(difference[:, turning] + np.pi, 2 * np.pi) - np.pi
+            return difference
+        difference = np.empty((len(x), len(self.axes)))
+        difference[:, sliding] = at.position[:, 0, along] - x[:, sliding]
+        target = rotation_matrix(self._rotation_vector(x))
+        difference[:, turning] = _logarithm(at.rotation[:, 0] @ target.transpose(0, 2, 1))[:, about]
         return difference
-    difference = np.empty((len(x), robot.n))
-    difference[:, sliding] = at.position[:, 0, along] - x[:, sliding]
-    target = rotation_matrix(_whole_vector(robot, x))
-    difference[:, turning] = _logarithm(at.rotation[:, 0] @ target.transpose(0, 2, 1))[:, about]
-    return difference
 
+    def unwrap(self, x: Array, near: Array) -> Array:
+        """Coordinates x (T, n) with turns counted on through full ones, next to `near` (n,) or (T, n)."""
+        turning = self.turning
+        vector = x[:, turning]
+        angle = np.sqrt(dot(vector, vector))[:, None]
+        about = vector / np.where(angle > 0, angle, 1.0)
+        missing = dot(about, near[..., turning])[:, None] - angle
+        x = x.copy()
+        x[:, turning] = vector + 2 * np.pi * np.round(missing / (2 * np.pi)) * about
+        return x
 
-def unwrap(robot: ParallelRobot, x: Array, near: Array) -> Array:
-    """Coordinates x (T, n) with turns counted on through full ones, those next to `near` (n,) or (T, n)."""
-    turning = _axes(robot).turning
-    vector = x[:, turning]
-    angle = np.sqrt(dot(vector, vector))[:, None]
-    about = vector / np.where(angle > 0, angle, 1.0)
-    missing = dot(about, near[..., turning])[:, None] - angle
-    x = x.copy()
-    x[:, turning] = vector + 2 * np.pi * np.round(missing / (2 * np.pi)) * about
-    return x
+    def jacobian(self, at: FrameStack) -> Array:
+        """Derivative (T, n, nv) of the platform's twist on its axes along pinocchio's velocity vector."""
+        only = at._replace(position=at.position[:, :1], carried=at.carried[:1])
+        return only.jacobian[:, 0, self.axes]
 
+    def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
+        """Twist v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
+        ddx = np.zeros_like(dx) if ddx is None else ddx
+        turning, order = self.turning, self.about
+        if len(turning) < 2:
+            return dx, ddx
+        r, dr, ddr = (self._rotation_vector(part) for part in (x, dx, ddx))
+        a, da, b, db = _left_jacobian_series(dot(r, r), dot(r, dr))
+        swept, swept_twice = cross(r, dr), cross(r, cross(r, dr))
+        omega = dr + a * swept + b * swept_twice
+        alpha = (
+            ddr
+            + a * cross(r, ddr)
+            + da * swept
+            + b * (cross(dr, swept) + cross(r, cross(r, ddr)))
+            + db * swept_twice
+        )
+        v, dv = dx.copy(), ddx.copy()
+        v[:, turning], dv[:, turning] = omega[:, order], alpha[:, order]
+        return v, dv
 
-def platform_jacobian(robot: ParallelRobot, at: FrameStack) -> Array:
-    """Derivative (T, n, nv) of the platform's twist on its axes along pinocchio's velocity vector."""
-    only = at._replace(position=at.position[:, :1], carried=at.carried[:1])
-    return only.jacobian[:, 0, robot.platform_axes]
+    def path_twist(self, path: Path, s: float) -> Array:
+        """Twist (n,) of the platform for ds/dt = 1 at path coordinate s."""
+        here = np.array([s])
+        return self.twist(path(here), path(here, 1))[0][0]
 
-
-def platform_twist(
-    robot: ParallelRobot, x: Array, dx: Array, ddx: Array | None = None
-) -> tuple[Array, Array]:
-    """Twist v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
-    ddx = np.zeros_like(dx) if ddx is None else ddx
-    _, _, turning, order = _axes(robot)
-    if len(turning) < 2:
-        return dx, ddx
-    r, dr, ddr = (_whole_vector(robot, part) for part in (x, dx, ddx))
-    a, da, b, db = _left_jacobian_series(dot(r, r), dot(r, dr))
-    swept, swept_twice = cross(r, dr), cross(r, cross(r, dr))
-    omega = dr + a * swept + b * swept_twice
-    alpha = (
-        ddr
-        + a * cross(r, ddr)
-        + da * swept
-        + b * (cross(dr, swept) + cross(r, cross(r, ddr)))
-        + db * swept_twice
-    )
-    v, dv = dx.copy(), ddx.copy()
-    v[:, turning], dv[:, turning] = omega[:, order], alpha[:, order]
-    return v, dv
-
-
-def path_twist(robot: ParallelRobot, path: Path, s: float) -> Array:
-    """Twist (n,) of the platform for ds/dt = 1 at path coordinate s."""
-    here = np.array([s])
-    return platform_twist(robot, path(here), path(here, 1))[0][0]
+    def _rotation_vector(self, x: Array) -> Array:
+        """The rotation vector (T, 3) among coordinates (T, n)."""
+        vector = np.zeros((len(x), 3))
+        vector[:, self.about] = x[:, self.turning]
+        return vector
 
 
 def rotation_matrix(vector: Array) -> Array:
@@ -128,14 +131,6 @@ def _logarithm(rotation: Array) -> Array:
     if not finite.all():
         rotation = np.where(finite[:, None, None], rotation, np.eye(3))
     return np.where(finite[:, None], Rotation.from_matrix(rotation).as_rotvec(), np.nan)
-
-
-def _whole_vector(robot: ParallelRobot, x: Array) -> Array:
-    """The rotation vector (T, 3) among coordinates (T, n)."""
-    _, _, turning, about = _axes(robot)
-    vector = np.zeros((len(x), 3))
-    vector[:, about] = x[:, turning]
-    return vector
 
 
 def _left_jacobian_series(square: Array, half_rate: Array) -> tuple[Array, Array, Array, Array]:

@@ -12,7 +12,7 @@ from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import assembled_at, mode_signs
 from framework.kinematics.joint_limits import positions_beyond_limits
-from framework.model import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 
 
 @dataclass(frozen=True)
@@ -57,5 +57,5 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
         working_mode=working,
         assembly_mode=assembly,
         closure_error=float(np.abs(closures).max(initial=0.0)),
-        exceeded=positions_beyond_limits(robot, closed.q),
+        exceeded=positions_beyond_limits(robot.limits, closed.q),
     )

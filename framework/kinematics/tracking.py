@@ -18,7 +18,7 @@ from framework.errors import (
     finite_numbers,
     point,
 )
-from framework.kinematics.assembly import Configuration, reference_configuration
+from framework.kinematics.assembly import Configuration
 from framework.kinematics.branch import Branch as Branch
 from framework.kinematics.continuation import FIRST_STEP, Place, Way, follow
 from framework.kinematics.frames import difference, integrate
@@ -28,13 +28,11 @@ from framework.kinematics.inverse_kinematics import (
     close_loops,
     joint_rates,
     keeps_working_mode,
-    moving_columns,
     require_square,
     system_at,
 )
 from framework.kinematics.loop_matrices import lost_equations, mobile_matrix
-from framework.kinematics.platform import platform_twist
-from framework.model import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.path import Line, Path
 from framework.motion.path_check import check_path
 
@@ -53,7 +51,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
         OutOfReach, Type1Singularity: x cannot be reached from the reference on its working mode.
     """
     expect_robot(robot)
-    reference = reference_configuration(robot)
+    reference = robot.reference
     if x is None:
         return reference
     target = _platform_point(robot, x)
@@ -130,7 +128,7 @@ def _followed(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
 def _rates(robot: ParallelRobot, path: Path, s: float, system: System) -> Array:
     """Joint rates (1, nv) with respect to s."""
     here = np.array([s])
-    twist, _ = platform_twist(robot, path(here), path(here, 1))
+    twist, _ = robot.platform.twist(path(here), path(here, 1))
     return joint_rates(robot, system, twist, np.zeros((1, robot.n_e)))
 
 
@@ -176,7 +174,7 @@ def _reachable_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> b
             break
         for side in (1.0, -1.0):
             nudge = np.zeros((1, robot.model.nv))
-            nudge[0, moving_columns(robot)] = side * 0.02
+            nudge[0, robot.moving] = side * 0.02
             try:
                 close_loops(robot, path(np.array([s + ahead])), integrate(robot, q[None], nudge))
             except NotAssembled:

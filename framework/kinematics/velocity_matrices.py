@@ -12,10 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, read_only
-from framework.kinematics.assembly import loop_rows, passive_columns
 from framework.kinematics.closures import scaled
 from framework.kinematics.inverse_kinematics import assembled_at
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
 class VelocityMatrices(NamedTuple):
@@ -36,9 +35,10 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
     """
     system = assembled_at(robot, q).system
-    rows, passive = loop_rows(robot), passive_columns(robot)
+    rows, passive = robot.loops, robot.following
     balanced = np.concatenate(
-        [scaled(robot, system.platform, None), scaled(robot, system.closures, rows)], axis=1
+        [scaled(robot, system.platform, ~robot.translations), scaled(robot, system.closures, rows.rotation)],
+        axis=1,
     )[0]
     # left null space N of the passive columns, in balanced units; then back to metres and radians
     N = np.linalg.qr(balanced[:, passive], mode="complete")[0][:, len(passive) :]

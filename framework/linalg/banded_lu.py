@@ -15,11 +15,11 @@ from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, ReadOnlyArrays
 
 
 @dataclass(frozen=True, eq=False)
-class Band:
+class Band(ReadOnlyArrays):
     """Where the entries of matrices (k, k) of one sparsity go in a band."""
 
     size: int  # k

@@ -7,15 +7,14 @@ the number of such entries; only `dense` writes the zeros too.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, ReadOnlyArrays
 
 
 @dataclass(frozen=True, eq=False)
-class Sparsity:
+class Sparsity(ReadOnlyArrays):
     """E entries of matrices (m, nv): equation `row`, joint column `column`, each (E,).
 
     `sign` is 1 where the joint carries the second body of the equation, -1 where it carries the first.
@@ -54,7 +53,8 @@ class Sparsity:
         return Part((len(rows), len(columns)), inside, row[inside], column[inside])
 
 
-class Part(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Part(ReadOnlyArrays):
     """The part of a pattern in some of its rows and columns."""
 
     shape: tuple[int, int]

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, IntArray
-from framework.model.parallel_robot import ParallelRobot
+from framework.model.description import RobotDescription
 from framework.model.urdf import locate_urdf
 
 Color = tuple[float, float, float, float]
@@ -51,16 +51,16 @@ class Shape(NamedTuple):
         return np.asarray(box @ self.placement[:3, :3].T + self.placement[:3, 3])
 
 
-def read_visuals(robot: ParallelRobot) -> list[Shape]:
+def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]:
     """The visuals of the URDF; those that are malformed, or whose mesh cannot be read, are left out."""
-    root = ElementTree.fromstring(robot.description.urdf_text)
+    root = ElementTree.fromstring(description.urdf_text)
     materials = {material.get("name"): material for material in root.findall("material")}
     shapes = []
     for link in root.findall("link"):
-        frame = robot.model.frames[robot.model.getFrameId(link.get("name", ""), pin.FrameType.BODY)]
+        frame = model.frames[model.getFrameId(link.get("name", ""), pin.FrameType.BODY)]
         for visual in link.findall("visual"):
             try:
-                kind, size, vertices, faces = _solid(robot, visual.find("geometry"))
+                kind, size, vertices, faces = _solid(description, visual.find("geometry"))
                 placement = frame.placement.homogeneous @ _origin(visual.find("origin"))
                 color = _color(visual.find("material"), materials)
             except ValueError:
@@ -72,7 +72,7 @@ def read_visuals(robot: ParallelRobot) -> list[Shape]:
 Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, size, mesh
 
 
-def _solid(robot: ParallelRobot, geometry: ElementTree.Element | None) -> Solid:
+def _solid(description: RobotDescription, geometry: ElementTree.Element | None) -> Solid:
     """What a `<geometry>` is; raises ValueError for what cannot be drawn."""
     for shape in geometry if geometry is not None else ():
         if shape.tag == "box":
@@ -82,14 +82,14 @@ def _solid(robot: ParallelRobot, geometry: ElementTree.Element | None) -> Solid:
         if shape.tag == "sphere":
             return "sphere", _sizes(shape.get("radius"), 1), None, None
         if shape.tag == "mesh":
-            return "mesh", (), *_mesh(robot, shape)
+            return "mesh", (), *_mesh(description, shape)
     raise ValueError("no geometry")
 
 
-def _mesh(robot: ParallelRobot, element: ElementTree.Element) -> tuple[Array, IntArray]:
+def _mesh(description: RobotDescription, element: ElementTree.Element) -> tuple[Array, IntArray]:
     """Vertices (V, 3) and faces (F, 3) of a mesh file."""
     reference = element.get("filename", "").removeprefix("file://")
-    file = locate_urdf(robot.description.file.parent, reference)  # RobotFileError is a ValueError
+    file = locate_urdf(description.file.parent, reference)  # RobotFileError is a ValueError
     if not (reference and os.path.isfile(file) and os.path.getsize(file) <= LARGEST_MESH):
         raise ValueError("no mesh file")
     mesh = coal.MeshLoader().load(os.path.abspath(file), np.array(_numbers(element.get("scale", "1 1 1"), 3)))

@@ -8,7 +8,7 @@ from framework.arrays import Array
 from framework.catalogue import catalogue
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene_path
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.film import Film, Instant
 
 NOTHING = 1e-3  # share of its largest value below which a force or an acceleration counts as zero here

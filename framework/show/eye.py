@@ -13,7 +13,7 @@ from framework.arrays import Array, ArrayLike
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
 from framework.errors import InvalidInput, finite_numbers
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.captions import stated
 from framework.show.style import COLORS, CROSSING, figure
 

@@ -20,7 +20,7 @@ from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.wrench import wrench_curves
 from framework.kinematics.inverse_kinematics import Motion
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import MotionLaw
 from framework.motion.path import Path
 

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from framework.errors import InvalidInput
-from framework.kinematics.assembly import reference_configuration
 from framework.kinematics.forward_kinematics import motors_are_free
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_positions
-from framework.model import ParallelRobot
 from framework.show.scene import drawn_locus, floats, robot_document
 from framework.singularity.jogging import Pose, move_motor, move_platform, pose_at
 from framework.singularity.locus import locus_curves
@@ -18,7 +17,7 @@ from framework.singularity.locus import locus_curves
 
 def hand_document(robot: ParallelRobot) -> dict[str, Any]:
     """All that the page needs to show a robot at its reference, with sliders."""
-    reference = reference_configuration(robot)
+    reference = robot.reference
     poses = joint_poses(robot, reference.q[None])
     platform = platform_positions(robot, poses)
     return robot_document(robot, poses) | {
@@ -51,7 +50,7 @@ def move_by_hand(robot: ParallelRobot, asked: dict[str, Any]) -> dict[str, Any]:
 def _told(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
     poses = joint_poses(robot, pose.q[None])
     twist = np.zeros(6)
-    twist[robot.platform_axes] = pose.twist
+    twist[robot.platform.axes] = pose.twist
     return {
         "q": pose.q.tolist(),
         "poses": floats(poses),

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from framework.arrays import Array
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import assemble
-from framework.model import ParallelRobot
 from framework.show.style import COLORS, CROSSING, figure, line_style
 from framework.singularity.locus import locus_curves
 

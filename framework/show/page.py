@@ -16,7 +16,7 @@ from string import Template
 from typing import Any
 
 from framework.errors import MissingPackage
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.captions import said
 from framework.show.film import Film
 from framework.show.jogging import hand_document

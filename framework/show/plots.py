@@ -13,7 +13,7 @@ from framework.crossing.result import CrossingPlan
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
 from framework.dynamics.measure_along_path import MeasureAlongPath
 from framework.dynamics.wrench import wrench_along
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.eye import plot_eye
 from framework.show.phase_plane import plot_phase_plane
 from framework.show.style import CROSSING, figure, line_style, styled

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 
 from framework.crossing.result import Crossing, CrossingPlan
 from framework.errors import point
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show import plots
 from framework.show.captions import asked, how, parts, said, why
 from framework.show.film import Film, film_plan

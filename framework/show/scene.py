@@ -14,6 +14,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import point
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import (
     carried_axis,
     frame_positions,
@@ -23,7 +24,6 @@ from framework.kinematics.placements import (
     platform_positions,
     rotated,
 )
-from framework.model import ParallelRobot
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
 from framework.show.captions import asked, how, proof, said, stated, subtitle, summary, unit, why
@@ -237,7 +237,7 @@ def _round_down(value: float) -> float:
 def _wrench_like(robot: ParallelRobot, values: Array) -> dict[str, Any]:
     """Linear and angular parts (F, 3) of platform vectors (F, n), with their largest sizes."""
     six = np.zeros((len(values), 6))
-    six[:, robot.platform_axes] = values
+    six[:, robot.platform.axes] = values
     largest = [float(np.linalg.norm(part, axis=1).max()) for part in (six[:, :3], six[:, 3:])]
     return {"linear": floats(six[:, :3]), "angular": floats(six[:, 3:]), "largest": largest}
 
@@ -251,8 +251,8 @@ def _polygon(film: Film, limit: Array) -> dict[str, Any] | None:
     if robot.n != 2 or not robot.translations.all():
         return None
     center, sides = np.zeros((len(film.time), 3)), np.zeros((len(film.time), robot.n_a, 3))
-    center[:, robot.platform_axes] = -film.motors.rotors
-    sides[:, :, robot.platform_axes] = limit[:, None] * film.motors.motor_speed
+    center[:, robot.platform.axes] = -film.motors.rotors
+    sides[:, :, robot.platform.axes] = limit[:, None] * film.motors.motor_speed
     return {"center": floats(center), "sides": floats(sides), "count": robot.n_a}
 
 
@@ -292,7 +292,7 @@ def drawn_locus(
     """Curves of the locus within `beside` lengths of the robot from places (F, 3) of the platform."""
     if found is None or not found.curves:
         return None
-    world = robot.platform_axes[list(found.axes)]
+    world = robot.platform.axes[list(found.axes)]
     pieces = []
     for curve in found.curves:
         line = np.repeat(platform[:1], len(curve), axis=0)

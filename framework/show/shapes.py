@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array, IntArray
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.visuals import Color, Shape, read_visuals
 
 STICK: Color = (0.45, 0.52, 0.60, 1.0)
@@ -18,7 +18,7 @@ CELLS = 40  # a mesh is thinned to this many cells along its diagonal
 def body_shapes(robot: ParallelRobot) -> list[Shape]:
     """The visuals of the URDF, their meshes thinned, and sticks for the bodies that have none."""
     shapes = []
-    for shape in read_visuals(robot):
+    for shape in read_visuals(robot.description, robot.model):
         if shape.vertices is not None and shape.faces is not None:
             vertices, faces = thinned(shape.vertices, shape.faces)
             shape = shape._replace(vertices=vertices, faces=faces)

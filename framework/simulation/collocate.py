@@ -9,7 +9,6 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import NotConverged
-from framework.kinematics.closures import column_scale
 from framework.simulation.collocation import Collocation, radau
 from framework.simulation.collocation_step import Failure, Step, solve_step
 from framework.simulation.consistent import allowed_velocity
@@ -87,7 +86,7 @@ def collocate(
 
 def _largest_move(equations: Equations, step: Step) -> float:
     """Of a joint during a step [rad, robot lengths]."""
-    return step.length * float(np.abs(step.slope / column_scale(equations.robot)).max(initial=0.0))
+    return step.length * float(np.abs(step.slope / equations.robot.column_scale).max(initial=0.0))
 
 
 def _given_up(equations: Equations, time: float, length: float, why: str) -> NotConverged:

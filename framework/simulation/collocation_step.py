@@ -19,7 +19,6 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import integrate
 from framework.simulation.collocation import Collocation
 from framework.simulation.curvature import loop_curvature
@@ -79,7 +78,7 @@ def solve_step(
     from scipy.linalg.lapack import dgetrf, dgetrs
 
     robot, nv, h = equations.robot, equations.robot.model.nv, length
-    scale = column_scale(robot)
+    scale = robot.column_scale
     times = drive.before_breaks(time + h * table.nodes)
     a, multipliers = guess[0].copy(), guess[1].copy()
     gains = drive.gains(time, q0, v0)
@@ -172,7 +171,7 @@ def _unresolved(equations: Equations, table: Collocation, h: float, slope: Array
 
     Guessed from the fall of the last four, two by two, since a motion may be even or odd.
     """
-    series = np.abs(table.series @ slope) / column_scale(equations.robot)
+    series = np.abs(table.series @ slope) / equations.robot.column_scale
     last = float(series[-2:].max())
     fall = min(1.0, last / max(float(series[-4:-2].max(initial=0.0)), 1e-300))
     return h * last * fall / (2 * table.stages)

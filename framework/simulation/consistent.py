@@ -11,7 +11,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import InvalidInput, NotAssembled, NotConverged
-from framework.kinematics.closures import column_scale, loop_wrenches, scaled
+from framework.kinematics.closures import loop_wrenches, scaled
 from framework.kinematics.frames import integrate
 from framework.simulation.curvature import loop_curvature
 from framework.simulation.equations import Equations, Tangent
@@ -24,8 +24,8 @@ PASSES = 60
 def free_motions(equations: Equations, at: Tangent) -> tuple[Array, Array]:
     """Bases (nv, d) of the motions with mass, and (nv, k) of those without, that the loops allow."""
     robot = equations.robot
-    scale = column_scale(robot)
-    loops = scaled(robot, at.jacobian, equations.rows)[0]
+    scale = robot.column_scale
+    loops = scaled(robot, at.jacobian, equations.rows.rotation)[0]
     # redundant rows are gone; what else loses rank is a singularity of the closures and no free motion
     allowed = np.linalg.svd(loops)[2][len(loops) :].T if len(loops) else np.eye(robot.model.nv)
     mass = at.mass[0] * scale[:, None] * scale
@@ -44,7 +44,7 @@ def consistent_state(equations: Equations, q: Array, v: Array, torque: Array) ->
         NotConverged: the springs of massless parts find no balance.
     """
     robot, nv = equations.robot, equations.robot.model.nv
-    scale = column_scale(robot)
+    scale = robot.column_scale
     rest = np.zeros((1, nv))
     driven = equations.applied(torque[None])[0]
     size = np.inf
@@ -84,10 +84,10 @@ def _balancing(equations: Equations, at: Tangent, massive: Array, light: Array, 
     curved = loop_curvature(equations.rows, at.frames, equations.geometry.before, multipliers[None])[0]
     held = light.T @ np.diag(equations.stiffness) @ light
     strength = np.linalg.eigvalsh(held + light.T @ np.diag(equations.damping) @ light)
-    stiffest = max(float((equations.stiffness * column_scale(equations.robot) ** 2).max(initial=0.0)), 1e-300)
+    stiffest = max(float((equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)), 1e-300)
     if strength[0] <= SLACK * stiffest:
         vector = np.linalg.eigh(held)[1][:, 0]
-        moved = np.abs(light @ vector) / column_scale(equations.robot)
+        moved = np.abs(light @ vector) / equations.robot.column_scale
         joints = [
             equations.robot.joint_of(int(k)) for k in np.argsort(-moved) if moved[k] > 0.1 * moved.max()
         ]
@@ -107,8 +107,8 @@ def allowed_velocity(equations: Equations, at: Tangent, v: Array) -> Array:
     nv, rows = equations.robot.model.nv, len(equations.rows.names)
     if not rows:
         return v
-    scale = column_scale(equations.robot)
-    J = scaled(equations.robot, at.jacobian, equations.rows)[0]
+    scale = equations.robot.column_scale
+    J = scaled(equations.robot, at.jacobian, equations.rows.rotation)[0]
     mass = at.mass[0] * scale[:, None] * scale
     size = max(float(np.diag(mass).max()), 1e-300)
     whole = np.block([[mass / size, J.T], [J, np.zeros((rows, rows))]])

@@ -18,7 +18,6 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.errors import InvalidInput
-from framework.kinematics.assembly import reference_configuration
 from framework.model.description import AXES
 from framework.simulation.equations import Equations
 
@@ -115,7 +114,7 @@ def _check(equations: Equations) -> None:
             f"{robot.name}: pinocchio's contact dynamics is for joints of one degree of freedom"
         )
     rest = np.zeros((1, robot.model.nv))
-    mass = equations.tangent(reference_configuration(robot).q[None], rest, rest).mass[0]
+    mass = equations.tangent(robot.reference.q[None], rest, rest).mass[0]
     values, vectors = np.linalg.eigh(mass)
     if values[0] <= DEFINITE * values[-1]:
         joint = robot.joint_of(int(np.argmax(np.abs(vectors[:, 0]))))

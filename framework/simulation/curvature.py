@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array
 from framework.kinematics.frames import FrameStack, cross
-from framework.model.parallel_robot import LoopRows
+from framework.model.loop_rows import LoopRows
 
 
 def loop_curvature(rows: LoopRows, at: FrameStack, before: NDArray[np.bool_], multipliers: Array) -> Array:

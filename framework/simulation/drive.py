@@ -12,7 +12,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
 from framework.kinematics.frames import integrate
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
 @runtime_checkable

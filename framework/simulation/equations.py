@@ -13,7 +13,6 @@ One call of pinocchio a state gives all; what follows is stacked numpy.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -21,11 +20,10 @@ import pinocchio as pin
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
-from framework.kinematics.assembly import idle_columns, independent_rows, rows_of_springs_alone
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack, difference
-from framework.model import ParallelRobot
-from framework.model.parallel_robot import LoopRows
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.loop_rows import LoopRows
 from framework.simulation.frame_geometry import FrameGeometry
 
 
@@ -69,7 +67,7 @@ class Equations:
             damping = np.array(np.nan)  # refused below
         if damping.shape not in ((), (nv,)) or not (np.all(np.isfinite(damping)) and np.all(damping >= 0)):
             raise InvalidInput(f"damping: needs {nv} numbers (or one for all), none negative, got {given!r}")
-        alone = rows_of_springs_alone(robot)
+        alone = robot.springs_alone
         if alone:
             raise InvalidInput(
                 f"{robot.name}, {robot.flexibility}: {', '.join(alone)} can only be closed by springs, and "
@@ -78,11 +76,10 @@ class Equations:
         rotors, stiffness = np.zeros(nv), robot.joint_stiffness.copy()
         rotors[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
         stiffness[robot.elastic] += robot.stiffness
-        rows = robot.rows.take(independent_rows(robot))
         plain = Equations(
             robot=robot,
             damping=damping * np.ones(nv),
-            rows=rows,
+            rows=robot.loops,
             rotors=rotors,
             stiffness=stiffness,
             geometry=FrameGeometry.of(robot),
@@ -92,7 +89,7 @@ class Equations:
 
     def _holding_idle_joints(self) -> Equations:
         """Give a unit inertia to idle joints that carry no mass: nothing drives them, so they stay still."""
-        idle = idle_columns(self.robot)
+        idle = self.robot.idle
         if not len(idle):
             return self
         mass = self.tangent(self.robot.q_near[None], *np.zeros((2, 1, self.robot.model.nv))).mass[0]
@@ -105,7 +102,7 @@ class Equations:
         """K (q - rest), (T, nv)."""
         if not self.stiffness.any():
             return np.zeros((len(q), self.robot.model.nv))
-        turned = difference(self.robot, _neutral(self.robot), q)
+        turned = difference(self.robot, self.robot.neutral, q)
         return np.asarray(self.stiffness * (turned - self.robot.joint_rest), dtype=float)
 
     def applied(self, torque: Array) -> Array:
@@ -146,13 +143,8 @@ class Equations:
             pin.computeKineticEnergy(model, data, a, b) + pin.computePotentialEnergy(model, data, a)
             for a, b in zip(q, v, strict=True)
         ]
-        turned = difference(self.robot, _neutral(self.robot), q) - self.robot.joint_rest
+        turned = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest
         rotors = np.zeros(model.nv)
         rotors[self.robot.actuated] = self.rotors[self.robot.actuated]
         stored = 0.5 * (v**2 @ rotors) + 0.5 * (turned**2 @ self.stiffness)
         return np.asarray(np.array(tree) + stored, dtype=float)
-
-
-@lru_cache(maxsize=128)
-def _neutral(robot: ParallelRobot) -> Array:
-    return np.asarray(pin.neutral(robot.model))

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
 from framework.kinematics.frames import FrameStack
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matmul, matvec
-from framework.model import ParallelRobot
 
 
 class FrameGeometry(NamedTuple):

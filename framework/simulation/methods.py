@@ -11,7 +11,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import InvalidInput, NotConverged
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.simulation.collocate import collocate
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive

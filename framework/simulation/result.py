@@ -9,11 +9,9 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, NotAssembled
-from framework.kinematics.assembly import independent_rows
 from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.frames import frames_at
-from framework.kinematics.platform import platform_coordinates, platform_jacobian, platform_residual
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.simulation.drive import PlannedMotion
 from framework.simulation.equations import Equations
 from framework.simulation.events import Occurrence
@@ -74,8 +72,8 @@ class Simulation(ReadOnlyArrays):
         q, v = self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))
         at = frames_at(self.robot, q)
         if order == 1:
-            return (platform_jacobian(self.robot, at) @ v[..., None])[..., 0]
-        return platform_coordinates(self.robot, at)
+            return (self.robot.platform.jacobian(at) @ v[..., None])[..., 0]
+        return self.robot.platform.coordinates(at)
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers, for JSON."""
@@ -156,7 +154,7 @@ def _gap(robot: ParallelRobot, times: Array, q: Array) -> float:
         NotAssembled: one that was not integrated, because it repeats others at the reference, opens.
     """
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
-    kept = independent_rows(robot)
+    kept = robot.independent
     dropped = np.setdiff1d(np.arange(gaps.shape[1]), kept)
     torn = gaps[:, dropped] > TORN * max(robot.length, 1.0) + 10 * gaps[:, kept].max(initial=0.0)
     if torn.any():
@@ -176,7 +174,7 @@ def _off_path(
     robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array
 ) -> tuple[float, float | None]:
     """Largest distance [m] and largest turn [rad] from the planned platform."""
-    off = platform_residual(robot, frames_at(robot, q), planned.platform(np.minimum(times, planned.duration)))
+    off = robot.platform.residual(frames_at(robot, q), planned.platform(np.minimum(times, planned.duration)))
     turning = ~robot.translations
     sizes = [float(np.linalg.norm(off[:, part], axis=1).max()) for part in (~turning, turning) if part.any()]
     return sizes[0], sizes[1] if len(sizes) > 1 else None

@@ -24,9 +24,8 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, choose_from, finite_numbers
-from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tracking import assemble
-from framework.model import ParallelRobot, expect_robot
 from framework.simulation.consistent import consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
 from framework.simulation.equations import Equations
@@ -169,7 +168,7 @@ def _start(
     elif planned is not None:
         q, v = _planned_start(robot, planned)
     else:
-        q, v = reference_configuration(robot).q, np.zeros(model.nv)
+        q, v = robot.reference.q, np.zeros(model.nv)
     if start_velocity is not None:
         v = finite_numbers("start_velocity", start_velocity, model.nv)
     torque = drive(np.zeros(1), q[None], v[None])[0]

@@ -12,10 +12,8 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, choose_from
-from framework.kinematics.assembly import reference_configuration
-from framework.kinematics.platform import platform_coordinates, platform_jacobian
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matvec
-from framework.model import ParallelRobot
 from framework.simulation.consistent import consistent_state, free_motions
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.equations import Equations
@@ -100,13 +98,13 @@ class Stepper:
             x, twist = self.platform(q[None], v[None])
             return x[0], twist[0]
         robot, frames = self.stack.robots[0], self.stack.terms(q, v).frames
-        return platform_coordinates(robot, frames), matvec(platform_jacobian(robot, frames), v)
+        return robot.platform.coordinates(frames), matvec(robot.platform.jacobian(frames), v)
 
 
 def _has_massless_motions(equations: Equations) -> bool:
     robot = equations.robot
     rest = np.zeros((1, robot.model.nv))
-    at = equations.tangent(reference_configuration(robot).q[None], rest, rest)
+    at = equations.tangent(robot.reference.q[None], rest, rest)
     return bool(free_motions(equations, at)[1].shape[1])
 
 

@@ -18,9 +18,9 @@ from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import FrameMotions, FrameStack, cross, scratch_of
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matmul
-from framework.model import ParallelRobot
-from framework.model.parallel_robot import LoopRows
+from framework.model.loop_rows import LoopRows
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.equations import Equations
 from framework.simulation.frame_geometry import FrameGeometry
@@ -182,7 +182,7 @@ def _check_same_structure(one: ParallelRobot, other: ParallelRobot) -> None:
             np.array_equal(getattr(one, name), getattr(other, name))
             for name in ("actuated", "elastic", "frames")
         )
-        and all(np.array_equal(getattr(one.rows, n), getattr(other.rows, n)) for n in one.rows._fields)
+        and all(np.array_equal(getattr(one.loops, n), getattr(other.loops, n)) for n in one.loops._fields)
     )
     if not same:
         raise InvalidInput(

@@ -10,7 +10,7 @@ import numpy as np
 from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput
 from framework.kinematics.frames import difference, integrate
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.simulation.collocation_step import Step
 
 

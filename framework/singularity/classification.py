@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.kinematics.inverse_kinematics import System, moving_columns
+from framework.kinematics.inverse_kinematics import System
 from framework.kinematics.loop_matrices import (
     VANISHED,
     instantaneous_motions,
@@ -20,7 +20,7 @@ from framework.kinematics.loop_matrices import (
     passive_matrix,
     passive_motion,
 )
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 # What no law can cross, by kind: what the joints do there is not a function of the platform's path.
 UNCROSSABLE = {
@@ -52,16 +52,16 @@ def uncontrolled_motion(robot: ParallelRobot, system: System) -> Uncontrolled:
     motion = passive_motion(robot, right[-1])
     six = system.frames.jacobian[0, 0] @ motion  # the whole twist of the platform
     size = np.concatenate([six[:3] / robot.length, six[3:]])
-    twist = six[robot.platform_axes]
+    twist = six[robot.platform.axes]
     freedoms = instantaneous_motions(robot, system)
     if freedoms.shape[1] > robot.n:
-        moved = system.frames.jacobian[0, 0][:, moving_columns(robot)] @ freedoms
+        moved = system.frames.jacobian[0, 0][:, robot.moving] @ freedoms
         moved[:3] /= robot.length
         rank = int(np.sum(np.linalg.svd(moved, compute_uv=False) > VANISHED))
         return Uncontrolled("constraint" if rank > robot.n else "closure", 0 * twist, motion, corank)
     if np.abs(size).max() < VANISHED:
         return Uncontrolled("leg_passive", 0 * twist, motion, corank)
-    if np.abs(size[robot.platform_axes]).max() < VANISHED:
+    if np.abs(size[robot.platform.axes]).max() < VANISHED:
         return Uncontrolled("constraint", 0 * twist, motion, corank)
     scale = unit_twist(robot, twist)
     return Uncontrolled("type_2", twist / scale, motion / scale, corank)

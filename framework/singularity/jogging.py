@@ -14,13 +14,11 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity
-from framework.kinematics.assembly import passive_columns
 from framework.kinematics.forward_kinematics import forward_kinematics
-from framework.kinematics.frames import actuated_coordinates
 from framework.kinematics.inverse_kinematics import assembled_at, reference_system, require_square
 from framework.kinematics.loop_matrices import mobile_matrix, passive_matrix
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import follow_path, weakest_leg
-from framework.model import ParallelRobot
 from framework.motion.path import Line
 from framework.singularity.classification import singularity_measure, uncontrolled_motion, unit_twist
 
@@ -63,7 +61,7 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> Pose:
     """
     here = assembled_at(robot, q)
     x, system = here.x, here.system
-    motors = actuated_coordinates(robot, q[None])[0]
+    motors = robot.actuated_coordinates(q[None])[0]
     usual, usual_legs = _usual_sizes(robot)
     legs = _smallest(mobile_matrix(robot, system)[0])
     level, verdict = "regular", "regular: the motors hold the platform in every direction"
@@ -74,7 +72,7 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> Pose:
             f"{'near' if level == 'near' else 'at'} Type 1: the leg of {weakest_leg(robot, system)} is "
             f"{'nearly ' if level == 'near' else ''}stretched or folded"
         )
-    if not len(passive_columns(robot)):
+    if not len(robot.following):
         return Pose(q, x[0], motors, None, None, level, stretched, verdict, np.zeros(robot.n), stopped)
     smallest = _smallest(passive_matrix(robot, system)[0])
     measure = singularity_measure(robot, system)
@@ -124,7 +122,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Pose
     """
     start = assembled_at(robot, q)
     _check(index, robot.n_a, value)
-    target = actuated_coordinates(robot, start.q)[0]
+    target = robot.actuated_coordinates(start.q)[0]
     target[index] = value
     try:
         return pose_at(robot, forward_kinematics(robot, target, near=q).q)

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array
-from framework.kinematics.assembly import passive_columns
 from framework.kinematics.inverse_kinematics import close_each, mode_signs, system_at
 from framework.kinematics.loop_matrices import measured_matrix
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 
 GRID = 61  # points along an edge of the workspace
 REACH = 1.2  # half an edge of the grid, in lengths of the robot
@@ -119,7 +118,7 @@ def _straight(robot: ParallelRobot) -> list[int]:
 
 
 def _has_signed_measure(robot: ParallelRobot) -> bool:
-    return len(passive_columns(robot)) > 0 and robot.n_a == robot.n
+    return len(robot.following) > 0 and robot.n_a == robot.n
 
 
 def _filled(robot: ParallelRobot, q: Array, x: Array, span: Array) -> tuple[Array, Array]:

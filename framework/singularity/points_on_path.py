@@ -10,14 +10,12 @@ import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import NotConverged, Type1Singularity, point
-from framework.kinematics.assembly import loop_rows, passive_columns
 from framework.kinematics.branch import Branch, with_continuation
 from framework.kinematics.closures import loop_equations, scaled
-from framework.kinematics.inverse_kinematics import moving_columns, system_at
+from framework.kinematics.inverse_kinematics import system_at
 from framework.kinematics.loop_matrices import VANISHED, measured_matrix, mobile_matrix
-from framework.kinematics.platform import path_twist
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import escaping, track_path, weakest_leg
-from framework.model import ParallelRobot
 from framework.motion.path import Path
 from framework.singularity.classification import uncontrolled_motion
 from framework.singularity.panels import NARROWEST, Measured, Panel, Samples, Unresolved, candidates, panels
@@ -83,9 +81,9 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
         type_1 = [place.s for place in contacts(mobile, mobile_panels) if _is_type_1(mobile, place.s)]
     if type_1:
         raise _type_1(continued, type_1[0])
-    if not len(passive_columns(robot)):  # every joint has a motor: locked, nothing moves
+    if not len(robot.following):  # every joint has a motor: locked, nothing moves
         return SearchedPath(branch, ())
-    power = 1 if len(loop_rows(robot).names) == len(passive_columns(robot)) else 2
+    power = 1 if len(robot.loops.names) == len(robot.following) else 2
     passive = Measured(continued, partial(measured_matrix, robot), power)
     try:
         resolved = panels(samples, passive)
@@ -171,12 +169,14 @@ def _check_dropped_rows(branch: Branch, s: float) -> None:
     that say it all at the reference need not do so everywhere.
     """
     robot, system = branch.robot, branch.closed(s).system
-    columns = moving_columns(robot)
-    whole = scaled(robot, loop_equations(robot.rows, system.frames).jacobian, robot.rows)[0][:, columns]
-    kept = scaled(robot, system.closures, loop_rows(robot))[0][:, columns]
+    columns = robot.moving
+    whole = scaled(robot, loop_equations(robot.rows, system.frames).jacobian, robot.rows.rotation)[0][
+        :, columns
+    ]
+    kept = scaled(robot, system.closures, robot.loops.rotation)[0][:, columns]
     every, chosen = (np.linalg.svd(part, compute_uv=False) for part in (whole, kept))
     if np.sum(chosen > VANISHED) < np.sum(every > VANISHED):
-        dropped = sorted(set(robot.rows.names) - set(loop_rows(robot).names))
+        dropped = sorted(set(robot.rows.names) - set(robot.loops.names))
         raise NotConverged(
             f"{robot.name}: the loops are sound at s = {s:.6g}, but the loop equations that were dropped as "
             f"redundant at the reference ({', '.join(dropped)}) are needed there; give a reference nearer to "
@@ -205,7 +205,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     robot, at = branch.robot, stencil(s)
     closed = branch.closed(at)
     uncontrolled = uncontrolled_motion(robot, closed.system.at(1))
-    forward = np.dot(uncontrolled.twist, path_twist(robot, branch.path, s))
+    forward = np.dot(uncontrolled.twist, robot.platform.path_twist(branch.path, s))
     along = -1.0 if forward < 0 else 1.0
     P = passive.matrix(closed.system)
     if uncontrolled.corank > 1:

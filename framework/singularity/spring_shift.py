@@ -13,8 +13,8 @@ from framework.arrays import Array
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.loop_matrices import measured_matrix
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch
-from framework.model import ParallelRobot
 from framework.singularity.bordered_system import Border, bordered
 from framework.singularity.points_on_path import SingularPoint
 

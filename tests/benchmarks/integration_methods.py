@@ -19,7 +19,6 @@ import robots
 from framework import CrossingPlan, plan_scene
 from framework.errors import NotConverged
 from framework.kinematics.frames import frames_at
-from framework.kinematics.platform import platform_coordinates
 from framework.simulation.consistent import consistent_state
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive
@@ -62,7 +61,7 @@ def methods(name: str, flexibility: str) -> dict[str, Method]:
 def _off(plan: CrossingPlan, times: np.ndarray, q: np.ndarray) -> float:
     if not np.all(np.isfinite(q)):
         return np.inf
-    place = platform_coordinates(plan.robot, frames_at(plan.robot, q))
+    place = plan.robot.platform.coordinates(frames_at(plan.robot, q))
     return float(np.linalg.norm(place - plan.platform(times), axis=1).max())
 
 

@@ -14,7 +14,7 @@ from framework.control.closed_loop import ControlLoop, run_closed_loop
 from framework.control.controllers import CONTROLLERS, tuned_controller
 from framework.control.estimation import Measurement, State
 from framework.control.reference import reference_of
-from framework.control.variation import Spread, draw, unvaried, varied
+from framework.control.variation import Spread, draw, varied
 from framework.kinematics.frames import integrate
 from framework.simulation import Stepper
 
@@ -81,7 +81,6 @@ def test_the_torque_of_a_run_does_not_depend_on_the_others(name, controller, sen
 @pytest.mark.parametrize(("name", "flexibility", "scheme"), STEPPERS)
 def test_a_step_of_a_run_does_not_depend_on_the_others(name, flexibility, scheme):
     robot, random = robots.load(name, flexibility=flexibility), np.random.default_rng(4)
-    alike = unvaried(robot)
     others = [varied(robot, draw(robot, SPREAD, (0, k))) for k in range(max(LENGTHS))]
     nv = robot.model.nv
     q = integrate(robot, robot.q_near, 1e-3 * random.standard_normal((len(others), nv)))
@@ -91,10 +90,10 @@ def test_a_step_of_a_run_does_not_depend_on_the_others(name, flexibility, scheme
         together = None
         for runs in reversed(stacks(len(others))):
             stepper = Stepper.of(
-                alike if one_robot else [others[run] for run in runs],
+                robot if one_robot else [others[run] for run in runs],
                 scheme=scheme,
                 damping=0.01,
-                like=alike,
+                like=robot,
             )
             state = stepper.step(q[runs], v[runs], torque[runs], 1e-3)
             x = stepper.platform(*state)

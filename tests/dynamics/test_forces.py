@@ -12,7 +12,6 @@ import robots
 from framework import ParallelRobot, assemble, locate_singularities
 from framework.crossing.scenes import scene_path
 from framework.dynamics.forces import loop_forces, motor_torque, tree_forces
-from framework.kinematics.closures import column_scale
 from framework.kinematics.inverse_kinematics import Motion, assembled_at
 from framework.model.description import JointSpring
 from tests.oracles.closure_rows import closure_rows
@@ -29,7 +28,7 @@ def at_once(case) -> bool:
 def moving(robot, q, seed: int) -> Motion:
     """Any rates and accelerations at an assembled configuration; the loops need not allow them."""
     rng = np.random.default_rng(seed)
-    v, a = rng.standard_normal((2, 1, robot.model.nv)) * column_scale(robot)
+    v, a = rng.standard_normal((2, 1, robot.model.nv)) * robot.column_scale
     closed = assembled_at(robot, q)
     return Motion(closed.q, v, a, closed.system)
 
@@ -38,7 +37,7 @@ def allowed_motions(robot, q):
     """A basis (nv, d) of what the closures allow, springs moving too, by rows written anew."""
     model, data = robot.model, robot.model.createData()
     kinematics(model, data, q, np.zeros(model.nv))
-    scale = column_scale(robot)
+    scale = robot.column_scale
     rows = closure_rows(model, data, robot.description.closures).jacobian * scale
     values, right = np.linalg.svd(rows)[1:]
     rank = int(np.sum(values > 1e-9 * values.max(initial=0.0)))

@@ -24,8 +24,8 @@ import robots
 from framework import Line, ParallelRobot, plan_crossing, plan_scene, simulate
 from framework.cli import main
 from framework.crossing.saved import plan_document
-from framework.errors import FrameworkError, NotAssembled
-from framework.kinematics.assembly import reference_configuration
+from framework.errors import FrameworkError, NotAssembled, SingularReference
+from framework.kinematics.mechanism import Mechanism
 from framework.model.description import FLEXIBILITIES
 from framework.model.readers import read_any
 from framework.show.server import PageServer
@@ -152,7 +152,7 @@ def _wrong(code: int, out: str, err: str, *, machine: bool) -> str:
     return ""
 
 
-def check_bodies(robot: ParallelRobot) -> None:
+def check_bodies(robot: Mechanism) -> None:
     """No body has less than no mass, nor an inertia that no mass gives."""
     for inertia in robot.model.inertias:
         assert np.isfinite(inertia.mass)
@@ -173,14 +173,15 @@ def opening(robot: ParallelRobot, q: np.ndarray) -> float:
     return float(np.max(errors))
 
 
-def check_robot_answers(outcome: Outcome, mutant: object, robot: ParallelRobot, *, simulated: bool) -> None:
+def check_robot_answers(outcome: Outcome, mutant: object, mechanism: Mechanism, *, simulated: bool) -> None:
     """What was accepted has to be right: bodies, loops, a motion, and the simulation of its torques."""
-    scale = max(robot.length, 1.0)
-    check_bodies(robot)
+    scale = max(mechanism.length, 1.0)
+    check_bodies(mechanism)
     try:
-        start = reference_configuration(robot)
-    except NotAssembled:  # `check` says so, and describes another pose
+        robot = ParallelRobot.of(mechanism)
+    except (NotAssembled, SingularReference):  # `check` says so, and describes another pose
         return
+    start = robot.reference
     assert opening(robot, start.q[None]) < 1e-8 * scale
     try:
         if robot.description.scenes:
@@ -249,7 +250,7 @@ def test_mutants_of_robot_files(run, capfd, tmp_path, name, part):
         if run(outcome, (name, part, seed), *words) == 0:
             words = ["plan", *words[1:], "--scene", next(iter(robots.load(name).description.scenes))]
             run(outcome, (name, part, seed, "plan"), *words)
-            load = partial(ParallelRobot.from_file, file, flexibility=flexibility)
+            load = partial(Mechanism.from_file, file, flexibility=flexibility)
             answers(outcome, (name, part, seed), load, simulated=seed % 4 == 0)
     finish(outcome, capfd, files=MUTANTS)
 
@@ -274,8 +275,8 @@ def test_mutants_of_dialects(run, capfd, tmp_path, name):
         (tmp_path / Path(name).name).write_text(mutant, "utf-8", "surrogatepass")
         if run(outcome, (name, seed), *words, *rng.choice(([], ["--json"]))) == 0:
 
-            def load() -> ParallelRobot:
-                return ParallelRobot.from_description(read_any(file, **said))
+            def load() -> Mechanism:
+                return Mechanism.from_description(read_any(file, **said))
 
             answers(outcome, (name, seed), load, simulated=seed % 4 == 0)
     finish(outcome, capfd, files=MUTANTS)

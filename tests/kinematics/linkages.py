@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from framework import ParallelRobot
+from framework.kinematics.mechanism import Mechanism
 
 AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
@@ -46,10 +46,10 @@ def frame(name, parent, at, rpy=(0, 0, 0)):
     )
 
 
-def linkage(folder, elements: str, robot_file: str) -> ParallelRobot:
+def linkage(folder, elements: str, robot_file: str) -> Mechanism:
     """The robot of some elements on the link `base`, and of a robot file without its first two lines."""
     urdf = f'<robot name="linkage"><link name="base"/>{elements}</robot>'
     (folder / "linkage.urdf").write_text(urdf)
     file = folder / "linkage.yaml"
     file.write_text(f"version: 1\nurdf: linkage.urdf\n{robot_file}")
-    return ParallelRobot.from_file(file)
+    return Mechanism.from_file(file)

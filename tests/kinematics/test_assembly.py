@@ -11,14 +11,7 @@ import pytest
 import robots
 from framework import ParallelRobot, assemble
 from framework.errors import NotAssembled
-from framework.kinematics.assembly import (
-    idle_columns,
-    independent_rows,
-    loop_rows,
-    passive_columns,
-    reference_configuration,
-)
-from framework.kinematics.closures import column_scale
+from framework.kinematics.mechanism import Mechanism
 from tests.oracles.closure_rows import closure_errors, closure_rows
 from tests.oracles.forward_simulation import kinematics
 
@@ -37,7 +30,7 @@ def opened(robot, q):
 @pytest.mark.parametrize("name", NAMES)
 def test_at_the_reference_the_loops_are_closed(name):
     robot = robots.load(name)
-    reference = reference_configuration(robot)
+    reference = robot.reference
     errors, _ = opened(robot, reference.q)
     assert np.abs(errors).max() < 1e-12 * max(robot.length, 1.0)
     assert reference.residual < 1e-12 * max(robot.length, 1.0)
@@ -45,14 +38,14 @@ def test_at_the_reference_the_loops_are_closed(name):
     pin.framesForwardKinematics(robot.model, data, reference.q)
     place = data.oMf[robot.frames[0]].translation
     moves = robot.translations
-    np.testing.assert_allclose(reference.x[moves], place[robot.platform_axes[moves]], atol=1e-14)
+    np.testing.assert_allclose(reference.x[moves], place[robot.platform.axes[moves]], atol=1e-14)
 
 
 def test_what_the_file_gives_is_held_while_the_rest_closes_the_loops():
     description = robots.load("five_bar").description
     motors = {"left_motor": 1.3, "right_motor": 1.1}
     robot = ParallelRobot.from_description(replace(description, reference=motors))
-    q = reference_configuration(robot).q
+    q = robot.reference.q
     assert [q[column] for column in robot.actuated] == [1.3, 1.1]
     errors, _ = opened(robot, q)
     assert np.abs(errors).max() < 1e-13
@@ -66,7 +59,7 @@ def test_an_assembled_configuration_is_its_own_reference(name):
     q = assemble(robot, start.x + size * np.random.default_rng(4).uniform(-1, 1, robot.n)).q
     angles = {robot.joint_of(column): float(q[column]) for column in range(robot.model.nv)}
     moved = ParallelRobot.from_description(replace(robot.description, reference=angles))
-    again = reference_configuration(moved)
+    again = moved.reference
     np.testing.assert_allclose(again.q, q, rtol=0, atol=1e-12 * max(robot.length, 1.0))
 
 
@@ -74,28 +67,28 @@ def test_an_assembled_configuration_is_its_own_reference(name):
 def test_the_kept_rows_say_all_that_the_closures_say(name):
     """As many as the rank of rows written anew, and together with those of no higher rank."""
     robot = robots.load(name)
-    _, anew = opened(robot, reference_configuration(robot).q)
-    scale = column_scale(robot)
+    _, anew = opened(robot, robot.reference.q)
+    scale = robot.column_scale
     rank = np.linalg.matrix_rank(anew * scale, tol=RANK * np.linalg.norm(anew * scale, 2))
-    kept = independent_rows(robot)
+    kept = robot.independent
     assert len(kept) == rank
     assert np.all(np.diff(kept) > 0)
-    assert loop_rows(robot).names == tuple(robot.rows.names[row] for row in kept)
+    assert robot.loops.names == tuple(robot.rows.names[row] for row in kept)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_idle_joints_are_as_many_as_passive_motions_that_nothing_feels(name):
     robot = robots.load(name)
-    q = reference_configuration(robot).q
+    q = robot.reference.q
     _, rows = opened(robot, q)
     data = robot.model.createData()
     frame = pin.computeFrameJacobian(robot.model, data, q, robot.frames[0], pin.LOCAL_WORLD_ALIGNED)
-    felt = np.vstack([rows, frame.reshape(6, -1)[robot.platform_axes]]) * column_scale(robot)
+    felt = np.vstack([rows, frame.reshape(6, -1)[robot.platform.axes]]) * robot.column_scale
     passive = felt[:, robot.passive]
     rank = np.linalg.matrix_rank(passive, tol=RANK * np.linalg.norm(felt, 2))
-    idle = idle_columns(robot)
+    idle = robot.idle
     assert len(idle) == len(robot.passive) - rank
-    assert sorted([*idle, *passive_columns(robot)]) == sorted(robot.passive)
+    assert sorted([*idle, *robot.following]) == sorted(robot.passive)
     held = [k for k, column in enumerate(robot.passive) if column not in idle]
     assert np.linalg.matrix_rank(passive[:, held], tol=RANK * np.linalg.norm(felt, 2)) == rank == len(held)
 
@@ -105,9 +98,9 @@ def test_loops_that_cannot_close_are_named_with_what_is_missing():
     text = robot.description.urdf_text
     short = text.replace('<origin xyz="0.25 0 0" rpy="0 0 0"/>', '<origin xyz="0.05 0 0" rpy="0 0 0"/>')
     assert short != text
-    broken = ParallelRobot.from_description(replace(robot.description, urdf_text=short))
+    broken = Mechanism.from_description(replace(robot.description, urdf_text=short))
     with pytest.raises(NotAssembled, match=r"tip\.\w+ stays 0\.\d+ m apart after \d+ iterations") as caught:
-        reference_configuration(broken)
+        ParallelRobot.of(broken)
     errors, _ = opened(broken, caught.value.q)
     gap = np.linalg.norm(errors)  # the largest of three components lies between the whole and its root third
     assert gap / np.sqrt(3) <= caught.value.residual <= gap
@@ -117,11 +110,11 @@ def test_a_reference_far_from_any_assembly_names_the_joint():
     description = robots.load("five_bar").description
     far = {**description.reference, "left_elbow": description.reference["left_elbow"] + 1.0}
     with pytest.raises(NotAssembled, match=r"not near an assembled configuration: \w+ is given as"):
-        reference_configuration(ParallelRobot.from_description(replace(description, reference=far)))
+        ParallelRobot.from_description(replace(description, reference=far))
 
 
 def test_a_configuration_cannot_be_moved_by_accident():
-    reference = reference_configuration(robots.load("five_bar"))
+    reference = robots.load("five_bar").reference
     for values in (reference.q, reference.x):
         with pytest.raises(ValueError, match="read-only"):
             values[0] += 1.0

@@ -14,9 +14,8 @@ import pytest
 import robots
 from framework import ParallelRobot, check_robot
 from framework.errors import NotAssembled
-from framework.kinematics.assembly import reference_configuration
 from framework.kinematics.closing_search import find_closed_pose
-from framework.kinematics.joint_limits import joint_limits
+from framework.kinematics.mechanism import Mechanism
 from tests.kinematics.linkages import ball, frame, joint, linkage
 
 # arms, half rods and the second pivot [m]: a spatial four-bar whose rod is cut in its middle, both halves on
@@ -79,7 +78,7 @@ def apart(robot, q, first, second):
 def test_loops_that_newton_leaves_open_are_closed(tmp_path, shape):
     robot = linkage(tmp_path, halves(shape), robot_file(""))
     with pytest.raises(NotAssembled, match="do not close near the reference"):
-        reference_configuration(robot)
+        ParallelRobot.of(robot)
     pose = find_closed_pose(robot)
     assert max(apart(robot, pose.q, "end_1", "end_2")) < 1e-9
     offset = np.abs(pose.q - robot.q_near)
@@ -90,7 +89,7 @@ def test_loops_that_newton_leaves_open_are_closed(tmp_path, shape):
 def test_a_reference_that_newton_closes_turned_over_is_none(tmp_path):
     robot = linkage(tmp_path, halves(TURNED_OVER), robot_file(""))
     with pytest.raises(NotAssembled, match="only with rod turned over"):
-        reference_configuration(robot)
+        ParallelRobot.of(robot)
     assert max(apart(robot, find_closed_pose(robot).q, "end_1", "end_2")) < 1e-9
 
 
@@ -132,13 +131,13 @@ def test_a_limit_decides_which_pose_is_found(tmp_path, low, high, closes):
 def test_slides_keep_their_limits_too():
     """The 3-RPR from a reference far outside of them."""
     given = robots.load("three_rpr")
-    lost = {limit.joint: 0.0 if limit.unit == "rad" else 2.4 for limit in joint_limits(given)}
-    robot = ParallelRobot.from_description(replace(given.description, reference=lost))
+    lost = {limit.joint: 0.0 if limit.unit == "rad" else 2.4 for limit in given.limits}
+    robot = Mechanism.from_description(replace(given.description, reference=lost))
     pose = find_closed_pose(robot)
     assert (
         max(apart(robot, pose.q, "corner_2", "tip_2")[0], apart(robot, pose.q, "corner_3", "tip_3")[0]) < 1e-9
     )
-    for limit in joint_limits(robot):
+    for limit in robot.limits:
         assert limit.lower - 1e-12 <= pose.q[limit.coordinate] <= limit.upper + 1e-12
 
 
@@ -154,7 +153,7 @@ def test_legs_are_closed_one_by_one(tmp_path):
 
 def test_what_cannot_close_is_told_with_the_least_gap(write_robot):
     """Motors 1.6 m apart and 1 m of links: the tips stay 0.6 m apart at least."""
-    robot = ParallelRobot.from_file(write_robot(urdf=(('xyz="0.2 0 0"', 'xyz="1.4 0 0"'),)))
+    robot = Mechanism.from_file(write_robot(urdf=(('xyz="0.2 0 0"', 'xyz="1.4 0 0"'),)))
     with pytest.raises(NotAssembled, match=r"do not close: of \d+ starts .* tip\.[xyz] stays") as failure:
         find_closed_pose(robot)
     assert 0.6 < apart(robot, failure.value.q, "left_tip", "right_tip")[0] < 0.7

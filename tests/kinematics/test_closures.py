@@ -7,8 +7,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework.kinematics.assembly import reference_configuration
-from framework.kinematics.closures import closure_drift, column_scale, loop_equations, loop_wrenches, scaled
+from framework.kinematics.closures import closure_drift, loop_equations, loop_wrenches, scaled
 from framework.kinematics.frames import frame_motions, frames_at
 from tests.oracles.closure_rows import closure_rows
 from tests.oracles.forward_simulation import kinematics
@@ -20,9 +19,9 @@ def anywhere(robot, seed: int):
     """A configuration whose loops may be open, and joint rates."""
     rng = np.random.default_rng(seed)
     q = pin.integrate(
-        robot.model, robot.q_near, 0.3 * rng.standard_normal(robot.model.nv) * column_scale(robot)
+        robot.model, robot.q_near, 0.3 * rng.standard_normal(robot.model.nv) * robot.column_scale
     )
-    return q, rng.standard_normal(robot.model.nv) * column_scale(robot)
+    return q, rng.standard_normal(robot.model.nv) * robot.column_scale
 
 
 def along(robot, q, v, times):
@@ -66,14 +65,14 @@ def test_each_equation_is_a_wrench_between_its_two_bodies(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_closed_loops_allow_what_rows_written_anew_allow(name):
     robot = robots.load(name)
-    q = reference_configuration(robot).q
+    q = robot.reference.q
     model, data = robot.model, robot.model.createData()
-    v = np.random.default_rng(3).standard_normal(model.nv) * column_scale(robot)
+    v = np.random.default_rng(3).standard_normal(model.nv) * robot.column_scale
     kinematics(model, data, q, v)
     anew = closure_rows(model, data, robot.description.closures)
     at = frames_at(robot, q[None])
     ours = loop_equations(robot.rows, at).jacobian[0]
-    scale = column_scale(robot)
+    scale = robot.column_scale
     level = 1e-9 * np.linalg.norm(ours * scale, 2)
     ranks = [np.linalg.matrix_rank(rows * scale, tol=level) for rows in (ours, anew.jacobian)]
     both = np.linalg.matrix_rank(np.vstack([ours, anew.jacobian]) * scale, tol=level)
@@ -94,6 +93,6 @@ def test_scaled_matrices_map_unit_motions_to_robot_lengths_and_radians(name):
     robot = robots.load(name)
     q, v = anywhere(robot, 4)
     jacobian = loop_equations(robot.rows, frames_at(robot, q[None])).jacobian
-    rate = scaled(robot, jacobian, robot.rows)[0] @ (v / column_scale(robot))
+    rate = scaled(robot, jacobian, robot.rows.rotation)[0] @ (v / robot.column_scale)
     unit = np.where(robot.rows.rotation, 1.0, robot.length)
     np.testing.assert_allclose(rate * unit, jacobian[0] @ v, rtol=1e-12, atol=1e-13 * robot.length)

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from framework import ParallelRobot, check_robot
+from framework import check_robot
 from framework.errors import SingularReference
+from framework.kinematics.mechanism import Mechanism
 from framework.model.readers import read_any
 
 GEPETTO = Path(__file__).parents[1] / "data" / "dialects" / "gepetto"
@@ -54,7 +55,7 @@ closures: [{{name: corner, frames: [coupler_tip, right_crank_tip], kind: {kind}}
 reference: {{left: 0, top: 0, right: 0}}
 """
     )
-    return ParallelRobot.from_file(file)
+    return Mechanism.from_file(file)
 
 
 def test_a_closure_that_locks_the_robot_is_named(tmp_path):
@@ -79,6 +80,6 @@ def test_a_robot_that_is_singular_beside_its_reference_too_is_refused(tmp_path):
         motor, mark, elbow = text.partition('<joint name="left_elbow"')
         text = motor + mark + elbow.replace('<axis xyz="0 0 1"/>', '<axis xyz="7.3 0 1"/>', 1)
         (tmp_path / name).write_text(text, encoding="utf-8")
-    robot = ParallelRobot.from_description(read_any(tmp_path, platform="tip_A", axes=["x", "y"]))
+    robot = Mechanism.from_description(read_any(tmp_path, platform="tip_A", axes=["x", "y"]))
     with pytest.raises(SingularReference, match="on a singularity of the loops"):
         check_robot(robot)

@@ -9,10 +9,9 @@ from scipy.optimize import brentq
 import robots
 from framework import Line, assemble, locate_singularities, track_path
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity
-from framework.kinematics.assembly import passive_columns
-from framework.kinematics.closures import column_scale, loop_equations
+from framework.kinematics.closures import loop_equations
 from framework.kinematics.forward_kinematics import forward_kinematics, motors_are_free
-from framework.kinematics.frames import actuated_coordinates, frames_at
+from framework.kinematics.frames import frames_at
 from tests.oracles.closure_rows import closure_rows
 from tests.oracles.forward_simulation import kinematics
 
@@ -25,7 +24,7 @@ NAMES = [
 
 
 def motors_of(robot, q):
-    return actuated_coordinates(robot, np.atleast_2d(q))[0]
+    return robot.actuated_coordinates(np.atleast_2d(q))[0]
 
 
 def elbows(q_a):
@@ -71,7 +70,7 @@ def test_the_tip_of_the_5r_is_where_two_circles_meet(seed):
 def step(robot, rng, size: float):
     """A turn of all motors by `size` [rad, robot lengths]."""
     aside = rng.standard_normal(robot.n_a)
-    return size * aside / np.linalg.norm(aside) * column_scale(robot)[robot.actuated]
+    return size * aside / np.linalg.norm(aside) * robot.column_scale[robot.actuated]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -105,8 +104,8 @@ def hold(robot, q):
     model, data = robot.model, robot.model.createData()
     kinematics(model, data, q, np.zeros(model.nv))
     rows = closure_rows(model, data, robot.description.closures).jacobian
-    columns = passive_columns(robot)
-    return np.linalg.svd(rows[:, columns] * column_scale(robot)[columns], compute_uv=False)[-1]
+    columns = robot.following
+    return np.linalg.svd(rows[:, columns] * robot.column_scale[columns], compute_uv=False)[-1]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -94,7 +94,7 @@ def test_where_the_memory_cannot_be_read_the_accessors_take_over(copies, name):
     slow_motions = frame_motions(robot, slow, q, v)
     assert scratch_of(robot).refresh is not None
     eigenpy.sharedMemory(True)
-    other = replace(robot)  # the same robot with a working memory of its own
+    other = replace(robot, model=robot.model.copy())  # the same robot with a working memory of its own
     assert scratch_of(other).refresh is None
     quick = frames_at(other, q)
     for one, two in zip(slow, quick, strict=True):

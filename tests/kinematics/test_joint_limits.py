@@ -10,7 +10,7 @@ from framework import Line, ParallelRobot, check_robot, plan_crossing, plan_scen
 from framework.crossing.saved import plan_document
 from framework.crossing.scenes import scene_path
 from framework.errors import LimitsExceeded, NoAnswer
-from framework.kinematics.joint_limits import joint_limits, positions_beyond_limits
+from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.tracking import track_path
 from tests.robots.every_robot import CASES, RIGID, SCENES, in_stages
 
@@ -71,18 +71,20 @@ LIMITS = {
 @pytest.mark.parametrize(("said", "meant"), LIMITS.values(), ids=LIMITS)
 def test_what_a_urdf_says_of_limits(write_robot, said, meant):
     robot = ParallelRobot.from_file(write_robot(urdf=(('lower="-6.28" upper="6.28"', said),)))
-    found = {limit.joint: (limit.lower, limit.upper) for limit in joint_limits(robot)}
+    found = {limit.joint: (limit.lower, limit.upper) for limit in robot.limits}
     assert found.get("left_motor") == meant
     assert len(found) == (3 if meant is None else 4)
 
 
 def test_rounding_at_a_limit_is_no_excess(three_rpr):
     q = np.tile(three_rpr.q_near, (3, 1))
-    slide = next(limit for limit in joint_limits(three_rpr) if limit.joint == "motor_2")
+    slide = next(limit for limit in three_rpr.limits if limit.joint == "motor_2")
     q[:, slide.coordinate] = [0.0, -1e-16, 1.2 + 2e-16]
-    assert positions_beyond_limits(three_rpr, q) == {}
+    assert positions_beyond_limits(three_rpr.limits, q) == {}
     q[:, slide.coordinate] = [0.5, -0.1, 1.25]
-    assert positions_beyond_limits(three_rpr, q) == {"motor_2": "position -0.1 m of 0 and 1.25 m of 1.2"}
+    assert positions_beyond_limits(three_rpr.limits, q) == {
+        "motor_2": "position -0.1 m of 0 and 1.25 m of 1.2"
+    }
 
 
 @pytest.mark.parametrize(("name", "scene"), SCENES)
@@ -91,7 +93,7 @@ def test_our_own_scenes_keep_the_limits_of_our_own_files(name, scene):
     robot = RIGID[name]
     branch = track_path(robot, scene_path(robot.description.scenes[scene]))
     q = branch.guess(np.linspace(0.0, 1.0, 201))
-    for joint, coordinate, lower, upper, _ in joint_limits(robot):
+    for joint, coordinate, lower, upper, _ in robot.limits:
         margin = 1e-4 * (upper - lower)
         assert lower + margin < q[:, coordinate].min(), joint
         assert q[:, coordinate].max() < upper - margin, joint

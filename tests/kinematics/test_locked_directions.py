@@ -9,11 +9,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from framework import ParallelRobot, assemble, check_robot
+from framework import ParallelRobot, check_robot
 from framework.errors import NotAssembled
+from framework.kinematics.assembly import close_reference
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at, integrate
-from framework.kinematics.locked_directions import direction_gaps, direction_slopes, locked_directions
+from framework.kinematics.locked_directions import direction_gaps, direction_slopes
 from tests.kinematics.linkages import ball, frame, joint, linkage
 
 THIRD = 2 * np.pi / 3
@@ -66,7 +67,7 @@ def test_turned_over_is_not_assembled(tmp_path, kind, turn):
     equations = loop_equations(robot.rows, frames_at(robot, robot.q_near[None])).residual
     assert np.abs(equations).max() < 1e-14  # which is why they alone do not tell
     with pytest.raises(NotAssembled, match="the loops close only with joint turned over"):
-        assemble(robot)
+        ParallelRobot.of(robot)
     found = check_robot(robot)  # looks for another pose
     assert not found.assembled
     values = np.array([found.reference[name] for name in ("motor", "body_x", "body_y", "body_z")])
@@ -79,13 +80,13 @@ def test_turned_over_is_not_assembled(tmp_path, kind, turn):
 @pytest.mark.parametrize(("kind", "turn"), RIGHT)
 def test_a_right_pose_is_assembled(tmp_path, kind, turn):
     robot = on_a_ball(tmp_path, kind, turn)
-    np.testing.assert_allclose(assemble(robot).q, robot.q_near, atol=1e-12)
+    np.testing.assert_allclose(close_reference(robot).q, robot.q_near, atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["fixed", "revolute", "prismatic", "planar"])
 def test_slopes_are_derivatives_of_gaps(tmp_path, kind):
-    robot: ParallelRobot = on_a_ball(tmp_path, kind, (0.3, -0.2, 0.5))
-    directions, rng, h = locked_directions(robot), np.random.default_rng(4), 1e-6
+    robot = on_a_ball(tmp_path, kind, (0.3, -0.2, 0.5))
+    directions, rng, h = robot.directions, np.random.default_rng(4), 1e-6
     q = robot.q_near + 0.3 * rng.normal(size=robot.model.nq)
     v = rng.normal(size=robot.model.nv)
     ahead, back = (

@@ -8,7 +8,7 @@ import pytest
 import robots
 from framework import ParallelRobot, check_robot
 from framework.errors import SingularReference
-from framework.kinematics.assembly import reference_configuration
+from framework.kinematics.assembly import close_reference
 from framework.kinematics.mobility import mobility_of
 from framework.kinematics.tracking import assemble
 from framework.model.readers import read_any
@@ -122,9 +122,9 @@ def dead_point(folder):
 def test_what_moves_in_a_singular_pose_alone_is_not_loose(tmp_path):
     """At the dead point the crank may start while the foot rests; beside it the foot's motor holds it."""
     robot = dead_point(tmp_path)
-    np.testing.assert_allclose(reference_configuration(robot).q, 0.0, atol=1e-15)
+    np.testing.assert_allclose(close_reference(robot).q, 0.0, atol=1e-15)
     with pytest.raises(SingularReference, match="singularity of the loops"):
-        mobility_of(robot)
+        ParallelRobot.of(robot)
     checked = check_robot(robot)
     assert (checked.mobility, checked.idle_joints, checked.loose_joints) == (1, (), ())
     assert checked.stuck_axes == ""

@@ -7,8 +7,6 @@ import pytest
 
 import robots
 from framework.errors import NotAssembled
-from framework.kinematics.assembly import reference_configuration
-from framework.kinematics.closures import column_scale
 from framework.kinematics.inverse_kinematics import close_each, close_loops
 from framework.kinematics.newton import LAST_STEP
 
@@ -22,12 +20,12 @@ def robot():
 
 
 def guesses(robot, count: int):
-    return np.repeat(reference_configuration(robot).q[None], count, axis=0)
+    return np.repeat(robot.reference.q[None], count, axis=0)
 
 
 def spoilt(robot):
     """Guesses that lead nowhere: out of reach; no numbers; all links along x, a singular matrix."""
-    near = reference_configuration(robot).q
+    near = robot.reference.q
     return np.array([near, np.full(len(near), np.nan), np.zeros(len(near))])
 
 
@@ -61,9 +59,9 @@ def test_an_instant_whose_step_is_too_long_is_given_up_and_not_moved(robot):
 @pytest.mark.parametrize("name", ["delta", "gough_stewart", "three_upu", "agile_eye"])
 def test_closed_means_that_the_error_is_the_square_of_the_last_step(name):
     robot = robots.load(name)
-    reference = reference_configuration(robot)
+    reference = robot.reference
     rng = np.random.default_rng(2)
-    aside = 0.02 * rng.standard_normal((20, robot.model.nv)) * column_scale(robot)
+    aside = 0.02 * rng.standard_normal((20, robot.model.nv)) * robot.column_scale
     found = close_each(robot, np.repeat(reference.x[None], 20, axis=0), reference.q + aside)
     assert found.closed.all()
     size = np.where(robot.translations, robot.length, 1.0).max()

@@ -10,16 +10,9 @@ from scipy.spatial.transform import Rotation
 
 import robots
 from framework import Line
-from framework.kinematics.closures import column_scale
 from framework.kinematics.frames import frames_at
 from framework.kinematics.platform import (
-    path_twist,
-    platform_coordinates,
-    platform_jacobian,
-    platform_residual,
-    platform_twist,
     rotation_matrix,
-    unwrap,
 )
 
 # two translations; one turn; both; a rotation vector; with translations
@@ -28,12 +21,12 @@ NAMES = ["five_bar", "four_bar", "three_rrr", "agile_eye", "gough_stewart"]
 
 def nearby(robot, seed: int, size: float = 0.3):
     rng = np.random.default_rng(seed)
-    step = size * rng.standard_normal(robot.model.nv) * column_scale(robot)
+    step = size * rng.standard_normal(robot.model.nv) * robot.column_scale
     return pin.integrate(robot.model, robot.q_near, step), rng.standard_normal(robot.model.nv)
 
 
 def coordinates(robot, q):
-    return platform_coordinates(robot, frames_at(robot, np.atleast_2d(q)))
+    return robot.platform.coordinates(frames_at(robot, np.atleast_2d(q)))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -43,9 +36,9 @@ def test_the_twist_is_the_derivative_of_the_coordinates(name, seed):
     q, v = nearby(robot, seed)
     h = 1e-5
     steps = np.array([pin.integrate(robot.model, q, t * v) for t in (-h, 0.0, h)])
-    before, x, after = unwrap(robot, coordinates(robot, steps), coordinates(robot, q)[0])
-    twist, _ = platform_twist(robot, x[None], ((after - before) / (2 * h))[None])
-    expected = platform_jacobian(robot, frames_at(robot, q[None]))[0] @ v
+    before, x, after = robot.platform.unwrap(coordinates(robot, steps), coordinates(robot, q)[0])
+    twist, _ = robot.platform.twist(x[None], ((after - before) / (2 * h))[None])
+    expected = robot.platform.jacobian(frames_at(robot, q[None]))[0] @ v
     np.testing.assert_allclose(twist[0], expected, rtol=0, atol=1e-8 * max(np.abs(expected).max(), 1.0))
 
 
@@ -57,9 +50,9 @@ def test_the_derivative_of_the_twist_is_its_second_answer(name):
     h = 1e-4
 
     def twist(t):
-        return platform_twist(robot, (x + t * dx + 0.5 * t**2 * ddx)[None], (dx + t * ddx)[None])[0][0]
+        return robot.platform.twist((x + t * dx + 0.5 * t**2 * ddx)[None], (dx + t * ddx)[None])[0][0]
 
-    _, derivative = platform_twist(robot, x[None], dx[None], ddx[None])
+    _, derivative = robot.platform.twist(x[None], dx[None], ddx[None])
     np.testing.assert_allclose(derivative[0], (twist(h) - twist(-h)) / (2 * h), atol=1e-7)
 
 
@@ -68,10 +61,10 @@ def test_the_residual_is_zero_at_the_coordinates_and_grows_by_the_twist(name):
     robot = robots.load(name)
     q, _ = nearby(robot, 4)
     at, x = frames_at(robot, q[None]), coordinates(robot, q)
-    np.testing.assert_allclose(platform_residual(robot, at, x), 0.0, atol=1e-15)
+    np.testing.assert_allclose(robot.platform.residual(at, x), 0.0, atol=1e-15)
     small = 1e-7 * np.random.default_rng(6).standard_normal((1, robot.n))
-    expected, _ = platform_twist(robot, x, small)
-    np.testing.assert_allclose(platform_residual(robot, at, x - small), expected, rtol=0, atol=1e-13)
+    expected, _ = robot.platform.twist(x, small)
+    np.testing.assert_allclose(robot.platform.residual(at, x - small), expected, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize(("name", "turns"), [("four_bar", 3), ("three_rrr", -2), ("agile_eye", 1)])
@@ -82,10 +75,10 @@ def test_unwrapped_coordinates_are_the_same_attitude_next_to_the_last_one(name, 
     turning = ~robot.translations
     far = x[0].copy()
     far[turning] *= 1.0 + 2 * np.pi * turns / np.linalg.norm(x[0, turning])
-    found = unwrap(robot, x, far + 0.01)
+    found = robot.platform.unwrap(x, far + 0.01)
     np.testing.assert_allclose(found[0], far, atol=1e-12)
-    np.testing.assert_allclose(platform_residual(robot, at, found), 0.0, atol=1e-13)
-    np.testing.assert_array_equal(unwrap(robot, x, x[0]), x)
+    np.testing.assert_allclose(robot.platform.residual(at, found), 0.0, atol=1e-13)
+    np.testing.assert_array_equal(robot.platform.unwrap(x, x[0]), x)
 
 
 def test_the_angle_of_a_platform_is_that_about_its_axis():
@@ -96,7 +89,7 @@ def test_the_angle_of_a_platform_is_that_about_its_axis():
         turned = Rotation.from_rotvec([0.0, 0.0, angle]) * tilted
         at = frames_at(robot, robot.q_near[None])
         at.rotation[0, 0] = turned.as_matrix()
-        found = float(platform_coordinates(robot, at)[0, 0])
+        found = float(robot.platform.coordinates(at)[0, 0])
         angles = np.linspace(-np.pi, np.pi, 20001)
         left = (Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])).inv() * turned).magnitude()
         best = angles[np.argmin(left)]
@@ -117,7 +110,7 @@ def test_the_left_jacobian_of_rotations_to_the_last_digits(size):
     r = size * axis
     swept = np.cross(r, rate)
     expected = rate + float(a) * swept + float(b) * np.cross(r, swept)
-    found, _ = platform_twist(robot, r[None], rate[None])
+    found, _ = robot.platform.twist(r[None], rate[None])
     np.testing.assert_allclose(found[0], expected, rtol=0, atol=4e-15)
 
 
@@ -128,4 +121,4 @@ def test_rotation_vectors_make_scipy_s_matrices_and_paths_their_twists():
     path = Line([0.1, 0.2, -0.3], [0.5, -0.4, 0.2])
     h = 1e-6
     turned = Rotation.from_rotvec(path(0.6 + h)) * Rotation.from_rotvec(path(0.6 - h)).inv()
-    np.testing.assert_allclose(path_twist(robot, path, 0.6), turned.as_rotvec() / (2 * h), atol=1e-9)
+    np.testing.assert_allclose(robot.platform.path_twist(path, 0.6), turned.as_rotvec() / (2 * h), atol=1e-9)

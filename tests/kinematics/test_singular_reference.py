@@ -16,8 +16,9 @@ import robots
 from framework import Line, ParallelRobot, check_robot, inverse_dynamics, plan_crossing, simulate
 from framework.cli import main
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, SingularReference
-from framework.kinematics import assembly
-from framework.kinematics.assembly import independent_rows, nearby_configurations, reference_configuration
+from framework.kinematics import parallel_robot
+from framework.kinematics.assembly import nearby_configurations
+from framework.kinematics.mechanism import Mechanism
 from framework.model.readers import read_any, write_robot_file
 from framework.motion.law import Law
 from tests.oracles.closure_rows import closure_errors, closure_rows, independent
@@ -31,10 +32,15 @@ CRANK = 0.5  # [m]
 INERTIA = 2 * (0.031 + 1.5 * 0.25**2) + 3.0 * CRANK**2  # [kg m^2] of a parallelogram about its crank's axis
 
 
-def four_bar(*angles: float) -> ParallelRobot:
-    """The parallelogram with this reference."""
+def mechanism(*angles: float) -> Mechanism:
+    """The parallelogram with this reference, which nobody looks at."""
     reference = dict(zip(("joint1", "joint2", "joint3"), angles, strict=True))
-    return ParallelRobot.from_description(replace(FLAT, reference=reference))
+    return Mechanism.from_description(replace(FLAT, reference=reference))
+
+
+def four_bar(*angles: float) -> ParallelRobot:
+    """The same, proved."""
+    return ParallelRobot.of(mechanism(*angles))
 
 
 def openings(robot: ParallelRobot, q: np.ndarray) -> np.ndarray:
@@ -49,16 +55,17 @@ def openings(robot: ParallelRobot, q: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("way", [PARALLELOGRAM, CROSSED, BETWEEN], ids=["one", "other", "between"])
 @pytest.mark.parametrize("beside", [0.0, *(k * 10.0**p for p in range(-16, -1) for k in (1, 3))])
 def test_near_a_flat_pose_a_reference_is_refused_or_all_loops_stay_closed(way, beside):
-    robot = four_bar(*(beside * np.array(way)))
+    reference = beside * np.array(way)
     if beside <= 1e-6:
         with pytest.raises(SingularReference, match=r"loop\.x holds nothing"):
-            plan_crossing(robot, UP, duration=1.0)
+            four_bar(*reference)
         return
     try:
-        plan = plan_crossing(robot, UP, duration=1.0)
+        robot = four_bar(*reference)
     except SingularReference:
         assert beside < 1e-5
         return
+    plan = plan_crossing(robot, UP, duration=1.0)
     t = np.linspace(0.0, 1.0, 501)
     assert np.abs(openings(robot, plan.dynamics.configuration(t))).max() < 1e-14
     if way == PARALLELOGRAM:
@@ -70,7 +77,7 @@ def test_near_a_flat_pose_a_reference_is_refused_or_all_loops_stay_closed(way, b
 
 def test_the_refusal_names_rows_joints_and_poses_that_will_do():
     with pytest.raises(SingularReference) as caught:
-        independent_rows(four_bar(0, 0, 0))
+        four_bar(0, 0, 0)
     error = caught.value
     assert (error.rows, error.joints) == (("loop.x",), ("joint3",))
     assert "joint3 moves nothing" in str(error)
@@ -83,10 +90,10 @@ def test_the_refusal_names_rows_joints_and_poses_that_will_do():
 
 
 def test_check_says_so_and_describes_a_pose_beside():
-    found = check_robot(four_bar(0, 0, 0))
+    found = check_robot(mechanism(0, 0, 0))
     assert (found.mobility, found.rank, found.idle_joints) == (1, 2, ())
     assert "the reference is on a singularity of the loops" in found.advice[0]
-    again = check_robot(four_bar(*found.reference.values()))  # what is printed may be pasted
+    again = check_robot(mechanism(*found.reference.values()))  # what is printed may be pasted
     assert again.advice == found.advice[1:]
     assert again.mobility == 1
 
@@ -113,13 +120,13 @@ def test_the_rank_at_the_reference_is_that_nearby(name):
     """By the tests' own rows, at poses that the tests find closed."""
     robot = robots.load(name)
     model, closures = robot.model, robot.description.closures
-    poses = (reference_configuration(robot).q, *nearby_configurations(robot))
+    poses = (robot.reference.q, *nearby_configurations(robot, robot.reference.q))
     assert len(poses) > 1
     data = model.createData()
     for q in poses:
         kinematics(model, data, q, np.zeros(model.nv))
         assert np.abs(closure_errors(model, data, closures)).max() < 1e-11 * max(robot.length, 1.0)
-        assert len(independent(closure_rows(model, data, closures).jacobian)) == len(independent_rows(robot))
+        assert len(independent(closure_rows(model, data, closures).jacobian)) == len(robot.independent)
 
 
 # ------------------------------------------------------------------ the second net: certificate and simulator
@@ -128,7 +135,7 @@ def test_the_rank_at_the_reference_is_that_nearby(name):
 @pytest.fixture
 def unguarded(monkeypatch):
     """A parallelogram whose reference, 3e-9 rad from flat or less, nobody looks at."""
-    monkeypatch.setattr(assembly, "singular_reference", lambda robot: None)
+    monkeypatch.setattr(parallel_robot, "singular_reference", lambda *_: None)
     return lambda beside: four_bar(*(beside * np.array(PARALLELOGRAM)))
 
 
@@ -162,6 +169,6 @@ def test_an_equation_that_springs_move_nearby_but_not_at_the_reference_is_found(
     robot = ParallelRobot.from_description(
         replace(five_bar, springs=(twist,), reference=stretched), flexibility="flexible_links"
     )
-    assert assembly.rows_of_springs_alone(robot) == ("tip.z",)
+    assert robot.springs_alone == ("tip.z",)
     with pytest.raises(InvalidInput, match=r"tip\.z can only be closed by springs"):
         simulate(robot, lambda t: [0.0, 0.0], duration=0.1)

@@ -8,7 +8,6 @@ import pytest
 import robots
 from framework import Arc, InvalidInput, Line, assemble, track_path
 from framework.errors import OutOfReach, Type1Singularity
-from framework.kinematics.closures import column_scale
 from framework.kinematics.tracking import follow_path
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
@@ -65,7 +64,7 @@ def test_knots_are_closed_tangents_are_tangents_and_guesses_lie_between(name):
     cubic = (branch.guess(s + h) - branch.guess(s - h)) / (2 * h)
     largest = np.abs(slope).max()
     np.testing.assert_allclose(cubic, slope, rtol=0, atol=0.2 * largest)
-    off = np.abs(branch.guess(s) - branch.closed(s).q) / column_scale(robot)
+    off = np.abs(branch.guess(s) - branch.closed(s).q) / robot.column_scale
     assert off.max() < 0.03
 
 

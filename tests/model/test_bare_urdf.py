@@ -12,7 +12,7 @@ import pytest
 
 import robots
 from framework.cli import main
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.bare_urdf import bare_urdf
 from framework.model.spring_joints import count_turns
 from tests.urdf_edits import edited

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from framework import ParallelRobot
 from framework.errors import RobotFileError
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack
+from framework.kinematics.mechanism import Mechanism
 from framework.model.description import AXES, CLOSURE_KINDS, Actuator, Closure, Platform, RobotDescription
 from framework.model.description import locked_axes as locked
-from framework.model.parallel_robot import LoopRows
+from framework.model.loop_rows import LoopRows
 
 URDF = """
 <robot name="pair"> <link name="one"/> <link name="two"/>
@@ -39,7 +39,7 @@ def rows(axes: tuple[str, ...]) -> LoopRows:
         actuators=(Actuator("turn"),),
         closures=(Closure("c", ("one", "two"), axes, ROD if "distance" in axes else None),),
     )
-    return ParallelRobot.from_description(description).rows
+    return Mechanism.from_description(description).rows
 
 
 def pair(relative: Rotation, apart, *, first: Rotation | None = None) -> FrameStack:

@@ -11,7 +11,8 @@ import yaml
 import robots
 from framework.cli import main
 from framework.errors import MissingPackage, RobotFileError
-from framework.model import ParallelRobot, read_robot_file
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model import read_robot_file
 from framework.model.description import AXES
 from framework.model.readers import read_any
 from tests.model.readers.test_dialects import FIVE_BARS

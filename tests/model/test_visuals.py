@@ -35,7 +35,7 @@ def test_every_solid_of_the_urdf_hangs_on_its_joint(name, flexibility):
     robot = robots.load(name, flexibility=flexibility)
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, pin.neutral(robot.model))
-    shapes = read_visuals(robot)
+    shapes = read_visuals(robot.description, robot.model)
     expected = written(robot)
     assert len(shapes) == len(expected) > 0
     for kind, size, place in expected:

@@ -8,7 +8,6 @@ import pinocchio as pin
 import robots
 from framework import plan_scene
 from framework.kinematics.frames import frames_at
-from framework.kinematics.platform import platform_coordinates
 from tests.oracles.closure_rows import ClosureRows
 from tests.oracles.forward_simulation import point_rows, simulate_robot, simulate_tree
 from tests.oracles.massless_simulation import massless_directions, simulate_massless
@@ -67,5 +66,5 @@ def test_the_witness_sees_a_millionth_of_the_torque():
     q, _ = simulate_robot(
         robot, lambda t: (1 + 1e-6) * plan.torque(t), q0=q0, times=times, rtol=1e-10, atol=1e-12
     )
-    off = platform_coordinates(robot, frames_at(robot, q[-1:]))[0] - plan.platform(plan.duration)
+    off = robot.platform.coordinates(frames_at(robot, q[-1:]))[0] - plan.platform(plan.duration)
     assert np.abs(off).max() > 1e-7  # the path is 0.2 m long

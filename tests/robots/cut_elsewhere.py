@@ -19,7 +19,6 @@ import numpy as np
 import pinocchio as pin
 
 from framework import ParallelRobot
-from framework.kinematics.assembly import reference_configuration
 from framework.model.description import Closure, RobotDescription, Spring, locked_axes
 from tests.oracles.joint_chain import Edge, along_z, chain, fixed, urdf
 
@@ -119,7 +118,7 @@ def _up(above: dict[str, Edge], link: str) -> list[Edge]:
 def _reference(description: RobotDescription) -> dict[str, float]:
     """The assembled reference, all joints."""
     robot = ParallelRobot.from_description(description)
-    q = reference_configuration(robot).q
+    q = robot.reference.q
     return {robot.joint_of(column): float(q[column]) for column in range(robot.model.nv)}
 
 
@@ -127,7 +126,7 @@ def _between(description: RobotDescription, first: str, second: str) -> pin.SE3:
     """Pose of the second link in the first at the assembled reference."""
     robot = ParallelRobot.from_description(description)
     data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, reference_configuration(robot).q)
+    pin.framesForwardKinematics(robot.model, data, robot.reference.q)
     ends = [data.oMf[robot.model.getFrameId(name, pin.FrameType.BODY)] for name in (first, second)]
     return ends[0].actInv(ends[1])
 

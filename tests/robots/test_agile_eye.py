@@ -12,7 +12,6 @@ import robots
 from framework import Line, assemble, locate_singularities, plan_scene, velocity_matrices
 from framework.crossing.scenes import scene_path
 from framework.errors import Type1Singularity
-from framework.kinematics.assembly import loop_rows
 from tests.oracles.spherical import BASE, GEAR, WRISTS, Spherical, rodrigues, spin_matrix
 
 ORACLE = Spherical(np.pi / 2, (1, 1, 1))
@@ -52,7 +51,7 @@ def test_A_and_B_are_those_of_the_unit_vectors(robot):
 
 
 def test_two_rows_of_five_are_kept_of_each_wrist(robot):
-    assert loop_rows(robot).names == ("wrist_2.rx", "wrist_2.ry", "wrist_3.rx", "wrist_3.ry")
+    assert robot.loops.names == ("wrist_2.rx", "wrist_2.ry", "wrist_3.rx", "wrist_3.ry")
 
 
 def test_type_2_is_met_on_curves_only_in_all_eight_working_modes():

@@ -14,10 +14,9 @@ import pytest
 import robots
 from framework import ParallelRobot, locate_singularities, velocity_matrices
 from framework.crossing.scenes import scene_path
-from framework.kinematics.closures import closure_drift, column_scale, loop_equations
+from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import frame_motions, frames_at, integrate
 from framework.kinematics.inverse_kinematics import close_loops, motion_at
-from framework.kinematics.platform import platform_twist
 from framework.kinematics.tracking import track_path
 from framework.motion.chebyshev import TimeGrid
 from tests.robots.every_robot import CASES, ELASTIC, SCENES, first_path, planned
@@ -60,12 +59,12 @@ def test_velocity_matrices_relate_rates_on_the_manifold(robot):
         x, near = branch.path(s), branch.closed(s).q[0]
         q_e = 1e-4 * rng.standard_normal(robot.n_e)
         dx, dq_e = rng.standard_normal(robot.n), rng.standard_normal(robot.n_e)
-        dq_e *= column_scale(robot)[robot.elastic]  # metres in lengths of the robot, however small it is
+        dq_e *= robot.column_scale[robot.elastic]  # metres in lengths of the robot, however small it is
         steps = np.array([[0.0], [h], [-h]])
         q = closed_with_deflections(robot, x + steps * dx, q_e + steps * dq_e, near).q
         dq_a = ((q[1] - q[2]) / (2 * h))[robot.actuated]
         A, B, C = velocity_matrices(robot, q[0])
-        v = platform_twist(robot, x[None], dx[None])[0][0]
+        v = robot.platform.twist(x[None], dx[None])[0][0]
         # differences are good to h^2 (curvature of order 10 to 100) and eps / h
         np.testing.assert_allclose(A @ v, B @ dq_a + C @ dq_e, atol=1e-7)
 
@@ -100,7 +99,7 @@ def test_null_vector_of_A_is_the_twist_of_the_passive_columns(name, scene):
         null *= np.sign(null @ point.twist)
         assert values[-1] < 1e-12 * max(values[0], np.abs(B).max())  # A is a number when n = 1
         np.testing.assert_allclose(null, point.twist / np.linalg.norm(point.twist), atol=1e-12)
-        moved = frames_at(robot, point.q[None]).jacobian[0, 0, robot.platform_axes] @ point.motion
+        moved = frames_at(robot, point.q[None]).jacobian[0, 0, robot.platform.axes] @ point.motion
         np.testing.assert_allclose(moved, point.twist, atol=1e-12)
         assert np.abs(point.motion[robot.actuated]).max() == 0.0
 

@@ -12,7 +12,6 @@ import pytest
 
 import robots
 from framework import ParallelRobot
-from framework.kinematics.assembly import loop_rows
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
 from tests.robots.every_robot import CASES, RIGID, assert_same_torques, crossing, in_stages, planned
 from tests.robots.transformed import moved, scaled, with_other_frames
@@ -57,7 +56,7 @@ def test_torques_do_not_depend_on_how_the_closures_are_written(original, change)
     other = ParallelRobot.from_description(
         replace(description, closures=closures), flexibility=original.flexibility
     )
-    assert len(loop_rows(other).names) == len(loop_rows(original).names)
+    assert len(other.loops.names) == len(original.loops.names)
     one, two = planned(original), planned(other)
     t = np.linspace(0.0, one.duration, 201)
     np.testing.assert_allclose(two.torque(t), one.torque(t), atol=1e-12, rtol=1e-10)
@@ -82,7 +81,7 @@ def test_torques_do_not_depend_on_the_scale_of_the_closure_rows(case):
         other = replace(original, rows=original.rows._replace(sign=factor * original.rows.sign))
     else:
         other = replace(original, length=(1e3 if change.endswith("x 1000") else 1e-3) * original.length)
-    assert len(loop_rows(other).names) == len(loop_rows(original).names)
+    assert len(other.loops.names) == len(original.loops.names)
     assert_same_torques(crossing(original), crossing(other))
 
 

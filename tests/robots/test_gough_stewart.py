@@ -26,7 +26,6 @@ from framework.crossing.scenes import scene_path
 from framework.errors import UnboundedTorque
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import joint_rates, motion_at
-from framework.kinematics.platform import platform_coordinates, platform_residual, platform_twist
 from framework.kinematics.tracking import track_path
 from framework.motion.chebyshev import TimeGrid
 from framework.motion.path import along
@@ -175,7 +174,7 @@ def test_leg_lengths_have_their_closed_form(robot):
     for x in poses(12, [0.6, 0.6, 1.4]):
         q = assemble(robot, x).q
         np.testing.assert_allclose(q[robot.actuated], lengths(x).real, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(platform_coordinates(robot, frames_at(robot, q[None]))[0], x, atol=1e-12)
+        np.testing.assert_allclose(robot.platform.coordinates(frames_at(robot, q[None]))[0], x, atol=1e-12)
 
 
 def test_A_and_B_are_the_lines_of_the_legs(robot):
@@ -193,7 +192,7 @@ def test_twist_is_the_derivative_of_the_rotation_matrix(robot, turned):
     axis, dr, ddr = rng.standard_normal((3, 3))
     r = turned * axis / np.linalg.norm(axis)
     x, dx, ddx = (np.concatenate([np.ones(3), part])[None] for part in (r, dr, ddr))
-    twist, dtwist = platform_twist(robot, x, dx, ddx)
+    twist, dtwist = robot.platform.twist(x, dx, ddx)
 
     def omega(t):
         """From R' R^T alone, by a complex step on r(t) = r + t dr + t^2 ddr / 2."""
@@ -218,9 +217,9 @@ def test_residual_is_the_way_between_two_attitudes(robot):
         for turn in (0.0, 2 * np.pi):  # the same attitude with another vector
             r = x[3:] * (1 + turn / np.linalg.norm(x[3:]))
             target = np.concatenate([x[:3], r])
-            np.testing.assert_allclose(platform_residual(robot, at, target[None])[0], 0, atol=1e-13)
-            moved = platform_residual(robot, at, (target - small)[None])[0]
-            expected, _ = platform_twist(robot, target[None], small[None])
+            np.testing.assert_allclose(robot.platform.residual(at, target[None])[0], 0, atol=1e-13)
+            moved = robot.platform.residual(at, (target - small)[None])[0]
+            expected, _ = robot.platform.twist(target[None], small[None])
             np.testing.assert_allclose(moved, expected[0], atol=2e-10)
 
 
@@ -246,7 +245,7 @@ def test_rates_along_a_path_with_large_rotations(robot, start, end):
     exact = np.array([lengths(p + 1j * H * rate) for p, rate in zip(x, dx, strict=True)])
     np.testing.assert_allclose(closed.q[:, robot.actuated], exact.real, atol=1e-12)
     np.testing.assert_allclose(motion.v[:, robot.actuated], exact.imag / H, atol=1e-11)
-    twist, _ = platform_twist(robot, x, dx)
+    twist, _ = robot.platform.twist(x, dx)
     rates = joint_rates(robot, closed.system, twist, np.zeros((len(t), 0)))
     np.testing.assert_array_equal(rates, motion.v)
     # and the attitude

@@ -24,7 +24,6 @@ from framework.errors import NoLaw
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import reference_system, system_at
 from framework.kinematics.loop_matrices import instantaneous_motions
-from framework.kinematics.platform import platform_coordinates
 from framework.model.description import FLEXIBILITIES
 from robots.generators import n_four_bar as generator
 
@@ -111,7 +110,7 @@ def test_at_the_horizontal_there_are_N_more_freedoms(files):
 
 
 def system_of(robot, q):
-    return system_at(robot, q[None], platform_coordinates(robot, frames_at(robot, q[None])))
+    return system_at(robot, q[None], robot.platform.coordinates(frames_at(robot, q[None])))
 
 
 @pytest.mark.parametrize("times", [None, []])

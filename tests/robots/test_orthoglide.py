@@ -26,7 +26,6 @@ from framework import (
 )
 from framework.crossing.scenes import scene_path
 from framework.errors import NotConverged, OutOfReach, UnboundedTorque
-from framework.kinematics.assembly import loop_rows
 from framework.kinematics.frames import frames_at
 from tests.oracles.lagrange import platform_force
 
@@ -176,7 +175,7 @@ def test_hinges_throughout_repeat_twelve_rows_but_not_the_same_twelve_everywhere
     axes |= dict.fromkeys(("mount_2", "mount_3"), ("x", "y", "z", "rx", "rz"))
     closures = tuple(replace(one, axes=axes[one.name]) for one in robot.description.closures)
     hinged = ParallelRobot.from_description(replace(robot.description, closures=closures))
-    assert (len(hinged.rows.names), len(loop_rows(hinged).names)) == (25, 13)
+    assert (len(hinged.rows.names), len(hinged.loops.names)) == (25, 13)
     path = scene_path(robot.description.scenes["cross"])
     with pytest.raises(NotConverged, match=f"s = {exact_s(path, hinge_volume):.6g}, .* dropped as redundant"):
         locate_singularities(hinged, path)

@@ -23,7 +23,6 @@ from framework import (
 )
 from framework.crossing.scenes import scene_path
 from framework.errors import UnboundedTorque
-from framework.kinematics.assembly import loop_rows
 from tests.oracles import lagrange
 
 ARM, ROD, BAR = 0.35, 0.8, 0.16  # [m]
@@ -168,7 +167,7 @@ def test_A_and_B_are_those_of_the_four_forearms(robot):
 
 
 def test_the_second_bar_keeps_two_rows_of_five(robot):
-    kept = set(loop_rows(robot).names)
+    kept = set(robot.loops.names)
     assert set(robot.rows.names) - kept == {"bar_2.z", "bar_2.rx", "bar_2.ry"}
 
 

@@ -12,11 +12,9 @@ import pytest
 import robots
 from framework import locate_singularities, plan_scene
 from framework.crossing.scenes import scene_path
-from framework.kinematics.assembly import loop_rows
 from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.platform import platform_coordinates, platform_twist
 from framework.model.urdf import locate_urdf
 from tests.oracles.forward_simulation import forward_simulate
 
@@ -111,7 +109,7 @@ def test_mobility(robot):
     assert found.square
     assert any("least norm" in advice for advice in found.advice)
     assert found.closure_error < 1e-15
-    assert len(loop_rows(robot).names) == 12
+    assert len(robot.loops.names) == 12
 
 
 def test_the_urdf_of_somebody_else_keeps_its_mass(robot, witness):
@@ -122,7 +120,7 @@ def test_legs_have_their_closed_form(robot):
     for x in poses(20):
         q = close_loops(robot, x[None], robot.q_near[None]).q[0]
         np.testing.assert_allclose(q[robot.actuated], leg_angles(x), rtol=0, atol=1e-12)
-        np.testing.assert_allclose(platform_coordinates(robot, frames_at(robot, q[None]))[0], x, atol=1e-14)
+        np.testing.assert_allclose(robot.platform.coordinates(frames_at(robot, q[None]))[0], x, atol=1e-14)
 
 
 def test_forward_and_inverse_kinematics_agree(robot, witness):
@@ -167,7 +165,7 @@ def test_torques_are_the_least_that_satisfy_newton(robot, plan, witness):
     for t in np.linspace(0.0, plan.duration, 9):
         x, dx, ddx = (plan.platform(t, order)[None] for order in range(3))
         q = witness.configuration(x[0], plan.motor_angle(t) / GEAR)
-        twist, dtwist = (part[0] for part in platform_twist(robot, x, dx, ddx))
+        twist, dtwist = (part[0] for part in robot.platform.twist(x, dx, ddx))
         R = pin.exp3(x[0, 3:])
         v, a = np.zeros(18), np.zeros(18)
         v[:6] = np.concatenate([R.T @ twist[:3], R.T @ twist[3:]])
@@ -209,6 +207,6 @@ def test_planned_torques_bring_the_trunk_along_the_path(robot, plan):
         rtol=1e-11,
         atol=1e-13,
     )
-    x = platform_coordinates(robot, frames_at(robot, q))
+    x = robot.platform.coordinates(frames_at(robot, q))
     print(f"back on the path within {np.abs(x - plan.platform(times)).max():.1e} m, rad")
     np.testing.assert_allclose(x, plan.platform(times), rtol=0, atol=1e-8)

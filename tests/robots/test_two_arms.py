@@ -15,7 +15,6 @@ from framework.crossing.scenes import scene_path
 from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.platform import platform_coordinates, platform_twist
 from framework.model.urdf import locate_urdf
 from tests.oracles.forward_simulation import forward_simulate
 
@@ -128,7 +127,7 @@ def test_forward_and_inverse_kinematics_agree(robot):
     """Assembled at the motor angles alone, the platform is back where they came from."""
     for x in poses(5):
         q = close_loops(robot, x[None], robot.q_near[None]).q
-        np.testing.assert_allclose(platform_coordinates(robot, frames_at(robot, q))[0], x, atol=1e-13)
+        np.testing.assert_allclose(robot.platform.coordinates(frames_at(robot, q))[0], x, atol=1e-13)
         again = close_loops(robot, x[None], q + 0.02).q
         np.testing.assert_allclose(again, q, atol=1e-12)
 
@@ -173,7 +172,7 @@ def test_standing_still_the_hands_carry_the_box(plan, witness):
 def test_torques_are_the_least_that_satisfy_newton(robot, plan, witness):
     for t in np.linspace(0.0, plan.duration, 9):
         x, dx, ddx = (plan.platform(t, order)[None] for order in range(3))
-        twist, dtwist = (part[0] for part in platform_twist(robot, x, dx, ddx))
+        twist, dtwist = (part[0] for part in robot.platform.twist(x, dx, ddx))
         q = witness.configuration(plan.motor_angle(t) / GEAR)
         v, a = np.zeros(witness.model.nv), np.zeros(witness.model.nv)
         jacobians = witness.jacobians(q)
@@ -220,6 +219,6 @@ def test_planned_torques_bring_the_box_along_the_path(robot, plan):
         rtol=1e-11,
         atol=1e-13,
     )
-    x = platform_coordinates(robot, frames_at(robot, q))
+    x = robot.platform.coordinates(frames_at(robot, q))
     print(f"back on the path within {np.abs(x - plan.platform(times)).max():.1e} m, rad")
     np.testing.assert_allclose(x, plan.platform(times), rtol=0, atol=1e-8)

@@ -7,7 +7,7 @@ import os
 import numpy as np
 import pytest
 
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.shapes import body_shapes
 
 MESH = '<mesh filename="{}"/>'

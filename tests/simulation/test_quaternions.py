@@ -16,8 +16,9 @@ from scipy.integrate import solve_ivp
 
 import robots
 from framework import ParallelRobot
-from framework.model.description import Closure
-from framework.model.parallel_robot import _loop_rows  # the rows of a closure, without a file
+from framework.kinematics.mechanism import Mechanism
+from framework.model.description import Actuator, Closure, Platform
+from framework.model.loop_rows import locked_directions, loop_rows
 from framework.simulation import Stepper, simulate
 
 ARM = pin.Inertia(1.0, np.array([0.2, 0, 0]), np.diag([0.01, 0.02, 0.02]))
@@ -52,25 +53,28 @@ def robot() -> ParallelRobot:
     start = pin.neutral(model)
     start[1:4] = TIP.translation
     names = ["tip", "ball"]
-    like = robots.load("four_bar")
-    return replace(
-        like,
-        description=replace(like.description, reference={}, actuators=like.description.actuators[:1]),
-        model=model,
-        actuated=np.array([0]),
-        elastic=np.empty(0, dtype=int),
-        passive=np.arange(1, 7),
-        gear_ratio=np.array([GEAR]),
-        rotor_inertia=np.array([ROTOR]),
-        stiffness=np.empty(0),
-        joint_stiffness=np.zeros(7),
-        joint_rest=np.zeros(7),
-        elastic_names=(),
-        frames=tuple(model.getFrameId(name) for name in names),
-        rows=_loop_rows((Closure("ball", ("tip", "ball"), ("x", "y", "z")),), names),
-        platform_axes=np.array([0, 1, 2]),
-        q_near=start,
-        length=0.4,
+    closures = (Closure("ball", ("tip", "ball"), ("x", "y", "z")),)
+    like = Mechanism.of(robots.load("four_bar"))
+    description = replace(
+        like.description,
+        reference={},
+        platform=Platform("tip", ("x", "y", "z")),
+        actuators=(Actuator("motor", gear_ratio=GEAR, rotor_inertia=ROTOR),),
+        closures=closures,
+    )
+    return ParallelRobot.of(
+        replace(
+            like,
+            description=description,
+            model=model,
+            joint_stiffness=np.zeros(7),
+            joint_rest=np.zeros(7),
+            frames=tuple(model.getFrameId(name) for name in names),
+            rows=loop_rows(closures, names),
+            directions=locked_directions(closures, names),
+            q_near=start,
+            length=0.4,
+        )
     )
 
 

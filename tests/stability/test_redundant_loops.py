@@ -18,7 +18,6 @@ import pytest
 
 import robots
 from framework import ParallelRobot, check_robot, plan_scene
-from framework.kinematics.assembly import reference_configuration
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at
 
@@ -39,7 +38,7 @@ def with_copies(name: str, copies: int) -> ParallelRobot:
 def all_rows_condition(name: str, copies: int) -> float:
     """Condition number of J J' with all loop equations J: what a solve with every row works with."""
     robot = with_copies(name, copies)
-    at = frames_at(robot, reference_configuration(robot).q[None])
+    at = frames_at(robot, robot.reference.q[None])
     J = loop_equations(robot.rows, at).jacobian[0]
     return float(np.linalg.cond(J @ J.T))
 

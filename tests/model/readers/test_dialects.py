@@ -13,7 +13,8 @@ import robots
 from framework import Line, locate_singularities
 from framework.errors import OutputError, RobotFileError
 from framework.kinematics.diagnostics import check_robot
-from framework.model import ParallelRobot
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import CLOSURE_KINDS, locked_axes
 from framework.model.readers import DIALECTS, dialect_of, read_any, write_robot_file
 from framework.model.robot_file import read_robot_file
@@ -187,7 +188,7 @@ def two_links(*closures: str, joint: str = "revolute", axis: str = "0 0 1") -> s
 SAID = {"platform": "one", "axes": ["x"], "motors": ["one_joint"]}
 
 
-def closure_axes_in_base(robot: ParallelRobot) -> tuple[np.ndarray, np.ndarray]:
+def closure_axes_in_base(robot: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     """Rotations of the two frames of the first closure at zero."""
     import pinocchio as pin
 
@@ -225,7 +226,7 @@ def test_the_axis_of_a_loop_is_z_of_both_its_frames(dialect, kind, axes, tmp_pat
     file.write_text(two_links(loop))
     description = read_any(file, **SAID)
     assert description.closures[0].axes == axes
-    robot = ParallelRobot.from_description(description)
+    robot = Mechanism.from_description(description)
     first, second = closure_axes_in_base(robot)
     import pinocchio as pin
 
@@ -244,7 +245,7 @@ def test_a_universal_constraint_keeps_its_two_axes_at_right_angles(tmp_path):
             '<child link="two"/><child_axis xyz="0 1 3"/></constraint>'
         )
     )
-    robot = ParallelRobot.from_description(read_any(file, **SAID))
+    robot = Mechanism.from_description(read_any(file, **SAID))
     assert robot.rows.names == ("u.x", "u.y", "u.z", "u.rz")
     first, second = closure_axes_in_base(robot)
     row = list(robot.rows.rotation).index(True)
@@ -266,7 +267,7 @@ def test_gepetto_joint_types_become_joints_of_one_degree(tmp_path):
         "joint_name: [one_joint, two_joint]\njoint_type: [SPHERICAL, UJOINT_ZY]\n"
     )
     description = read_any(tmp_path, platform="one", axes=["x"])
-    robot = ParallelRobot.from_description(description)
+    robot = Mechanism.from_description(description)
     assert list(robot.model.names)[1:] == [
         "one_joint_X", "one_joint_Y", "one_joint_Z", "two_joint_Z", "two_joint_Y",
     ]  # fmt: skip
@@ -275,7 +276,7 @@ def test_gepetto_joint_types_become_joints_of_one_degree(tmp_path):
         "closed_loop: [[one, two]]\ntype: [3D]\nname_mot: [one_joint]\n"
         "joint_name: [two_joint]\njoint_type: [FIXED]\n"
     )
-    robot = ParallelRobot.from_description(read_any(tmp_path, platform="one", axes=["x"]))
+    robot = Mechanism.from_description(read_any(tmp_path, platform="one", axes=["x"]))
     assert list(robot.model.names)[1:] == ["one_joint"]
 
 
@@ -296,7 +297,7 @@ def test_a_coupling_of_equal_turns_becomes_a_loop_equation(tmp_path):
     file.write_text(parallel.replace("0.1 0.2 0.9", "0 0 0.9").replace("0.1 0.2 0.0", "0 0 0.3"))
     description = read_any(file, **SAID)
     assert description.closures[1].axes == ("rz",)
-    robot = ParallelRobot.from_description(description)
+    robot = Mechanism.from_description(description)
     from framework.kinematics.closures import loop_equations
     from framework.kinematics.frames import frames_at
 
@@ -310,7 +311,7 @@ def test_a_coupling_that_holds_a_joint_fixes_it(tmp_path):
     file = tmp_path / "r.urdf"
     for text in (coupling("one", "two", "0"), coupling("base", "two", "3")):
         file.write_text(two_links(LOOP, text))
-        robot = ParallelRobot.from_description(read_any(file, **SAID))
+        robot = Mechanism.from_description(read_any(file, **SAID))
         assert list(robot.model.names)[1:] == ["one_joint"]
 
 
@@ -325,14 +326,14 @@ def mjcf(bodies: str, equality: str = "", *, compiler: str = 'angle="radian"', m
     )
 
 
-def read_mjcf_text(text: str, tmp_path: Path, **said: object) -> ParallelRobot:
+def read_mjcf_text(text: str, tmp_path: Path, **said: object) -> Mechanism:
     file = tmp_path / "m.xml"
     file.write_text(text)
     options = {"platform": "one", "axes": ["x"], "motors": ["j"]}
-    return ParallelRobot.from_description(read_any(file, **{**options, **said}))
+    return Mechanism.from_description(read_any(file, **{**options, **said}))
 
 
-def placement_of(robot: ParallelRobot, frame: str, q: np.ndarray) -> np.ndarray:
+def placement_of(robot: Mechanism, frame: str, q: np.ndarray) -> np.ndarray:
     import pinocchio as pin
 
     data = robot.model.createData()

@@ -14,7 +14,7 @@ import pytest
 
 import robots
 from framework.errors import RobotFileError
-from framework.model import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.readers import read_any
 from tests.watchdog import bounded
 

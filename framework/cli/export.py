@@ -1,0 +1,74 @@
+"""`crossing export`: a robot for MuJoCo, or a plan for ros2_control."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path as FilePath
+from typing import Any
+
+import yaml
+
+from framework.cli import arguments
+from framework.cli.parser import (
+    Report,
+    add_flexibility,
+    add_motion,
+    add_moved_robot,
+    add_robot,
+    command,
+    whole,
+)
+from framework.crossing.saved import is_plan_folder
+from framework.errors import InvalidInput
+from framework.export.joint_trajectory import SAMPLES, joint_trajectory
+from framework.export.mjcf import mjcf_text
+from framework.output import write_file
+
+PROGRAMS = ("mjcf", "ros2_control")
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    text = "a robot as MuJoCo's MJCF, or a plan as a trajectory for ros2_control"
+    parser = command(commands, "export", run, text)
+    add_robot(parser, "catalogue name, path of a robot file, or folder that `crossing plan --out` wrote")
+    add_moved_robot(parser)
+    parser.add_argument("--to", dest="program", choices=PROGRAMS, required=True, help="what is to read it")
+    parser.add_argument(
+        "--out", metavar="FILE", required=True, help="NAME.xml, or for ros2_control NAME.yaml or NAME.json"
+    )
+    parser.add_argument(
+        "--samples", type=whole(*SAMPLES), default=501, metavar="N", help="of the trajectory (default: 501)"
+    )
+    parser.add_argument("--scene", metavar="S", help="a scene of the robot file, to be planned")
+    parser.set_defaults(start=None, end=None)
+    add_flexibility(parser)
+    add_motion(parser)
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Write the file, whole or not at all."""
+    file = FilePath(options.out)
+    if not file.name:
+        raise InvalidInput(f"--out: needs the name of a file, got {options.out!r}")
+    if options.program == "mjcf":
+        saved = is_plan_folder(options.robot)
+        robot = arguments.planned(options).robot if saved else arguments.load(options)
+        text, what = mjcf_text(robot), "a MuJoCo model with its loops"
+    else:
+        if not (is_plan_folder(options.robot) or options.scene):
+            raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
+        plan = arguments.planned(options)
+        robot, message = plan.robot, joint_trajectory(plan, samples=options.samples)
+        as_json = file.suffix == ".json"
+        text = json.dumps(message, indent=2) + "\n" if as_json else yaml.safe_dump(message, sort_keys=False)
+        what = f"a joint trajectory of {options.samples} points over {plan.duration:g} s"
+    write_file(file, text, option="--out")
+    document = {
+        "robot": robot.name,
+        "flexibility": robot.flexibility,
+        "format": options.program,
+        "file": str(file),
+    }
+    return document, f"{robot.name}, {robot.flexibility}: {what}, written to {file}"

@@ -1,0 +1,56 @@
+"""A plan as the trajectory that ros2_control's joint_trajectory_controller takes.
+
+The layout is that of trajectory_msgs/JointTrajectory, joints in the order of the robot file's motors, all on
+the joint side of the gears: positions and their derivatives are those of the URDF's joints, effort is what a
+motor sends into its joint, gear ratio times motor torque. The rotor's share is in it: a simulator without
+rotor inertia needs less.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from framework.crossing.result import CrossingPlan
+from framework.errors import InvalidInput
+from framework.motion.law import is_number
+
+FIELDS = ("positions", "velocities", "accelerations", "effort")
+SAMPLES = (2, 1_000_000)
+NANOSECONDS = 1_000_000_000
+
+
+def joint_trajectory(plan: CrossingPlan, *, samples: int = 501) -> dict[str, Any]:
+    """The message as plain data, for YAML or JSON: header, joint_names and `samples` equidistant points.
+
+    Positions [rad, m], velocities, accelerations, effort [N m, N]; `time_from_start` {sec, nanosec}.
+
+    Raises:
+        InvalidInput: not a whole number of at least 2 samples.
+    """
+    if not (is_number(samples) and int(samples) == samples and SAMPLES[0] <= samples <= SAMPLES[1]):
+        raise InvalidInput(f"samples: needs a whole number, {SAMPLES[0]} to {SAMPLES[1]}, got {samples!r}")
+    robot, times = plan.robot, np.linspace(0.0, plan.duration, samples)
+    position, velocity, acceleration = (
+        plan.motor_angle(times, order) / robot.gear_ratio for order in range(3)
+    )
+    effort = plan.torque(times) * robot.gear_ratio
+    columns = (position, velocity, acceleration, effort)
+    return {
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
+        "joint_names": list(robot.actuator_names),
+        "points": [
+            {
+                **{name: values.tolist() for name, values in zip(FIELDS, rows, strict=True)},
+                "time_from_start": _duration(time),
+            }
+            for time, *rows in zip(times, *columns, strict=True)
+        ],
+    }
+
+
+def _duration(seconds: float) -> dict[str, int]:
+    """builtin_interfaces/Duration."""
+    whole, rest = divmod(round(float(seconds) * NANOSECONDS), NANOSECONDS)
+    return {"sec": whole, "nanosec": rest}

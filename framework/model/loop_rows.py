@@ -1,0 +1,113 @@
+"""The closures of a description as tables: scalar loop equations, and the directions that they keep alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from framework.arrays import Array, IntArray, read_only
+from framework.model.description import AXES, Closure
+
+
+class LoopRows(NamedTuple):
+    """The scalar loop equations of a robot as a table; m rows.
+
+    A translation row is e . (p2 - p1) = 0 with e the axis `first_axis` of the first frame. A rotation
+    row is sign u . w = 0 with u the axis `first_axis` of the first and w the axis `second_axis` of the
+    second frame (Haug's dot-1 primitive): polynomial in the rotation matrices, so it has no angle that
+    jumps, and to first order it is the relative rotation about the locked axis. A distance row is
+    (|p2 - p1|^2 - length^2) / (2 length) = 0, to first order the error in length.
+    """
+
+    first: IntArray  # (m,) frame, as index into Mechanism.frames
+    second: IntArray  # (m,)
+    distance: NDArray[np.bool_]  # (m,)
+    rotation: NDArray[np.bool_]  # (m,)
+    first_axis: IntArray  # (m,)
+    second_axis: IntArray  # (m,)
+    sign: Array  # (m,)
+    length: Array  # (m,) [m], of distance rows
+    names: tuple[str, ...]  # closure.axis
+
+    @property
+    def only_translations(self) -> bool:
+        return not (np.count_nonzero(self.rotation) or np.count_nonzero(self.distance))
+
+    def take(self, rows: IntArray) -> LoopRows:
+        """The table of some of the rows."""
+        names = tuple(self.names[i] for i in rows)
+        return LoopRows(*[read_only(column[rows]) for column in self[:-1]], names)  # type: ignore[call-arg,arg-type]
+
+
+def loop_rows(closures: Sequence[Closure], frames: Sequence[str]) -> LoopRows:
+    """One row for each locked axis of each closure; `frames` names those of the mechanism."""
+    table: list[tuple[float, ...]] = []
+    names: list[str] = []
+    for closure in closures:
+        first, second = (frames.index(name) for name in closure.frames)
+        locked = {AXES.index(axis) - 3 for axis in closure.axes if axis.startswith("r")}
+        for axis in closure.axes:
+            distance, rotation = axis == "distance", axis.startswith("r")
+            k = 0 if distance else "xyz".index(axis[-1])
+            pair = _perpendicular_pair(k, locked) if rotation else (k, 0, 1.0)
+            table.append((first, second, distance, rotation, *pair, closure.length or 0.0))
+            names.append(f"{closure.name}.{axis}")
+    columns = np.array(table).T
+    first_frame, second_frame, first_axis, second_axis = columns[[0, 1, 4, 5]].astype(np.intp)
+    return LoopRows(
+        first=read_only(first_frame),
+        second=read_only(second_frame),
+        distance=read_only(columns[2] > 0),
+        rotation=read_only(columns[3] > 0),
+        first_axis=read_only(first_axis),
+        second_axis=read_only(second_axis),
+        sign=read_only(columns[6]),
+        length=read_only(columns[7]),
+        names=tuple(names),
+    )
+
+
+def _perpendicular_pair(locked_axis: int, locked: set[int]) -> tuple[int, int, float]:
+    """Axes (of the first, of the second frame) to keep perpendicular, and the sign, to lock a rotation.
+
+    With i, j, k cyclic, R = 1 + [phi]x gives x_j . (R x_k) = -phi_i and x_k . (R x_j) = +phi_i.
+    """
+    following, preceding = (locked_axis + 1) % 3, (locked_axis + 2) % 3
+    free = {0, 1, 2} - locked
+    if free == {following}:  # the free axis is carried by the second frame
+        return preceding, following, 1.0
+    if free == {preceding} or not free:
+        return following, preceding, -1.0
+    # two free axes: a universal joint, its first axis on the first frame, its second on the second
+    first, second = min(following, preceding), max(following, preceding)
+    return first, second, -1.0 if first == following else 1.0
+
+
+class LockedDirections(NamedTuple):
+    """Axes of two frames that are to point the same way, d of them."""
+
+    first: IntArray  # (d,) frame, as index into Mechanism.frames
+    second: IntArray  # (d,)
+    axis: IntArray  # (d,) 0..2, of both frames
+    closures: tuple[str, ...]  # (d,) names
+
+    def take(self, which: IntArray) -> LockedDirections:
+        """Some of them."""
+        names = tuple(self.closures[i] for i in which)
+        return LockedDirections(self.first[which], self.second[which], self.axis[which], names)
+
+
+def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> LockedDirections:
+    """One direction for each closure that locks two rotations, two for each that locks all."""
+    table, names = [], []
+    for closure in closures:
+        turns = [axis for axis in closure.axes if axis.startswith("r")]
+        free = [k for k in range(3) if f"r{'xyz'[k]}" not in turns]
+        for k in {3: (0, 1), 2: free}.get(len(turns), ()):
+            table.append((*map(frames.index, closure.frames), k))
+            names.append(closure.name)
+    first, second, axis = map(read_only, np.array(table, dtype=np.intp).reshape(-1, 3).T)
+    return LockedDirections(first, second, axis, tuple(names))

@@ -1,0 +1,93 @@
+"""A plan as a trajectory for ros2_control: what the joints do, in the message's own words."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+import robots
+from framework import InvalidInput, plan_scene
+from framework.cli import main
+from framework.export.joint_trajectory import joint_trajectory
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_scene(robots.load("five_bar_heavy"), "C")
+
+
+def column(message, name):
+    return np.array([point[name] for point in message["points"]])
+
+
+def seconds(message):
+    return np.array(
+        [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in message["points"]]
+    )
+
+
+def test_positions_are_the_urdf_s_joints(plan):
+    message = joint_trajectory(plan, samples=7)
+    q = plan.configuration(seconds(message))
+    np.testing.assert_allclose(column(message, "positions"), q[:, plan.robot.actuated], rtol=0, atol=1e-8)
+    assert message["joint_names"] == ["left_motor", "right_motor"]
+    assert seconds(message)[-1] == pytest.approx(plan.duration, abs=1e-9)
+
+
+def test_velocities_and_accelerations_are_derivatives(plan):
+    message = joint_trajectory(plan, samples=3001)
+    step = plan.duration / 3000
+    for of, by in (("positions", "velocities"), ("velocities", "accelerations")):
+        f, rates = column(message, of), column(message, by)[2:-2]
+        central = (f[:-4] - 8 * f[1:-3] + 8 * f[3:-1] - f[4:]) / (12 * step)  # to the fourth order
+        np.testing.assert_allclose(central, rates, rtol=0, atol=1e-7 * np.abs(rates).max())
+
+
+def test_effort_does_the_motors_work(plan):
+    message = joint_trajectory(plan, samples=101)
+    times = np.linspace(0.0, plan.duration, 101)
+    work = np.sum(plan.torque(times) * plan.motor_angle(times, 1), axis=1)
+    given = np.sum(column(message, "effort") * column(message, "velocities"), axis=1)
+    np.testing.assert_allclose(given, work, rtol=0, atol=1e-12 * np.abs(work).max())
+
+
+def test_a_duration_has_whole_seconds_and_nanoseconds():
+    slow = plan_scene(robots.load("five_bar"), "A")
+    for point in joint_trajectory(slow, samples=11)["points"]:
+        assert 0 <= point["time_from_start"]["nanosec"] < 1_000_000_000
+
+
+@pytest.mark.parametrize("samples", [1, 1.5, "many", float("nan")])
+def test_samples_that_cannot_be(plan, samples):
+    with pytest.raises(InvalidInput, match="samples"):
+        joint_trajectory(plan, samples=samples)
+
+
+def test_yaml_and_json_say_the_same_from_a_scene_and_from_a_folder(tmp_path):
+    said = ["--to", "ros2_control", "--samples", "5", "--out"]
+    assert main(["plan", "five_bar", "--scene", "A", "--out", str(tmp_path / "plan")]) == 0
+    assert main(["export", "five_bar", "--scene", "A", *said, str(tmp_path / "one.yaml")]) == 0
+    assert main(["export", str(tmp_path / "plan"), *said, str(tmp_path / "two.json")]) == 0
+    one = yaml.safe_load((tmp_path / "one.yaml").read_text())
+    two = json.loads((tmp_path / "two.json").read_text())
+    assert one["joint_names"] == two["joint_names"]
+    np.testing.assert_allclose(column(one, "positions"), column(two, "positions"), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("five_bar", "--to", "ros2_control"), 2, "give --scene"),
+        (("five_bar", "--scene", "B", "--to", "ros2_control"), 1, "unbounded torque"),
+        (("orthoglide", "--to", "mjcf"), 2, "no equality for closure 'rod_1b', which locks x, y"),
+    ],
+)
+def test_what_cannot_be_exported_is_one_line_and_no_file(arguments, code, words, tmp_path, capsys):
+    assert main(["export", *arguments, "--out", str(tmp_path / "file.yaml")]) == code
+    told = capsys.readouterr().err
+    assert words in told
+    assert told.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
