@@ -7,7 +7,6 @@ the torque exists, they follow by interpolation; what exceeds a limit there beco
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -15,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sparse
 from numpy.polynomial import chebyshev, legendre
-from scipy.optimize import brentq
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.crossing.phase_plane import Demand
@@ -23,20 +21,23 @@ from framework.errors import InvalidInput
 from framework.motion.chebyshev import coefficients as series_through
 from framework.motion.chebyshev import derivative_matrix, evaluate, nodes
 from framework.motion.cone_program import Affine, ConeProgram, Infeasible, Optimum, Unsolved, solve
-from framework.motion.optimal_law import OptimalLaw, Stretch, least_value
+from framework.motion.exact_duration import adjusted, blended, duration_of
+from framework.motion.optimal_law import OptimalLaw, Stretch
 
 DEGREES = (40, 80)  # of the squared speed; the second where the first finds no law
 MANY = 4  # crossings, beyond which the second is tried at once
-ROUNDS = 4  # of solving with further rows where a limit was exceeded
+NEAR = 0.7  # share of the peak from which a torque counts as near its limit
+SPARSER = 2  # the first rows are at every other point
+BETWEEN = 6  # times as dense as the points, where their values are looked at
+ROUNDS = 8  # of solving with further rows where a limit was exceeded
 KEPT = 1e-3  # share of the limits that is kept at the rows, for what lies between them
 # Weight of the coefficients of z, grown with the square of their degree; ten times as much for each
 # derivative of s that is to vanish: an elastic robot's torque differentiates twice what a rigid one's does.
 ROUGHNESS = 1e-5
 FLOOR = 1e-2  # least z, over the mean speed squared
-PANELS = 160  # of the quadrature that decides the duration
 # times the least peak, what a law that must be slower may take
 LAXER = (1.002, 1.005, 1.01, 1.02, 1.05, 1.2, 1.5, 2.0, 4.0)
-SLOWER = 4  # steps from the quickest towards the slowest law
+SLOWER = 8  # steps from the quickest towards the slowest law
 SLOWEST = 0.02  # least z of such a law, over the mean speed squared
 COMPARABLE = 4.0  # factor between the guessed and the found scale that needs no second solution
 
@@ -91,11 +92,17 @@ class Units(NamedTuple):
 
 
 class Best(NamedTuple):
-    """The best law of its degree; `peak` of torque over `reference` (n_a,) [N m] is what the program saw."""
+    """The best law of its degree; `peak` of torque over `reference` (n_a,) [N m] is what the program saw.
+
+    cost: what was to be least: the duration [s], the peak of torque [N m], or the energy [N2 m2 s].
+    bound: the same of the program with rows at few points, which no law of this degree goes below.
+    """
 
     law: OptimalLaw
     peak: float
     reference: Array
+    cost: float
+    bound: float
 
 
 def points_of(degree: int, crossings: Array, stretch: Stretch) -> Array:
@@ -185,6 +192,11 @@ class Setting:
         at_crossings = evaluate(self.on_path.stretch(self.on_path.crossings), series_through(np.eye(size)))
         return np.concatenate([_dense(size), at_crossings])
 
+    @cached_property
+    def _speeds_between(self) -> Array:
+        """z between the points, as a matrix on the coefficients."""
+        return np.asarray(chebyshev.chebvander(_fine(len(self.on_path.sigma)), self.degree), dtype=float)
+
     def torques(self, y: Array) -> Array:
         """The largest torque over its unit between the points and at the crossings (R,)."""
         matrix, offset = self._torque
@@ -199,10 +211,12 @@ class Setting:
         """The program with rows at every other point."""
         wish, degree = self.wish, self.degree
         points, weights = legendre.leggauss(degree + degree // 2)
-        every_other = np.eye(len(self.on_path.sigma))[::2]
+        every_other = np.eye(len(self.on_path.sigma))[::SPARSER]
         limited = np.isfinite(wish.speed_limit)
-        squared = self.scale * (self.on_path.demand.speed[::2, limited] / wish.speed_limit[limited]) ** 2
-        z = chebyshev.chebvander(nodes(len(self.on_path.sigma))[::2], degree)
+        squared = (
+            self.scale * (self.on_path.demand.speed[::SPARSER, limited] / wish.speed_limit[limited]) ** 2
+        )
+        z = chebyshev.chebvander(nodes(len(self.on_path.sigma))[::SPARSER], degree)
         power = Affine(np.empty((0, degree + 1)), np.empty(0))
         if wish.goal == "energy":
             power = self.torque_rows(evaluate(points, series_through(np.eye(len(self.on_path.sigma)))))
@@ -227,134 +241,96 @@ class Setting:
         return solve(program, self.wish.goal, limited=self.wish.limited, longest=longest)
 
     def held(self, program: ConeProgram, found: Optimum) -> Best | Infeasible | Unsolved:
-        """The law of an optimum, solved again with rows where a limit does not hold between the points."""
-        fine = chebyshev.chebvander(_fine(len(self.on_path.sigma)), self.degree)
+        """The law of an optimum, solved again with rows where a limit does not hold between the points.
+
+        Rows that are far from their limit are left out of that; where they are needed they come back.
+        """
+        first = found
+        near = np.abs(program.torque(found.y)) > NEAR * found.peak
+        program = replace(program, torque=Affine(program.torque.matrix[near], program.torque.offset[near]))
         for _ in range(ROUNDS):
-            torques = self.torques(found.y)
             hard = self.wish.limited and self.wish.goal != "peak_torque"
             allowed = 1.0 if hard else found.peak * (1.0 + 2.0 * KEPT)
-            over, low = _peaks(torques, allowed), _peaks(-(fine @ found.y), -0.5 * FLOOR)
-            if not len(over) and not len(low):
+            mended = self._mended(program, found.y, allowed)
+            if mended is None:
                 break
-            extra = self.torque_rows(self._between[over])
-            program = replace(program, torque=_both(program.torque, extra))
-            if len(low):
-                before = program.positive if len(program.positive) else fine[::2]
-                program = replace(program, positive=np.concatenate([before, fine[low]]))
-            again = self.solved(program)
+            again = self.solved(mended)
             if not isinstance(again, Optimum):
                 return again
-            found = again
-        y: Array | None = found.y
-        if self.wish.duration is not None and y is not None:
-            points = np.concatenate([fine[::2], program.positive])
-            most = 1.0 if self.wish.limited else np.inf
-            y = self._lasting(program, points, y, found.peak, most)
-        if y is None or least_value(y) <= 0:
-            return Unsolved("no law of this degree advances all the time and takes so long")
+            program, found = mended, again
         try:
+            y = found.y if self.wish.duration is None else self._lasting(program, found)
             law = OptimalLaw(
                 y * self.scale, self.wish.smoothness, self.wish.duration or 0.0, self.on_path.stretch.at
             )
         except InvalidInput as problem:
             return Unsolved(str(problem))
-        return Best(law, float(self.torques(y).max()), self.units.torque)
+        peak = float(self.torques(y).max())
+        final = found._replace(peak=peak, duration=law.duration / self.units.time)
+        return Best(law, peak, self.units.torque, self._cost(final), self._cost(first))
 
-    def _lasting(
-        self, program: ConeProgram, points: Array, quick: Array, peak: float, most: float
-    ) -> Array | None:
+    def _cost(self, found: Optimum) -> float:
+        time, torque = self.units.time, float(self.units.torque.max())
+        if self.wish.goal == "time":
+            return found.duration * time
+        return found.peak * torque if self.wish.goal == "peak_torque" else found.value * torque**2 * time
+
+    def _mended(self, program: ConeProgram, y: Array, allowed: float) -> ConeProgram | None:
+        """The program with rows where torques of y exceed what is allowed or z is low, if it does."""
+        over = _peaks(self.torques(y), allowed)
+        low = _peaks(-(self._speeds_between @ y), -0.5 * program.floor)
+        if not len(over) and not len(low):
+            return None
+        return replace(
+            program,
+            torque=_both(program.torque, self.torque_rows(self._between[over])),
+            positive=np.concatenate([program.positive, self._speeds_between[low]]),
+        )
+
+    def _lasting(self, program: ConeProgram, quick: Optimum) -> Array:
         """Coefficients of a law of the wish's duration: between the quick one and a slow one.
 
         Admissible z are a convex set, and the duration is continuous along a blend of two. The slow law keeps
-        to the same peak of the torques but for a small share, grown as far as it must, and to `most` at any
-        rate; it is positive at `points` (M, n).
+        to the same peak of the torques but for a small share, grown as far as it must, and to the limits at
+        any rate.
 
         The duration is convex in z, so it is at least its linearisation about any z0: the integral of
         -z0^(-3/2)/2 (z - z0) added to that of z0. The z that makes this largest takes longer than z0, and so
         on (the convex-concave procedure: Yuille and Rangarajan 2003).
+
+        Raises:
+            InvalidInput: none of this degree was found.
         """
         duration = (self.wish.duration or 0.0) / self.units.time
-        stretch = self.on_path.stretch
-        integral = _integral(len(quick), stretch)
-        if integral(quick) > duration * (1.0 - 1e-6):  # a rounding away, or nearly so
-            return adjusted(quick, program.equalities, duration, stretch)
-        slower = replace(program, positive=points, floor=SLOWEST)
+        stretch, most = self.on_path.stretch, 1.0 if self.wish.limited else np.inf
+        if duration_of(quick.y, stretch) > duration * (1.0 - 1e-6):  # a rounding away, or nearly so
+            return adjusted(quick.y, program.equalities, duration, stretch)
+        everywhere = self._speeds_between[:: SPARSER * BETWEEN]
+        slower = replace(program, positive=np.concatenate([program.positive, everywhere]), floor=SLOWEST)
         for lax in LAXER:
-            allowed, before = min(lax * peak, most), quick
+            allowed, before = min(lax * quick.peak, most), quick.y
             for _ in range(SLOWER):
                 bounded = replace(slower, torque=_scaled(slower.torque, allowed))
                 slow = solve(bounded, "slowest", limited=True, about=before)
-                if not isinstance(slow, Optimum) or least_value(slow.y) <= 0:
+                if not isinstance(slow, Optimum):
                     break
-                over = _peaks(self.torques(slow.y), allowed * (1.0 + 2.0 * KEPT))
-                if len(over):
-                    slower = replace(
-                        slower, torque=_both(slower.torque, self.torque_rows(self._between[over]))
-                    )
-                    continue
-                if integral(slow.y) > duration:
-                    share = brentq(_missing, 0.0, 1.0, args=(integral, before, slow.y, duration), xtol=1e-14)
-                    blend = before + share * (slow.y - before)
+                mended = self._mended(slower, slow.y, allowed * (1.0 + 2.0 * KEPT))
+                if mended is not None:
+                    slower = mended
+                elif duration_of(slow.y, stretch) > duration:
+                    blend = blended(before, slow.y, duration, stretch)
                     return adjusted(blend, program.equalities, duration, stretch)
-                before = slow.y
-        return None
+                else:
+                    before = slow.y
+        raise InvalidInput("no law of this degree advances all the time and takes so long")
 
 
 def _both(one: Affine, two: Affine) -> Affine:
     return Affine(np.concatenate([one.matrix, two.matrix]), np.concatenate([one.offset, two.offset]))
 
 
-def _missing(
-    share: float, integral: Callable[[Array], float], quick: Array, slow: Array, duration: float
-) -> float:
-    return integral(quick + share * (slow - quick)) - duration
-
-
 def _scaled(rows: Affine, unit: float) -> Affine:
     return Affine(rows.matrix / unit, rows.offset / unit)
-
-
-def _integral(size: int, stretch: Stretch) -> Callable[[Array], float]:
-    """The duration of coefficients (size,): the integral of z^(-1/2) over [0, 1]."""
-    values, weights = _quadrature(size, stretch)
-    return lambda y: float(weights @ np.maximum(values @ y, 1e-300) ** -0.5)
-
-
-@lru_cache(maxsize=8)
-def _quadrature(size: int, stretch: Stretch) -> tuple[Array, Array]:
-    """Values of the Chebyshev polynomials (P, size) of xi and weights (P,) in sigma, for sharp bends."""
-    edges = -np.cos(np.pi * np.arange(PANELS + 1) / PANELS)
-    points, weights = legendre.leggauss(20)
-    half = 0.5 * np.diff(edges)[:, None]
-    at = (edges[:-1, None] + half * (points + 1.0)).ravel()
-    values = np.asarray(chebyshev.chebvander(at, size - 1), dtype=float)
-    return values, (half * weights).ravel() / stretch(stretch.inverse(at), 1)
-
-
-def adjusted(y: Array, equalities: Affine, duration: float, stretch: Stretch) -> Array | None:
-    """The coefficients nearest to y, low degrees first, that meet the equalities and take exactly this long.
-
-    None where Newton's method on the duration finds no positive z.
-    """
-    n = len(y)
-    weight = (1.0 + np.arange(n)) ** -4.0
-    values, weights = _quadrature(n, stretch)
-    for _ in range(12):
-        z = values @ y
-        if z.min() <= 0:
-            return None
-        taken = weights @ z**-0.5
-        gradient = -0.5 * (weights * z**-1.5) @ values
-        rows = np.concatenate([equalities.matrix, gradient[None]])
-        size = np.linalg.norm(rows, axis=1)
-        size[size == 0] = 1.0  # a condition that holds anyway
-        miss = np.append(equalities(y), taken - duration) / size
-        rows = rows / size[:, None]
-        step = weight * (rows.T @ np.linalg.lstsq((rows * weight) @ rows.T, miss, rcond=None)[0])
-        y = y - step
-        if np.abs(step).max() <= 1e-15 * np.abs(y).max():
-            break
-    return y
 
 
 def conditions_on_speed(
@@ -367,8 +343,8 @@ def conditions_on_speed(
 
 
 def _fine(size: int) -> Array:
-    """Points in (-1, 1), six times as dense as `size` Chebyshev points."""
-    return np.asarray(-np.cos(np.pi * (np.arange(6 * size) + 0.5) / (6 * size)))
+    """Points in (-1, 1), BETWEEN times as dense as `size` Chebyshev points."""
+    return np.asarray(-np.cos(np.pi * (np.arange(BETWEEN * size) + 0.5) / (BETWEEN * size)))
 
 
 @lru_cache(maxsize=8)

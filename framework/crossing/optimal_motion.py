@@ -24,7 +24,6 @@ from framework.crossing.optimal import (
     Setting,
     Units,
     Wish,
-    adjusted,
     better_units,
     conditions_on_speed,
     guessed_units,
@@ -36,10 +35,11 @@ from framework.crossing.request import Request
 from framework.crossing.targets import Ground
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
-from framework.errors import NoLaw, NotConverged
+from framework.errors import InvalidInput, NoLaw, NotConverged
 from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.cone_program import Infeasible, Optimum, Unsolved
+from framework.motion.exact_duration import adjusted
 from framework.motion.law import MotionLaw
 from framework.motion.optimal_law import OptimalLaw, Smoothstep, Stretch
 from framework.singularity.points_on_path import SingularPoint
@@ -48,6 +48,7 @@ MOST_PASSES = 8  # of optimising and resolving in turn
 FORESEEN = 2e-3  # peak torque of the program and of the certified motion may differ by this share
 SMOOTHER = 30.0  # times the weight on roughness, for a law that could not be resolved
 ROUGHEST = 1e-2
+GAIN = 1e-2  # what a law may cost more than its degree's bound before a higher degree is tried
 ROOM = 1e-5  # share of a limit that is left free when it was exceeded
 
 
@@ -109,14 +110,14 @@ def optimal_motion(task: Task) -> OptimalMotion:
     wish = task.wish
     elastic = task.branch.robot.n_e > 0
     _check_speeds(task, places)
-    setting, known = _first(task, places)
+    setting, best = _first(task, places)
     degree, units = setting.degree, setting.units
     roughness, excess = ROUGHNESS, np.inf
     for k in range(MOST_PASSES):
-        if k > 0:
-            setting = replace(_setting(task, places, deflections, wish, degree, units), roughness=roughness)
         try:
-            best = _solved(setting, task, known if k == 0 else None)
+            if k > 0:
+                again = _setting(task, places, deflections, wish, degree, units)
+                best = _solved(replace(again, roughness=roughness), task)
         except NotConverged:
             higher = [more for more in DEGREES if more > degree]
             if not higher:
@@ -197,22 +198,35 @@ def _check_speeds(task: Task, places: Sequence[CrossingPoint]) -> None:
             )
 
 
-def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[Setting, Optimum]:
-    """The program of the least degree that has an optimum, in units that fit it, and that optimum."""
+def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[Setting, Best]:
+    """The setting of the least degree that leaves little to be gained, and the best law of that degree."""
+    found: tuple[Setting, Best] | None = None
     failure: NoLaw | NotConverged | None = None
     for degree in DEGREES[len(task.targets) > MANY :]:
-        setting = _setting(task, places, None, task.wish, degree, None)
+        setting, optimum = _in_fitting_units(_setting(task, places, None, task.wish, degree, None))
+        best = setting.held(setting.program(), optimum) if isinstance(optimum, Optimum) else optimum
+        if not isinstance(best, Best):
+            failure = failure or _refusal(task, setting, best)
+            continue
+        if found is None or best.cost < found[1].cost:
+            found = setting, best
+        if best.cost <= (1.0 + GAIN) * best.bound:
+            break
+    if found is None:
+        raise failure or NoLaw(f"{task.branch.robot.name}: no degree was tried")
+    return found
+
+
+def _in_fitting_units(setting: Setting) -> tuple[Setting, Optimum | Infeasible | Unsolved]:
+    """The setting in units near its own optimum, and that optimum."""
+    found = setting.solved(setting.program())
+    for _ in range(2):
+        better = better_units(setting.units, setting.wish, found) if isinstance(found, Optimum) else None
+        if better is None or better is setting.units:
+            break
+        setting = replace(setting, units=better)
         found = setting.solved(setting.program())
-        for _ in range(2):
-            better = better_units(setting.units, task.wish, found) if isinstance(found, Optimum) else None
-            if better is None or better is setting.units:
-                break
-            setting = replace(setting, units=better)
-            found = setting.solved(setting.program())
-        if isinstance(found, Optimum):
-            return setting, found
-        failure = failure or _refusal(task, setting, found)
-    raise failure or NoLaw(f"{task.branch.robot.name}: no degree was tried")
+    return setting, found
 
 
 def _setting(
@@ -233,14 +247,14 @@ def _setting(
     return Setting(on_path, wish, degree, guessed)
 
 
-def _solved(setting: Setting, task: Task, known: Optimum | None) -> Best:
-    """The law that a setting finds best; `known` is its optimum, if it was found before.
+def _solved(setting: Setting, task: Task) -> Best:
+    """The law that a setting finds best.
 
     Raises:
         NoLaw: none is admissible; NotConverged: the solver gave up.
     """
     program = setting.program()
-    found = known or setting.solved(program)
+    found = setting.solved(program)
     best = setting.held(program, found) if isinstance(found, Optimum) else found
     if not isinstance(best, Best):
         raise _refusal(task, setting, best)
@@ -289,13 +303,14 @@ def _resolved(
     ) -> OptimalLaw:
         at, conditions = _conditions(task, here, deflections)
         equalities = conditions_on_speed(at, conditions, base.degree, base.stretch)
-        y = adjusted(base.coefficients, equalities, base.duration, base.stretch)
-        if y is None:
+        try:
+            y = adjusted(base.coefficients, equalities, base.duration, base.stretch)
+        except InvalidInput:
             raise NotConverged(
                 f"{branch.robot.name}: no law near the best crosses where the deflected robot is singular: "
                 f"the springs are too soft; stiffen them, take more time, or use geometry rigid",
                 residual=np.inf,
-            )
+            ) from None
         return OptimalLaw(y, base.smoothness, base.duration, base.dense_at)
 
     if not branch.robot.n_e or task.geometry == "rigid":

@@ -140,6 +140,9 @@ def resolve(
         start = result.deflections if geometry == "deformed" else None
         if not fixed_geometry:
             crossings = tuple(deformed_crossing(result, crossing) for crossing in crossings)
+        if tail > tolerance and size < SIZES[-1]:
+            continue
+        result = _with_neglected(branch, state, result)
         closed = result.certificate.max_closure_error <= CLOSED_BETWEEN * max(branch.robot.length, 1.0)
         if tail <= tolerance and closed and _law_is_resolved(law, grid):
             unseen = unseen_near_miss(searched, state, result)
@@ -213,7 +216,7 @@ def _result(
     motor = grid.fit(robot.gear_ratio * turned[:, robot.actuated])
     deflections = grid.fit(state.q_e)
     s = state.law(grid.times)
-    result = InverseDynamics(
+    return InverseDynamics(
         robot=robot,
         path=branch.path,
         law=state.law,
@@ -238,6 +241,10 @@ def _result(
             monotone=bool(np.all(np.diff(s) > -1e-14)),
         ),
     )
+
+
+def _with_neglected(branch: Branch, state: Deflected, result: InverseDynamics) -> InverseDynamics:
+    """The result whose certificate has looked at all rows and joints, between the nodes too."""
     left_out = measure_neglected(branch, state, result)
     certificate = replace(
         result.certificate,

@@ -114,9 +114,6 @@ def solve(
     peak, w, v = (parts.all_of(name) for name in ("peak", "w", "v"))
     linear = [affine(program.positive, -program.floor)]
     linear.append(affine(-program.below_one, (1.0 - program.kept) ** 2))
-    if limited or goal == "peak_torque":
-        largest = _Values(peak.matrix[np.zeros(len(torque.offset), dtype=int)], 0.0 * torque.offset)
-        linear += [largest - torque, largest + torque]
     if limited:
         linear.append(_Values(-peak.matrix, np.array([1.0 - program.kept])))
     if longest is not None:
@@ -131,6 +128,11 @@ def solve(
             _Values(0 * mean, two),
         ],  # v w >= 1
     ]
+    if limited or goal == "peak_torque":
+        largest = _Values(peak.matrix[np.zeros(len(torque.offset), dtype=int)], 0.0 * torque.offset)
+        cones.append(
+            [largest, torque]
+        )  # a cone of two is |torque| <= peak, and has the row of the torque once
     if goal == "energy":  # e w >= the sum of power^2
         power = affine(program.power.matrix, program.power.offset)
         e, motors = parts.all_of("e"), len(power.offset) // len(one)
@@ -178,6 +180,7 @@ def _optimum(
     ):  # refining each step's solution takes a third of the time, and is rarely needed
         settings = clarabel.DefaultSettings()
         settings.verbose = False
+        settings.direct_solve_method = "qdldl"  # the other one takes threads, and no less time
         settings.iterative_refinement_enable = careful
         found = clarabel.DefaultSolver(upper, cost, matrix, right, kinds, settings).solve()
         status = str(found.status)

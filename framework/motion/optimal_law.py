@@ -23,13 +23,14 @@ from scipy.special import betainc, betaincinv
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order
-from framework.motion.chebyshev import TimeFunction, TimeGrid, extrema
+from framework.motion.chebyshev import TimeFunction, TimeGrid, extrema, nodes
 from framework.motion.law import SLACK
 
 HIGHEST_SMOOTHNESS = 6  # beyond, the squared speed grows so much at the ends that its digits are lost
 HIGHEST_ORDER = 4  # derivatives of s that an elastic robot's torque needs
 PANEL = 24  # nodes of a panel of t(sigma)
 RESOLVED = 1e-15  # of the duration, what a panel may lose by the last coefficients of dt/d sigma
+BLURRED = 1e-8  # of the duration, what rounding of z may leave open: torques are resolved to 1e-9
 MOST_PANELS = 1024
 DEGREES_A_PANEL = 3  # degrees of z for each panel in time
 WIDTH = 0.1  # in sigma, of the stretch about a place where z is resolved more finely
@@ -157,26 +158,13 @@ class OptimalLaw(ReadOnlyArrays):
     @cached_property
     def _time(self) -> tuple[TimeFunction, Array]:
         """t(sigma) on panels without the time before each, and the time at the panels' edges."""
-        count = 4
-        while True:
-            # panels are narrower where an optimal law changes most: towards the ends, and where xi is steep
-            inner = self.stretch.inverse(-np.cos(np.pi * np.arange(1, count) / count))
-            grid = TimeGrid(np.concatenate(([0.0], inner, [1.0])), PANEL)
-            slowness = grid.fit(self.squared_speed(grid.times)[:, None] ** -0.5)
-            lost = np.abs(slowness.coefficients[:, -2:, 0]).max(axis=1) * np.diff(grid.edges)
-            taken = slowness.coefficients[:, 0, 0] @ np.diff(grid.edges)
-            if lost.max() <= RESOLVED * taken or count >= MOST_PANELS:
-                break
-            count *= 2
-        if count >= MOST_PANELS:
-            raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
-        half = 0.5 * np.diff(grid.edges)[:, None, None]
+        slowness = slowness_on_panels(self.coefficients, self.stretch)
+        half = 0.5 * np.diff(slowness.edges)[:, None, None]
         series = np.asarray(chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1)) * half
-        steps = series.sum(axis=1)[:, 0]
-        begin = np.concatenate(([0.0], np.cumsum(steps)))
+        begin = np.concatenate(([0.0], np.cumsum(series.sum(axis=1)[:, 0])))
         if abs(begin[-1] - self.duration) <= SAME * self.duration:  # of the duration to the last bit
             series, begin = series * (self.duration / begin[-1]), begin * (self.duration / begin[-1])
-        return TimeFunction(grid.edges, series), read_only(begin)
+        return TimeFunction(slowness.edges, series), read_only(begin)
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
         """z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma up to order 3, by the chain rule."""
@@ -207,22 +195,8 @@ class OptimalLaw(ReadOnlyArrays):
         times = np.asarray(t, dtype=float)
         if not np.all(np.abs(2.0 * times / self.duration - 1.0) <= 1.0 + SLACK):
             raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
-        within, begin = self._time
         flat = np.clip(np.atleast_1d(times).ravel(), 0.0, self.duration)
-        panel = np.clip(np.searchsorted(begin, flat, side="right") - 1, 0, len(begin) - 2)
-        start, width = within.edges[panel], np.diff(within.edges)[panel]
-        sought = flat - begin[panel]
-        series = within.coefficients[panel, :, 0]  # (T, PANEL + 1)
-        k = np.arange(series.shape[1])
-        x = np.clip(2.0 * sought / np.diff(begin)[panel] - 1.0, -1.0, 1.0)  # on the panel
-        for _ in range(12):
-            time = np.einsum("tk,tk->t", np.cos(np.arccos(x)[:, None] * k), series)
-            slowness = self.squared_speed(start + 0.5 * width * (x + 1.0)) ** -0.5
-            step = (sought - time) / (0.5 * width * slowness)
-            x = np.clip(x + step, -1.0, 1.0)
-            if np.abs(step).max(initial=0.0) < 1e-9:  # the next one would be its square
-                break
-        return np.asarray((start + 0.5 * width * (x + 1.0)).reshape(times.shape))
+        return _parameter(self, flat.tobytes()).reshape(times.shape)
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """s(t) or its derivative [1/s^order] up to order 4, with the shape of t.
@@ -272,6 +246,57 @@ class OptimalLaw(ReadOnlyArrays):
             "dense_at": list(self.dense_at),
             "domain": [0.0, self.duration],
         }
+
+
+@lru_cache(maxsize=16)  # s and its derivatives are asked for one after the other, at the same instants
+def _parameter(law: OptimalLaw, instants: bytes) -> Array:
+    """sigma (T,) at the instants (T,) [s] of the law; not to be written to."""
+    flat = np.frombuffer(instants)
+    within, begin = law._time
+    panel = np.clip(np.searchsorted(begin, flat, side="right") - 1, 0, len(begin) - 2)
+    start, width = within.edges[panel], np.diff(within.edges)[panel]
+    sought = flat - begin[panel]
+    series = within.coefficients[panel, :, 0]  # (T, PANEL + 1)
+    k = np.arange(series.shape[1])
+    x = np.clip(2.0 * sought / np.diff(begin)[panel] - 1.0, -1.0, 1.0)  # on the panel
+    for _ in range(12):
+        time = np.einsum("tk,tk->t", np.cos(np.arccos(x)[:, None] * k), series)
+        slowness = law.squared_speed(start + 0.5 * width * (x + 1.0)) ** -0.5
+        step = (sought - time) / (0.5 * width * slowness)
+        x = np.clip(x + step, -1.0, 1.0)
+        if np.abs(step).max(initial=0.0) < 1e-9:  # the next one would be its square
+            break
+    return read_only(np.asarray(start + 0.5 * width * (x + 1.0)))
+
+
+def slowness_on_panels(series: Array, stretch: Stretch) -> TimeFunction:
+    """dt/d sigma = z^(-1/2) of a Chebyshev series (size,) for z in xi(sigma), on panels that resolve it.
+
+    A panel is cut in half until its last coefficients are lost in the duration, or in what rounding of z
+    leaves of dt/d sigma where z comes near to zero.
+
+    Raises:
+        InvalidInput: z comes so near to zero that there is no end to it.
+    """
+    rounding = float(np.finfo(float).eps * np.abs(series).sum())
+    edges = stretch.inverse(nodes(5))
+    edges[[0, -1]] = 0.0, 1.0
+    while len(edges) <= MOST_PANELS:
+        grid = TimeGrid(edges, PANEL)
+        z = np.asarray(chebyshev.chebval(stretch(grid.times), series), dtype=float)
+        if not z.min() > 0:
+            break
+        slowness, width = grid.fit(z[:, None] ** -0.5), np.diff(edges)
+        lost = np.abs(slowness.coefficients[:, -2:, 0]).max(axis=1) * width
+        rounded = 0.5 * rounding * z.reshape(-1, PANEL).min(axis=1) ** -1.5 * width
+        taken = slowness.coefficients[:, 0, 0] @ width
+        coarse = np.flatnonzero(lost > np.maximum(RESOLVED * taken, rounded))
+        if not len(coarse):
+            if rounded.sum() > BLURRED * taken:
+                break
+            return slowness
+        edges = np.sort(np.concatenate([edges, 0.5 * (edges[coarse] + edges[coarse + 1])]))
+    raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
 
 
 def least_value(series: Array) -> float:

@@ -38,7 +38,7 @@ def test_under_gravity_the_payload_crosses_in_free_fall_along_the_twist():
     path, twist = next(
         found for found in (bent(robot, 0.02), bent(robot, -0.02)) if speed_squared(*found) > 0
     )
-    plan = plan_crossing(robot, path, duration=1.0)
+    plan = plan_crossing(robot, path, duration=0.6)  # upright, it falls off its path in longer ones
     crossing = min(plan.crossings, key=lambda at: abs(at.s - 0.5))
     assert plan.law.kind == "optimal"
     assert crossing.s == pytest.approx(0.5, abs=1e-9)
