@@ -7,7 +7,8 @@ Bring a robot (`ParallelRobot.from_file`, or `robots.load` for the catalogue) an
 * `assemble`, `forward_kinematics`, `track_path`: where its joints are;
 * `velocity_matrices`: A, B and C of A v = B dq_a + C dq_e; `locate_singularities`: singular points of a path;
 * `plan_crossing`, `plan_scene`: a motion law that passes, its torques and their proof, a `CrossingPlan`;
-* `inverse_dynamics`: the torques of a law of one's own; `simulate`: where torques bring the robot.
+* `inverse_dynamics`: the torques of a law of one's own; `dynamics_at`: what is carried at one instant;
+  `simulate`: where torques bring the robot.
 
 Errors have one base, `FrameworkError`: `InvalidInput` when what was given cannot be right, `NoAnswer` when
 the answer is no. Controllers and studies are in `framework.control`, figures in `framework.show.plots`,
@@ -19,6 +20,7 @@ from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene
+from framework.dynamics.instant import dynamics_at
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.dynamics.result import InverseDynamics
 from framework.errors import (
@@ -36,6 +38,7 @@ from framework.errors import (
     OutputError,
     RobotFileError,
     SingularPath,
+    SingularPose,
     SingularReference,
     Type1Singularity,
     Type2Singularity,
@@ -78,6 +81,7 @@ __all__ = [
     "Simulation",
     "SingularPath",
     "SingularPoint",
+    "SingularPose",
     "SingularReference",
     "Spline",
     "Type1Singularity",
@@ -86,6 +90,7 @@ __all__ = [
     "UncontrolledMotions",
     "assemble",
     "check_robot",
+    "dynamics_at",
     "forward_kinematics",
     "inverse_dynamics",
     "load_plan",
