@@ -21,6 +21,7 @@ from framework.errors import InvalidInput, point
 from framework.motion.law import Law, PlannedLaw
 from framework.output import written_together
 
+MOTION = "motion.csv"
 MOST_SAMPLES = 1_000_000
 
 
@@ -69,7 +70,9 @@ def run(options: argparse.Namespace) -> Report:
         plan = plan_request(robot, request)
         document = plan_document(plan, out)
         (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
-        plan.to_csv(folder / "motion.csv", options.samples)
+        motion = plan.samples(options.samples)
+        (folder / MOTION).write_text(motion.as_csv(), encoding="utf-8")
+        (folder / f"{MOTION}-metadata.json").write_text(motion.metadata(MOTION), encoding="utf-8")
         save_figures(plan, folder)
     return document, f"{plan_text(plan)}\n  written to        {out}"
 
