@@ -28,7 +28,7 @@ def test_the_hull_is_that_of_qhull():
         assert area == pytest.approx(ConvexHull(points).volume, rel=1e-12)  # in a plane its area
 
 
-@pytest.mark.parametrize("name", robots.CATALOGUE)
+@pytest.mark.parametrize("name", ["five_bar", "n_four_bar", "delta", "gough_stewart", "agile_eye"])
 def test_all_joints_of_a_drawn_robot_lie_within_what_is_drawn(name):
     robot = robots.load(name)
     q = robot.reference.q
@@ -46,12 +46,11 @@ def test_a_planar_robot_is_drawn_to_the_scale_of_its_axes():
     assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_aspect()) == ("x  [m]", "y  [m]", 1.0)
     (payload,) = [shape for shape in body_shapes(robot) if shape.color[0] > 0.9]  # the yellow one
     rounds = [path.vertices for path in ax.collections[0].get_paths()]
-    at = robot.reference.x
-    assert any(
-        np.allclose(line[:-1].mean(axis=0), at, atol=1e-6)
-        and np.ptp(line[:, 0]) == pytest.approx(2 * payload.size[0])
-        for line in rounds
-    )
+    centers = np.array([line[:-1].mean(axis=0) for line in rounds])
+    there = np.linalg.norm(centers - robot.reference.x, axis=1) < 1e-6
+    wide = max(np.ptp(line[:, 0]) for line, here in zip(rounds, there, strict=True) if here)
+    across = 2 * payload.size[0]
+    assert np.cos(np.pi / 32) * across <= wide <= across  # a round outline has 32 corners
 
 
 def test_a_still_shows_the_path_and_the_singular_place():
@@ -67,7 +66,7 @@ def test_a_picture_is_of_the_kind_asked_for():
     svg = film_picture(films, "svg").decode()
     assert "misses the eye" in svg
     assert "threads the eye" in svg
-    with pytest.raises(InvalidInput, match="png, svg, pdf, gif"):
+    with pytest.raises(InvalidInput, match="gif, pdf, png, svg"):
         film_picture(films, "jpg")
     with pytest.raises(InvalidInput, match="one path"):
         film_picture([films[0], filmed("five_bar", "bow")], "png")
