@@ -116,6 +116,9 @@ def plan_text(plan: CrossingPlan) -> str:
         )
     if not plan.crossings:
         lines.append("  crossing          none")
+    settled = ""
+    if robot.n_e and plan.geometry == "deformed":
+        settled = f", deflections settled to {certificate.change:.1e}"
     peaks = ", ".join(
         f"{joint} {value:.6g} {unit}"
         for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
@@ -123,7 +126,7 @@ def plan_text(plan: CrossingPlan) -> str:
     lines += [
         f"  peak torque       {peaks}",
         f"  certificate       tail {certificate.tail:.1e} on {certificate.nodes} nodes, "
-        f"{certificate.passes} pass{'es' * (certificate.passes != 1)}, loops closed to "
+        f"{certificate.passes} pass{'es' * (certificate.passes != 1)}{settled}, loops closed to "
         f"{certificate.max_closure_error:.1e}, joints in balance to {certificate.max_residual_torque:.1e} "
         f"N m or N",
     ]
