@@ -40,7 +40,8 @@ def load_mechanism(options: argparse.Namespace) -> Mechanism:
     )
     if found.flexibility != flexibility:
         options.warnings.append(
-            f"{found.name} has no springs of its own for --flexibility {flexibility}: taken as {found.flexibility}"
+            f"{found.name} has no springs of its own for --flexibility {flexibility}: taken as "
+            f"{found.flexibility}"
         )
     return found
 
