@@ -240,6 +240,18 @@ class Setting:
         longest = None if most is None else most / self.units.time
         return solve(program, self.wish.goal, limited=self.wish.limited, longest=longest)
 
+    def off_limits(self) -> tuple[float | None, float | None]:
+        """The least peak of torque over its limit in the duration asked, and the least duration [s] within
+        all limits; None where there is none."""
+        program, wish = self.program(), self.wish
+        most = None if wish.most is None else wish.most / self.units.time
+        peak = solve(program, "peak_torque", limited=False, longest=most) if wish.limited else None
+        quickest = solve(program, "time", limited=wish.limited)
+        return (
+            peak.peak if isinstance(peak, Optimum) else None,
+            quickest.duration * self.units.time if isinstance(quickest, Optimum) else None,
+        )
+
     def held(self, program: ConeProgram, found: Optimum) -> Best | Infeasible | Unsolved:
         """The law of an optimum, solved again with rows where a limit does not hold between the points.
 

@@ -77,7 +77,9 @@ class Infeasible(NamedTuple):
     proof: Array
     matrix: Any  # A
     right: Array  # b
-    cones: tuple[int, ...]  # sizes of the second-order cones of each kind; the rest of K is nonnegative
+    cones: tuple[
+        int, ...
+    ]  # sizes of the second-order cones, the last rows of A; the rest of K is nonnegative
 
 
 class Unsolved(NamedTuple):
@@ -187,7 +189,8 @@ def _optimum(
         if status in ("Solved", "PrimalInfeasible"):
             break
     if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
-        return Infeasible(np.array(found.z), matrix, right, tuple(map(len, cones)))
+        sizes = tuple(len(members) for members in cones for _ in range(len(members[0].offset)))
+        return Infeasible(np.array(found.z), matrix, right, sizes)
     if status not in ("Solved", "AlmostSolved"):
         return Unsolved(status)
     x = np.array(found.x)
