@@ -238,6 +238,14 @@ class UnboundedTorque(NoAnswer):
         self.wrench = wrench
 
 
+class SingularPose(NoAnswer):
+    """A question about forces at one pose, `platform` (n,), at which the motors do not hold the robot."""
+
+    def __init__(self, message: str, *, platform: Array) -> None:
+        super().__init__(message)
+        self.platform = platform
+
+
 class LoadedJoint(NoAnswer):
     """The motion would load `joint`, which nothing holds, with `torque` [N m or N] at `time` [s]."""
 

@@ -25,14 +25,27 @@ def exit_code(stop: KeyboardInterrupt) -> int:
     return 128 + (signal.SIGTERM if isinstance(stop, Terminated) else signal.SIGINT)
 
 
+class Heard:
+    """The interruption that has arrived, if any: code that it passes through may make another error of it."""
+
+    def __init__(self) -> None:
+        self.stop: KeyboardInterrupt | None = None
+
+    def check(self) -> None:
+        """Raise the interruption once more, if one has arrived."""
+        if self.stop is not None:
+            raise self.stop from None
+
+
 @contextmanager
-def interruptible() -> Iterator[None]:
+def interruptible() -> Iterator[Heard]:
     """Within, the first SIGINT or SIGTERM raises KeyboardInterrupt in the main thread; others are dropped.
 
     Signals that the caller ignores stay ignored. In other threads than the main one nothing changes.
     """
+    heard_one = Heard()
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield heard_one
         return
     before = {number: signal.getsignal(number) for number in SIGNALS}
     heard = [number for number in SIGNALS if before[number] is not signal.SIG_IGN]
@@ -40,12 +53,13 @@ def interruptible() -> Iterator[None]:
     def stop(number: int, frame: FrameType | None) -> NoReturn:
         for other in heard:
             signal.signal(other, signal.SIG_IGN)
-        raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
+        heard_one.stop = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
+        raise heard_one.stop
 
     for number in heard:
         signal.signal(number, stop)
     try:
-        yield
+        yield heard_one
     finally:
         for number in heard:
             signal.signal(number, before[number])

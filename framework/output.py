@@ -93,8 +93,8 @@ def _remove_abandoned(folder: Path) -> None:
                 os.close(lock)
 
 
-def write_file(file: Path, text: str, *, option: str = "--html") -> None:
-    """Write one file: a file that is there already is replaced by the whole text, or is left as it was.
+def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> None:
+    """Write one file: a file that is there already is replaced by the whole content, or is left as it was.
 
     Letters that UTF-8 does not have, as in paths that are not UTF-8 themselves, become question marks.
 
@@ -107,8 +107,9 @@ def write_file(file: Path, text: str, *, option: str = "--html") -> None:
         raise OutputError(f"{option}: cannot write {file}: {error}") from None
     if os.path.lexists(target) and not os.path.isfile(target):
         raise OutputError(f"{option}: cannot write {file}: not a regular file")
+    data = content if isinstance(content, bytes) else content.encode("utf-8", "replace")
     with written_together(target.parent, option=option, file=file) as temporary:
-        (temporary / target.name).write_bytes(text.encode("utf-8", "replace"))
+        (temporary / target.name).write_bytes(data)
 
 
 def _is_ours(document: Path) -> bool:

@@ -25,8 +25,8 @@ FLOORS = (
     ("dynamics",),
     ("crossing",),
     ("control", "export"),
-    ("show", "__init__"),  # __init__ is the public face: `import framework` draws nothing
-    ("cli",),
+    ("show", "public"),  # the public face: `import framework` draws nothing
+    ("__init__", "cli"),
     ("__main__",),
 )
 FLOOR = {part: floor for floor, parts in enumerate(FLOORS) for part in parts}

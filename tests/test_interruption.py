@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from framework.cli import main, robots
+from framework.errors import InvalidInput
 from framework.interruption import Terminated, exit_code, interruptible, uninterrupted
 
 PATIENCE = 120.0  # [s] on a machine with much else to do
@@ -42,19 +44,31 @@ COMMANDS = {
 }
 
 
-@contextmanager
-def begun(arguments: list[str]) -> Iterator[subprocess.Popen[str]]:
-    """A command in a process group of its own, as a shell has it, just begun."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, *arguments],
-        env=environment,
+@pytest.fixture(autouse=True)
+def hearing():
+    """Ctrl-C is heard, also by tests that run in the background of a shell, which ignores it there."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def started(*arguments: str) -> subprocess.Popen[str]:
+    """Python with these arguments in a process group of its own, as a shell has it."""
+    return subprocess.Popen(
+        [sys.executable, *arguments],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
+
+
+@contextmanager
+def begun(arguments: list[str]) -> Iterator[subprocess.Popen[str]]:
+    """A command in a process group of its own, just begun."""
+    process = started("-c", PROGRAM, *arguments)
     with process:
         try:
             assert process.stdout.readline() == "begun\n"
@@ -124,8 +138,64 @@ def test_a_command_that_is_told_to_end_ends(tmp_path, command, number):
         assert time.monotonic() - asked < PATIENCE / 4
     code, word = SIGNALS[number]
     assert (process.returncode, out, err) == (code, "", f"crossing: {word}\n")
-    assert members(process.pid) == {}
+    wait_for(lambda: not members(process.pid))
     assert list(tmp_path.iterdir()) == []
+
+
+def hears(process: subprocess.Popen[str]) -> bool:
+    """Whether a process catches SIGTERM by now."""
+    status = Path(f"/proc/{process.pid}/status").read_text().splitlines()
+    caught = next(int(line.split()[1], 16) for line in status if line.startswith("SigCgt"))
+    return bool(caught >> (signal.SIGTERM - 1) & 1)
+
+
+@needs_proc
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize(
+    "delay", [0.0, 0.15, *(pytest.param(0.1 * k, marks=pytest.mark.slow) for k in range(3, 20))]
+)
+def test_from_its_first_import_on_a_command_ends_with_one_line(tmp_path, delay, number):
+    """Half a second of imports, then a plan, then matplotlib's imports and figures."""
+    command = ["plan", "five_bar", "--scene", "C", "--flexibility", "flexible_links"]
+    with started("-m", "framework", *command, "--out", os.fspath(tmp_path / "out")) as process:
+        wait_for(lambda: hears(process))
+        time.sleep(delay)
+        process.send_signal(number)
+        out, err = process.communicate(timeout=PATIENCE)
+    code, word = SIGNALS[number]
+    if process.returncode != 0:  # a quick machine has done the work by then
+        assert (process.returncode, out, err) == (code, "", f"crossing: {word}\n")
+        assert list(tmp_path.iterdir()) == []
+    else:
+        assert delay > 0.5
+
+
+@needs_proc
+def test_a_worker_that_is_interrupted_while_it_imports_says_nothing():
+    with begun(COMMANDS["robustness with workers"]) as process:
+        wait_for(lambda: workers(process.pid, 1) or workers(process.pid, 2))
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, out, err) == (130, "", "crossing: interrupted\n")
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("other", [ImportError("half imported"), InvalidInput("MPLBACKEND: nonsense"), None])
+def test_an_interruption_that_other_code_makes_something_else_of_is_one_all_the_same(
+    monkeypatch, capsys, number, other
+):
+    def run(options):
+        try:
+            signal.raise_signal(number)
+        except KeyboardInterrupt:
+            if other is not None:
+                raise other from None
+        return {}, "done"
+
+    monkeypatch.setattr(robots, "run", run)
+    code, word = SIGNALS[number]
+    assert main(["robots"]) == code
+    assert capsys.readouterr() == ("", f"crossing: {word}\n")
 
 
 @needs_proc

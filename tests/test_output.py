@@ -166,6 +166,15 @@ def test_what_another_process_is_writing_is_left_alone(tmp_path):
     assert everything_in(tmp_path) == {*FILES, "mine"}
 
 
+@pytest.fixture
+def hearing():
+    """Ctrl-C is heard, also by tests that run in the background of a shell, which ignores it there."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("hearing")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_between_two_files_nobody_is_interrupted(tmp_path, monkeypatch, number):
     replace = os.replace

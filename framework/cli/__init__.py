@@ -1,7 +1,8 @@
 """The command line: `crossing COMMAND`, one file a command.
 
-Exit codes: 0 done, 1 the answer is no, 2 misuse or bad input, 70 a fault of this program, 130 ended by
-Ctrl-C, 143 by SIGTERM: all but 0 with one line on stderr. With --json there is one JSON object on stdout
+Exit codes: 0 done, 1 the answer is no (`check`: not assembled at its reference), 2 misuse or bad input, 70 a
+fault of this program, 130 ended by Ctrl-C, 143 by SIGTERM: all but 0 with one line on stderr. A page that is
+served ends by a signal as it should: 0. With --json there is one JSON object on stdout
 and nothing else.
 """
 
@@ -35,7 +36,7 @@ from framework.cli import (
 from framework.cli.console import complain, one_line, tell
 from framework.cli.parser import Misuse, OneLineParser
 from framework.errors import FrameworkError, NoAnswer
-from framework.interruption import Terminated, exit_code, interruptible
+from framework.interruption import Heard, Terminated, exit_code, interruptible
 
 COMMANDS = (
     robots,
@@ -57,27 +58,41 @@ DEBUG = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    with interruptible():
+    with interruptible() as heard:
         try:
-            return _run(given)
+            return _run(given, heard)
         except KeyboardInterrupt as stop:
-            words = "terminated" if isinstance(stop, Terminated) else "interrupted"
-            return _refused(stop, one_line(": ".join([words, *map(str, stop.args)])), exit_code(stop), given)
+            return interrupted(stop, given)
 
 
-def _run(given: Sequence[str]) -> int:
+def interrupted(stop: KeyboardInterrupt, given: Sequence[str]) -> int:
+    """Say that a command was interrupted; returns the exit code."""
+    words = "terminated" if isinstance(stop, Terminated) else "interrupted"
+    return _refused(stop, one_line(": ".join([words, *map(str, stop.args)])), exit_code(stop), given)
+
+
+def _run(given: Sequence[str], heard: Heard) -> int:
     try:
         options = _parser().parse_args(given)
         options.warnings = []
+        options.refusal = None
         with np.errstate(all="ignore"):  # what is not finite is told as an error, not as a warning
             document, text = options.run(options)
         if options.warnings:
             document = {**document, "warnings": options.warnings}
             text = "\n".join([text, *(f"  warning           {warning}" for warning in options.warnings)])
+        heard.check()
+        if options.refusal is not None:
+            document = {**document, "error": _error_document(options.refusal, str(options.refusal))}
         tell(json.dumps(document, allow_nan=False) if options.json else text)
+        if options.refusal is not None:
+            complain(one_line(str(options.refusal)))
+            return 1
     except (FrameworkError, Misuse) as error:
+        heard.check()
         return _refused(error, one_line(str(error)), 1 if isinstance(error, NoAnswer) else 2, given)
     except Exception as error:  # whatever else happens, nobody meant it to
+        heard.check()  # an import that is interrupted may fail in other words
         if os.environ.get(DEBUG):
             raise
         return _refused(error, one_line(_unexpected(error)), UNEXPECTED, given)

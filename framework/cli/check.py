@@ -6,9 +6,11 @@ import argparse
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_missing_fields, add_robot, command
-from framework.errors import point
+from framework.errors import NotAssembled, point
 from framework.kinematics.diagnostics import check_robot
 
 
@@ -24,6 +26,13 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> Report:
     """What `check_robot` finds."""
     found = check_robot(arguments.load_mechanism(options))
+    if not found.assembled:
+        options.refusal = NotAssembled(
+            f"{found.robot}: the loops do not close near the reference that is given; they do at the pose "
+            f"that is printed as reference",
+            q=np.array(list(found.reference.values())),
+            residual=found.gap_at_reference,
+        )
     rank = f"{found.rank} of {found.loop_equations} loop equations independent"
     if found.redundant_rows:
         rank += f"; redundant: {', '.join(found.redundant_rows)}"

@@ -39,6 +39,11 @@ def add(commands: Any) -> None:
         metavar="FILE",
         help="write one file that plays offline, and end; without --scene, of the first scene that crosses",
     )
+    parser.add_argument(
+        "--picture",
+        metavar="FILE",
+        help="write one picture of a film, moving if it is a .gif (.png, .svg, .pdf, .gif), and end",
+    )
     parser.add_argument("--no-open", action="store_true", help="do not open the browser")
 
 
@@ -48,7 +53,15 @@ def run(options: argparse.Namespace) -> Report:
 
     if options.html == "":
         raise InvalidInput("--html: needs the name of a file, got an empty text")
+    if options.html is not None and options.picture is not None:
+        raise InvalidInput("--picture: needs a call without --html")
     films = _films(options)
+    if options.picture is not None:
+        from framework.show.moving import film_picture
+
+        shown = films or [_telling_film(options)]
+        picture = film_picture(shown, FilePath(options.picture).suffix[1:])
+        return _report_file(options.picture, picture, shown, chosen=not films)
     if options.html is not None:
         shown = films or [_telling_film(options)]
         return _report_file(options.html, film_page(shown), shown, chosen=not films)
@@ -58,7 +71,7 @@ def run(options: argparse.Namespace) -> Report:
     return _served(options, hand_page(robot), robot)
 
 
-def _report_file(file: str, page: str, films: list[Film], *, chosen: bool) -> Report:
+def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: bool) -> Report:
     """What was filmed and where it is; `chosen` if nobody said which scene."""
     from framework.show.captions import parts, said
 
@@ -66,7 +79,7 @@ def _report_file(file: str, page: str, films: list[Film], *, chosen: bool) -> Re
     write_file(path, page)
     size = path.stat().st_size
     scenes = ", ".join(f"{film.name or 'the motion asked for'} ({parts(film)})" for film in films)
-    text = f"{said(films[0].robot.name)}, {scenes}: written to {path} ({size / 1e6:.2f} MB), for any browser"
+    text = f"{said(films[0].robot.name)}, {scenes}: written to {path} ({size / 1e6:.2f} MB)"
     if chosen:
         text = f"no scene given: filmed {films[0].name}\n{text}"
     told = [

@@ -16,7 +16,7 @@ import traceback
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import suppress
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Any, NamedTuple, TypeVar
@@ -104,7 +104,6 @@ class Workers(Executor):
 
     def _serve(self) -> None:
         """One process after the other, for as long as there are tasks."""
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit it: Ctrl-C is for us
         worker: _Worker | None = None
         while (task := self._tasks.get()) is not None:
             if task.future.set_running_or_notify_cancel():
@@ -154,6 +153,8 @@ class Workers(Executor):
         with self._lock:
             if self._stopped:
                 return None
+            resource_tracker.ensure_running()  # beginning it unblocks the signal
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited: Ctrl-C is for us
             process.start()
             self._alive.add(process)
         theirs.close()  # else a dead process would not break the pipe

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.frames import difference, scratch_of
-from framework.kinematics.inverse_kinematics import Motion
+from framework.kinematics.inverse_kinematics import Motion, System
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import solve
 
@@ -55,7 +55,12 @@ def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
 
 
 def loop_forces(robot: ParallelRobot, motion: Motion) -> Forces:
-    """Joint torques and spring forces along a motion, instant by instant.
+    """Joint torques and spring forces along a motion, instant by instant; see `balanced_forces`."""
+    return balanced_forces(robot, motion.system, tree_forces(robot, motion))
+
+
+def balanced_forces(robot: ParallelRobot, system: System, r: Array) -> Forces:
+    """What motors and springs give so that the loops can carry the forces r (T, nv) of the open tree.
 
     The loops close with the platform held by a wrench w and free motors, or by the motors alone:
 
@@ -66,7 +71,6 @@ def loop_forces(robot: ParallelRobot, motion: Motion) -> Forces:
     squares of tau_joint / gear ratio is least. An instant exactly on a Type 2 singularity divides 0 by 0
     and comes out as infinite.
     """
-    r, system = tree_forces(robot, motion), motion.system
     columns = robot.moving  # the actuated ones first
     loads = np.zeros((1 + robot.n_a, len(r), len(columns)))
     loads[0] = r[:, columns]

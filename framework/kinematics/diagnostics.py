@@ -50,6 +50,7 @@ class Checkup:
     stuck_axes: str  # what the platform cannot move along; empty if there is nothing
     axes_that_do: tuple[tuple[str, ...], ...]  # platform axes to take instead, where the given ones do not do
     assembled: bool  # whether the loops close near the reference of the file; if not, a pose was looked for
+    gap_at_reference: float  # [m or rad] that stays open near the reference of the file; 0 if it is assembled
     advice: tuple[str, ...]
 
 
@@ -64,10 +65,11 @@ def check_robot(mechanism: Mechanism) -> Checkup:
         SingularReference: they are nearly singular there and beside it, too.
     """
     expect("robot", mechanism, Mechanism, 'robots.load("five_bar") or Mechanism.from_file("my.yaml")')
-    given, found = mechanism, list[str]()
+    given, found, gap = mechanism, list[str](), 0.0
     try:
         q = close_reference(mechanism).q
-    except NotAssembled:
+    except NotAssembled as failure:
+        gap = failure.residual
         pose = find_closed_pose(mechanism)
         found.append(
             f"the loops do not close near the reference that is given; a search within the joints' limits "
@@ -139,6 +141,7 @@ def check_robot(mechanism: Mechanism) -> Checkup:
         stuck_axes=axes.stuck,
         axes_that_do=axes.proposals,
         assembled=assembled,
+        gap_at_reference=gap,
         advice=tuple(found),
     )
 

@@ -171,7 +171,7 @@ def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         joint_stiffness=_on_joints(model, {s.joint: s.stiffness for s in description.joint_springs}),
         joint_rest=_on_joints(model, {s.joint: s.rest for s in description.joint_springs}),
         elastic_names=tuple(elastic_names),
-        frames=tuple(_frame(model, name) for name in frames),
+        frames=tuple(frame_of(model, name) for name in frames),
         rows=loop_rows(description.closures, frames),
         directions=locked_directions(description.closures, frames),
         limits=joint_limits(urdf, model),
@@ -180,7 +180,7 @@ def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     )
 
 
-def _frame(model: pin.Model, name: str) -> int:
+def frame_of(model: pin.Model, name: str) -> int:
     """Index of the frame of a link or else of a joint: URDF lets the two share a name."""
     link = pin.FrameType.BODY
     is_link = model.existFrame(name, link)

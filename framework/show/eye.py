@@ -6,6 +6,8 @@ passes only through that point, t_s . W = 0, condition (8) of Briot and Arakelia
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -15,10 +17,12 @@ from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.captions import stated
-from framework.show.style import COLORS, CROSSING, figure
+from framework.show.film import Film
+from framework.show.style import ALARM, COLORS, CROSSING, GIVEN, GOOD, LOCUS, figure
 
 SAMPLES = 401
 BESIDE = 0.25  # of the duration, shown on either side of the crossing
+NEAR = 0.3  # of the path, shown on either side of a singular point
 HEADROOM = 1.5  # over the plan's largest torque, where a motor of the robot file has no limit
 
 
@@ -57,7 +61,7 @@ def draw_eye(
     ax = figure()[1][0] if ax is None else ax
     asked, reach = wrench.along(twist), wrench.reach(twist, limit)
     top = 1.6 * max(float(np.abs(asked).max()), 1e-300)
-    unit = "N" if np.any(twist[robot.translations]) else "N m"
+    unit = "N" if np.any(twist[robot.platform.translations]) else "N m"
     given = f"what {stated(robot, limit)} can give"
     ax.fill_between(time, -reach, reach, color=COLORS[4], alpha=0.3, linewidth=0, label=given)
     ax.plot(time, asked, color=COLORS[1], label="what the motion asks for")
@@ -69,6 +73,68 @@ def draw_eye(
     ax.set_ylabel(rf"{'force' if unit == 'N' else 'torque'} along $\mathbf{{t}}_s$  [{unit}]")
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
     return ax
+
+
+def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Axes:
+    """Motions along one path in one eye: over s, the band of the motors is the same for all of them.
+
+    Args:
+        films: of one robot and one path with a singular instant each.
+        limit: torque limits (n_a,) [N m], motor side.
+
+    Raises:
+        InvalidInput: a film has no singular instant, or there are several robots or paths.
+    """
+    first = films[0]
+    for film in films:
+        if (
+            not film.instants
+            or film.robot.name != first.robot.name
+            or not np.allclose(film.path(_ALONG), first.path(_ALONG), rtol=0.0, atol=1e-12)
+        ):
+            raise InvalidInput(
+                "one eye is for motions of one robot along one path, through a singularity each"
+            )
+    ax = figure()[1][0] if ax is None else ax
+    twist = eye_twist(films)
+    s = first.law(first.time)
+    reach = first.motors.reach(twist, limit)
+    ax.fill_between(
+        s,
+        -reach,
+        reach,
+        color=GIVEN,
+        alpha=0.22,
+        linewidth=0,
+        label=f"what {stated(first.robot, limit)} can give",
+    )
+    low, high = max(0.0, first.instants[0].s - NEAR), min(1.0, first.instants[0].s + NEAR)
+    top = 0.0
+    for film in films:
+        way, asked, there = film.law(film.time), film.motors.along(twist), film.instants[0].s
+        color, verdict = (GOOD, "threads the eye") if film.proved else (ALARM, "misses the eye")
+        ax.plot(way, asked, color=color, linewidth=1.6, label=f"{film.name or 'the motion'} asks: {verdict}")
+        ax.plot([there], [np.interp(there, way, asked)], "o", color=color, markersize=5, zorder=4)
+        top = max(top, float(np.abs(asked[(low <= way) & (way <= high)]).max()))
+    ax.axvline(first.instants[0].s, color=LOCUS, linewidth=0.8, linestyle=(0, (4, 3)))
+    ax.set_xlim(low, high)
+    ax.set_ylim(-1.25 * top, 1.25 * top)
+    ax.set_xlabel("way along the path  $s$  (dashed: singular)")
+    turn = not np.any(twist[first.robot.platform.translations])
+    ax.set_ylabel(
+        rf"{'torque about' if turn else 'force along'} $\mathbf{{t}}_s$  [{'N m' if turn else 'N'}]"
+    )
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+    return ax
+
+
+def eye_twist(films: Sequence[Film]) -> Array:
+    """t_s (n,) at the singular instant of the first of these films, with which all are looked at."""
+    first = films[0]
+    return np.asarray(first.t_s[int(np.argmin(np.abs(first.time - first.instants[0].time)))])
+
+
+_ALONG = np.linspace(0.0, 1.0, 7)
 
 
 def shown_limit(robot: ParallelRobot, torque: Array, given: ArrayLike | None) -> Array:

@@ -15,7 +15,9 @@ from framework.dynamics.measure_along_path import MeasureAlongPath
 from framework.dynamics.wrench import wrench_along
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.eye import plot_eye
+from framework.show.film import film_plan
 from framework.show.phase_plane import plot_phase_plane
+from framework.show.still import plot_still
 from framework.show.style import CROSSING, figure, line_style, styled
 
 SAMPLES = 601
@@ -110,7 +112,7 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     ax = figure()[1][0] if ax is None else ax
     times = np.linspace(0.0, plan.duration, SAMPLES)
     _, wrench = wrench_along(plan.dynamics, times)
-    turning = not np.any(plan.robot.translations)
+    turning = not np.any(plan.robot.platform.translations)
     ax.plot(times, wrench, **line_style(0))
     ax.axhline(0.0, color="black", linewidth=0.5)
     ax.set_xlabel("time  [s]")
@@ -136,11 +138,12 @@ def plot_raw_torques(
 
 
 def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
-    """Write law, torques, singularity, wrench, of a crossing its eye and of an optimal law its phase plane.
+    """Write robot, law, torques, singularity and wrench into a folder, as PDF and PNG.
 
-    Into a folder, as PDF and PNG.
+    Of a crossing its eye too, and of an optimal law its phase plane.
     """
     drawings: dict[str, Callable[[], Axes]] = {
+        "robot": lambda: plot_still(film_plan(plan)),
         "law": lambda: plot_law(plan)[0],
         "torques": lambda: plot_torques(plan),
         "singularity": lambda: plot_singularity(plan),

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import base64
 import html
-import io
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from framework.crossing.result import Crossing, CrossingPlan
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.show import plots
-from framework.show.captions import asked, how, parts, said, why
+from framework.show.captions import how, parts, said, why
 from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page
+from framework.show.report_figures import figures_with_captions
 from framework.show.reproduction import command_line, given_options, python_call
 from framework.show.scene import film_documents
-from framework.show.style import styled
 
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
 
@@ -35,7 +31,7 @@ def report_page(plan: CrossingPlan, *, name: str = "") -> str:
             '<div class="report">',
             scene_part(heading, FILM_LEAD),
             _section("What happens", _crossings(plan, film)),
-            _section("Figures", _figures(plan)),
+            _section("Figures", figures_with_captions(plan, film, _marked)),
             _section("The law", _law(plan)),
             _section("The certificate, in words", _certificate(plan, film)),
             _section("Parameters", _parameters(plan)),
@@ -121,36 +117,12 @@ def _crossings(plan: CrossingPlan, film: Film) -> str:
 
 def _with_units(robot: ParallelRobot) -> str:
     """The platform's coordinates with their units: x, y [m], rz [rad]."""
-    groups = {"m": robot.translations, "rad": ~robot.translations}
+    groups = {"m": robot.platform.translations, "rad": ~robot.platform.translations}
     named = {
         unit: ", ".join(name for name, there in zip(robot.axis_names, chosen, strict=True) if there)
         for unit, chosen in groups.items()
     }
     return ", ".join(f"{names} [{unit}]" for unit, names in named.items() if names)
-
-
-def _figures(plan: CrossingPlan) -> str:
-    drawn: list[tuple[str, Callable[[], Axes]]] = [
-        ("Motor torques", lambda: plots.plot_torques(plan)),
-        ("The law and its derivatives", lambda: plots.plot_law(plan)[0]),
-    ]
-    if len(plan.robot.passive):
-        drawn += [
-            ("Singularity measure along the path", lambda: plots.plot_singularity(plan)),
-            (f"{asked(plan.robot).capitalize()} t_s", lambda: plots.plot_wrench(plan)),
-        ]
-    if plan.optimality is not None:
-        drawn.append(("Phase plane", lambda: plots.plot_phase_plane(plan)[0]))
-    figures = []
-    for title, draw in drawn:
-        picture = io.BytesIO()
-        with styled():
-            draw().figure.savefig(picture, format="svg", metadata={"Date": None})  # type: ignore[union-attr]
-        data = base64.b64encode(picture.getvalue()).decode("ascii")
-        figures.append(
-            f'<figure><img alt="{html.escape(title)}" src="data:image/svg+xml;base64,{data}"></figure>'
-        )
-    return f'<div class="figures">{"".join(figures)}</div>'
 
 
 def _law(plan: CrossingPlan) -> str:

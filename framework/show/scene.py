@@ -20,7 +20,6 @@ from framework.kinematics.placements import (
     frame_positions,
     joint_axis,
     joint_poses,
-    planar_normal,
     platform_positions,
     rotated,
 )
@@ -30,10 +29,12 @@ from framework.show.captions import asked, how, proof, said, stated, subtitle, s
 from framework.show.eye import shown_limit
 from framework.show.film import Film
 from framework.show.shapes import body_shapes, turned_onto
+from framework.show.sight import seen_from
 from framework.singularity.locus import LocusCurves, locus_curves, locus_patch
 
 CLIPPED = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
 MOTOR = 0.06  # radius of a motor, over the radius of the picture
+GREY = (0.83, 0.84, 0.86, 1.0)  # of a motor without torque, as on the page
 COIL = 0.18  # length of a spring's coil, over the `length` of the document
 SHOWN = 0.35  # of the coil's length, or in radians: the largest deflection on the screen
 BESIDE = 0.9  # how far from the path the locus is drawn, in lengths of the robot
@@ -60,10 +61,10 @@ def film_documents(films: Sequence[Film]) -> list[dict[str, Any]]:
             traced.append((film.robot.description, found))
         return found
 
-    return [_film_document(film, curves_about, _limit(film, films)) for film in films]
+    return [_film_document(film, curves_about, stated_limit(film, films)) for film in films]
 
 
-def _limit(film: Film, films: Sequence[Film]) -> Array:
+def stated_limit(film: Film, films: Sequence[Film]) -> Array:
     """Torque limits (n_a,) that a film's motors are shown with: alike for all films of one robot."""
     alike = [other for other in films if other.robot.actuator_names == film.robot.actuator_names]
     proved = [np.abs(other.torque).max(axis=0) for other in alike if other.proved]
@@ -122,12 +123,12 @@ def _film_document(film: Film, curves_about: CurvesAbout, limit: Array) -> dict[
 def robot_document(robot: ParallelRobot, poses: Array) -> dict[str, Any]:
     """What does not depend on the motion, and where to look from."""
     shapes = body_shapes(robot)
-    view = _view(_points_in_sight(robot, shapes, poses), planar_normal(robot))
+    view = _view(robot, _points_in_sight(robot, shapes, poses))
     return {
         "robot": robot.name,
         "flexibility": robot.flexibility,
         "axes": list(robot.axis_names),
-        "turning": (~robot.translations).tolist(),
+        "turning": (~robot.platform.translations).tolist(),
         "joints": robot.model.njoints,
         "length": 1.2 * view["radius"],
         "shapes": [
@@ -185,6 +186,17 @@ def _motors(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[dict
             }
         )
     return motors
+
+
+def motor_shapes(robot: ParallelRobot) -> list[Shape]:
+    """The motors as solids, at rest: round ones on turning joints, blocks on slides."""
+    shapes = []
+    for motor in _motors(robot, body_shapes(robot), 0.7 * robot.length):
+        placement, radius = np.array(motor["placement"]).reshape(4, 4).T, motor["radius"]
+        kind = "box" if motor["slides"] else "cylinder"
+        size = (1.1 * radius, 1.1 * radius, 1.8 * radius) if motor["slides"] else (radius, 1.3 * radius)
+        shapes.append(Shape(motor["node"], kind, size, placement, GREY))
+    return shapes
 
 
 def _housing(place: Array, axis: Array, shapes: list[Shape], size: float) -> tuple[Array, float]:
@@ -248,7 +260,7 @@ def _polygon(film: Film, limit: Array) -> dict[str, Any] | None:
     Around `center` (F, 3) the sums of plus or minus the `sides` (F, n_a, 3), one of each motor.
     """
     robot = film.robot
-    if robot.n != 2 or not robot.translations.all():
+    if robot.n != 2 or not robot.platform.translations.all():
         return None
     center, sides = np.zeros((len(film.time), 3)), np.zeros((len(film.time), robot.n_a, 3))
     center[:, robot.platform.axes] = -film.motors.rotors
@@ -280,18 +292,20 @@ def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> dict[str, 
         patch = locus_patch(film.robot, film.q[nearest], film.x[nearest])
         if patch is not None:
             return {"kind": "patch", "count": len(patch), "points": floats(patch)}
-    held = not film.robot.translations.all()  # other coordinates take part: the locus is that of one instant
+    held = (
+        not film.robot.platform.translations.all()
+    )  # other coordinates take part: the locus is that of one instant
     frame = nearest if held else 0
     found = curves_about(film, frame, film.x[frame : frame + 1] if held else film.x)
     return drawn_locus(film.robot, found, platform)
 
 
-def drawn_locus(
+def locus_lines(
     robot: ParallelRobot, found: LocusCurves | None, platform: Array, *, beside: float = BESIDE
-) -> dict[str, Any] | None:
-    """Curves of the locus within `beside` lengths of the robot from places (F, 3) of the platform."""
-    if found is None or not found.curves:
-        return None
+) -> list[Array]:
+    """Curves (m, 3) of the locus within `beside` lengths of the robot from places (F, 3) of the platform."""
+    if found is None:
+        return []
     world = robot.platform.axes[list(found.axes)]
     pieces = []
     for curve in found.curves:
@@ -302,8 +316,16 @@ def drawn_locus(
         kept |= kept.mean() > 0.5  # a curve that is mostly near is drawn whole
         for piece in np.split(np.arange(len(line)), np.flatnonzero(np.diff(kept)) + 1):
             if kept[piece[0]] and len(piece) > 1:
-                pieces.append(floats(line[piece]))
-    whole = bool(robot.translations.all())
+                pieces.append(line[piece])
+    return pieces
+
+
+def drawn_locus(
+    robot: ParallelRobot, found: LocusCurves | None, platform: Array, *, beside: float = BESIDE
+) -> dict[str, Any] | None:
+    """These curves for the page."""
+    pieces = [floats(line) for line in locus_lines(robot, found, platform, beside=beside)]
+    whole = bool(robot.platform.translations.all())
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
 
 
@@ -318,21 +340,15 @@ def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) ->
     return np.concatenate(points)
 
 
-def _view(points: Array, normal: Array | None) -> dict[str, Any]:
-    """Centre, size, and where to look from: a planar robot nearly from its normal, others from a corner."""
+def _view(robot: ParallelRobot, points: Array) -> dict[str, Any]:
+    """Centre and size of what is to be seen, and where to look from."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
-    radius = max(float(np.linalg.norm(points - center, axis=1).max()), 1e-6)
-    direction = np.array([0.75, -1.35, 0.65])
-    if normal is not None:
-        normal = normal * (np.sign(normal @ np.array([0.2, -1.0, 2.0])) or 1.0)
-        # nearly flat-on: ten degrees off, so that bodies still show their depth
-        aside = np.array([0.0, -1.0, 0.0]) if abs(normal[2]) > 0.7 else np.array([0.5, 0.0, 0.8])
-        direction = normal + np.tan(np.radians(10.0)) * aside
+    toward, flat = seen_from(robot)
     return {
         "center": center.tolist(),
-        "radius": radius,
-        "from": (direction / np.linalg.norm(direction)).tolist(),
+        "radius": max(float(np.linalg.norm(points - center, axis=1).max()), 1e-6),
+        "from": toward.tolist(),
         "lowest": float(low[2]),
-        "flat": normal is not None,
+        "flat": flat,
     }

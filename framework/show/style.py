@@ -14,6 +14,9 @@ from matplotlib.figure import Figure
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 DASHES = ("-", "--", "-.", ":")
 CROSSING = "#444444"
+# One meaning each, as on the page (page/page.css).
+LOCUS, TWIST, WRENCH, PATH, GIVEN = "#7b3fa6", "#14181d", "#d6187a", "#009e73", "#2f9fe0"
+ALARM, GOOD = "#b3261e", "#1b7f4d"
 COLUMN = 3.5  # [in] width of a journal column
 
 _SETTINGS: dict[Any, Any] = {

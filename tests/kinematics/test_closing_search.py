@@ -5,6 +5,7 @@ Closed is judged by pinocchio's frame placements alone.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 import robots
 from framework import ParallelRobot, check_robot
+from framework.cli import main
 from framework.errors import NotAssembled
 from framework.kinematics.closing_search import find_closed_pose
 from framework.kinematics.mechanism import Mechanism
@@ -157,6 +159,25 @@ def test_what_cannot_close_is_told_with_the_least_gap(write_robot):
     with pytest.raises(NotAssembled, match=r"do not close: of \d+ starts .* tip\.[xyz] stays") as failure:
         find_closed_pose(robot)
     assert 0.6 < apart(robot, failure.value.q, "left_tip", "right_tip")[0] < 0.7
+
+
+@pytest.mark.parametrize("words", [[], ["--json"]])
+def test_check_answers_no_where_the_reference_is_not_assembled_and_prints_the_pose(tmp_path, capsys, words):
+    linkage(tmp_path, halves(HALVES["skew"]), robot_file(""))
+    (file,) = tmp_path.glob("*.yaml")
+    assert main(["check", str(file), *words]) == 1
+    out, err = capsys.readouterr()
+    assert err.count("\n") == 1
+    assert "the loops do not close near the reference that is given" in err
+    if not words:
+        assert "  reference         {crank: " in out
+        return
+    found = json.loads(out)
+    assert not found["assembled"]
+    assert found["error"]["kind"] == "NotAssembled"
+    assert found["error"]["residual"] == found["gap_at_reference"] > 1e-3
+    pasted = [f"{joint}={value!r}" for joint, value in found["reference"].items()]
+    assert main(["check", str(file), "--reference", *pasted]) == 0
 
 
 def test_check_examines_the_pose_it_has_found_and_prints_it_to_paste(tmp_path):

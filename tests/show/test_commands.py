@@ -180,7 +180,7 @@ def test_a_report_says_what_the_plan_is_and_how_to_have_it_again(crossing, folde
         "25000 N m/rad",
     ):
         assert said in text
-    assert text.count("data:image/svg+xml;base64,") == 4
+    assert text.count("data:image/svg+xml;base64,") == text.count("<figcaption><b>Figure ") == 6
     assert len(text) < 5e6
     # the command in the report, run as it stands, makes the same plan
     command = re.search(r"<pre>(crossing plan .*?)\ncrossing report", text, re.DOTALL)[1].replace("\\\n", " ")
@@ -203,10 +203,21 @@ def test_an_optimal_law_is_filmed_and_reported_as_any_other(crossing, tmp_path):
     assert scene["proved"]
     assert crossing("report", tmp_path)[0] == 0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert 'alt="Phase plane"' in page
+    assert 'alt="The phase plane: ' in page
 
 
 def test_a_report_needs_a_plan(crossing, tmp_path):
     code, _, err = crossing("report", tmp_path)
     assert code == 2
     assert "plan.json" in err
+
+
+def test_a_picture_of_a_film_is_written_by_its_ending(crossing, tmp_path):
+    file = tmp_path / "eye.png"
+    code, out, _ = crossing("show", "five_bar", "--scene", "B", "C", "--picture", file)
+    assert code == 0
+    assert f"Scene B (rigid parts), Scene C (rigid parts): written to {file}" in out
+    assert file.read_bytes().startswith(b"\x89PNG")
+    code, _, error = crossing("show", "five_bar", "--scene", "C", "--picture", tmp_path / "eye.jpg")
+    assert code == 2
+    assert "unknown kind of picture 'jpg'" in error

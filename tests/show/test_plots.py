@@ -168,7 +168,7 @@ def test_all_figures_are_saved_as_pdf_and_png(crossing_plan, tmp_path):
     settings = dict(matplotlib.rcParams)
     paths = plots.save_figures(crossing_plan, tmp_path)
     assert dict(matplotlib.rcParams) == settings
-    names = ("law", "torques", "singularity", "wrench", "eye")
+    names = ("robot", "law", "torques", "singularity", "wrench", "eye")
     assert [path.name for path in paths] == [f"{name}.{end}" for name in names for end in ("pdf", "png")]
     assert set(paths) == set(tmp_path.iterdir())
     for path in paths:
@@ -181,7 +181,7 @@ def test_all_figures_are_saved_as_pdf_and_png(crossing_plan, tmp_path):
             assert image.shape[1] == 700  # [px], a column of 3.5 inches
             assert image[..., :3].std() > 0.05  # there is something on it
     again = plots.save(lambda: plots.plot_torques(crossing_plan), tmp_path / "again")
-    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in paths[2:4]]
+    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in paths[4:6]]
 
 
 def test_the_phase_plane_holds_both_laws_between_what_the_motors_allow(crossing_plan):

@@ -1,0 +1,87 @@
+"""The public names, all in one place; `import framework` has them."""
+
+from framework.crossing.plan import plan_crossing
+from framework.crossing.result import CrossingPlan
+from framework.crossing.saved import load_plan
+from framework.crossing.scenes import plan_scene
+from framework.dynamics.instant import dynamics_at
+from framework.dynamics.inverse_dynamics import inverse_dynamics
+from framework.dynamics.result import InverseDynamics
+from framework.errors import (
+    FrameworkError,
+    InvalidInput,
+    LimitsExceeded,
+    LoadedJoint,
+    LostWorkers,
+    MissingPackage,
+    NoAnswer,
+    NoLaw,
+    NotAssembled,
+    NotConverged,
+    OutOfReach,
+    OutputError,
+    RobotFileError,
+    SingularPath,
+    SingularPose,
+    SingularReference,
+    Type1Singularity,
+    Type2Singularity,
+    UnboundedTorque,
+    UncontrolledMotions,
+)
+from framework.kinematics.diagnostics import check_robot
+from framework.kinematics.forward_kinematics import forward_kinematics
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tracking import assemble, track_path
+from framework.kinematics.velocity_matrices import velocity_matrices
+from framework.motion.law import Condition, Law
+from framework.motion.path import Arc, Line, Spline
+from framework.simulation import Simulation, simulate
+from framework.singularity.points_on_path import SingularPoint, locate_singularities
+
+__all__ = [
+    "Arc",
+    "Condition",
+    "CrossingPlan",
+    "FrameworkError",
+    "InvalidInput",
+    "InverseDynamics",
+    "Law",
+    "LimitsExceeded",
+    "Line",
+    "LoadedJoint",
+    "LostWorkers",
+    "Mechanism",
+    "MissingPackage",
+    "NoAnswer",
+    "NoLaw",
+    "NotAssembled",
+    "NotConverged",
+    "OutOfReach",
+    "OutputError",
+    "ParallelRobot",
+    "RobotFileError",
+    "Simulation",
+    "SingularPath",
+    "SingularPoint",
+    "SingularPose",
+    "SingularReference",
+    "Spline",
+    "Type1Singularity",
+    "Type2Singularity",
+    "UnboundedTorque",
+    "UncontrolledMotions",
+    "assemble",
+    "check_robot",
+    "dynamics_at",
+    "forward_kinematics",
+    "inverse_dynamics",
+    "load_plan",
+    "locate_singularities",
+    "plan_crossing",
+    "plan_scene",
+    "simulate",
+    "track_path",
+    "velocity_matrices",
+]

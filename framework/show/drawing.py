@@ -1,0 +1,105 @@
+"""A robot as a picture in matplotlib: `draw(robot, q, ax)`."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+
+from framework.arrays import Array
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.placements import joint_poses, planar_normal, rotated
+from framework.model.visuals import Shape
+from framework.show.scene import motor_shapes
+from framework.show.shapes import body_shapes
+from framework.show.sight import Projection, projection
+from framework.show.style import figure
+
+RIM = 32  # corners of a round outline
+LIGHT = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
+
+
+def draw(robot: ParallelRobot, q: Array | None = None, ax: Axes | None = None) -> Axes:
+    """The bodies and motors of a robot at q (nq,), its reference when None; on new axes when `ax` is None.
+
+    Planar robots lie flat on the paper, and the axes are the base's [m]. Others are seen from a corner,
+    without axes; `framework.show.sight.projection` tells where a point of space comes to lie.
+    """
+    ax = figure(height=3.0)[1][0] if ax is None else ax
+    q = robot.reference.q if q is None else np.asarray(q, dtype=float)
+    onto = projection(robot)
+    pose = joint_poses(robot, q[None])[0]
+    pieces: list[tuple[float, Array, Array]] = []  # depth, outline, colour
+    for shape in [*body_shapes(robot), *motor_shapes(robot)]:
+        pieces += _pieces(shape, pose[shape.node], onto)
+    pieces.sort(key=lambda piece: -piece[0])  # the farthest first
+    colors = np.array([color for _, _, color in pieces])
+    outlines = [outline for _, outline, _ in pieces]
+    # a solid has a dark outline, a triangle of a mesh none of its own
+    edges = np.array([color * ((1.0 if len(line) == 3 else 0.6,) * 3 + (1,)) for _, line, color in pieces])
+    ax.add_collection(PolyCollection(outlines, facecolors=colors, edgecolors=edges, linewidths=0.4, zorder=1))
+    ax.autoscale_view()
+    ax.set_aspect("equal")
+    ax.grid(visible=False)
+    if planar_normal(robot) is None:
+        ax.set_axis_off()
+    else:
+        ax.set_xlabel(f"{_named(onto.right)}  [m]")
+        ax.set_ylabel(f"{_named(onto.up)}  [m]")
+    return ax
+
+
+def _named(direction: Array) -> str:
+    """The axis of the base that is nearest to a direction."""
+    axis = int(np.argmax(np.abs(direction)))
+    return ("" if direction[axis] > 0 else "−") + "xyz"[axis]
+
+
+def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, Array, Array]]:
+    """Depth, outline (m, 2) and colour (4,) of what is seen of a shape on a joint at a pose (7,)."""
+
+    def placed(local: Array) -> Array:
+        points = local @ shape.placement[:3, :3].T + shape.placement[:3, 3]
+        return np.asarray(joint[:3] + rotated(np.repeat(joint[None, 3:], len(points), axis=0), points))
+
+    color = np.array(shape.color, dtype=float)
+    if shape.vertices is not None and shape.faces is not None:
+        triangles = placed(shape.vertices)[shape.faces]  # (F, 3, 3)
+        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+        bright = 0.55 + 0.45 * np.abs(normals @ LIGHT) / np.linalg.norm(LIGHT)
+        depths = triangles.mean(axis=1) @ onto.ahead
+        shades = np.concatenate([color[:3] * bright[:, None], np.full((len(bright), 1), color[3])], axis=1)
+        return [
+            (float(depth), flat, shade)
+            for depth, flat, shade in zip(depths, onto(triangles), shades, strict=True)
+        ]
+    center = placed(np.zeros((1, 3)))[0]
+    angle = np.linspace(0.0, 2 * np.pi, RIM, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(RIM)], axis=1)
+    if shape.kind == "sphere":
+        outline = onto(center) + shape.size[0] * circle[:, :2]
+    elif shape.kind == "cylinder":
+        ends = [shape.size[0] * circle + [0.0, 0.0, side * shape.size[1] / 2] for side in (-1, 1)]
+        outline = hull(onto(placed(np.concatenate(ends))))
+    else:
+        outline = hull(onto(joint[:3] + rotated(np.repeat(joint[None, 3:], 8, axis=0), shape.corners())))
+    return [(float(center @ onto.ahead), outline, color)]
+
+
+def hull(points: Array) -> Array:
+    """The convex hull of points (m, 2) of a plane, counter-clockwise, by Andrew's monotone chain."""
+    ordered = points[np.lexsort((points[:, 1], points[:, 0]))]
+    halves = []
+    for way in (ordered, ordered[::-1]):
+        chain: list[Array] = []
+        for point in way:
+            while len(chain) > 1 and not _turns_left(chain[-2], chain[-1], point):
+                chain.pop()
+            chain.append(point)
+        halves.append(chain[:-1])
+    return np.array(halves[0] + halves[1])
+
+
+def _turns_left(a: Array, b: Array, c: Array) -> bool:
+    return bool((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0)

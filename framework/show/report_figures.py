@@ -1,0 +1,67 @@
+"""The figures of a report, numbered, each with what it shows."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Callable
+
+from matplotlib.axes import Axes
+
+from framework.crossing.result import CrossingPlan
+from framework.show import plots
+from framework.show.captions import asked, parts
+from framework.show.eye import plot_eye
+from framework.show.film import Film
+from framework.show.still import plot_still
+from framework.show.style import styled
+
+Drawing = tuple[str, Callable[[], Axes]]  # its caption, and who draws it
+
+
+def figures_with_captions(plan: CrossingPlan, film: Film, marked: Callable[[str], str]) -> str:
+    """The figures as HTML; `marked` makes HTML of a plain text."""
+    figures = []
+    for number, (caption, draw) in enumerate(_drawings(plan, film), 1):
+        picture = io.BytesIO()
+        with styled():
+            draw().figure.savefig(picture, format="svg", metadata={"Date": None})  # type: ignore[union-attr]
+        data = base64.b64encode(picture.getvalue()).decode("ascii")
+        figures.append(
+            f'<figure><img alt="{html.escape(caption)}" src="data:image/svg+xml;base64,{data}">'
+            f"<figcaption><b>Figure {number}.</b> {marked(caption)}</figcaption></figure>"
+        )
+    return f'<div class="figures">{"".join(figures)}</div>'
+
+
+def _drawings(plan: CrossingPlan, film: Film) -> list[Drawing]:
+    where = "at the singular instant" if film.instants else "halfway"
+    locus = ", singular locus (purple)" if plan.robot.platform.translations.all() else ""
+    dashed = " Dashed: the singular instants." if plan.crossings else ""
+    drawn: list[Drawing] = [
+        (
+            f"The robot {where}: path (green), t_s (black), W_p (magenta){locus}.",
+            lambda: plot_still(film),
+        )
+    ]
+    if plan.crossings:
+        told = "The eye of the needle: at the singular instant the motors give nothing along t_s."
+        drawn.append((f"{told} The motion asks for nothing there.", lambda: plot_eye(plan)))
+    drawn += [
+        (f"Motor torques, with {parts(film)}.{dashed}", lambda: plots.plot_torques(plan)),
+        (f"The law s(t) and its derivatives.{dashed}", lambda: plots.plot_law(plan)[0]),
+    ]
+    if len(plan.robot.passive):
+        met = ": 0 at the singular instants, condition (8)" if plan.crossings else ""
+        drawn += [
+            (
+                "Measure of singularity along the path, 0 where singular.",
+                lambda: plots.plot_singularity(plan),
+            ),
+            (f"The {asked(plan.robot)} t_s that the motion asks for{met}.", lambda: plots.plot_wrench(plan)),
+        ]
+    if plan.optimality is not None:
+        told = "The phase plane: speed and acceleration along the path, and what the motors' limits allow."
+        drawn.append((told, lambda: plots.plot_phase_plane(plan)[0]))
+    return drawn

@@ -1,0 +1,165 @@
+"""One instant: every body in balance by Newton and Euler, power, inertia, and what cannot be told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework import InvalidInput, SingularPose, assemble, plan_scene
+from framework.dynamics.instant import dynamics_at
+
+
+def scene_of(robot):
+    scenes = robot.description.scenes
+    return next(name for name, scene in scenes.items() if scene.times != ())
+
+
+@pytest.fixture(scope="module", params=["five_bar_heavy", "gough_stewart", "delta", "three_rrr"])
+def moving(request):
+    """A robot on its way, well before its crossing: the plan, the time, what `dynamics_at` says."""
+    robot = robots.load(request.param)
+    plan = plan_scene(robot, scene_of(robot))
+    time = 0.3 * plan.duration
+    q = plan.dynamics.motion(time).q[0]
+    return plan, time, dynamics_at(robot, q, dx=plan.platform(time, 1), ddx=plan.platform(time, 2))
+
+
+def momenta(robot, q, v):
+    """Linear momentum and angular momentum about the base's origin of each body, (joints, 6)."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q, v)
+    found = []
+    for j in range(1, robot.model.njoints):
+        body, placed = robot.model.inertias[j], data.oMi[j]
+        turning = placed.rotation @ data.v[j].angular
+        speed = placed.rotation @ (data.v[j].linear + np.cross(data.v[j].angular, body.lever))
+        centre = placed.act(body.lever)
+        spin = placed.rotation @ body.inertia @ placed.rotation.T @ turning
+        found.append(np.concatenate([body.mass * speed, spin + np.cross(centre, body.mass * speed)]))
+    return np.array(found)
+
+
+def about_base(wrench, at):
+    return np.concatenate([wrench[:3], wrench[3:] + np.cross(at, wrench[:3])])
+
+
+def test_every_body_is_in_balance(moving):
+    plan, time, found = moving
+    robot, model = plan.robot, plan.robot.model
+    h = 1e-3 * plan.duration
+    stencil = {-2: 1.0, -1: -8.0, 1: 8.0, 2: -1.0}
+    rates = np.zeros((model.njoints - 1, 6))
+    for k, weight in stencil.items():
+        motion = plan.dynamics.motion(time + k * h)
+        rates += weight / (12 * h) * momenta(robot, motion.q[0], motion.v[0])
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, found.q)
+    loads = np.zeros((model.njoints, 6))
+    for j in range(1, model.njoints):
+        weight = model.inertias[j].mass * model.gravity.linear
+        loads[j] += about_base(np.r_[weight, 0, 0, 0], data.oMi[j].act(model.inertias[j].lever))
+        reaction = about_base(found.reactions[model.names[j]], data.oMi[j].translation)
+        loads[j] += reaction
+        loads[model.parents[j]] -= reaction
+    for closure in robot.description.closures:
+        first, second = (model.getFrameId(name) for name in closure.frames)
+        force = about_base(found.loop_forces[closure.name], data.oMf[first].translation)
+        loads[model.frames[first].parentJoint] += force
+        loads[model.frames[second].parentJoint] -= force
+    known = ~np.isnan(loads[1:])
+    assert known.mean() > 0.3  # planar and overconstrained robots leave some open
+    scale = np.nanmax(np.abs(loads))
+    np.testing.assert_allclose(loads[1:][known], rates[known], rtol=0, atol=1e-8 * scale)
+
+
+def test_motors_give_what_the_plan_gives(moving):
+    plan, time, found = moving
+    torque = plan.torque(time)
+    np.testing.assert_allclose(found.torque, torque, rtol=0, atol=1e-10 * np.abs(torque).max())
+
+
+def test_a_joint_passes_on_along_its_axis_what_its_motor_gives_and_nothing_else(moving):
+    plan, _, found = moving
+    robot, model = plan.robot, plan.robot.model
+    data = model.createData()
+    pin.forwardKinematics(model, data, found.q, found.v)
+    scale = max(np.nanmax(np.abs(w)) for w in found.reactions.values())
+    for j in range(1, model.njoints):
+        axis = pin.SE3(data.oMi[j].rotation, np.zeros(3)).act(pin.Motion(np.ravel(data.joints[j].S))).vector
+        given = np.nansum(axis * found.reactions[model.names[j]])
+        column = model.joints[j].idx_v
+        motor = np.flatnonzero(robot.actuated == column)
+        expected = found.joint_torque[motor[0]] if len(motor) else 0.0
+        np.testing.assert_allclose(given, expected, rtol=0, atol=1e-9 * scale)
+
+
+def test_what_the_motors_give_is_what_the_energy_takes(moving):
+    plan, time, found = moving
+    robot, h = plan.robot, 1e-3 * plan.duration
+
+    def energy(t):
+        motion, data = plan.dynamics.motion(t), robot.model.createData()
+        kinetic = pin.computeKineticEnergy(robot.model, data, motion.q[0], motion.v[0])
+        rotors = 0.5 * robot.rotor_inertia @ (robot.gear_ratio * motion.v[0, robot.actuated]) ** 2
+        return kinetic + rotors + pin.computePotentialEnergy(robot.model, data, motion.q[0])
+
+    gained = (energy(time - 2 * h) - 8 * energy(time - h) + 8 * energy(time + h) - energy(time + 2 * h)) / (
+        12 * h
+    )
+    power = found.torque @ (robot.gear_ratio * found.v[robot.actuated])
+    assert power == pytest.approx(gained, abs=1e-8 * np.abs(found.torque).max() * plan.robot.gear_ratio.max())
+
+
+def test_inertia_is_what_kinetic_energy_says(moving):
+    plan, _, found = moving
+    robot = plan.robot
+    data = robot.model.createData()
+    kinetic = pin.computeKineticEnergy(robot.model, data, found.q, found.v)
+    kinetic += 0.5 * robot.rotor_inertia @ (robot.gear_ratio * found.v[robot.actuated]) ** 2
+    motors = found.v[robot.actuated]
+    assert 0.5 * motors @ found.motor_inertia @ motors == pytest.approx(kinetic, rel=1e-9)
+
+
+def test_a_force_of_the_world_is_held_by_the_motors():
+    """Virtual work: at rest, torque . dq_a + force . dx = 0 for all dx the robot can make."""
+    robot = robots.load("delta")
+    q, dx = assemble(robot).q, 1e-6 * np.array([1.0, -2.0, 0.5])
+    force = np.array([3.0, -1.0, 2.0])
+    frame = robot.description.platform.frame
+    loaded = dynamics_at(robot, q, wrenches={frame: [*force, 0, 0, 0]})
+    change = loaded.joint_torque - dynamics_at(robot, q).joint_torque
+    there, here = (assemble(robot, assemble(robot).x + side * dx).q[robot.actuated] for side in (1, -1))
+    assert change @ (there - here) + 2 * force @ dx == pytest.approx(0, abs=1e-8 * np.abs(force).max() * 1e-6)
+
+
+def test_what_a_planar_robot_leaves_open_is_named_and_not_made_up():
+    """The legs of the 5R share the payload's weight in a way that no rigid robot tells."""
+    robot = robots.load("five_bar")
+    found = dynamics_at(robot, assemble(robot).q)
+    assert np.isnan(found.loop_forces["tip"][2])
+    assert "tip: force z" in found.indeterminate
+    assert not np.isnan(found.loop_forces["tip"][:2]).any()
+
+
+def test_at_the_singularity_there_is_no_torque_of_an_instant():
+    robot = robots.load("five_bar")
+    singular = assemble(robot, [0.0, np.sqrt(0.06)]).q
+    with pytest.raises(SingularPose, match=r"Type 2.*plan"):
+        dynamics_at(robot, singular)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"dx": [1.0]}, "dx must be 2 finite numbers"),
+        ({"ddx": [np.nan, 0.0]}, "ddx must be 2 finite numbers"),
+        ({"wrenches": {"left_tipp": [0] * 6}}, "unknown frame 'left_tipp'; did you mean 'left_tip'"),
+        ({"wrenches": {"left_tip": [0] * 3}}, "wrenches: left_tip must be 6 finite numbers"),
+    ],
+)
+def test_what_cannot_be(arguments, words):
+    robot = robots.load("five_bar")
+    with pytest.raises(InvalidInput, match=words):
+        dynamics_at(robot, assemble(robot).q, **arguments)

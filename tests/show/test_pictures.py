@@ -1,0 +1,84 @@
+"""Robots and films as pictures for paper, slides and READMEs."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial import ConvexHull
+
+import robots
+from framework.errors import InvalidInput
+from framework.kinematics.placements import frame_positions, joint_poses
+from framework.show.drawing import draw, hull
+from framework.show.moving import film_picture
+from framework.show.shapes import body_shapes
+from framework.show.sight import projection
+from framework.show.still import plot_still
+from tests.show.test_film import filmed
+
+
+def test_the_hull_is_that_of_qhull():
+    rng = np.random.default_rng(0)
+    for points in (rng.normal(size=(50, 2)), rng.integers(0, 4, (60, 2)).astype(float)):
+        x, y = hull(points).T
+        area = 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
+        assert area == pytest.approx(ConvexHull(points).volume, rel=1e-12)  # in a plane its area
+
+
+@pytest.mark.parametrize("name", ["five_bar", "n_four_bar", "delta", "gough_stewart", "agile_eye"])
+def test_all_joints_of_a_drawn_robot_lie_within_what_is_drawn(name):
+    robot = robots.load(name)
+    q = robot.reference.q
+    (bodies,) = draw(robot, q).collections
+    drawn = np.concatenate([path.vertices for path in bodies.get_paths()])
+    places = projection(robot)(frame_positions(robot, joint_poses(robot, q[None])))
+    beyond = np.maximum(drawn.min(axis=0) - places, places - drawn.max(axis=0))
+    assert beyond.max() < 0.03 * robot.length  # a joint of no size may lie beside its body
+    assert np.all(np.isfinite(drawn))
+
+
+def test_a_planar_robot_is_drawn_to_the_scale_of_its_axes():
+    robot = robots.load("five_bar")
+    ax = draw(robot)
+    assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_aspect()) == ("x  [m]", "y  [m]", 1.0)
+    (payload,) = [shape for shape in body_shapes(robot) if shape.color[0] > 0.9]  # the yellow one
+    rounds = [path.vertices for path in ax.collections[0].get_paths()]
+    centers = np.array([line[:-1].mean(axis=0) for line in rounds])
+    there = np.linalg.norm(centers - robot.reference.x, axis=1) < 1e-6
+    wide = max(np.ptp(line[:, 0]) for line, here in zip(rounds, there, strict=True) if here)
+    across = 2 * payload.size[0]
+    assert np.cos(np.pi / 32) * across <= wide <= across  # a round outline has 32 corners
+
+
+def test_a_still_shows_the_path_and_the_singular_place():
+    film = filmed("five_bar", "C")
+    lines = {line.get_color(): line.get_xydata() for line in plot_still(film).lines}
+    np.testing.assert_allclose(lines["#009e73"], film.x, atol=1e-9)
+    assert film.instants[0].platform == pytest.approx([0.0, np.sqrt(0.06)], abs=1e-4)
+
+
+def test_a_picture_is_of_the_kind_asked_for():
+    films = [filmed("five_bar", "B"), filmed("five_bar", "C")]
+    assert Image.open(io.BytesIO(film_picture(films, "png"))).size == (840, 360)
+    svg = film_picture(films, "svg").decode()
+    assert "misses the eye" in svg
+    assert "threads the eye" in svg
+    with pytest.raises(InvalidInput, match="gif, pdf, png, svg"):
+        film_picture(films, "jpg")
+    with pytest.raises(InvalidInput, match="one path"):
+        film_picture([films[0], filmed("five_bar", "bow")], "png")
+
+
+@pytest.mark.slow
+def test_a_moving_picture_stands_two_seconds_at_the_singular_instant():
+    film = filmed("five_bar", "C")
+    moving = Image.open(io.BytesIO(film_picture([film], "gif")))
+    lasting = []
+    for k in range(moving.n_frames):
+        moving.seek(k)
+        lasting.append(moving.info["duration"])
+    assert lasting.count(2000) == 2  # there, and at the end
+    assert abs(lasting.index(2000) / (moving.n_frames - 1) - film.instants[0].time / film.time[-1]) < 0.03
