@@ -12,7 +12,6 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sparse
 from numpy.polynomial import chebyshev, legendre
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
@@ -222,7 +221,7 @@ class Setting:
             power = self.torque_rows(evaluate(points, series_through(np.eye(len(self.on_path.sigma)))))
         return ConeProgram(
             speeds=np.asarray(chebyshev.chebvander(points, degree), dtype=float),
-            average=sparse.eye_array(len(weights)),
+            average=np.eye(len(weights)),
             weights=weights / self.on_path.stretch(self.on_path.stretch.inverse(points), 1),
             positive=np.empty((0, degree + 1)),
             torque=self.torque_rows(every_other),
