@@ -14,4 +14,5 @@ ENTRY = CatalogueEntry(
     summary="overconstrained ring of six hinges, one drive",
     source="IFToMM multibody benchmark A04, Bricard's mechanism",
     singularities=("type_1", "type_2"),
+    why="The driven hinge turns back here: it stands still while every second hinge turns on, unheld.",
 )

@@ -15,4 +15,5 @@ ENTRY = CatalogueEntry(
     summary="Delta, three translations, six rods in parallelograms",
     source="Williams, The Delta Parallel Robot, Ohio University 2015: ABB FlexPicker IRB 360-1/1600",
     singularities=("type_2",),
+    why="The three pairs of rods are parallel to one plane: nothing pushes across it, and that is t_s.",
 )

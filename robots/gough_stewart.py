@@ -15,4 +15,5 @@ ENTRY = CatalogueEntry(
     summary="Gough-Stewart platform 6-UPS, six legs with prismatic motors",
     source="The MathWorks, Stewart platform example of SimMechanics, 1998-2003",
     singularities=("type_2",),
+    why="The lines of the six legs depend on one another: the twist t_s changes the length of none of them.",
 )

@@ -16,4 +16,5 @@ ENTRY = CatalogueEntry(
     summary="Orthoglide, three translations, parallelograms on orthogonal rails",
     source="after Chablat and Wenger, IEEE Trans. Robotics and Automation 19(3), 2003",
     singularities=("type_1", "type_2"),
+    why="The three legs are parallel to one plane: nothing pushes across it, and that is t_s.",
 )

@@ -15,4 +15,6 @@ ENTRY = CatalogueEntry(
     summary="Par4, three translations and a turn about z, articulated plate",
     source="mechanism of Nabat, Rodriguez, Company, Krut and Pierrot, IROS 2005",
     singularities=("type_2",),
+    why="The motion t_s, a shift with a turn of the bars, changes the length of none of the four "
+    "forearms: nothing holds it.",
 )

@@ -14,4 +14,5 @@ ENTRY = CatalogueEntry(
     summary="spherical 3-RRR, three rotations, arcs of 60 and 90 degrees",
     source="after Gosselin and Hamel, ICRA 1994, with shorter arcs",
     singularities=("type_2",),
+    why="The planes of the three distal arcs meet in one line: nothing turns the platform about it.",
 )

@@ -29,6 +29,8 @@ PLAN_KEYS = [
     *("version", "robot", "robot_file", "flexibility", "geometry", "duration", "request", "law", "crossings"),
     *("peak_torque", "exceeded", "certificate", "reason", "optimality", "seconds"),
 ]
+PASSIVE = ["left_elbow", "right_elbow"]
+UNITS = ["m", "rad", "N m"]
 CROSSING_KEYS = [
     *("s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual", "condition"),
 ]
@@ -249,7 +251,9 @@ def quick_figures(monkeypatch):
 def test_out_writes_the_plan_and_its_figures(document, tmp_path):
     out = tmp_path / "new" / "folder"
     printed = document(*PLAN, "--scene", "C", "--flexibility", "flexible_links", "--out", out)
-    assert {path.name for path in out.iterdir()} == {"plan.json", "motion.csv", "figures.txt"}
+    assert {path.name for path in out.iterdir()} == {
+        *("plan.json", "motion.csv", "motion.csv-metadata.json", "figures.txt"),
+    }
     assert (out / "figures.txt").read_text() == "five_bar, flexible_links"
     stored = json.loads((out / "plan.json").read_text())
     assert list(stored) == list(printed)
@@ -269,14 +273,28 @@ def test_out_writes_the_motion(document, tmp_path, flexibility, samples, springs
     stored = document(*PLAN, "--scene", "C", "--flexibility", flexibility, "--out", tmp_path, *options)
     lines = (tmp_path / "motion.csv").read_text().splitlines()
     motors = ["left_motor", "right_motor"]
-    assert lines[0].split(",") == [
+    old = [
         *("time", "s", "ds", "dds", "platform_x", "platform_y"),
         *(f"motor_angle_{joint}" for joint in motors),
         *(f"torque_{joint}" for joint in motors),
         *(f"deflection_{spring}" for spring in springs),
     ]
+    rates = ("velocity", "acceleration")
+    assert lines[0].split(",") == [
+        *old,
+        *(f"platform_{rate}_{axis}" for rate in rates for axis in "xy"),
+        *(f"motor_{rate}_{joint}" for rate in rates for joint in motors),
+        *(f"deflection_{rate}_{spring}" for rate in rates for spring in springs),
+        *(f"joint_{joint}" for joint in PASSIVE),
+        *(f"joint_{rate}_{joint}" for rate in rates for joint in PASSIVE),
+    ]
+    described = json.loads((tmp_path / "motion.csv-metadata.json").read_text())
+    assert described["url"] == "motion.csv"
+    columns = described["tableSchema"]["columns"]
+    assert [column["name"] for column in columns] == lines[0].split(",")
+    assert {column["schema:unitText"] for column in columns[: len(old)]} <= {"s", "1", "1/s", "1/s2", *UNITS}
     rows = np.array([[float(value) for value in line.split(",")] for line in lines[1:]])
-    assert rows.shape == (samples, 10 + len(springs))
+    assert rows.shape == (samples, len(columns))
     t, s = rows[:, 0], rows[:, 1]
     np.testing.assert_allclose(t, np.linspace(0, 1.5, samples), atol=1e-15)
     for order in range(3):
@@ -289,7 +307,7 @@ def test_out_writes_the_motion(document, tmp_path, flexibility, samples, springs
     np.testing.assert_allclose(rows[few, 6:8], oracle.motor_angles(exact, t[few]), atol=1e-12)  # motor side
     np.testing.assert_allclose(rows[few, 8:10], oracle.torques(exact, t[few]), atol=1e-12)
     if springs:
-        np.testing.assert_allclose(rows[few, 10:], oracle.deflections(exact, t[few]), atol=1e-14)
+        np.testing.assert_allclose(rows[few, 10 : len(old)], oracle.deflections(exact, t[few]), atol=1e-14)
 
 
 # ------------------------------------------------------------------ the answer is no

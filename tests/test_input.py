@@ -151,7 +151,7 @@ def test_deep_nesting_is_refused(write_robot, levels):
         ("a: 1\nb: 2\na: 3\n", "'a': duplicate key, in line 1 and in line 3"),
         ("{a: 1, a: 1}", "'a': duplicate key"),
         ("yes: 1\ntrue: 2\n", "True: duplicate key"),
-        ('name: "\\ud800"', "line 1: '\\ud800' is no text"),
+        ('name: "\\ud800"', "invalid Unicode character escape code"),
         ("a: [" + "b, " * 21_000 + "]", "more than 20000 values"),
         ("? [a]\n: b", "not valid YAML"),
         ("a: !!int x", "not valid YAML"),

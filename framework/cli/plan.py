@@ -21,6 +21,7 @@ from framework.errors import InvalidInput, point
 from framework.motion.law import Law, PlannedLaw
 from framework.output import written_together
 
+MOTION = "motion.csv"
 MOST_SAMPLES = 1_000_000
 
 
@@ -69,7 +70,9 @@ def run(options: argparse.Namespace) -> Report:
         plan = plan_request(robot, request)
         document = plan_document(plan, out)
         (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
-        plan.to_csv(folder / "motion.csv", options.samples)
+        motion = plan.samples(options.samples)
+        (folder / MOTION).write_text(motion.as_csv(), encoding="utf-8")
+        (folder / f"{MOTION}-metadata.json").write_text(motion.metadata(MOTION), encoding="utf-8")
         save_figures(plan, folder)
     return document, f"{plan_text(plan)}\n  written to        {out}"
 
@@ -113,6 +116,9 @@ def plan_text(plan: CrossingPlan) -> str:
         )
     if not plan.crossings:
         lines.append("  crossing          none")
+    settled = ""
+    if robot.n_e and plan.geometry == "deformed":
+        settled = f", deflections settled to {certificate.change:.1e}"
     peaks = ", ".join(
         f"{joint} {value:.6g} {unit}"
         for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
@@ -120,7 +126,7 @@ def plan_text(plan: CrossingPlan) -> str:
     lines += [
         f"  peak torque       {peaks}",
         f"  certificate       tail {certificate.tail:.1e} on {certificate.nodes} nodes, "
-        f"{certificate.passes} pass{'es' * (certificate.passes != 1)}, loops closed to "
+        f"{certificate.passes} pass{'es' * (certificate.passes != 1)}{settled}, loops closed to "
         f"{certificate.max_closure_error:.1e}, joints in balance to {certificate.max_residual_torque:.1e} "
         f"N m or N",
     ]

@@ -134,8 +134,8 @@ def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | N
     if deflection is not None and robot.n_e:
         raise NotConverged(
             f'{where} s" has no effect on t_s . W_p once the robot deflects (alpha = '
-            f"{condition.alpha:.2g}): the springs are too soft for this motion; stiffen them, take more "
-            f"time, or use geometry rigid",
+            f"{condition.alpha:.2g}): with these deflections the path runs orthogonal to t_s; use stiffer "
+            f"springs, geometry rigid, or another direction",
             residual=abs(condition.alpha) / own,
         )
     raise NoLaw(

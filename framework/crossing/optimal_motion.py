@@ -145,8 +145,8 @@ def optimal_motion(task: Task) -> OptimalMotion:
         if excess > 1.0 and settled:
             wish = wish.tightened((1.0 - ROOM) / excess)
     raise NotConverged(
-        f"{task.branch.robot.name}: law and deflections do not settle together in {MOST_PASSES} passes: "
-        f"stiffen the springs, take more time, or use geometry rigid",
+        f"{task.branch.robot.name}: law and deflections do not settle together in {MOST_PASSES} passes; use "
+        f"stiffer springs, law polynomial, or geometry rigid",
         residual=abs(excess - 1.0),
     )
 
@@ -318,8 +318,8 @@ def _resolved(
             y = adjusted(base.coefficients, equalities, base.duration, base.stretch)
         except InvalidInput:
             raise NotConverged(
-                f"{branch.robot.name}: no law near the best crosses where the deflected robot is singular: "
-                f"the springs are too soft; stiffen them, take more time, or use geometry rigid",
+                f"{branch.robot.name}: no law near the best crosses where the deflected robot is singular; "
+                f"use stiffer springs, law polynomial, or geometry rigid",
                 residual=np.inf,
             ) from None
         return OptimalLaw(y, base.smoothness, base.duration, base.dense_at)

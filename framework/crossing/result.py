@@ -1,9 +1,7 @@
-"""What planning gives: the crossings, the law with its torques, and how they are written down."""
+"""What planning gives: the crossings, the law with its torques, and its proof."""
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass
 from os import PathLike
 from typing import IO
@@ -12,14 +10,14 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.crossing.condition import Condition8
+from framework.crossing.motion_table import MotionTable, motion_table
 from framework.crossing.optimal import Wish
 from framework.crossing.request import Request
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.result import InverseDynamics
-from framework.errors import InvalidInput
 from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.law import PlannedLaw, is_number
+from framework.motion.law import PlannedLaw
 from framework.motion.path import Path
 
 
@@ -139,35 +137,15 @@ class CrossingPlan:
             f"{self.certificate.tail:.1e})"
         )
 
-    def samples(self, count: int = 1501) -> tuple[list[str], Array]:
-        """Column names and rows (count, columns) of motion.csv, SI units."""
-        if not (is_number(count) and int(count) == count >= 2):
-            raise InvalidInput(f"samples: needs a whole number of at least 2, got {count!r}")
-        robot, times = self.robot, np.linspace(0.0, self.duration, count)
-        names = ["time", "s", "ds", "dds"]
-        names += [f"platform_{axis}" for axis in robot.axis_names]
-        names += [f"motor_angle_{joint}" for joint in robot.actuator_names]
-        names += [f"torque_{joint}" for joint in robot.actuator_names]
-        names += [f"deflection_{spring}" for spring in robot.elastic_names]
-        law = [self.law(times, order) for order in range(3)]
-        columns = [
-            np.column_stack([times, *law]),
-            self.platform(times),
-            self.motor_angle(times),
-            self.torque(times),
-            self.deflection(times),
-        ]
-        return names, np.concatenate(columns, axis=1)
+    def samples(self, count: int = 1501) -> MotionTable:
+        """The motion at equidistant instants, as motion.csv has it: columns with units, and rows."""
+        return motion_table(self.dynamics, count)
 
     def to_csv(self, file: str | PathLike[str] | IO[str], samples: int = 1501) -> None:
         """Write motion.csv to a path or an open text file."""
-        names, rows = self.samples(samples)
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(names)
-        writer.writerows([[repr(float(value)) for value in row] for row in rows])
+        text = self.samples(samples).as_csv()
         if isinstance(file, str | PathLike):
             with open(file, "w", encoding="utf-8") as stream:
-                stream.write(text.getvalue())
+                stream.write(text)
         else:
-            file.write(text.getvalue())
+            file.write(text)

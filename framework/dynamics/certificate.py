@@ -12,8 +12,9 @@ class Certificate:
     nodes: Chebyshev nodes in time, all panels together.
     tail: largest of the last Chebyshev coefficients of torques and deflections over the largest one.
         A pole leaves coefficients of the size of its residue, which do not fall with more nodes.
-    passes: how often forces and deflections were computed in turn.
-    change: largest change of a deflection in the last pass [m or rad].
+    passes: how often forces and deflections were computed in turn, on all grids together.
+    change: what one more pass would change the deflections or the spring forces by, over the largest of them;
+        0 with rigid geometry, whose hypothesis is that it does not matter.
     max_closure_error: largest loop or platform equation, on the nodes and half-way between them, of the
         coordinates as functions of time [m or rad]; all loop equations, redundant ones too.
     max_residual_torque: largest torque that a joint would still have to give, beside motors and springs, for

@@ -1,31 +1,58 @@
-"""One fixed point for every flexibility: deflections that hold the forces that they cause.
+"""One iteration for every flexibility: deflections that hold the forces that they cause.
 
 On the time nodes: close the loops at x(t) and q_e(t), take the forces of the tree with all coordinates
 and their time derivatives, put q_e = -K^-1 (force on the elastic coordinates), repeat. The first pass,
 at q_e = 0, is the small-displacement hypothesis of Briot and Arakelian 2010 (A and B of the rigid
 robot). A rigid robot has no springs and needs that pass only.
+
+With G(q_e) the deflections that the forces at q_e cause, sought is a polynomial in time with q_e = G(q_e).
+Springs that carry inertia make that a differential equation, K q_e + M q_e" = f, whose solutions differ by
+free vibrations; the passes from q_e = 0 build up the one without, q_e = K^-1 f - K^-1 M (K^-1 f)" + ...
+Where the motion is slow against the vibrations a few passes are enough. Else they grow again after their
+smallest change, first at the end nodes: a second derivative amplifies rounding by the fourth power of the
+degree, so that dG is far from normal, though nearly nilpotent. Then Newton's method takes over,
+
+    (I - dG) step = G(q_e) - q_e,
+
+solved by GMRES, which needs dG along some directions only, one pass each: its k-th step is the best of all
+combinations of k passes, of which plain repetition is one. It works on as many coefficients of q_e as are
+needed, found by raising their number until what is cut off is small enough.
+What is left in the end, the change that one more pass would make, belongs to the result (`Deflected.change`).
+
+Source: Knoll and Keyes, Jacobian-free Newton-Krylov methods, J. Comput. Phys. 193 (2004).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.forces import Forces, loop_forces
-from framework.errors import NotConverged
-from framework.kinematics.frames import integrate
-from framework.kinematics.inverse_kinematics import Motion, close_loops, joint_rates, motion_at
+from framework.dynamics.elastic_pass import Pass, moving, one_pass, spring_scale
+from framework.dynamics.forces import Forces
+from framework.errors import NoAnswer, NotConverged
+from framework.kinematics.inverse_kinematics import Motion
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch
+from framework.linalg.krylov import gmres
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw
-from framework.motion.path import along
 
-SETTLED = 1e-11  # remaining change of the deflections over the largest one
-ROUNDING = 1e-7  # changes that no longer shrink below this share of the deflections are rounding
-PASSES = 60
+SETTLED = 0.1  # of the tolerance, that the remaining change of the deflections may be
+GAIN = 0.3  # share of the change that a good pass leaves at most; else Newton's method takes over
+NOTHING = 1e-18  # [rad, robot lengths] a change of no meaning, however small the deflections
+STEP = (
+    1e-6  # of the deflections, for differences along a direction: half of the digits, and some for curvature
+)
+LINEAR = 1e-3  # share of the change that GMRES leaves, which differences can tell and curvature allows
+WEAK = 1e-5  # share of the size of I - dG below which a direction is a free vibration: not asked for
+MOST_DIRECTIONS = 50  # of GMRES; dG is nearly nilpotent on few coefficients, and hopeless where it takes more
+SHORTEST = 1 / 64  # of a step of Newton's method
+NEAR, STALLED = 1e-6, 0.5  # a change below the first that a step leaves more of than the second is rounding
+MOST_PASSES = 200  # on one grid
+FEWEST, MORE = 1.2, 1.5  # times the coefficients, when some are to be added
 LARGEST = 1.0  # [rad, robot lengths] deflection beyond which a linear spring means nothing
 # The law to use when the robot deflects like this, after this law; None before the first pass.
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
@@ -33,14 +60,18 @@ LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
 
 @dataclass(frozen=True)
 class Deflected:
-    """The motion on the nodes of `grid`, the forces that cause it and the deflections they cause."""
+    """The motion on the nodes of `grid`, its forces, and the deflections that it has and causes."""
 
     grid: TimeGrid
     law: MotionLaw
     motion: Motion
     forces: Forces
-    q_e: Array  # (T, n_e) deflections that `forces` cause; `motion` has them up to the last change
-    changes: tuple[float, ...]  # largest change of q_e in each pass [m, rad]
+    deflections: TimeFunction  # (n_e) of `motion`, or where a pass makes them better, what its forces cause
+    caused: Array  # (T, n_e) deflections that `forces` cause
+    passes: int = 1
+    change: float = 0.0  # that one more pass would make, over the largest deflection or spring force
+    plain: bool = True  # no need of Newton's method
+    obstacle: str = ""  # what ended the iteration; empty if the grid can tell no more, or need not
 
 
 def settle(
@@ -50,85 +81,216 @@ def settle(
     geometry: str,
     start: TimeFunction | None,
     before: MotionLaw,
+    *,
+    tolerance: float = 1e-10,
 ) -> Deflected:
-    """Deflections and forces at the nodes of the grid.
+    """Deflections and forces at the nodes of the grid, as near to agreement as they come.
 
-    `geometry` "rigid" takes the forces at q_e = 0 and only moves the motors by what they deflect;
-    "deformed" goes on until the deflections settle. `start` and `before` are the deflections and the law
-    to begin with.
+    Args:
+        geometry: "rigid" takes the forces at q_e = 0 and only moves the motors by what they deflect;
+            "deformed" goes on until the deflections settle.
+        start, before: the deflections and the law to begin with.
+        tolerance: change over the largest deflection that counts as settled.
 
     Raises:
-        NotConverged: the deflections do not settle; NotAssembled: they tear the loops.
+        NotConverged: the springs are too soft: the forces of the undeformed robot deflect them by more
+            than a linear spring can mean.
+        NotAssembled: the first deflections tear the loops.
     """
     robot = branch.robot
-    zero = np.zeros((len(grid.times), robot.n_e))
-    q_e = zero if start is None else start(grid.times)
-    law = before if start is None else choose_law(start, before)
-    motion = _motion(branch, grid, law, q_e, None, zero)
-    forces = loop_forces(robot, motion)
-    changes: list[float] = []
-    rounding_grows = False
-    if geometry == "rigid":
-        if robot.n_e:
-            q_e = _deflections(branch, forces)
-            changes.append(float(np.abs(q_e).max()))
-            motion = _motion(branch, grid, law, q_e, motion, zero)
-        return Deflected(grid, law, motion, forces, q_e, tuple(changes))
-    while True:
-        new = _deflections(branch, forces)
-        if rounding_grows:
-            new = grid.smooth(new)
-        changes.append(float(np.abs(new - q_e).max()))
-        largest = float(np.abs(new).max())
-        beyond = np.abs(new / robot.column_scale[robot.elastic]).max(initial=0.0) > LARGEST
-        if not np.isfinite(changes[-1]) or len(changes) > PASSES or beyond:
-            how = (
-                f"would grow to {largest:.3g}" if beyond else f"change by {changes[-1]:.3g} of {largest:.3g}"
-            )
-            raise NotConverged(
-                f"{robot.name}: the deflections do not settle (after {len(changes)} passes they {how} m or "
-                f"rad): the springs are too soft for so quick a motion; stiffen them, take more time, or use "
-                f"geometry rigid",
-                residual=changes[-1],
-            )
-        ratio = changes[-1] / changes[-2] if len(changes) > 1 and changes[-2] > 0 else 0.5
-        remaining = changes[-1] * min(ratio / (1 - ratio), 1.0) if ratio < 1 else np.inf
-        # springs that carry inertia feed rounding back through the second derivative, amplified by size^4
-        rounding_grows = rounding_grows or (len(changes) > 2 and ratio > 0.2)
-        stalled = ratio > 0.5 and changes[-1] <= ROUNDING * largest
-        if remaining <= SETTLED * largest or stalled or changes[-1] <= 1e-18 * robot.length:
-            return Deflected(grid, law, motion, forces, new, tuple(changes))
-        law = choose_law(grid.fit(new), law)
-        motion = _motion(branch, grid, law, new, motion, q_e)
-        q_e = new
-        forces = loop_forces(robot, motion)
+    if geometry == "rigid" or start is None:
+        rest = TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e)))
+        here = one_pass(branch, grid, before, rest, None)
+        if geometry == "rigid":
+            return _small_displacements(branch, grid, here)
+        _check_stiffness(robot, grid, here)
+    else:
+        function = grid.resolved(start(grid.times))
+        here = one_pass(branch, grid, choose_law(function, before), function, None)
+    return _Iteration(branch, grid, choose_law, tolerance).run(here)
 
 
-def _deflections(branch: Branch, forces: Forces) -> Array:
-    """-K^-1 (force on the elastic coordinates), Eq. (3b) with linear springs."""
-    return -forces.spring_force / branch.robot.stiffness
+def _small_displacements(branch: Branch, grid: TimeGrid, here: Pass) -> Deflected:
+    deflections, motion = grid.fit(here.caused), here.motion
+    if branch.robot.n_e:
+        motion = moving(branch, grid, here.law, deflections, here)[1]
+    return Deflected(grid, here.law, motion, here.forces, deflections, here.caused)
 
 
-def _motion(
-    branch: Branch,
-    grid: TimeGrid,
-    law: MotionLaw,
-    q_e: Array,
-    before: Motion | None,
-    q_e_before: Array,
-) -> Motion:
-    """All coordinates at the nodes for these deflections; `before` is a motion near it, if any."""
-    robot, times = branch.robot, grid.times
-    s = [law(times, order) for order in range(3)]
-    x, dx, ddx = along(branch.path, s)
-    if before is None:
-        step = np.zeros((len(times), robot.model.nv))
-        step[:, robot.elastic] = q_e - q_e_before
-        near = integrate(robot, branch.guess(s[0]), step)
-    else:  # along the tangent, by the factors that are there already
-        ahead = -robot.platform.residual(before.system.frames, x)
-        near = integrate(robot, before.q, joint_rates(robot, before.system, ahead, q_e - q_e_before))
-    closed = close_loops(robot, x, near)
-    if not robot.n_e:
-        return motion_at(robot, closed, dx, ddx)
-    return motion_at(robot, closed, dx, ddx, *grid.differentiate(q_e))
+def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, here: Pass) -> None:
+    size = np.abs(here.caused / spring_scale(robot))
+    if np.all(size <= LARGEST):
+        return
+    instant, k = np.unravel_index(int(np.argmax(np.nan_to_num(size, nan=np.inf))), size.shape)
+    unit = "rad" if spring_scale(robot)[k] == 1.0 else "m"
+    raise NotConverged(
+        f"{robot.name}: the springs are too soft for so quick a motion: the forces of the undeformed robot "
+        f"would deflect {robot.elastic_names[k]} by {abs(here.caused[instant, k]):.3g} {unit} at t = "
+        f"{grid.times[instant]:.4g} s; use stiffer springs or geometry rigid",
+        residual=float(size[instant, k]),
+    )
+
+
+@dataclass
+class _Iteration:
+    """Plain passes, and then Newton's method, from one pass on."""
+
+    branch: Branch
+    grid: TimeGrid
+    choose_law: LawChoice
+    tolerance: float
+    passes: int = 1
+    obstacle: str = ""
+
+    def run(self, here: Pass) -> Deflected:
+        """Until the change within what the grid resolves is settled, or is the least to be had."""
+        ratio, last = GAIN, (here, np.inf)  # what a pass leaves of the change, as far as is known
+        while True:
+            following = self.grid.resolved(here.caused)
+            lacking = self.grid.values(_difference(following, here.function))[0]
+            inner, outer = self._share(lacking, here), self._share(here.residual - lacking, here)
+            if np.isfinite(last[1]):
+                ratio = inner / last[1]
+            if inner <= self.tolerance and inner * ratio <= SETTLED * self.tolerance:
+                return self._result(here, following)
+            if inner <= outer:
+                return self._result(here, here.function)
+            if ratio > GAIN:
+                break
+            last = here, inner
+            try:
+                here = self._at(here, following)
+            except NoAnswer:
+                break
+        here = self._newton(here if ratio < 1 else last[0])
+        return replace(self._result(here, here.function), plain=False)
+
+    def _newton(self, here: Pass) -> Pass:
+        """Steps of Newton's method on ever more coefficients."""
+        count = self._told(here)
+        cut = here.function.coefficients.copy()
+        cut[:, count:] = 0.0
+        try:
+            here = self._at(here, TimeFunction(self.grid.edges, cut))
+        except NoAnswer as failure:
+            self.obstacle = str(failure)
+            return here
+        stalled = False
+        while self.passes < MOST_PASSES:
+            inner, outer = self._within(here, count)
+            settled = inner <= max(outer, SETTLED * self.tolerance)
+            new = None if settled else self._improved(here, count, inner)
+            if new is not None:
+                here, stalled = new, False
+                continue
+            resolved = settled and outer <= SETTLED * self.tolerance
+            if resolved or count == self.grid.resolvable or (stalled and not settled):
+                break
+            count, stalled = self._more(count, max(inner, outer)), not settled
+        return here
+
+    def _told(self, here: Pass) -> int:
+        """How many coefficients of the deflections the change does not hide."""
+        series = np.abs(self.grid.fit(here.caused * self._weights(here)).coefficients)
+        told = (series > self._share(here.residual, here) * series.max()).any(axis=(0, 2))
+        return min(self.grid.resolvable, int(np.flatnonzero(told).max(initial=7)) + 1)
+
+    def _more(self, count: int, outer: float) -> int:
+        """How many it takes if they go on falling as they did, to `outer` after this many."""
+        falling = np.log(SETTLED * self.tolerance) / np.log(min(outer, 0.5))
+        return min(self.grid.resolvable, int(np.ceil(count * min(max(falling, FEWEST), MORE))))
+
+    def _improved(self, here: Pass, count: int, inner: float) -> Pass | None:
+        """The pass after a step, halved until it helps; None if it does not, or has come to rounding."""
+        try:
+            step = self._step(here, count, max(LINEAR, SETTLED * SETTLED * self.tolerance / inner))
+        except NoAnswer as failure:
+            self.obstacle = str(failure)
+            return None
+        share = 1.0
+        while share >= (SHORTEST if inner > NEAR else 1.0) and self.passes < MOST_PASSES:
+            series = here.function.coefficients + share * step
+            series[:, count:] = 0.0
+            try:
+                new = self._at(here, TimeFunction(self.grid.edges, series))
+            except NoAnswer as failure:
+                self.obstacle = str(failure)
+            else:
+                left = self._within(new, count)[0] / inner
+                if left < STALLED or (left < 1.0 - 0.1 * share and inner > NEAR):
+                    return new
+            share *= 0.5
+        self.obstacle = self.obstacle or "no step of Newton's method brings them nearer"
+        return None
+
+    def _step(self, here: Pass, count: int, left: float) -> Array:
+        """Coefficients of a step of Newton's method, a share of the change left by its linear equations."""
+        weights = self._weights(here)
+
+        def leading(values: Array) -> Array:
+            """The first coefficients of values (T, n_e), weighted, as one vector."""
+            return self.grid.fit(values * weights).coefficients[:, :count].ravel()
+
+        def step(unknowns: Array) -> Array:
+            series = np.zeros_like(here.function.coefficients)
+            series[:, :count] = unknowns.reshape(len(series), count, -1) / weights
+            return series
+
+        def applied(direction: Array) -> Array:
+            """(I - dG) along a direction."""
+            series = here.function.coefficients + width * step(direction)
+            moved = self._at(here, TimeFunction(self.grid.edges, series))
+            return direction - leading(moved.caused - here.caused) / width
+
+        right = leading(here.residual)
+        width = STEP * float(np.linalg.norm(leading(here.caused)))
+        return step(gmres(applied, right, left=left, most=MOST_DIRECTIONS, weak=WEAK))
+
+    def _at(self, here: Pass, function: TimeFunction) -> Pass:
+        """The pass at these deflections, near another one.
+
+        Raises:
+            NoAnswer: it does not exist.
+        """
+        self.passes += 1
+        largest = float(np.abs(self.grid.values(function)[0] / spring_scale(self.branch.robot)).max())
+        if not largest <= LARGEST:
+            raise NotConverged(f"deflections of {largest:.3g} rad or robot lengths", residual=largest)
+        return one_pass(self.branch, self.grid, self.choose_law(function, here.law), function, here)
+
+    def _within(self, here: Pass, count: int) -> tuple[float, float]:
+        """The parts of what a pass lacks in the first coefficients, and in the others."""
+        series = self.grid.fit(here.residual).coefficients.copy()
+        series[:, count:] = 0.0
+        within = self.grid.values(TimeFunction(self.grid.edges, series))[0]
+        return self._share(within, here), self._share(here.residual - within, here)
+
+    def _share(self, lacking: Array, here: Pass) -> float:
+        """`lacking` over the largest deflection or the largest spring force, whichever is more."""
+        if np.abs(lacking / spring_scale(self.branch.robot)).max(initial=0.0) <= NOTHING:
+            return 0.0
+        return float((np.abs(lacking) * self._weights(here)).max())
+
+    def _weights(self, here: Pass) -> Array:
+        """One over the deflection (n_e,) that is as much as the largest, or whose force is."""
+        scale, stiffness = spring_scale(self.branch.robot), self.branch.robot.stiffness
+        caused = np.abs(here.caused)
+        largest, force = float((caused / scale).max()), float((caused * stiffness * scale).max())
+        return np.asarray(np.maximum(1.0 / (scale * largest), stiffness * scale / force))
+
+    def _result(self, here: Pass, deflections: TimeFunction) -> Deflected:
+        return Deflected(
+            grid=self.grid,
+            law=here.law,
+            motion=here.motion,
+            forces=here.forces,
+            deflections=deflections,
+            caused=here.caused,
+            passes=self.passes,
+            change=self._share(here.residual, here),
+            obstacle=self.obstacle,
+        )
+
+
+def _difference(one: TimeFunction, other: TimeFunction) -> TimeFunction:
+    return TimeFunction(one.edges, one.coefficients - other.coefficients)

@@ -9,7 +9,6 @@ singular instant itself, and by coefficients that do not fall.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -25,8 +24,9 @@ from framework.dynamics.crossings import (
 )
 from framework.dynamics.elasticity import Deflected, LawChoice, settle
 from framework.dynamics.forces import motor_torque
-from framework.dynamics.near_misses import near_miss_sentence, unseen_near_miss
+from framework.dynamics.near_misses import unseen_near_miss
 from framework.dynamics.neglected import check_idle_joints, measure_neglected
+from framework.dynamics.refusals import LOOSEST, not_resolved, not_settled
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import (
     InvalidInput,
@@ -44,12 +44,12 @@ from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, search_path
 
 GEOMETRIES = ("rigid", "deformed")
-LOOSEST = 1e-6  # tolerance that still tells a resolved torque from a pole
 TOLERANCE = 1e-10  # tail of the torques that counts as resolved
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
 FEW = 32  # nodes of a panel that the law itself asks for, tried first
 # |t_s . W_p| at a crossing over the largest sum of its terms:
 PROVED = 1e-11  # no more than this is rounding, and condition (8) holds
+UNSETTLED = 1e-2  # change of the deflections, over the largest one, of which nothing can be told
 POLE = 1e-6  # more than this is a pole for sure, resolved or not
 SAME_DERIVATIVE = 1e-4  # of its largest value; differentiating values twice loses up to ten digits
 CLOSED_BETWEEN = 1e-9  # loop equations between the nodes, in lengths of the robot and radians
@@ -118,33 +118,46 @@ def resolve(
         check_bounded(branch.robot, crossings, PROVED)
     instants = np.array([crossing.time for crossing in crossings])
     start: TimeFunction | None = None
-    tail, unseen = np.inf, None
+    at_rest, passes, obstacles, pole = law, 0, 0, POLE
+    enough, unseen = np.inf, None
     own_panels = isinstance(law, PlannedLaw) and len(law.edges) > 0
     for size in (FEW, *SIZES) if own_panels else SIZES:
         grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law), size)
         try:
-            state = settle(branch, grid, choose_law, geometry, start, law)
+            state = settle(
+                branch, grid, choose_law, geometry, start, law, tolerance=min(tolerance, TOLERANCE)
+            )
         except NotAssembled as failure:
-            check_bounded(branch.robot, crossings, POLE)
+            check_bounded(branch.robot, crossings, pole)
             raise NotConverged(
                 f"{branch.robot.name}: the deflections tear the loops open: the springs are too soft for "
-                f"this motion; stiffen them, take more time, or use geometry rigid ({failure})",
+                f"this motion; use stiffer springs or geometry rigid ({failure})",
                 residual=failure.residual,
             ) from None
         except NotConverged:
-            check_bounded(branch.robot, crossings, POLE)
+            check_bounded(branch.robot, crossings, pole)
             raise
-        law = state.law
-        result = _result(branch, state, geometry, crossings)
-        tail = result.certificate.tail
-        start = result.deflections if geometry == "deformed" else None
+        passes += state.passes
+        obstacles += bool(state.obstacle)
+        if state.change > UNSETTLED:  # nothing to build on: once more on the next grid
+            if obstacles > 1:
+                break
+            start, law = None, at_rest
+            continue
+        result = _result(branch, state, geometry, crossings, passes)
+        certificate = result.certificate
+        if not state.plain:  # plain passes are as quick from rest, and free of what this grid leaves
+            start, law = result.deflections, state.law
         if not fixed_geometry:
             crossings = tuple(deformed_crossing(result, crossing) for crossing in crossings)
-        if tail > tolerance and size < SIZES[-1]:
+            pole = max(POLE, certificate.change)
+        left = max(certificate.tail, certificate.change)
+        enough = min(enough, left)
+        if left > tolerance and size < SIZES[-1]:
             continue
         result = _with_neglected(branch, state, result)
         closed = result.certificate.max_closure_error <= CLOSED_BETWEEN * max(branch.robot.length, 1.0)
-        if tail <= tolerance and closed and _law_is_resolved(law, grid):
+        if left <= tolerance and closed and _law_is_resolved(state.law, grid):
             unseen = unseen_near_miss(searched, state, result)
             if unseen is not None:
                 continue
@@ -152,28 +165,10 @@ def resolve(
             check_crossings(branch.robot, state, geometry, crossings)
             check_idle_joints(branch, state, result)
             return replace(result, crossings=crossings)
-    check_bounded(branch.robot, crossings, POLE)
-    gap = result.certificate.max_closure_error
-    missed = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
-    if tail > tolerance:
-        what = f"the torques are not resolved (tail {tail:.2g}, tolerance {tolerance:.2g})"
-    elif unseen is not None:
-        what = f"the torques within {unseen.width:.2g} in s of a near miss are not resolved"
-    else:
-        what = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
-    advice = "is the law smooth, is the path far from other singularities?"
-    if missed is not None:
-        advice = near_miss_sentence(searched, missed)
-    elif len(searched.points) > 1:
-        first, second = min(pairwise(searched.points), key=lambda pair: pair[1].s - pair[0].s)
-        apart = second.s - first.s
-        advice = f"is the law smooth? The path is singular at s = {first.s:.9g} and {apart:.2g} farther on"
-    raise NotConverged(
-        f"{branch.robot.name}: {what} by {grid.size} nodes a panel: {advice}",
-        residual=tail,
-        s=None if missed is None else missed.s,
-        platform=None if missed is None else branch.path(missed.s),
-    )
+    check_bounded(branch.robot, crossings, pole)
+    if state.change > LOOSEST < enough:
+        raise not_settled(branch.robot, state)
+    raise not_resolved(searched, result, tolerance, size=grid.size, enough=enough, unseen=unseen)
 
 
 def check_law(law: MotionLaw) -> None:
@@ -206,7 +201,11 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
 
 
 def _result(
-    branch: Branch, state: Deflected, geometry: str, crossings: tuple[SingularityCrossing, ...]
+    branch: Branch,
+    state: Deflected,
+    geometry: str,
+    crossings: tuple[SingularityCrossing, ...],
+    passes: int,
 ) -> InverseDynamics:
     robot, grid = branch.robot, state.grid
     torques = grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque))
@@ -214,7 +213,7 @@ def _result(
     offsets = grid.fit(u)
     turned = difference(robot, pin.neutral(robot.model), branch.origin[None]) + u
     motor = grid.fit(robot.gear_ratio * turned[:, robot.actuated])
-    deflections = grid.fit(state.q_e)
+    deflections = state.deflections
     s = state.law(grid.times)
     return InverseDynamics(
         robot=robot,
@@ -231,10 +230,10 @@ def _result(
             nodes=len(grid.times),
             tail=max(
                 _tail(torques, _torque_rounding(robot, state.law.duration)),
-                _tail(deflections, 1e-14 * robot.column_scale[robot.elastic]),
+                _tail(grid.fit(state.caused), 1e-14 * robot.column_scale[robot.elastic]),
             ),
-            passes=max(len(state.changes), 1),
-            change=state.changes[-1] if state.changes else 0.0,
+            passes=passes,
+            change=state.change,
             max_closure_error=0.0,
             max_residual_torque=0.0,
             end_speed=_end_speed(robot, state),

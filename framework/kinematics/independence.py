@@ -22,23 +22,23 @@ from framework.kinematics.platform import PlatformCoordinates
 
 
 def singular_reference(
-    mechanism: Mechanism, platform: PlatformCoordinates, passive: IntArray, q: Array, nearby: Sequence[Array]
+    mechanism: Mechanism, passive: IntArray, poses: Sequence[Array], matrices: Sequence[Array]
 ) -> SingularReference | None:
-    """Why nothing can be decided at the reference q (nq,) once for all; None where it can.
+    """Why nothing can be decided at the reference once for all; None where it can.
 
-    The loops, or the loops and the platform along the passive joints, have a lower rank there than nearby.
+    The loops, or the loops and the platform along the passive joints, have a lower rank at the reference, the
+    first of the `poses` (nq,), than at the others. `matrices` are those of `motion_matrix` there.
     """
-    joints = mechanism.joints
-    loops, felt = loop_matrix(mechanism, q)[:, joints], felt_matrix(mechanism, platform, passive, q)
-    for other in nearby:
-        rows = _lost_rows(loops, loop_matrix(mechanism, other)[:, joints])
-        columns = _lost_rows(felt.T, felt_matrix(mechanism, platform, passive, other).T)
-        if len(rows) or len(columns):
+    here, rows = matrices[0], len(mechanism.rows.names)
+    for beside in matrices[1:]:
+        lost = _lost_rows(here[-rows:, mechanism.joints], beside[-rows:, mechanism.joints])
+        still = _lost_rows(here[:, passive].T, beside[:, passive].T)
+        if len(lost) or len(still):
             return SingularReference(
                 mechanism.name,
-                rows=[mechanism.rows.names[k] for k in rows],
-                joints=[mechanism.joint_of(int(passive[k])) for k in columns],
-                poses=[_joint_angles(mechanism, pose) for pose in nearby],
+                rows=[mechanism.rows.names[k] for k in lost],
+                joints=[mechanism.joint_of(int(passive[k])) for k in still],
+                poses=[_joint_angles(mechanism, pose) for pose in poses[1:]],
             )
     return None
 
@@ -49,14 +49,14 @@ def independent_rows(matrix: Array) -> IntArray:
 
 
 def rows_of_springs_alone(
-    mechanism: Mechanism, independent: IntArray, poses: Sequence[Array]
+    mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]
 ) -> tuple[str, ...]:
-    """Names of loop equations that springs can move and joints cannot, at one of the poses (nq,).
+    """Names of loop equations that springs can move and joints cannot, by one of the `matrices` of poses.
 
     No loop may rely on them.
     """
-    for q in poses if len(mechanism.elastic) else ():
-        with_springs = independent_rows(loop_matrix(mechanism, q))
+    for matrix in matrices if len(mechanism.elastic) else ():
+        with_springs = independent_rows(matrix[-len(mechanism.rows.names) :])
         if len(with_springs) > len(independent):
             return tuple(mechanism.rows.names[row] for row in np.setdiff1d(with_springs, independent))
     return ()
@@ -65,7 +65,7 @@ def rows_of_springs_alone(
 def idle_columns(felt: Array, passive: IntArray) -> IntArray:
     """Passive joints to hold still because their motion moves nothing, such as a rod about its axis.
 
-    Passive motions that neither the loops nor the platform feel, of `felt_matrix` (n + rows, n_p) at the
+    Passive motions that neither the loops nor the platform feel, of `motion_matrix` (n + rows, n_p) at the
     reference; one joint of each is chosen by pivoting. They carry no load as long as the body that they turn
     is balanced about them; `dynamics.neglected` measures it.
     """
@@ -77,10 +77,10 @@ def idle_columns(felt: Array, passive: IntArray) -> IntArray:
     return np.sort(passive[order[: len(passive) - rank]])
 
 
-def felt_matrix(mechanism: Mechanism, platform: PlatformCoordinates, passive: IntArray, q: Array) -> Array:
-    """Jacobian (n + rows, n_p) of the platform and all loop equations along the passive joints at q (nq,)."""
+def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:
+    """Jacobian (n + rows, nv) of the platform and all loop equations at q (nq,), without dimension."""
     moved = scaled(mechanism, platform.jacobian(frames_at(mechanism, q[None])), ~platform.translations)[0]
-    return np.concatenate([moved, loop_matrix(mechanism, q)])[:, passive]
+    return np.concatenate([moved, loop_matrix(mechanism, q)])
 
 
 def _joint_angles(mechanism: Mechanism, q: Array) -> dict[str, float]:

@@ -13,15 +13,14 @@ from framework.errors import expect
 from framework.kinematics.assembly import (
     Configuration,
     close_reference,
-    loop_matrix,
     nearby_configurations,
 )
 from framework.kinematics.equations import Equations
 from framework.kinematics.frames import difference, frames_at
 from framework.kinematics.independence import (
-    felt_matrix,
     idle_columns,
     independent_rows,
+    motion_matrix,
     rows_of_springs_alone,
     singular_reference,
 )
@@ -69,13 +68,14 @@ class ParallelRobot(Mechanism):
         actuated = columns_of(mechanism.model, (actuator.joint for actuator in description.actuators))
         passive = np.setdiff1d(mechanism.joints, actuated)
         closed = close_reference(mechanism)
-        nearby = nearby_configurations(mechanism, closed.q)
-        singular = singular_reference(mechanism, platform, passive, closed.q, nearby)
+        poses = (closed.q, *nearby_configurations(mechanism, closed.q))
+        matrices = [motion_matrix(mechanism, platform, q) for q in poses]
+        singular = singular_reference(mechanism, passive, poses, matrices)
         if singular is not None:
             raise singular
-        matrix = loop_matrix(mechanism, closed.q)
-        independent = independent_rows(matrix[:, mechanism.joints])
-        idle = idle_columns(felt_matrix(mechanism, platform, passive, closed.q), passive)
+        here = matrices[0][len(platform.axes) :]
+        independent = independent_rows(here[:, mechanism.joints])
+        idle = idle_columns(matrices[0][:, passive], passive)
         moving = np.concatenate([actuated, np.setdiff1d(passive, idle)])
         loops = mechanism.rows.take(independent)
         x = platform.coordinates(frames_at(mechanism, closed.q[None]))[0]
@@ -88,10 +88,10 @@ class ParallelRobot(Mechanism):
             rotor_inertia=np.array([actuator.rotor_inertia for actuator in description.actuators]),
             reference=Configuration(closed.q, x, closed.residual, closed.iterations),
             independent=independent,
-            springs_alone=rows_of_springs_alone(mechanism, independent, (closed.q, *nearby)),
+            springs_alone=rows_of_springs_alone(mechanism, independent, matrices),
             idle=idle,
             equations=Equations.of(mechanism, platform, loops, moving, len(actuated)),
-            row_sizes=_row_sizes(matrix[independent][:, moving]),
+            row_sizes=_row_sizes(here[independent][:, moving]),
         )
 
     @property

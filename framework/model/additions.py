@@ -36,7 +36,10 @@ class AddedFrame(NamedTuple):
 
 
 def add_frames(root: ElementTree.Element, frames: Sequence[AddedFrame]) -> None:
-    """Add to a URDF a link, fixed to its parent, for each frame; without mass unless the frame has one."""
+    """Add to a URDF a link, fixed to its parent, for each frame; without mass unless the frame has one.
+
+    A body with inertia looks like the box of even density that has this mass and inertia.
+    """
     for frame in frames:
         link = ElementTree.SubElement(root, "link", name=frame.name)
         place = ElementTree.Element("origin", xyz=vector_text(frame.xyz), rpy=vector_text(frame.rpy))
@@ -46,6 +49,19 @@ def add_frames(root: ElementTree.Element, frames: Sequence[AddedFrame]) -> None:
             ElementTree.SubElement(inertial, "mass", value=repr(frame.mass))
             ixx, iyy, izz = map(repr, frame.inertia)
             ElementTree.SubElement(inertial, "inertia", ixx=ixx, iyy=iyy, izz=izz, ixy="0", ixz="0", iyz="0")
+            _add_box(link, frame)
+
+
+def _add_box(link: ElementTree.Element, frame: AddedFrame) -> None:
+    """A box with edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on, if all three are there."""
+    squares = 6.0 / frame.mass * (sum(frame.inertia) - 2.0 * np.array(frame.inertia))
+    if squares.min() <= 0.0:
+        return
+    visual = ElementTree.SubElement(link, "visual")
+    size = vector_text(np.sqrt(squares).tolist())
+    ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), "box", size=size)
+    material = ElementTree.SubElement(visual, "material", name=f"{frame.name}_colour")
+    ElementTree.SubElement(material, "color", rgba="0.93 0.72 0.13 1")  # of platforms in the catalogue
 
 
 def lock_joints(root: ElementTree.Element, locked: Mapping[str, float]) -> None:

@@ -141,16 +141,36 @@ class TimeGrid(ReadOnlyArrays):
         stacked = values.reshape(len(self.edges) - 1, self.size, -1)
         return TimeFunction(self.edges, coefficients(stacked))
 
-    def smooth(self, values: Array) -> Array:
-        """Values (panels * size, k) without the part of their series that is rounding.
+    @property
+    def resolvable(self) -> int:
+        """Coefficients of a series that its values at the nodes resolve: all but the last eighth."""
+        return self.size - max(2, self.size // 8)
+
+    def resolved(self, values: Array) -> TimeFunction:
+        """The function through values (panels * size, k), without the part of its series that is rounding.
 
         Differentiating twice amplifies a coefficient by up to size^4, so rounding would grow if it were
         fed back. The last eighth of a resolved series is rounding and shows its size.
         """
         series = coefficients(values.reshape(len(self.edges) - 1, self.size, -1))
-        floor = NOISE * np.abs(series[:, -max(2, self.size // 8) :]).max(axis=1, keepdims=True)
+        floor = NOISE * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
         series[np.abs(series) <= floor] = 0.0
-        return np.asarray((_values(self.size) @ series).reshape(values.shape), dtype=float)
+        series[:, self.resolvable :] = 0.0
+        return TimeFunction(self.edges, series)
+
+    def values(self, function: TimeFunction) -> tuple[Array, Array, Array]:
+        """A function and its first and second derivative at the nodes, each (panels * size, k).
+
+        The function is one of this grid's. From its coefficients, rounding stays that of each coefficient,
+        however small, where `differentiate` amplifies that of the largest value.
+        """
+        half = 0.5 * np.diff(self.edges)[:, None, None]
+        series = function.coefficients
+        first, second, third = (
+            (basis @ series / half**order).reshape(series.shape[0] * self.size, series.shape[2])
+            for order, basis in enumerate(basis_values(self.size))
+        )
+        return first, second, third
 
     def differentiate(self, values: Array) -> tuple[Array, Array]:
         """First and second time derivative at the nodes of values (panels * size, k), same shape."""
@@ -188,8 +208,18 @@ def derivative_matrix(size: int) -> Array:
 @lru_cache(maxsize=16)
 def _differentiation(size: int) -> tuple[Array, Array]:
     """Matrices (size, size) that differentiate values at `nodes(size)` once and twice."""
-    once = derivative_matrix(size) @ _transform(size)
-    return _values(size) @ once, _values(size) @ (derivative_matrix(size) @ once)
+    _, first, second = basis_values(size)
+    return first @ _transform(size), second @ _transform(size)
+
+
+@lru_cache(maxsize=32)
+def basis_values(size: int) -> tuple[Array, Array, Array]:
+    """Chebyshev polynomials and their first and second derivatives at `nodes(size)`, each (size, size)."""
+    derivative = derivative_matrix(size)
+    found = _values(size), _values(size) @ derivative, _values(size) @ (derivative @ derivative)
+    for matrix in found:
+        matrix.flags.writeable = False
+    return found
 
 
 @lru_cache(maxsize=64)

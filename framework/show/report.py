@@ -164,8 +164,8 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
             "Forces were taken on the undeformed robot (small displacements)."
             if plan.geometry == "rigid"
             else f"Forces and deflections were computed in turn, {certificate.passes} "
-            f"time{'s' * (certificate.passes != 1)}, until the last change of a deflection was "
-            f"{certificate.change:.1e} (m or rad){crossed}."
+            f"time{'s' * (certificate.passes != 1)}, until one more time would have changed "
+            f"them by {certificate.change:.1e} of the largest{crossed}."
         )
     said_of.append(
         "The platform advances along the path all the time (s′ > 0)."

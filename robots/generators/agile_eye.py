@@ -8,7 +8,7 @@ Agile Eye", ICRA 2006. In spherical_rrr the arcs at the motors span 60 degrees. 
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import pairwise, permutations
 
 import numpy as np
 
@@ -32,6 +32,7 @@ DISTAL = 90.0  # arc from the elbow's axis to the wrist's [degrees]
 PROXIMAL_RADIUS, DISTAL_RADIUS, BAR = 0.14, 0.12, 0.006  # of the two arcs, of their bars [m]
 PROXIMAL_MASS, DISTAL_MASS = 0.25, 0.2  # [kg]
 CAMERA_MASS, CAMERA_RADIUS, CAMERA_LENGTH, CAMERA_OFFSET = 1.2, 0.03, 0.08, 0.02  # [kg], [m]
+BASE = 0.22  # from the centre to the beams of the base [m]
 PARTS = 3  # straight bars that make one arc
 
 HEADER = """<?xml version="1.0"?>
@@ -83,7 +84,12 @@ def urdf(name: str) -> str:
         shape(cylinder(0.02, 0.06), oriented(0.2 * axis[:, 2], axis), "frame")
         for axis in map(base_axes, (1, 2, 3))
     ]
-    parts: list[Element | str] = ["", link("base", *motors), ""]
+    # edges of a cube that carry the motors, out of the way of the arcs
+    frame = [
+        shape(cylinder(0.009, BASE + 0.018), oriented(BASE * (one[:, 2] + 0.5 * other[:, 2]), other), "frame")
+        for one, other in permutations(map(base_axes, (1, 2, 3)), 2)
+    ]
+    parts: list[Element | str] = ["", link("base", *motors, *frame), ""]
     for leg in (1, 2, 3):
         parts += _leg(leg, np.deg2rad(arc))
     return document(HEADER.format(name=name, what=what, arc=arc), [*parts, *_platform()])

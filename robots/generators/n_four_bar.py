@@ -138,7 +138,7 @@ def _hinge(name: str, parent: str, child: str, xyz: str, effort: str) -> Element
 
 
 _ALONG_X, _ALONG_Y, _ALONG_Z = "0 1.5707963267948966 0", "1.5707963267948966 0 0", "0 0 0"
-_LONG = cylinder("0.02", "0.9")
+_LONG = cylinder("0.02", "0.96")
 
 
 def _base(loops: int) -> Element:

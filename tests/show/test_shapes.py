@@ -7,6 +7,7 @@ import os
 import numpy as np
 import pytest
 
+import robots
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.shapes import body_shapes
 
@@ -105,3 +106,9 @@ def test_a_robot_file_given_by_a_relative_path_finds_its_meshes_too(write_robot,
     monkeypatch.chdir(tmp_path)
     shapes = body_shapes(ParallelRobot.from_file(os.path.basename(file)))
     assert "mesh" in {shape.kind for shape in shapes}
+
+
+def test_a_body_of_the_robot_file_is_the_box_that_its_inertia_says():
+    robot = robots.load("two_arms")
+    (box,) = [shape for shape in body_shapes(robot) if shape.color == (0.93, 0.72, 0.13, 1.0)]
+    np.testing.assert_allclose(box.size, [0.2, 0.4, 0.2], atol=1e-3)  # its inertia is rounded to 0.0001

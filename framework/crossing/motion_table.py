@@ -1,0 +1,135 @@
+"""motion.csv: a motion sampled in time, its columns with their units."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.dynamics.result import InverseDynamics
+from framework.errors import InvalidInput
+from framework.kinematics.frames import difference
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.law import is_number
+
+RATES = ("", "/s", "/s2")  # of a unit, by the order of the derivative
+
+
+class Column(NamedTuple):
+    """A column by its name, plain letters and underscores, its SI unit and what it is."""
+
+    name: str
+    unit: str
+    what: str
+
+
+class MotionTable(NamedTuple):
+    """Samples of a motion: rows (count, columns)."""
+
+    columns: tuple[Column, ...]
+    rows: Array
+
+    @property
+    def names(self) -> list[str]:
+        """What stands in the first line."""
+        return [column.name for column in self.columns]
+
+    def as_csv(self) -> str:
+        """The table as text, numbers to their last digit."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.names)
+        writer.writerows([[repr(value) for value in row] for row in self.rows.tolist()])
+        return text.getvalue()
+
+    def metadata(self, file: str) -> str:
+        """What the columns of a file are, as W3C's CSV on the Web asks for (JSON)."""
+        columns = [
+            {
+                "name": column.name,
+                "datatype": "double",
+                "dc:description": column.what,
+                "schema:unitText": column.unit,
+            }
+            for column in self.columns
+        ]
+        document = {
+            "@context": "http://www.w3.org/ns/csvw",
+            "url": file,
+            "tableSchema": {"columns": columns},
+        }
+        return json.dumps(document, indent=1) + "\n"
+
+
+def motion_table(dynamics: InverseDynamics, count: int) -> MotionTable:
+    """The motion at `count` equidistant instants.
+
+    Raises:
+        InvalidInput: fewer than two.
+    """
+    if not (is_number(count) and int(count) == count >= 2):
+        raise InvalidInput(f"samples: needs a whole number of at least 2, got {count!r}")
+    robot, law = dynamics.robot, dynamics.law
+    times = np.linspace(0.0, dynamics.duration, int(count))
+    values: list[Array] = [times[:, None], *(law(times, order)[:, None] for order in range(3))]
+    values += [dynamics.platform(times), dynamics.motor_angle(times), dynamics.torque(times)]
+    values += [dynamics.deflection(times)]
+    for sampled in (dynamics.platform, dynamics.motor_angle, dynamics.deflection):
+        values += [sampled(times, order) for order in (1, 2)]
+    values += [_passive_positions(dynamics, times)]
+    values += [dynamics.velocity(times, order)[:, robot.passive] for order in (1, 2)]
+    return MotionTable(motion_columns(robot), np.concatenate(values, axis=1))
+
+
+def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
+    """The columns of motion.csv, in their order."""
+    axes = list(zip(robot.axis_names, _lengths(robot.translations), strict=True))
+    joints = robot.actuator_names
+    forces = list(zip(joints, robot.torque_units, strict=True))
+    motors = [(joint, "m" if unit == "N" else "rad") for joint, unit in forces]
+    springs = list(zip(robot.elastic_names, _lengths(robot.sliding[robot.elastic]), strict=True))
+    names = [robot.joint_of(column) for column in robot.passive]
+    passive = list(zip(names, _lengths(robot.sliding[robot.passive]), strict=True))
+    return (
+        Column("time", "s", "instant"),
+        Column("s", "1", "path coordinate"),
+        Column("ds", "1/s", "its time derivative"),
+        Column("dds", "1/s2", "its second time derivative"),
+        *_group("platform", axes, 0, "platform coordinate"),
+        *_group("motor_angle", motors, 0, "motor angle, motor side of the gear"),
+        *_group("torque", forces, 0, "motor torque, motor side of the gear"),
+        *_group("deflection", springs, 0, "deflection of a spring"),
+        *_rates("platform", axes, "of the platform coordinate"),
+        *_rates("motor", motors, "of the motor angle, motor side of the gear"),
+        *_rates("deflection", springs, "of the deflection"),
+        *_group("joint", passive, 0, "position of a joint without a motor"),
+        *_rates("joint", passive, "of the position of a joint without a motor"),
+    )
+
+
+def _group(prefix: str, things: Iterable[tuple[str, str]], order: int, what: str) -> list[Column]:
+    return [Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", what) for name, unit in things]
+
+
+def _rates(prefix: str, things: Sequence[tuple[str, str]], what: str) -> list[Column]:
+    return [
+        *_group(f"{prefix}_velocity", things, 1, f"time derivative {what}"),
+        *_group(f"{prefix}_acceleration", things, 2, f"second time derivative {what}"),
+    ]
+
+
+def _lengths(sliding: Iterable[bool]) -> list[str]:
+    return ["m" if slides else "rad" for slides in sliding]
+
+
+def _passive_positions(dynamics: InverseDynamics, times: Array) -> Array:
+    """Positions (T, n_p) of the joints without a motor, each of one degree of freedom; angles never jump."""
+    robot = dynamics.robot
+    start = difference(robot, np.asarray(pin.neutral(robot.model)), dynamics.origin[None])[0]
+    return np.asarray((start + dynamics.offsets(times))[:, robot.passive])

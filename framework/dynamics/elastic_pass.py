@@ -1,0 +1,74 @@
+"""Once from deflections to the forces that they meet, and to the deflections that these cause."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.dynamics.forces import Forces, loop_forces
+from framework.kinematics.frames import integrate
+from framework.kinematics.inverse_kinematics import Motion, close_loops, joint_rates, motion_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tracking import Branch
+from framework.motion.chebyshev import TimeFunction, TimeGrid
+from framework.motion.law import MotionLaw
+from framework.motion.path import along
+
+
+class Pass(NamedTuple):
+    """The motion on the nodes with the deflections `function`, and what it causes."""
+
+    law: MotionLaw
+    function: TimeFunction  # (n_e)
+    q_e: Array  # (T, n_e) its values
+    motion: Motion
+    forces: Forces
+    caused: Array  # (T, n_e) deflections that the forces cause
+
+    @property
+    def residual(self) -> Array:
+        """What the deflections lack (T, n_e) to be those that their forces cause."""
+        return self.caused - self.q_e
+
+
+def one_pass(
+    branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, before: Pass | None
+) -> Pass:
+    """The pass with these deflections; `before` is one near it, if any.
+
+    Raises:
+        NotAssembled: the deflections tear the loops.
+    """
+    q_e, motion = moving(branch, grid, law, function, before)
+    forces = loop_forces(branch.robot, motion)
+    caused = -forces.spring_force / branch.robot.stiffness  # Eq. (3b) with linear springs
+    return Pass(law, function, q_e, motion, forces, caused)
+
+
+def moving(
+    branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, before: Pass | None
+) -> tuple[Array, Motion]:
+    """Deflections (T, n_e) and all coordinates at the nodes."""
+    robot = branch.robot
+    s = [law(grid.times, order) for order in range(3)]
+    x, dx, ddx = along(branch.path, s)
+    q_e, *rates = grid.values(function)
+    if before is None:
+        step = np.zeros((len(x), robot.model.nv))
+        step[:, robot.elastic] = q_e
+        near = integrate(robot, branch.guess(s[0]), step)
+    else:  # along the tangent, by the factors that are there already
+        system = before.motion.system
+        ahead = -robot.platform.residual(system.frames, x)
+        near = integrate(robot, before.motion.q, joint_rates(robot, system, ahead, q_e - before.q_e))
+    closed = close_loops(robot, x, near)
+    if not robot.n_e:
+        return q_e, motion_at(robot, closed, dx, ddx)
+    return q_e, motion_at(robot, closed, dx, ddx, *rates)
+
+
+def spring_scale(robot: ParallelRobot) -> Array:
+    """Length of the robot for springs that stretch, 1 for those that turn (n_e,)."""
+    return np.asarray(robot.column_scale[robot.elastic])

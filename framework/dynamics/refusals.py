@@ -1,0 +1,83 @@
+"""What is said of a motion whose deflections or torques could not be found, and what would help."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from framework.dynamics.elastic_pass import spring_scale
+from framework.dynamics.elasticity import Deflected
+from framework.dynamics.near_misses import near_miss_sentence
+from framework.dynamics.result import InverseDynamics
+from framework.errors import NotConverged
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.singularity.points_on_path import SearchedPath
+from framework.singularity.rank_deficiency import NearMiss
+
+LOOSEST = 1e-6  # tolerance that still tells a resolved torque from a pole
+
+
+def not_settled(robot: ParallelRobot, state: Deflected) -> NotConverged:
+    """Where no deflections were found that their forces cause."""
+    size = np.abs(state.caused / spring_scale(robot))
+    instant, k = divmod(int(np.argmax(size)), robot.n_e)
+    unit = "rad" if spring_scale(robot)[k] == 1.0 else "m"
+    why = f" ({state.obstacle})" if state.obstacle else ""
+    return NotConverged(
+        f"{robot.name}: no deflections found that hold the forces they cause: with "
+        f"{state.caused[instant, k]:.3g} {unit} of {robot.elastic_names[k]} at t = "
+        f"{state.grid.times[instant]:.4g} s, {state.change:.2g} of that is lacking{why}; use stiffer "
+        f"springs, geometry rigid, or another law",
+        residual=state.change,
+    )
+
+
+def not_resolved(
+    searched: SearchedPath,
+    result: InverseDynamics,
+    tolerance: float,
+    *,
+    size: int,
+    enough: float,
+    unseen: NearMiss | None,
+) -> NotConverged:
+    """Where motion, torques or deflections are not resolved by the finest grid, `size` nodes a panel.
+
+    `enough` is the least tail and change of all grids, `unseen` a near miss that none resolved.
+    """
+    robot, certificate = searched.branch.robot, result.certificate
+    missed = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
+    if certificate.tail > tolerance:
+        what = f"the torques are not resolved (tail {certificate.tail:.2g}, tolerance {tolerance:.2g})"
+    elif certificate.change > tolerance:
+        what = (
+            f"the deflections are not resolved (one more pass would change them by {certificate.change:.2g} "
+            f"of the largest, tolerance {tolerance:.2g})"
+        )
+    elif unseen is not None:
+        what = f"the torques within {unseen.width:.2g} in s of a near miss are not resolved"
+    else:
+        gap = certificate.max_closure_error
+        what = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
+    advice = "is the law smooth, is the path far from other singularities?"
+    if missed is not None:
+        advice = near_miss_sentence(searched, missed)
+    elif len(searched.points) > 1:
+        first, second = min(pairwise(searched.points), key=lambda pair: pair[1].s - pair[0].s)
+        apart = second.s - first.s
+        advice = f"is the law smooth? The path is singular at s = {first.s:.9g} and {apart:.2g} farther on"
+    if tolerance < enough < LOOSEST:
+        advice = f"tolerance {_rounded_up(enough):g} would do; {advice}"
+    return NotConverged(
+        f"{robot.name}: {what} by {size} nodes a panel: {advice}",
+        residual=max(certificate.tail, certificate.change),
+        s=None if missed is None else missed.s,
+        platform=None if missed is None else searched.branch.path(missed.s),
+    )
+
+
+def _rounded_up(value: float) -> float:
+    """Two digits, a little above the value."""
+    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(np.ceil(1.1 * value / unit) * unit)

@@ -1,0 +1,93 @@
+"""motion.csv agrees with itself, and with Pinocchio's forward kinematics of its joint columns."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework import plan_scene
+
+SAMPLES = 201
+# springs; many passive joints; a platform that turns, too; slides, and a joint that turns all the way round
+CASES = [
+    *(("five_bar", "C", "flexible_links"), ("delta", None, "rigid")),
+    *(("three_rpr", None, "rigid"), ("slider_crank", "full_turn", "rigid")),
+]
+
+
+@pytest.fixture(scope="module", params=CASES, ids=lambda case: case[0])
+def plan(request):
+    name, scene, flexibility = request.param
+    robot = robots.load(name, flexibility=flexibility)
+    return plan_scene(robot, scene or next(iter(robot.description.scenes)))
+
+
+@pytest.fixture
+def table(plan):
+    """motion.csv as a reader has it, by columns."""
+    text = io.StringIO()
+    plan.to_csv(text, SAMPLES)
+    text.seek(0)
+    return np.genfromtxt(text, delimiter=",", names=True, deletechars="")
+
+
+def test_every_column_has_a_plain_name_of_its_own_and_a_unit(plan, table):
+    columns = plan.samples(2).columns
+    assert [column.name for column in columns] == list(table.dtype.names)
+    assert len({column.name for column in columns}) == len(columns)
+    for column in columns:
+        assert re.fullmatch(r"\w+", column.name)
+        assert re.fullmatch(r"1|(1|s|m|rad|N|N m)(/s2?)?", column.unit)
+    described = json.loads(plan.samples(2).metadata("motion.csv"))
+    told = {one["name"]: one["schema:unitText"] for one in described["tableSchema"]["columns"]}
+    assert told == {column.name: column.unit for column in columns}
+
+
+def test_velocities_and_accelerations_are_those_of_their_columns(plan, table):
+    """What a column gains in time is the integral of its derivative: Simpson's rule on the samples."""
+    pairs = {"ds": "s", "dds": "ds"}
+    for name in table.dtype.names:
+        for lower, higher in (("", "velocity_"), ("velocity_", "acceleration_")):
+            group, rate, rest = name.partition(f"_{higher}")
+            value = f"{group}_angle_{rest}" if group == "motor" and not lower else f"{group}_{lower}{rest}"
+            if rate:
+                pairs[name] = value
+    assert len(pairs) == 2 + 2 * (plan.robot.n + plan.robot.n_a + plan.robot.n_e + plan.robot.n_p)
+    h = table["time"][1]
+    # each derivative of a series through n values multiplies their rounding by up to n^2 on [-1, 1]
+    n, eps = plan.certificate.nodes, np.finfo(float).eps
+    worse = n**2 * 2.0 / plan.duration
+    for rate, value in pairs.items():
+        y, order = table[rate], 1 + ("acceleration" in rate or rate == "dds")
+        simpson = h / 3 * (y[:-2:2] + 4 * y[1:-1:2] + y[2::2])
+        # of the rule: h^5/90 times the fourth derivative, which fourth differences of the samples estimate
+        allowed = 4.0 * h / 90 * np.abs(np.diff(y, 4)).max() + 2 * h * worse**order * eps
+        allowed += 4 * eps * np.abs(table[value]).max() * max(worse ** (order - 1), 1.0)
+        np.testing.assert_allclose(np.diff(table[value][::2]), simpson, rtol=0, atol=allowed)
+
+
+def test_the_joints_carry_the_platform_where_the_table_says(plan, table):
+    robot = plan.robot
+    model, data = robot.model, robot.model.createData()
+    v = np.zeros((SAMPLES, model.nv))
+    for k, joint in enumerate(robot.actuator_names):
+        v[:, robot.actuated[k]] = table[f"motor_angle_{joint}"] / robot.gear_ratio[k]
+    for k, spring in enumerate(robot.elastic_names):
+        v[:, robot.elastic[k]] = table[f"deflection_{spring}"]
+    for column in robot.passive:
+        v[:, column] = table[f"joint_{robot.joint_of(column)}"]
+    frame = model.getFrameId(robot.description.platform.frame)
+    moving = np.flatnonzero(robot.translations)
+    if not len(moving):
+        pytest.skip("the platform only turns")
+    for row in range(0, SAMPLES, 20):
+        pin.framesForwardKinematics(model, data, pin.integrate(model, pin.neutral(model), v[row]))
+        x = data.oMf[frame].translation[["xyz".index(robot.axis_names[k]) for k in moving]]
+        told = [table[f"platform_{robot.axis_names[k]}"][row] for k in moving]
+        np.testing.assert_allclose(x, told, rtol=0, atol=1e-9 * robot.length)

@@ -1,0 +1,87 @@
+"""Deflections that hold the forces they cause, where plain passes do not find them.
+
+The witness is the simulation, which takes nothing from the planner but torques and law: it brings the robot
+along its path, or the torques are not those of the robot's deflections.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Line, NotConverged, inverse_dynamics, plan_crossing, plan_scene, simulate
+from framework.dynamics import elasticity
+
+FOUR_BAR = Line([-6.41363], [0.3565])  # more than a turn in 2 s, in which plain passes take 145
+
+
+@pytest.mark.slow
+def test_what_plain_passes_do_not_settle_is_settled_and_simulates_back_onto_its_path():
+    robot = robots.load("four_bar", flexibility="flexible_links")
+    plan = plan_crossing(robot, FOUR_BAR, duration=2.0, law="polynomial")
+    certificate = plan.certificate
+    assert max(certificate.tail, certificate.change) < 1e-10
+    assert certificate.max_residual_torque < 1e-10
+    assert simulate(robot, plan).tracking_error < 1e-6  # rad, of 6.8
+    again = inverse_dynamics(robot, FOUR_BAR, plan.law)  # a stall would leave t_s . W_p where there is none
+    t = np.linspace(0.0, 2.0, 301)
+    np.testing.assert_allclose(
+        again.torque(t), plan.torque(t), rtol=0, atol=1e-8 * np.abs(plan.torque(t)).max()
+    )
+
+
+def test_a_tolerance_that_is_said_to_do_does():
+    robot, scene = robots.load("five_bar", flexibility="flexible_links"), "C"
+    with pytest.raises(NotConverged, match="would do") as caught:
+        plan_scene(robot, scene, tolerance=1e-17)
+    enough = float(re.search(r"tolerance (\S+) would do", str(caught.value)).group(1))
+    assert 1e-17 < enough < 1e-10
+    certificate = plan_scene(robot, scene, tolerance=enough).certificate
+    assert max(certificate.tail, certificate.change) <= enough
+
+
+def test_the_last_change_is_part_of_the_verdict(monkeypatch):
+    """Deflections that are off refuse a plan, however smooth its torques."""
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    honest = elasticity.settle
+
+    def unsettled(*arguments, **options):
+        state = honest(*arguments, **options)
+        return elasticity.replace(state, change=5.5e-8)
+
+    monkeypatch.setattr("framework.dynamics.inverse_dynamics.settle", unsettled)
+    with pytest.raises(NotConverged, match=r"one more pass would change them by 5\.5e-08"):
+        plan_scene(robot, "C")
+
+
+def test_passes_of_all_grids_count():
+    plan = plan_scene(robots.load("four_bar", flexibility="flexible_links"), "dead_point")
+    grids = []
+
+    def counted(branch, grid, *arguments, **options):
+        state = elasticity.settle(branch, grid, *arguments, **options)
+        grids.append((grid.size, state.passes))
+        return state
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("framework.dynamics.inverse_dynamics.settle", counted)
+        again = plan_scene(robots.load("four_bar", flexibility="flexible_links"), "dead_point")
+    assert len(grids) > 1
+    assert again.certificate.passes == sum(passes for _, passes in grids) == plan.certificate.passes
+
+
+def hurried(duration: float) -> str:
+    """What is said of scene C of the 5R in this time."""
+    robot, path = robots.load("five_bar", flexibility="flexible_links"), Line([0.1, 0.345], [-0.05, 0.195])
+    with pytest.raises(NotConverged) as caught:
+        plan_crossing(robot, path, duration=duration, times=[0.6 * duration], speeds=[1.2 / duration])
+    return str(caught.value)
+
+
+def test_too_soft_is_said_only_with_the_deflection_that_proves_it():
+    angle = float(re.search(r"too soft .* would deflect left_drive by (\S+) rad", hurried(0.02)).group(1))
+    assert angle > 1.0  # beyond what a linear spring means
+    assert "too soft" not in hurried(0.05)
