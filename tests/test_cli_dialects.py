@@ -8,11 +8,19 @@ from pathlib import Path
 import pytest
 
 from framework.cli import main
+from framework.input import read_text
 
 DATA = Path(__file__).parent / "data" / "dialects"
 PLUS = str(DATA / "five_bar_plus.urdf")
 SAID = ["--platform", "tip_predecessor", "--axes", "x", "y", "--motors", "left_motor", "right_motor"]
 POSE = ["left_motor=1.271863", "left_elbow=-0.83362", "right_motor=1.083625", "right_elbow=1.538591"]
+CASES = [
+    ("five_bar_plus.urdf", SAID),
+    ("five_bar_ros.urdf", ["--platform", "tip_parent", "--axes", "x", "y", "--reference", *POSE]),
+    ("gepetto", ["--platform", "tip_A", "--axes", "x", "y"]),
+    ("five_bar_sites.xml", ["--platform", "left_tip", "--axes", "x", "y"]),
+    ("five_bar_anchor.xml", ["--platform", "tip", "--axes", "x", "y"]),
+]
 
 
 def run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -21,16 +29,7 @@ def run(capsys, *arguments: str) -> tuple[int, str, str]:
     return code, captured.out, captured.err
 
 
-@pytest.mark.parametrize(
-    ("file", "options"),
-    [
-        ("five_bar_plus.urdf", SAID),
-        ("five_bar_ros.urdf", ["--platform", "tip_parent", "--axes", "x", "y", "--reference", *POSE]),
-        ("gepetto", ["--platform", "tip_A", "--axes", "x", "y"]),
-        ("five_bar_sites.xml", ["--platform", "left_tip", "--axes", "x", "y"]),
-        ("five_bar_anchor.xml", ["--platform", "tip", "--axes", "x", "y"]),
-    ],
-)
+@pytest.mark.parametrize(("file", "options"), CASES)
 def test_a_foreign_file_is_checked_converted_and_located(file, options, capsys, tmp_path):
     code, out, _ = run(capsys, "check", str(DATA / file), *options, "--json")
     assert (code, json.loads(out)["mobility"]) == (0, 2)
@@ -61,3 +60,16 @@ def test_misuse_is_one_line_and_code_2(arguments, message, capsys):
     assert (code, out) == (2, "")
     assert message in err
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(("file", "options"), CASES)
+def test_convert_reads_its_file_once(file, options, capsys, tmp_path, monkeypatch):
+    read = []
+
+    def counted(file, *arguments, **keywords):
+        read.append(Path(file))
+        return read_text(file, *arguments, **keywords)
+
+    monkeypatch.setattr("framework.model.readers.recognise.read_text", counted)
+    assert run(capsys, "convert", str(DATA / file), *options, "--out", str(tmp_path))[0] == 0
+    assert len(read) == len(set(read)) >= 1

@@ -17,8 +17,8 @@ from framework.crossing.scenes import scene, scene_path, scene_request
 from framework.errors import InvalidInput
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import LARGEST, RobotDescription
-from framework.model.readers.recognise import read_any
+from framework.model.description import LARGEST, ParsedRobot
+from framework.model.readers.recognise import parse_any
 from framework.motion.path import Line, Path
 
 OF_THE_MOTION = (  # arguments of `plan_crossing` that can be typed
@@ -43,9 +43,9 @@ def load_mechanism(options: argparse.Namespace) -> Mechanism:
     return found
 
 
-def describe(options: argparse.Namespace) -> RobotDescription:
-    """The description in the robot file, or in a file of a foreign dialect and what the options add to it."""
-    return read_any(robot_file(options.robot), **_said(options))
+def parsed(options: argparse.Namespace) -> ParsedRobot:
+    """What the robot file says, or a file of a foreign dialect and what the options add to it."""
+    return parse_any(robot_file(options.robot), **_said(options))
 
 
 def _said(options: argparse.Namespace) -> dict[str, Any]:

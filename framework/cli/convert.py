@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from framework.catalogue import robot_file
 from framework.cli import arguments
 from framework.cli.parser import Report, add_missing_fields, add_robot, command
-from framework.model.readers.recognise import DIALECTS, dialect_of
+from framework.model.readers.recognise import DIALECTS
 from framework.model.robot_file_writer import write_robot_file
 
 TEXT = (
@@ -27,7 +26,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Write NAME.yaml and NAME.urdf into --out."""
-    dialect, description = dialect_of(robot_file(options.robot)), arguments.describe(options)
+    description, _, dialect = arguments.parsed(options)
     written = write_robot_file(description, options.out)
     document = {
         "robot": description.name,

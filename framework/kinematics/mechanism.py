@@ -140,7 +140,7 @@ def columns_of(model: pin.Model, joints: Iterable[str]) -> IntArray:
 
 
 def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
-    description, urdf = parsed
+    description, urdf, _ = parsed
     springs = description.active_springs(flexibility)
     moving = bare_urdf(urdf)
     count_turns(moving)

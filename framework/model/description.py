@@ -184,7 +184,10 @@ class RobotDescription:
 
 
 class ParsedRobot(NamedTuple):
-    """A description, and the root of the URDF that its `urdf_text` holds: parsed once, not to be changed."""
+    """What a file says: a description, the root of the URDF that its `urdf_text` holds, parsed once and not
+    to be changed, and the dialect that it is written in (`readers.recognise.DIALECTS`).
+    """
 
     description: RobotDescription
     urdf: ElementTree.Element
+    dialect: str = "robot file"

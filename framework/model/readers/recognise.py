@@ -40,7 +40,7 @@ def read_any(
     motors: Sequence[str] | None = None,
     reference: Mapping[str, float] | None = None,
 ) -> RobotDescription:
-    """The description in a file of any dialect: see `parse_any`, which it leaves the parsed URDF to."""
+    """The description in a file of any dialect: see `parse_any`, which says more."""
     return parse_any(file, platform=platform, axes=axes, motors=motors, reference=reference).description
 
 
@@ -52,7 +52,7 @@ def parse_any(
     motors: Sequence[str] | None = None,
     reference: Mapping[str, float] | None = None,
 ) -> ParsedRobot:
-    """The description in a file of any dialect, recognised by its content, and its URDF.
+    """The description in a file of any dialect, recognised by its content, its URDF and the dialect.
 
     The options say what a foreign file does not, and overrule what it does: the `platform` frame and
     its `axes`, the joints that are `motors`, and a `reference` [rad, m] where the file's zero pose is not
@@ -77,21 +77,6 @@ def parse_any(
         raise RobotFileError(f"{path}: not well-formed XML: it does not begin with <")
     with naming(path):
         return _from_xml(path, text, options) if is_xml else _from_yaml(path, text, options)
-
-
-def dialect_of(file: str | Path) -> str:
-    """Which of DIALECTS a file is written in, by its content.
-
-    Raises:
-        RobotFileError: it cannot be read, or is of none of them.
-    """
-    path = Path(file)
-    path = _pair_in(path) if os.path.isdir(path) else path
-    text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
-    with naming(path):
-        if text.lstrip(BLANK).startswith("<"):
-            return _dialect_of_xml(parse_xml(text))
-        return _dialect_of_yaml(parse_yaml(text))
 
 
 def _dialect_of_xml(root: ElementTree.Element) -> str:
@@ -130,24 +115,26 @@ def _dialect_of_yaml(content: Any) -> str:
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
     root = parse_xml(text)
     read = {"mjcf": read_mjcf, "urdf+": read_urdf_plus, "ros": read_ros_constraint}
-    return read[_dialect_of_xml(root)](path, root, options)
+    dialect = _dialect_of_xml(root)
+    return read[dialect](path, root, options)._replace(dialect=dialect)
 
 
 def _from_yaml(path: Path, text: str, options: Options) -> ParsedRobot:
     content = parse_yaml(text)
-    if _dialect_of_yaml(content) == "robot file":
+    dialect = _dialect_of_yaml(content)
+    if dialect == "robot file":
         return _own(parse_robot(path, content), options)
     urdf = path.with_suffix(".urdf")
     try:
         tree = UrdfTree(parse_xml(read_text(urdf, f"{urdf}: cannot read it", error=RobotFileError)))
     except RobotFileError as error:
         raise RobotFileError(f"{urdf.name}: {str(error).removeprefix(f'{urdf}: ')}") from None
-    return gepetto.read_pair(path, content, tree, options)
+    return gepetto.read_pair(path, content, tree, options)._replace(dialect=dialect)
 
 
 def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
     """Our robot file with what the options overrule."""
-    description, root = robot
+    description, root = robot.description, robot.urdf
     joints = [
         joint.get("name", "") for joint in root.findall("joint") if joint.get("type") not in ("fixed", None)
     ]

@@ -16,7 +16,7 @@ from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import CLOSURE_KINDS, locked_axes
-from framework.model.readers import DIALECTS, dialect_of, read_any, write_robot_file
+from framework.model.readers import DIALECTS, parse_any, read_any, write_robot_file
 from framework.model.robot_file import read_robot_file
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
@@ -57,7 +57,8 @@ def test_the_five_bar_is_the_same_in_every_dialect(name, converted, tmp_path):
 @pytest.mark.parametrize("name", FIVE_BARS)
 def test_the_dialect_is_recognised(name):
     expected = {"own": "robot file", "gepetto folder": "gepetto"}.get(name, name.split(",")[0])
-    assert dialect_of(FIVE_BARS[name][0]) == expected
+    file, options = FIVE_BARS[name]
+    assert parse_any(file, **options).dialect == expected
     assert expected in DIALECTS
 
 
