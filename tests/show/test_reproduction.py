@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import framework
 import robots
-from framework import Arc, Line, Spline, plan_crossing, plan_scene
+from framework import Arc, Line, Spline, plan_crossing, plan_scene, public
 from framework.cli import arguments
 from framework.cli.parser import OneLineParser, add_flexibility, add_motion, add_path, add_robot
 from framework.show.reproduction import command_line, given_options, python_call
@@ -71,7 +70,7 @@ def test_what_no_command_line_can_ask_is_told_as_a_call(plan, change):
     def record(robot, path, **options):
         calls.append((robot, path, options))
 
-    eval(python_call(same), {**vars(framework), "plan_crossing": record})
+    eval(python_call(same), {**vars(public), "plan_crossing": record})
     ((robot, path, options),) = calls
     assert robot.description == plan.robot.description
     assert path == same.path
@@ -81,7 +80,7 @@ def test_what_no_command_line_can_ask_is_told_as_a_call(plan, change):
 def test_a_path_says_how_to_make_it():
     spline = Spline([[0.0, 0.1], [1.0, 1.0], [2.0, 0.5]])
     for path in (LINE, ARC, spline):
-        assert eval(repr(path), vars(framework)) == path
+        assert eval(repr(path), vars(public)) == path
 
 
 def test_the_plan_of_the_command_is_the_plan(plan):
