@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import re
 from collections.abc import Iterable, Sequence
+from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
@@ -64,7 +65,7 @@ def _table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
     if head:
         lines.append("<tr>" + "".join(f"<th>{_marked(cell)}</th>" for cell in head) + "</tr>")
     lines += ["<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows]
-    return "<table>" + "\n".join(lines) + "</table>"
+    return '<div class="wide"><table>' + "\n".join(lines) + "</table></div>"
 
 
 def _number(value: float) -> str:
@@ -243,6 +244,7 @@ def _reproduction(plan: CrossingPlan) -> str:
     again = python_call(plan) if line is None else f"{line}\ncrossing report again"
     return (
         f"<pre>{html.escape(again)}</pre>"
-        f"<p>{html.escape(robot.name)} is {html.escape(str(robot.description.file.name))}; written with "
+        f"<p>{html.escape(robot.name)} is {html.escape(str(robot.description.file.name))}; written on "
+        f"{date.today().isoformat()} with "
         f"{html.escape(', '.join(installed))}.</p>"
     )

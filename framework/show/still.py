@@ -87,7 +87,7 @@ def _arrow(ax: Axes, at: Array, way: Array, color: str, both: bool) -> None:
             "shrinkB": 0,
         }
         ax.annotate("", tuple(at + way), tuple(at - way if both else at), arrowprops=style, zorder=7)
-        ax.plot(*(at + way), alpha=0)  # so that it is in sight
+        ax.plot(*np.stack([at + way, at - way if both else at], axis=1), alpha=0)  # so that it is in sight
 
 
 def _polygons(film: Film, ax: Axes, way: Array, limit: Array, frames: Sequence[int] | None) -> None:

@@ -8,7 +8,6 @@ platform crosses Type 2 singularities without noticing; the motors end at them, 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -142,7 +141,6 @@ def _smallest(matrix: Array) -> float:
     return float(np.linalg.svd(matrix, compute_uv=False).min(initial=np.inf))
 
 
-@lru_cache(maxsize=32)
 def _usual_sizes(robot: ParallelRobot) -> tuple[float, float]:
     """Smallest singular values at the reference, of P and of the legs: what is small is judged by them."""
     system = reference_system(robot)

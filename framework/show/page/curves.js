@@ -66,7 +66,8 @@ class Chart {
     const head = svg("text", { x: 4, y: 13, class: "title" }, root);
     head.textContent = title;
     for (const { name, color, dash } of series.filter((each) => each.name)) {
-      svg("tspan", { dx: 9, style: `fill:${color}` }, head).textContent = `${dash ? "┄" : "━"} ${name}`;
+      svg("tspan", { dx: 9, style: `fill:${color}` }, head).textContent = dash ? "┄ " : "━ ";
+      svg("tspan", {}, head).textContent = name;
     }
     const frame = `frame${frames++}`;
     svg("rect", box, svg("clipPath", { id: frame }, root));
@@ -94,6 +95,14 @@ class Chart {
     };
     root.addEventListener("pointerdown", (event) => { root.setPointerCapture(event.pointerId); at(event); });
     root.addEventListener("pointermove", (event) => { if (event.buttons) at(event); });
+    // by keyboard as by hand
+    root.setAttribute("tabindex", 0);
+    root.addEventListener("keydown", (event) => {
+      const step = { ArrowLeft: -0.01, ArrowRight: 0.01, Home: -Infinity, End: Infinity }[event.key];
+      if (step === undefined) return;
+      event.preventDefault();
+      seek(Math.min(Math.max(this.at + step * duration, 0), duration));
+    });
     this.mark(0, 0, 0);
   }
 
@@ -135,6 +144,7 @@ class Chart {
   }
 
   mark(t, k, part) {
+    this.at = t;
     const x = this.x(t);
     this.line.setAttribute("x1", x);
     this.line.setAttribute("x2", x);

@@ -19,8 +19,10 @@ class Film {
     this.end = content.proved ? Infinity : Math.min(...content.instants.map(({ time }) => time));
     const badge = content.proved ? `<span class="badge proved" title="${plain(content.proof)}">finite torque, proven</span>` : '<span class="badge unproved">unbounded torque</span>';
     section.innerHTML = `<h2>${plain(content.title)}${badge}<span class="subtitle">${symbols(content.subtitle)}</span></h2>
-      <div class="inside"><div class="left"><div class="legend"></div><div class="view"></div><div class="now"></div></div><div class="side"></div></div>`;
+      <div class="inside"><div class="left"><div class="legend"></div><div class="view"></div><div class="now"></div><div class="unseen" role="status"></div></div><div class="side"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
+    this.view.name(`${content.robot.replace(/_/g, " ")}, ${content.title}: ${content.subtitle}`);
+    this.live = section.querySelector(".unseen");
     this.furnish();
     this.caption = section.querySelector(".now");
     this.legend(document.getElementById("legend"), section.querySelector(".legend"));
@@ -131,7 +133,7 @@ class Film {
       series: this.torque.map((values, k) => ({ values, color: PALETTE[k % 6], dash: dashes[k % 4], name: short ? content.motors[k].name.replace(/_/g, " ") : "" })),
     })];
     if (!short) side.insertAdjacentHTML("beforeend", `<p class="names">${names.map((name, k) =>
-      `<span style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"} ${name}</span>`).join("&ensp; ")}</p>`);
+      `<span><b style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"}</b> ${name}</span>`).join("&ensp; ")}</p>`);
     if (!this.g) return;
     this.panels.push(new Chart(side, {
       title: `${content.asked} tₛ, asked for (tₛ · Wₚ) and given [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 103 : 176,
@@ -184,6 +186,10 @@ class Film {
     this.caption.innerHTML = text;
     view.element.className = `view ${{ singular: "crossing", unbounded: "singular", unreal: "unreal" }[state] || ""}`;
     this.shown = at;
+    if (this.told !== text.split("</b>")[0]) { // not each number anew
+      this.told = text.split("</b>")[0];
+      this.live.textContent = this.caption.textContent;
+    }
     view.viewer.set_dirty();
   }
 

@@ -6,6 +6,7 @@ class Hand {
     section.innerHTML = `<h2>${plain(content.robot).replace(/_/g, " ")}, moved by hand</h2>
       <div class="inside"><div class="left"><div class="view"></div><div class="now"></div></div><div class="side sliders"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
+    this.view.name(`${content.robot.replace(/_/g, " ")}, moved by hand`);
     this.now = section.querySelector(".now");
     this.side = section.querySelector(".side");
     const L = content.length;

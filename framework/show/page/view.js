@@ -71,6 +71,13 @@ class View {
     }
   }
 
+  // What the picture is, for those who do not see it.
+  name(text) {
+    const canvas = this.pane.querySelector("canvas");
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", text);
+  }
+
   zoom(factor) {
     const { camera, controls } = this.viewer;
     this.turned = true;
