@@ -12,7 +12,6 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sparse
 from numpy.polynomial import chebyshev, legendre
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
@@ -222,7 +221,7 @@ class Setting:
             power = self.torque_rows(evaluate(points, series_through(np.eye(len(self.on_path.sigma)))))
         return ConeProgram(
             speeds=np.asarray(chebyshev.chebvander(points, degree), dtype=float),
-            average=sparse.eye_array(len(weights)),
+            average=np.eye(len(weights)),
             weights=weights / self.on_path.stretch(self.on_path.stretch.inverse(points), 1),
             positive=np.empty((0, degree + 1)),
             torque=self.torque_rows(every_other),
@@ -239,6 +238,18 @@ class Setting:
         most = self.wish.most
         longest = None if most is None else most / self.units.time
         return solve(program, self.wish.goal, limited=self.wish.limited, longest=longest)
+
+    def off_limits(self) -> tuple[float | None, float | None]:
+        """The least peak of torque over its limit in the duration asked, and the least duration [s] within
+        all limits; None where there is none."""
+        program, wish = self.program(), self.wish
+        most = None if wish.most is None else wish.most / self.units.time
+        peak = solve(program, "peak_torque", limited=False, longest=most) if wish.limited else None
+        quickest = solve(program, "time", limited=wish.limited)
+        return (
+            peak.peak if isinstance(peak, Optimum) else None,
+            quickest.duration * self.units.time if isinstance(quickest, Optimum) else None,
+        )
 
     def held(self, program: ConeProgram, found: Optimum) -> Best | Infeasible | Unsolved:
         """The law of an optimum, solved again with rows where a limit does not hold between the points.
