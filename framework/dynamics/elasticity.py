@@ -43,9 +43,7 @@ from framework.motion.law import MotionLaw
 SETTLED = 0.1  # of the tolerance, that the remaining change of the deflections may be
 GAIN = 0.3  # share of the change that a good pass leaves at most; else Newton's method takes over
 NOTHING = 1e-18  # [rad, robot lengths] a change of no meaning, however small the deflections
-STEP = (
-    1e-6  # of the deflections, for differences along a direction: half of the digits, and some for curvature
-)
+STEP = 1e-6  # of the deflections, for differences along a direction: half of the digits, some for curvature
 LINEAR = 1e-3  # share of the change that GMRES leaves, which differences can tell and curvature allows
 WEAK = 1e-5  # share of the size of I - dG below which a direction is a free vibration: not asked for
 MOST_DIRECTIONS = 50  # of GMRES; dG is nearly nilpotent on few coefficients, and hopeless where it takes more
