@@ -3,7 +3,7 @@
 class Hand {
   constructor(section, content) {
     this.content = content;
-    section.innerHTML = `<h2>${plain(content.robot).replace(/_/g, " ")}, moved by hand</h2>
+    section.innerHTML = `<h2>${plain(content.robot).replace(/_/g, " ")}, moved by hand<span class="subtitle">${plain(content.about)}</span></h2>
       <div class="inside"><div class="left"><div class="view"></div><div class="now"></div></div><div class="side sliders"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
     this.view.name(`${content.robot.replace(/_/g, " ")}, moved by hand`);
@@ -22,6 +22,7 @@ class Hand {
       return linear.object.visible ? linear.tip : angular.object.visible ? angular.tip : null;
     });
     this.build();
+    if (content.drag) this.takePlatform();
     this.waiting = null;
     this.busy = false;
     this.usual = Math.abs(content.start.g || 1);
@@ -56,6 +57,52 @@ class Hand {
     this.side.querySelector(".back").addEventListener("click", () => this.put(this.content.start));
   }
 
+  // The platform in the mouse: it is led in its own plane, or across the sight.
+  takePlatform() {
+    const { view, content } = this, { camera, controls, scene } = view.viewer;
+    const shifts = ["x", "y", "z"].map((axis) => content.axes.includes(axis));
+    let held = null;
+    const placed = (event) => {
+      const edges = view.element.getBoundingClientRect();
+      const at = new THREE.Vector2(((event.clientX - edges.left) / edges.width) * 2 - 1, 1 - ((event.clientY - edges.top) / edges.height) * 2);
+      const ray = new THREE.Raycaster();
+      scene.updateMatrixWorld(true);
+      ray.setFromCamera(at, camera);
+      ray.ray.applyMatrix4(scene.matrixWorld.clone().invert());
+      return ray.ray.intersectPlane(held.plane, new THREE.Vector3());
+    };
+    const near = (event) => {
+      const edges = view.element.getBoundingClientRect(), { x, y } = view.onScreen(this.spot.position);
+      return Math.hypot(event.clientX - edges.left - x, event.clientY - edges.top - y) < 26;
+    };
+    // before the camera's own controls see it
+    view.pane.addEventListener("pointerdown", (event) => {
+      if (!near(event)) return;
+      event.stopPropagation();
+      event.preventDefault();
+      const flat = shifts.filter(Boolean).length === 2;
+      const across = new THREE.Vector3(...shifts.map((free) => (flat && !free ? 1 : 0)));
+      if (!flat) camera.getWorldDirection(across).applyMatrix4(new THREE.Matrix4().extractRotation(scene.matrixWorld.clone().invert()));
+      held = { plane: new THREE.Plane().setFromNormalAndCoplanarPoint(across.normalize(), this.spot.position) };
+      view.pane.setPointerCapture(event.pointerId);
+      view.element.classList.add("held");
+    }, true);
+    view.pane.addEventListener("pointermove", (event) => {
+      if (!held) { view.pane.style.cursor = near(event) ? "grab" : ""; return; }
+      event.stopPropagation();
+      const place = placed(event);
+      if (place) this.ask({ part: "drag", place: place.toArray() });
+    }, true);
+    const release = () => {
+      if (!held) return;
+      held = null;
+      this.settle = true;
+      if (!this.busy) this.put(this.state);
+    };
+    for (const end of ["pointerup", "pointercancel"]) view.pane.addEventListener(end, release, true);
+    controls.enablePan = false;
+  }
+
   // One question at a time, and of those that come meanwhile only the last.
   async ask(movement) {
     this.settle = false;
@@ -85,7 +132,7 @@ class Hand {
     this.view.setPoses(decoded(state.poses), 0);
     const origin = new THREE.Vector3(...state.origin);
     this.spot.position.copy(origin);
-    const color = { regular: 0x1b7f4d, near: 0xe69f00, singular: 0xb3261e }[state.level];
+    const color = { regular: 0x1b7f4d, near: 0xe69f00, singular: COLORS.locus.getHex() }[state.level];
     this.spot.material.color.setHex(color);
     const [linear, angular] = state.t_s.map((part) => new THREE.Vector3(...part));
     const nearness = state.g === null ? 0 : 1 - Math.min(1, Math.abs(state.g) / this.usual);
@@ -96,7 +143,7 @@ class Hand {
       this.inputs[part].forEach(({ input, output }, index) => {
         const dragged = held && held.part === part && held.index === index && !this.settle;
         if (!dragged) input.value = state[part][index];
-        output.textContent = `${state[part][index].toFixed(4)} ${this.content.sliders[part][index].unit}`;
+        output.textContent = `${state[part][index].toFixed(4).replace(/^-(?=[0.]*$)/, "").replace("-", "−")} ${this.content.sliders[part][index].unit}`;
       });
     }
     const badge = this.side.querySelector(".class");
@@ -106,11 +153,8 @@ class Hand {
     this.side.querySelector(".smallest").textContent = state.smallest === null ? "none" : state.smallest.toPrecision(4);
     this.side.querySelector(".stop").textContent = state.stopped;
     this.view.element.className = `view ${state.level}`;
-    this.now.innerHTML = {
-      regular: "<b>The motors hold the platform.</b> Move it towards the purple curve, if there is one, and watch g.",
-      near: "<b>Near a Type 2 singularity.</b> The arrow shows the motion of the platform that the motors hold least.",
-      singular: "<b>On a Type 2 singularity.</b> With the motors locked, the platform can still move along the arrow.",
-    }[state.legs ? "legs" : state.level] || "<b>A leg ends.</b> Stretched or folded, it follows the platform no further: a Type 1 singularity.";
+    const end = state.words.indexOf(".") + 1;
+    this.now.innerHTML = `<b>${plain(state.words.slice(0, end))}</b>${symbols(state.words.slice(end))}`;
     this.view.viewer.set_dirty();
   }
 }
