@@ -6,14 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from framework.errors import InvalidInput
+from framework.dynamics.platform_wrench import hold_at
+from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_positions
-from framework.show.captions import about
+from framework.show.captions import about, unit
+from framework.show.captions import asked as kind_of_hold
 from framework.show.scene import drawn_locus, floats, robot_document
 from framework.singularity.jogging import CLASSES, Pose, drag_platform, move_motor, move_platform, pose_at
 from framework.singularity.locus import locus_curves
+
+PUSH = 10.0  # [N, or N m on a platform that only turns] along t_s, that the motors are to hold
 
 
 def hand_document(robot: ParallelRobot) -> dict[str, Any]:
@@ -24,6 +28,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
     return robot_document(robot, poses) | {
         "kind": "hand",
         "about": about(robot),
+        "push": f"{PUSH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",
         "drag": bool(robot.platform.translations.any()),
         "poses": floats(poses),
         "locus": drawn_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
@@ -62,7 +67,7 @@ def _words(pose: Pose) -> str:
     """A pose in a sentence or two, the first of them short."""
     where = {"near": "Near", "singular": "On"}.get(pose.level)
     if where is None:
-        return "The motors hold the platform. Drag it, towards the purple curve if there is one."
+        return "The motors hold the platform. Lead it towards the purple curve, if there is one."
     if pose.kind == "type_1":
         how = "nearly stretched or folded" if pose.level == "near" else "stretched or folded"
         return f"A leg is {how}. It is {where.lower()} its end, a Type 1 singularity, and follows no further."
@@ -78,11 +83,35 @@ def _words(pose: Pose) -> str:
     return f"{where} a {name}. {there} {meaning}."
 
 
+def _hold(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
+    """What the motors can give here: torques against a push along t_s, and on planar robots the polygon.
+
+    A platform that both shifts and turns has no push of one unit: it gets none.
+    """
+    translations = robot.platform.translations
+    try:
+        held = hold_at(robot, pose.q, PUSH * pose.twist)
+    except NotAssembled:  # a Type 1 singularity: the platform does not determine the motors
+        return {"torques": None, "sides": None}
+    pushed = (
+        pose.g is not None and pose.level != "singular" and (translations.all() or not translations.any())
+    )
+    torques = held.torque if pushed else None
+    sides = None
+    if robot.n == 2 and translations.all():
+        sides = np.zeros((robot.n_a, 3))
+        sides[:, robot.platform.axes] = held.motor_speed
+    return {
+        "torques": None if torques is None else np.abs(torques).tolist(),
+        "sides": None if sides is None else sides.tolist(),
+    }
+
+
 def _told(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
     poses = joint_poses(robot, pose.q[None])
     twist = np.zeros(6)
     twist[robot.platform.axes] = pose.twist
-    return {
+    return _hold(robot, pose) | {
         "q": pose.q.tolist(),
         "poses": floats(poses),
         "origin": platform_positions(robot, poses)[0].tolist(),

@@ -66,7 +66,7 @@ def test_sliders_move_the_robot_with_its_loops_closed(opened, by_hand):
         after = placements(tab, "crossing.hand.view")
         assert np.abs(after - before).max() > 0.01
         assert gap(robot, after) < ON_SCREEN
-        assert tab.locator("output").first.inner_text().startswith(f"{state['platform'][0]:.4f}")
+        assert tab.locator("label output").first.inner_text().startswith(f"{state['platform'][0]:.4f}")
         before = after
 
 
@@ -153,4 +153,22 @@ def test_badge_caption_and_box_name_the_same_singularity(opened, by_hand):
 def test_a_value_that_is_zero_has_no_sign(opened, by_hand):
     tab = opened(by_hand(robots.load("five_bar")))
     tab.evaluate("crossing.hand.put({ ...crossing.hand.state, platform: [-1e-6, 0.3] })")
-    assert tab.locator("output").first.inner_text() == "0.0000 m"
+    assert tab.locator("label output").first.inner_text() == "0.0000 m"
+
+
+def test_the_polygon_collapses_and_the_bars_grow_towards_the_locus(opened, by_hand):
+    tab = opened(by_hand(robots.load("five_bar")))
+    drag(tab, "platform", 0, 0.0)
+    thin, wide = [], []
+    for y in (0.3, 0.27, 0.25, float(np.sqrt(0.06))):
+        state = drag(tab, "platform", 1, y)
+        corners = np.array(tab.evaluate("crossing.hand.polygon.corners"))
+        sizes = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
+        thin.append(sizes[1] / sizes[0])
+        wide.append(tab.evaluate("parseFloat(document.querySelector('.hold b').style.width)"))
+    assert state["level"] == "singular"
+    assert np.all(np.diff(thin) < 0)
+    assert thin[-1] < 1e-2
+    assert np.all(np.diff(wide) >= 0)  # a bar ends at its box
+    assert wide[0] < 0.5 * wide[-1]
+    assert "no bound" in tab.inner_text(".hold")

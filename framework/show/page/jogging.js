@@ -34,6 +34,7 @@ class Hand {
     this.side.innerHTML = `<div class="class"></div>
       <dl class="readings"><dt>singularity measure g (0 on the locus)</dt><dd class="g"></dd>
       <dt>smallest singular value σ<sub>min</sub></dt><dd class="smallest"></dd></dl>
+      <div class="hold"></div>
       <p class="stop" role="status"></p><div class="all"></div>
       <p><button type="button" class="back">Back to the start</button></p>`;
     this.inputs = { platform: [], motor: [] };
@@ -55,6 +56,30 @@ class Hand {
     if (free_motors) group("motor", "Motors: the platform follows");
     else all.insertAdjacentHTML("beforeend", "<p>The motors of this robot depend on one another: none can move while the others rest.</p>");
     this.side.querySelector(".back").addEventListener("click", () => this.put(this.content.start));
+  }
+
+  // Bars of the motor torques that hold a push along t_s; and, on a planar robot, what such motors can give.
+  holds(state) {
+    const { push, motors, length: L } = this.content, box = this.side.querySelector(".hold");
+    const start = this.content.start;
+    if (start.torques) {
+      this.full = this.full || 6 * Math.max(...start.torques, 1e-9);
+      const rows = motors.map(({ name, unit }, k) => {
+        const value = state.torques ? state.torques[k] : Infinity, share = Math.min(1, value / this.full);
+        const text = isFinite(value) ? `${Number(value.toPrecision(3))} ${unit}` : "no bound";
+        return `<div><span>${plain(name).replace(/_/g, " ")}</span><i><b style="width:${100 * share}%"></b></i><output>${text}</output></div>`;
+      });
+      box.innerHTML = `<h3>Motor torque against ${symbols(push)}</h3>${rows.join("")}`;
+    }
+    if (!state.sides) { if (this.polygon) this.polygon.object.visible = false; return; }
+    if (!this.polygon) {
+      this.polygon = new Polygon(COLORS.given, 0.5 * L, motors.length);
+      this.view.add(this.polygon.object);
+      this.reach = (0.3 * L) / Math.max(...state.sides.map((side) => Math.hypot(...side)));
+    }
+    this.polygon.object.visible = true;
+    const sides = state.sides.map((side) => new THREE.Vector3(...side).multiplyScalar(this.reach));
+    this.polygon.set(this.spot.position, new THREE.Vector3(), sides);
   }
 
   // The platform in the mouse: it is led in its own plane, or across the sight.
@@ -129,7 +154,9 @@ class Hand {
   put(state, held) {
     this.state = state;
     const L = this.content.length;
-    this.view.setPoses(decoded(state.poses), 0);
+    this.view.poses = decoded(state.poses); // what is fitted into the picture when one asks for it
+    this.view.cloud = null;
+    this.view.setPoses(this.view.poses, 0);
     const origin = new THREE.Vector3(...state.origin);
     this.spot.position.copy(origin);
     const color = { regular: 0x1b7f4d, near: 0xe69f00, singular: COLORS.locus.getHex() }[state.level];
@@ -146,9 +173,10 @@ class Hand {
         output.textContent = `${state[part][index].toFixed(4).replace(/^-(?=[0.]*$)/, "").replace("-", "−")} ${this.content.sliders[part][index].unit}`;
       });
     }
+    this.holds(state);
     const badge = this.side.querySelector(".class");
     badge.className = `class ${state.level}`;
-    badge.textContent = state.verdict;
+    badge.innerHTML = symbols(state.verdict);
     this.side.querySelector(".g").textContent = state.g === null ? "none: every joint has a motor" : state.g.toPrecision(4);
     this.side.querySelector(".smallest").textContent = state.smallest === null ? "none" : state.smallest.toPrecision(4);
     this.side.querySelector(".stop").textContent = state.stopped;
