@@ -31,10 +31,10 @@ demo: $(VENV)/.wheel  ## install, then plan the crossing of the paper's 5R robot
 	@echo "The plan, the motion and the figures are in $(CURDIR)/$(DEMO):" && ls $(DEMO)
 
 test: $(VENV)/.test  ## run the tests
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	$(BIN)/python -m pytest --numprocesses auto $(PYTEST_ARGS)
 
 slow: $(VENV)/.test  ## run the tests marked slow
-	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS) || [ $$? -eq 5 ]  # 5: there are none
+	$(BIN)/python -m pytest -m slow --numprocesses auto $(PYTEST_ARGS) || [ $$? -eq 5 ]  # 5: there are none
 
 witness: $(VENV)/.witness  ## hold our torques against MuJoCo and Exudyn
 	CROSSING_WITNESS=required $(BIN)/python -m pytest tests/witness $(PYTEST_ARGS)

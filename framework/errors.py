@@ -199,7 +199,14 @@ class SingularPath(NoAnswer):
 
 
 class NoLaw(NoAnswer):
-    """No motion law can pass, or none that advances all the time was found."""
+    """No motion law can pass, or none that advances all the time was found.
+
+    `proof` is what the first rests on (`framework.crossing.refusal_proofs`), None where nothing is proved.
+    """
+
+    def __init__(self, message: str, *, proof: object = None) -> None:
+        super().__init__(message)
+        self.proof = proof
 
 
 class UncontrolledMotions(NoLaw):

@@ -34,21 +34,24 @@ def load(options: argparse.Namespace) -> ParallelRobot:
 
 def load_mechanism(options: argparse.Namespace) -> Mechanism:
     """The mechanism, with the springs of --flexibility where the command has it; warns if there are none."""
-    asked = getattr(options, "flexibility", "rigid")
-    found = Mechanism.from_file(robot_file(options.robot), flexibility=asked, **_said(options))
-    if found.flexibility != asked:
+    flexibility = getattr(options, "flexibility", "rigid")
+    found = Mechanism.from_file(
+        robot_file(options.robot), flexibility=flexibility, **_missing_fields(options)
+    )
+    if found.flexibility != flexibility:
         options.warnings.append(
-            f"{found.name} has no springs of its own for --flexibility {asked}: taken as {found.flexibility}"
+            f"{found.name} has no springs of its own for --flexibility {flexibility}: taken as "
+            f"{found.flexibility}"
         )
     return found
 
 
 def parsed(options: argparse.Namespace) -> ParsedRobot:
     """What the robot file says, or a file of a foreign dialect and what the options add to it."""
-    return parse_any(robot_file(options.robot), **_said(options))
+    return parse_any(robot_file(options.robot), **_missing_fields(options))
 
 
-def _said(options: argparse.Namespace) -> dict[str, Any]:
+def _missing_fields(options: argparse.Namespace) -> dict[str, Any]:
     """What the options say that a foreign file does not."""
     return {
         "platform": getattr(options, "platform", None),

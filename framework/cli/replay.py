@@ -10,7 +10,7 @@ from framework.control.closed_loop import Run
 from framework.control.study_setup import load_study, versions
 from framework.errors import InvalidInput
 
-OF_A_REPLAY = ("robot", "robot_file", "replay", "controller", "json", "warnings", "parser")
+OF_A_REPLAY = ("robot", "robot_file", "replay", "controller", "json", "warnings", "refusal", "parser")
 
 
 def replayed(options: argparse.Namespace) -> Report:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.sparse as sparse
 
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint, crossing_point
@@ -88,7 +87,7 @@ def _program(on_path: OnPath, edges: Array, speed_limit: Array, units: Units) ->
     """The program on the values of z at the inner edges of the cells."""
     width = np.diff(edges)
     cells, n = len(width), len(edges) - 2
-    whole = sparse.csr_array(sparse.eye_array(n + 2))[:, 1:-1].toarray()
+    whole = np.eye(n + 2)[:, 1:-1]
     mean, slope = 0.5 * (whole[1:] + whole[:-1]), (whole[1:] - whole[:-1]) / (2.0 * width[:, None])
     scale = units.time**-2
     torque = on_path.demand.torque

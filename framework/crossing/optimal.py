@@ -12,7 +12,6 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sparse
 from numpy.polynomial import chebyshev, legendre
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
@@ -222,7 +221,7 @@ class Setting:
             power = self.torque_rows(evaluate(points, series_through(np.eye(len(self.on_path.sigma)))))
         return ConeProgram(
             speeds=np.asarray(chebyshev.chebvander(points, degree), dtype=float),
-            average=sparse.eye_array(len(weights)),
+            average=np.eye(len(weights)),
             weights=weights / self.on_path.stretch(self.on_path.stretch.inverse(points), 1),
             positive=np.empty((0, degree + 1)),
             torque=self.torque_rows(every_other),
@@ -239,6 +238,22 @@ class Setting:
         most = self.wish.most
         longest = None if most is None else most / self.units.time
         return solve(program, self.wish.goal, limited=self.wish.limited, longest=longest)
+
+    def off_limits(self) -> tuple[float | None, float | None]:
+        """The least peak of torque over its limit in the duration asked, and the least duration [s] within
+        all limits, by laws of this degree; None where none was found."""
+        wish = self.wish
+        free = replace(wish, goal="peak_torque", torque_limit=np.full(len(wish.torque_limit), np.inf))
+        quickest = replace(wish, goal="time", duration=None, longest=None)
+        gentle = replace(self, wish=free)._best() if wish.limited and wish.most is not None else None
+        quick = replace(self, wish=quickest)._best() if wish.limited else None
+        return (None if gentle is None else gentle.peak, None if quick is None else quick.law.duration)
+
+    def _best(self) -> Best | None:
+        program = self.program()
+        found = self.solved(program)
+        best = self.held(program, found) if isinstance(found, Optimum) else None
+        return best if isinstance(best, Best) else None
 
     def held(self, program: ConeProgram, found: Optimum) -> Best | Infeasible | Unsolved:
         """The law of an optimum, solved again with rows where a limit does not hold between the points.

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.condition import CrossingPoint, Deflection, crossing_point
+from framework.crossing.condition import CrossingPoint, Deflection, coefficients_at, crossing_point
 from framework.crossing.optimal import (
     DEGREES,
     MANY,
@@ -31,6 +31,7 @@ from framework.crossing.optimal import (
 )
 from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, crossing_row, demand
 from framework.crossing.polynomial import check_contacts
+from framework.crossing.refusal_proofs import HoldingTorque, NoAdmissibleSpeed, UnmetCondition
 from framework.crossing.request import Request
 from framework.crossing.targets import Ground
 from framework.dynamics.inverse_dynamics import resolve
@@ -194,26 +195,28 @@ def _check_speeds(task: Task, places: Sequence[CrossingPoint]) -> None:
             )
             raise NoLaw(
                 f"{task.branch.robot.name}: at s = {place.s:.6g} the path runs orthogonal to t_s: condition "
-                f"(8) leaves beta s'^2 + gamma = 0, which no speed meets ({why})"
+                f"(8) leaves beta s'^2 + gamma = 0, which no speed meets ({why})",
+                proof=UnmetCondition(place.s, *coefficients_at(task.branch, place, None)[0][:3], stop=False),
             )
 
 
 def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[Setting, Best]:
     """The setting of the least degree that leaves little to be gained, and the best law of that degree."""
     found: tuple[Setting, Best] | None = None
-    failure: NoLaw | NotConverged | None = None
+    failures: list[tuple[Setting, Infeasible | Unsolved]] = []
     for degree in DEGREES[len(task.targets) > MANY :]:
         setting, optimum = _in_fitting_units(_setting(task, places, None, task.wish, degree, None))
         best = setting.held(setting.program(), optimum) if isinstance(optimum, Optimum) else optimum
         if not isinstance(best, Best):
-            failure = failure or _refusal(task, setting, best)
+            failures.append((setting, best))
             continue
         if found is None or best.cost < found[1].cost:
             found = setting, best
         if best.cost <= (1.0 + GAIN) * best.bound:
             break
-    if found is None:
-        raise failure or NoLaw(f"{task.branch.robot.name}: no degree was tried")
+    if found is None:  # what the highest degree cannot do no lower one can
+        proved = [failure for failure in failures if isinstance(failure[1], Infeasible)]
+        raise _refusal(task, *(proved or failures)[-1], failures[0][0])
     return found
 
 
@@ -257,38 +260,50 @@ def _solved(setting: Setting, task: Task) -> Best:
     found = setting.solved(program)
     best = setting.held(program, found) if isinstance(found, Optimum) else found
     if not isinstance(best, Best):
-        raise _refusal(task, setting, best)
+        raise _refusal(task, setting, best, setting)
     return best
 
 
-def _refusal(task: Task, setting: Setting, found: Infeasible | Unsolved) -> NoLaw | NotConverged:
+def _refusal(
+    task: Task, setting: Setting, found: Infeasible | Unsolved, quicker: Setting
+) -> NoLaw | NotConverged:
+    """Why there is no law; how far off the limits are is told from the `quicker` setting."""
     name = task.branch.robot.name
-    if isinstance(found, Infeasible):
+    if not isinstance(found, Infeasible):
+        return NotConverged(
+            f"{name}: no optimal law of degree {setting.degree} found ({found.status})", residual=np.inf
+        )
+    holding = _holding(task, setting.on_path)
+    if holding is not None:
+        where, unit = "start" if holding.s == 0 else "end", _unit(task, holding.joint)
         return NoLaw(
-            f"{name}: no law of free shape (degree {setting.degree}) is admissible: "
-            f"{_against(task, setting.on_path)}"
+            f"{name}: no law is admissible: at the {where} {holding.joint} must hold {holding.torque:.4g} "
+            f"{unit} at rest, and may {holding.limit:.4g}",
+            proof=holding,
         )
-    return NotConverged(
-        f"{name}: no optimal law of degree {setting.degree} found ({found.status})", residual=np.inf
+    proof = NoAdmissibleSpeed(setting.degree, *quicker.off_limits(), found)
+    return NoLaw(
+        f"{name}: no law of free shape (degree {setting.degree}) is admissible: "
+        f"{proof.sentence or 'limits of speed and duration contradict condition (8)'}",
+        proof=proof,
     )
 
 
-def _against(task: Task, on_path: OnPath) -> str:
-    """What stands against every law, as far as it can be told."""
-    wish, robot = task.wish, task.branch.robot
+def _holding(task: Task, on_path: OnPath) -> HoldingTorque | None:
+    """The motor that may not even hold the robot at an end of its path."""
+    limit = task.wish.torque_limit
     still = np.abs(on_path.demand.torque.constant)[[0, -1]]
-    over = np.argwhere(still > wish.torque_limit)
-    if len(over):
-        end, motor = over[0]
-        return (
-            f"at the {('start', 'end')[end]} {robot.actuator_names[motor]} must hold {still[end, motor]:.4g} "
-            f"{robot.torque_units[motor]} at rest, and may {wish.torque_limit[motor]:.4g}"
-        )
-    limits = "the limits are too low" if wish.limited or np.isfinite(wish.speed_limit).any() else ""
-    within = (
-        "" if wish.most is None else f"within {wish.most:g} s no speed meets condition (8) at the crossings"
-    )
-    return " or ".join(part for part in (limits, within) if part)
+    over = np.argwhere(still > limit)
+    if not len(over):
+        return None
+    end, motor = map(int, over[0])
+    joint = task.branch.robot.actuator_names[motor]
+    return HoldingTorque(joint, float(end), float(still[end, motor]), float(limit[motor]))
+
+
+def _unit(task: Task, joint: str) -> str:
+    robot = task.branch.robot
+    return str(robot.torque_units[list(robot.actuator_names).index(joint)])
 
 
 def _resolved(

@@ -123,7 +123,7 @@ def plan_request(
     except NoLaw as refusal:
         feasible = feasibility_on_path(searched)
         told = [found.sentence(request.duration) for found in feasible if found is not None]
-        raise NoLaw("; ".join([str(refusal), *told])) from None
+        raise NoLaw("; ".join([str(refusal), *told]), proof=refusal.proof) from None
     exceeded = plan.exceeded if request.keep_limits else {}
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
@@ -146,7 +146,8 @@ def _best(work: _Work) -> CrossingPlan:
         try:
             return _optimal(work, f"there is no polynomial: {refusal}")
         except (NoLaw, NotConverged) as second:
-            raise NoLaw(f"{refusal}; nor does the optimal law help: {second}") from None
+            proof = refusal.proof or getattr(second, "proof", None)
+            raise NoLaw(f"{refusal}; nor does the optimal law help: {second}", proof=proof) from None
     if not request.may_be_optimal or not plan.crossings or request.speeds is not None or advance >= CREEPING:
         return plan
     nearly_stops = f"the polynomial nearly stops: its least speed is {advance:.2g} of its mean"

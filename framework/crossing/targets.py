@@ -5,11 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from framework.crossing.condition import CrossingPoint, imposed_point
+from framework.crossing.condition import (
+    NO_HOLD,
+    CrossingPoint,
+    coefficients_at,
+    crossing_point,
+    imposed_point,
+)
+from framework.crossing.refusal_proofs import UnmetCondition
 from framework.crossing.request import Request
 from framework.dynamics.crossings import check_kind
 from framework.errors import InvalidInput, NoLaw
-from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
@@ -45,7 +51,6 @@ def _targets(
     branch: Branch, points: tuple[SingularPoint, ...], request: Request
 ) -> list[SingularPoint | CrossingPoint]:
     """Where condition (8) is to hold; refuses what no law can cross."""
-    robot = branch.robot
     times, speeds, at = request.times, request.speeds, request.at
     if at is not None:
         targets: list[SingularPoint | CrossingPoint] = [imposed_point(branch, s) for s in at]
@@ -66,15 +71,18 @@ def _targets(
                 f"{'is' if len(targets) == 1 else 'are'} {what}"
             )
     for target in points if at is None else ():
-        _check_crossable(robot, target)
+        _check_crossable(branch, target)
     return targets
 
 
-def _check_crossable(robot: ParallelRobot, at: SingularPoint) -> None:
-    check_kind(robot, at)
+def _check_crossable(branch: Branch, at: SingularPoint) -> None:
+    check_kind(branch.robot, at)
     if at.s < 1e-9 or at.s > 1 - 1e-9:
         end = "starts" if at.s < 0.5 else "ends"
+        condition, _ = coefficients_at(branch, crossing_point(branch, at, None, at.s), None)
+        asks = abs(condition.gamma) > NO_HOLD * condition.scale
         raise NoLaw(
-            f"{robot.name}: at s = {at.s:.6g} the path {end} on a Type 2 singularity; a stop on the locus "
-            f"can never be crossed: move the path's end"
+            f"{branch.robot.name}: at s = {at.s:.6g} the path {end} on a Type 2 singularity; a stop on the "
+            f"locus can never be crossed: move the path's end",
+            proof=UnmetCondition(at.s, *condition[:3], stop=True) if asks else None,
         )

@@ -20,7 +20,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 
 
 @dataclass(frozen=True)
-class Checkup:
+class Diagnosis:
     """Findings on one robot; `advice` says what to do about what is wrong or remarkable."""
 
     robot: str
@@ -54,7 +54,7 @@ class Checkup:
     advice: tuple[str, ...]
 
 
-def check_robot(mechanism: Mechanism) -> Checkup:
+def check_robot(mechanism: Mechanism) -> Diagnosis:
     """Examine a mechanism at its assembled reference, or at a pose that `check` finds where that is none.
 
     Where the loops do not close near the reference, another pose is looked for; where the reference is on a
@@ -109,7 +109,7 @@ def check_robot(mechanism: Mechanism) -> Checkup:
         found.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
     if smallest is not None and smallest < 1e-6:
         found.append("the reference is itself singular: give one away from the locus")
-    return Checkup(
+    return Diagnosis(
         robot=robot.name,
         flexibility=robot.flexibility,
         platform_axes=robot.axis_names,

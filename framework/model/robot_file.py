@@ -53,9 +53,9 @@ def read_robot_file(file: str | Path) -> RobotDescription:
             of the wrong type or length, not finite, or names something that the URDF does not have.
     """
     path = Path(file)
-    said = read_text(path, f"{path}: cannot read the robot file", error=RobotFileError)
+    text = read_text(path, f"{path}: cannot read the robot file", error=RobotFileError)
     with naming(path):
-        return parse_robot(path, parse_yaml(said)).description
+        return parse_robot(path, parse_yaml(text)).description
 
 
 def parse_robot(path: Path, content: Any) -> ParsedRobot:

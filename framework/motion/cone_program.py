@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sparse
 
-from framework.arrays import Array
+from framework.arrays import Array, IntArray
 
 RANK = 1e-12  # singular value of normed equalities below which they say nothing new
 GOALS = ("time", "peak_torque", "energy")
@@ -50,7 +49,7 @@ class ConeProgram:
     """
 
     speeds: Array
-    average: Any
+    average: Array
     weights: Array
     positive: Array
     torque: Affine
@@ -77,7 +76,9 @@ class Infeasible(NamedTuple):
     proof: Array
     matrix: Any  # A
     right: Array  # b
-    cones: tuple[int, ...]  # sizes of the second-order cones of each kind; the rest of K is nonnegative
+    cones: tuple[
+        int, ...
+    ]  # sizes of the second-order cones, the last rows of A; the rest of K is nonnegative
 
 
 class Unsolved(NamedTuple):
@@ -108,36 +109,28 @@ def solve(
 
     def affine(rows: Array, offset: Array | float = 0.0) -> _Values:
         """Rows on the coefficients, in terms of the unknowns."""
-        return _Values(parts.of("x", rows @ free), rows @ start + offset)
+        return parts.rows("x", rows @ free, rows @ start + offset)
 
-    torque = affine(program.torque.matrix, program.torque.offset)
-    peak, w, v = (parts.all_of(name) for name in ("peak", "w", "v"))
+    w, v = parts.each("w"), parts.each("v")
     linear = [affine(program.positive, -program.floor)]
     linear.append(affine(-program.below_one, (1.0 - program.kept) ** 2))
     if limited:
-        linear.append(_Values(-peak.matrix, np.array([1.0 - program.kept])))
+        linear.append(parts.rows("peak", np.array([[-1.0]]), np.array([1.0 - program.kept])))
     if longest is not None:
-        linear.append(_Values(parts.of("v", -program.weights[None]), np.array([longest])))
-    z, one, two = affine(program.speeds), np.ones(len(w.offset)), np.full(len(v.offset), 2.0)
-    mean = parts.of("w", program.average)
+        linear.append(parts.rows("v", -program.weights[None], np.array([longest])))
+    z, mean = affine(program.speeds), parts.rows("w", program.average)
     cones = [
-        [z.plus(one), z.plus(-one), _Values(2.0 * w.matrix, 0.0 * one)],  # w^2 <= z
-        [
-            _Values(v.matrix + mean, 0 * two),
-            _Values(v.matrix - mean, 0 * two),
-            _Values(0 * mean, two),
-        ],  # v w >= 1
+        [z.plus(1.0), z.plus(-1.0), w.times(2.0)],  # w^2 <= z
+        [v.and_(mean), v.and_(mean.times(-1.0)), v.times(0.0).plus(2.0)],  # v w >= 1
     ]
     if limited or goal == "peak_torque":
-        largest = _Values(peak.matrix[np.zeros(len(torque.offset), dtype=int)], 0.0 * torque.offset)
-        cones.append(
-            [largest, torque]
-        )  # a cone of two is |torque| <= peak, and has the row of the torque once
+        largest = parts.rows("peak", np.ones((len(program.torque.offset), 1)))
+        cones.append([largest, affine(*program.torque)])  # |torque| <= peak, its row there but once
     if goal == "energy":  # e w >= the sum of power^2
-        power = affine(program.power.matrix, program.power.offset)
-        e, motors = parts.all_of("e"), len(power.offset) // len(one)
-        each = [_Values(2.0 * power.matrix[k::motors], 2.0 * power.offset[k::motors]) for k in range(motors)]
-        cones.append([e + w, e - w, *each])
+        e, (matrix, offset) = parts.each("e"), program.power
+        motors = len(offset) // len(program.speeds)
+        each = [affine(2.0 * matrix[k::motors], 2.0 * offset[k::motors]) for k in range(motors)]
+        cones.append([e.and_(w), e.and_(w.times(-1.0)), *each])
     cost = np.zeros(parts.size)
     if goal == "time":
         cost[parts.place("v")] = program.weights
@@ -165,15 +158,20 @@ def _optimum(
 ) -> Optimum | Infeasible | Unsolved:
     """Hand it to the solver, which takes A x + s = b with s in the cone K."""
     import clarabel
+    import scipy.sparse as sparse
 
     groups = [*linear, *(_interleaved(group) for group in cones)]
-    matrix = sparse.vstack([-group.matrix for group in groups], format="csc")
+    starts = np.cumsum([0] + [len(group.offset) for group in groups])
+    row = np.concatenate([group.row + start for group, start in zip(groups, starts, strict=False)])
+    column = np.concatenate([group.column for group in groups])
+    value = np.concatenate([group.value for group in groups])
     right = np.concatenate([group.offset for group in groups])
+    matrix = sparse.csc_array((-value, (row, column)), shape=(len(right), parts.size))
     kinds: list[Any] = [clarabel.NonnegativeConeT(sum(len(group.offset) for group in linear))]
     for members in cones:
         kinds += [clarabel.SecondOrderConeT(len(members))] * len(members[0].offset)
-    rest = parts.size - len(quadratic)
-    upper = sparse.block_diag([np.triu(quadratic), sparse.csc_array((rest, rest))], format="csc")
+    above = np.triu_indices(len(quadratic))
+    upper = sparse.csc_array((quadratic[above], above), shape=(parts.size, parts.size))
     for careful in (
         False,
         True,
@@ -187,7 +185,8 @@ def _optimum(
         if status in ("Solved", "PrimalInfeasible"):
             break
     if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
-        return Infeasible(np.array(found.z), matrix, right, tuple(map(len, cones)))
+        sizes = tuple(len(members) for members in cones for _ in range(len(members[0].offset)))
+        return Infeasible(np.array(found.z), matrix, right, sizes)
     if status not in ("Solved", "AlmostSolved"):
         return Unsolved(status)
     x = np.array(found.x)
@@ -198,20 +197,29 @@ def _optimum(
 
 
 class _Values(NamedTuple):
-    """The numbers matrix @ unknowns + offset."""
+    """The numbers sum of value * unknown[column] + offset, row by row."""
 
-    matrix: Any  # (k, unknowns), sparse
+    row: IntArray
+    column: IntArray
+    value: Array
     offset: Array  # (k,)
 
-    def __add__(self, other: _Values) -> _Values:  # type: ignore[override]
-        return _Values(self.matrix + other.matrix, self.offset + other.offset)
+    def and_(self, other: _Values) -> _Values:
+        """The sum of both."""
+        return _Values(
+            np.concatenate([self.row, other.row]),
+            np.concatenate([self.column, other.column]),
+            np.concatenate([self.value, other.value]),
+            self.offset + other.offset,
+        )
 
-    def __sub__(self, other: _Values) -> _Values:
-        return _Values(self.matrix - other.matrix, self.offset - other.offset)
+    def times(self, factor: float) -> _Values:
+        """All multiplied with a number."""
+        return _Values(self.row, self.column, factor * self.value, factor * self.offset)
 
-    def plus(self, offset: Array) -> _Values:
+    def plus(self, offset: float) -> _Values:
         """With a constant added."""
-        return _Values(self.matrix, self.offset + offset)
+        return self._replace(offset=self.offset + offset)
 
 
 class _Parts:
@@ -228,24 +236,27 @@ class _Parts:
         """The columns of a part."""
         return slice(self._ends[name] - self._sizes[name], self._ends[name])
 
-    def of(self, name: str, rows: Any) -> Any:
-        """Rows on one part as rows on all unknowns."""
-        rows, place = sparse.coo_array(rows), self.place(name)
-        return sparse.csr_array(
-            (rows.data, (rows.coords[0], rows.coords[1] + place.start)), shape=(rows.shape[0], self.size)
-        )
+    def rows(self, name: str, matrix: Array, offset: Array | None = None) -> _Values:
+        """matrix @ part + offset."""
+        row, column = np.nonzero(matrix)
+        own = np.zeros(len(matrix)) if offset is None else offset
+        return _Values(row, column + self.place(name).start, matrix[row, column], own)
 
-    def all_of(self, name: str) -> _Values:
+    def each(self, name: str) -> _Values:
         """A part itself."""
-        return _Values(self.of(name, sparse.eye_array(self._sizes[name])), np.zeros(self._sizes[name]))
+        k = np.arange(self._sizes[name])
+        return _Values(k, k + self.place(name).start, np.ones(len(k)), np.zeros(len(k)))
 
 
 def _interleaved(members: list[_Values]) -> _Values:
     """The members (k,) of k cones, cone by cone."""
-    k = len(members[0].offset)
-    order = np.arange(k * len(members)).reshape(len(members), k).T.ravel()
-    matrix = sparse.vstack([member.matrix for member in members], format="csr")
-    return _Values(matrix[order], np.concatenate([member.offset for member in members])[order])
+    count = len(members)
+    return _Values(
+        np.concatenate([count * member.row + place for place, member in enumerate(members)]),
+        np.concatenate([member.column for member in members]),
+        np.concatenate([member.value for member in members]),
+        np.stack([member.offset for member in members], axis=1).ravel(),
+    )
 
 
 def eliminate(equalities: Affine) -> tuple[Array, Array]:

@@ -19,7 +19,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
-from scipy.special import betainc, betaincinv
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order
@@ -48,6 +47,8 @@ class Smoothstep:
         """phi or its derivative of the given order, with the shape of sigma; exact near both ends."""
         sigma = np.asarray(sigma, dtype=float)
         if order == 0:
+            from scipy.special import betainc  # takes time to import, and not all plans need it
+
             return np.asarray(betainc(self.order + 1, self.order + 1, sigma))
         near = np.minimum(sigma, 1.0 - sigma)
         value = polynomial.polyval(near, _slope_powers(self.order, order))
@@ -55,6 +56,8 @@ class Smoothstep:
 
     def inverse(self, s: ArrayLike) -> Array:
         """sigma with phi(sigma) = s."""
+        from scipy.special import betaincinv
+
         return np.asarray(betaincinv(self.order + 1, self.order + 1, np.asarray(s, dtype=float)))
 
 

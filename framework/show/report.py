@@ -87,7 +87,7 @@ def _crossings(plan: CrossingPlan, film: Film) -> str:
         for instant in film.instants
     )
     over = "".join(
-        f"<p><b>Mind:</b> {html.escape(said(joint))} exceeds its limits: {html.escape(excess)}.</p>"
+        f"<p><b>Warning:</b> {html.escape(said(joint))} exceeds its limits: {html.escape(excess)}.</p>"
         for joint, excess in plan.exceeded.items()
     )
     if not plan.crossings:

@@ -24,6 +24,7 @@ from framework.simulation.trajectory import Cubics, Polynomials, Trajectory
 
 EXPLICIT_STEPS = 256  # by default
 MOST_STEPS = 1_000_000  # of one length
+COARSEST = 0.05  # [rad, robot lengths] that fixed steps may leave out of a motion: more is another motion
 
 
 class Settings(NamedTuple):
@@ -124,8 +125,26 @@ def by_fixed_steps(task: Task, settings: Settings) -> Run:
         if task.advanced is not None:
             task.advanced(float(edges[k + 1] / task.duration))
     q, v = (np.array(part) for part in zip(*states, strict=True))
+    missed = _left_out(robot, v, h)
+    if missed > COARSEST:
+        enough = h * (0.1 * COARSEST / missed) ** 0.5
+        raise NotConverged(
+            f"{robot.name}: steps of {h:.3g} s leave about {missed:.2g} rad or robot lengths of this motion "
+            f"out; take steps of {enough:.1g} s, or method stiff",
+            residual=missed,
+        )
     trajectory = Cubics(robot, edges[: len(q)], q, v)
-    return Run(trajectory, np.array(work), exchanged, tuple(found), float("nan"), len(q) - 1)
+    return Run(trajectory, np.array(work), exchanged, tuple(found), missed, len(q) - 1)
+
+
+def _left_out(robot: ParallelRobot, v: Array, h: float) -> float:
+    """What fixed steps of order 2 leave out, all steps together [rad, robot lengths].
+
+    A step misses h^3 / 12 of the third derivative of q, which is the second difference of v over h^2. How far
+    the motion itself pulls neighbouring motions apart is not in it.
+    """
+    bends = np.abs(np.diff(v / robot.column_scale, 2, axis=0))
+    return float(h / 12 * bends.sum(axis=0).max(initial=0.0))
 
 
 def by_explicit_steps(task: Task, settings: Settings) -> Run:

@@ -32,8 +32,8 @@ class Simulation(ReadOnlyArrays):
         robot has, redundant ones too.
     energy_error: change of kinetic, elastic and gravitational energy less the work of motors and damping,
         the largest of all steps, over the energy exchanged.
-    unresolved: largest part of the motion that a step leaves out, estimated [rad, robot lengths]; above the
-        tolerance only where the loops lose rank in passing. NaN for method fast, which has no estimate.
+    unresolved: largest part of the motion that a step leaves out, estimated [rad, robot lengths], above the
+        tolerance only where the loops lose rank in passing; of method fast, of all steps together.
     """
 
     robot: ParallelRobot

@@ -83,7 +83,7 @@ def simulate(
     Raises:
         InvalidInput: method, option or start that cannot be; a motion with neither mass nor stiffness.
         NotAssembled: the loops do not close from the start, or one opens that was redundant at the reference.
-        NotConverged: no step can be solved from some instant on.
+        NotConverged: no step can be solved from some instant on, or fixed steps are too long for the motion.
     """
     began = clock.perf_counter()
     robot, drive = _robot_and_drive(robot, drive)

@@ -2,7 +2,7 @@
 
 Type 2: the passive columns P of the independent loop equations lose rank, P eta = 0; with the motors
 locked the passive joints may move along eta, and the platform along t_s. Its measure is that of
-`bordering`.
+`bordered_system`.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def singularity_measure(robot: ParallelRobot, system: System) -> SingularityMeas
     """g and the least controlled motion along a motion, to look at.
 
     This g is continuous, with a bend where two singular values change places; the motion is continued
-    but for such places. Roots are found on the smooth measures of `bordering`.
+    but for such places. Roots are found on the smooth measures of `bordered_system`.
     """
     P = measured_matrix(robot, system)
     if not P.shape[2]:  # every joint has a motor: det P = 1, nothing escapes

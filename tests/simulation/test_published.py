@@ -122,6 +122,18 @@ def test_andrews_squeezer(method, relative):
 # ------------------------------------------------------------------ Bricard's mechanism
 
 
+def test_andrews_squeezer_in_fixed_steps():
+    """Steps of a millisecond turn the squeezer three radians wrong: refused, with a step that would do."""
+    robot = ParallelRobot.from_file(SQUEEZER)
+    exact = simulate(robot, lambda t: [0.033], duration=0.03, method="stiff").configuration(0.03)[0]
+    with pytest.raises(NotConverged, match=r"leave about .* take steps of 0.0001 s"):
+        simulate(robot, lambda t: [0.033], duration=0.03, method="fast")
+    for step in (2e-4, 5e-5):
+        result = simulate(robot, lambda t: [0.033], duration=0.03, method="fast", step=step)
+        error = np.abs(result.q[-1] - exact).max()
+        assert error / 5 < result.unresolved < 5 * error
+
+
 def test_bricard_for_ten_seconds_keeps_its_energy():
     """IFToMM A04: released at rest, one degree of freedom, so that M(x) x'^2 / 2 + V(x) = V(x_0) says all."""
     robot = without_motor(robots.load("bricard"))

@@ -86,5 +86,5 @@ def test_exactly_orthogonal_a_straight_path_asks_for_no_acceleration(angle):
     along = 0.05 * directions(angle)
     plan = plan_crossing(without_rotors(), Line(PLACE - along, PLACE + along), duration=1.5)
     (crossing,) = plan.crossings
-    assert crossing.acceleration == 0.0
+    assert crossing.acceleration == pytest.approx(0.0, abs=1e-14 * crossing.speed**2)  # rounding of the law
     assert plan.certificate.tail < 1e-12

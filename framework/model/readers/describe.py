@@ -53,7 +53,7 @@ def describe(
                 f"{closure.frames[1]!r}, so it closes no loop"
             )
     frames, joints = tree.frames, tree.movable
-    said = resolve(
+    resolved = resolve(
         options,
         frames=frames,
         joints=joints,
@@ -65,8 +65,8 @@ def describe(
         name=file.stem,
         file=file,
         urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
-        platform=said.platform,
-        actuators=said.actuators,
+        platform=resolved.platform,
+        actuators=resolved.actuators,
         closures=tuple(closures),
         joint_springs=tuple(joint_springs),
         gravity=gravity,

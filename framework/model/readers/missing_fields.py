@@ -1,4 +1,4 @@
-"""What a foreign file leaves unsaid - platform, axes, motors, reference - and the person must say."""
+"""What a foreign file leaves out - platform, axes, motors, reference - and a person must say."""
 
 from __future__ import annotations
 

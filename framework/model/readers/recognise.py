@@ -60,7 +60,7 @@ def parse_any(
 
     Raises:
         RobotFileError: the file cannot be read, is of no known dialect, is malformed, says something
-            the records cannot hold, or leaves something unsaid that no option says.
+            the records cannot hold, or leaves something out that no option says.
     """
     path = Path(file)
     options = Options(
@@ -138,7 +138,7 @@ def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
     joints = [
         joint.get("name", "") for joint in root.findall("joint") if joint.get("type") not in ("fixed", None)
     ]
-    said = resolve(
+    resolved = resolve(
         options,
         frames=[element.get("name", "") for tag in ("link", "joint") for element in root.findall(tag)],
         joints=joints,
@@ -146,7 +146,9 @@ def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
         actuators=description.actuators,
     )
     reference = checked_reference(options, joints, description.reference)
-    description = replace(description, platform=said.platform, actuators=said.actuators, reference=reference)
+    description = replace(
+        description, platform=resolved.platform, actuators=resolved.actuators, reference=reference
+    )
     return ParsedRobot(description, root)
 
 

@@ -1,0 +1,126 @@
+"""Spatial robots under gravity on random lines across their loci: planned, or refused with a proof.
+
+Torques are held against the equations of motion that the tests write anew, proofs of refusal against linear
+algebra of a few lines and against the phase plane, whose discretisation is another one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework import CrossingPlan, Line, NoAnswer, NoLaw, ParallelRobot, locate_singularities, plan_crossing
+from framework.crossing.bound import estimated_best
+from framework.crossing.refusal_proofs import HoldingTorque, NoAdmissibleSpeed
+from framework.crossing.scenes import scene_path
+from tests.oracles.equations_of_motion import defects
+
+SCENES = {"delta": "cross", "orthoglide": "cross", "par4": "cross", "gough_stewart": "turn"}
+COUNT, SEED = 10, 11
+
+
+def random_motions(name: str, count: int) -> tuple[ParallelRobot, list[tuple[Line, float]]]:
+    """Lines whose ends lie about those of the robot's own scene, and durations [s], all across the locus."""
+    robot = robots.load(name)
+    own = scene_path(robot.description.scenes[SCENES[name]])
+    ends = np.array([own(0.0), own(1.0)])
+    spread = 0.35 * np.abs(np.diff(ends, axis=0)[0]) + 0.05 * np.abs(np.diff(ends)).max()
+    rng, found = np.random.default_rng([SEED, len(name)]), []
+    while len(found) < count:
+        line = Line(*(ends + rng.uniform(-spread, spread, ends.shape)))
+        duration = float(rng.uniform(0.5, 3.0))
+        try:
+            points = locate_singularities(robot, line)
+        except NoAnswer:
+            continue
+        if points and all(point.contact != "tangential" for point in points):
+            found.append((line, duration))
+    return robot, found
+
+
+def check_plan(plan: CrossingPlan, duration: float) -> None:
+    assert plan.duration == duration
+    assert plan.certificate.monotone
+    assert plan.certificate.tail < 1e-9
+    assert max(crossing.residual for crossing in plan.crossings) < 1e-11
+    t = np.append(np.linspace(0.0, duration, 21), [crossing.time for crossing in plan.crossings])
+    q, v, a, *_ = (getattr(plan.dynamics.motion(t), name) for name in ("q", "v", "a"))
+    found = defects(plan.robot, q=q, v=v, a=a, torque=plan.torque(t), x=plan.platform(t))
+    assert found.open < 1e-12 * max(plan.robot.length, 1.0)
+    assert found.speed < 1e-12
+    assert found.acceleration < 1e-12
+    assert found.force < 1e-9
+
+
+def check_refusal(refusal: NoLaw, limit: float, best: float | None) -> None:
+    """`best` is the phase plane's least peak [N m] on this path in this duration, if it was looked for."""
+    proof = refusal.proof
+    if isinstance(proof, HoldingTorque):
+        assert proof.torque > proof.limit == limit
+        return
+    assert isinstance(proof, NoAdmissibleSpeed)
+    program, q = proof.infeasible, proof.infeasible.proof / np.abs(proof.infeasible.proof).max()
+    # q is in the dual cone: entries of the first part not negative, those after it in cones of their sizes
+    sizes = program.cones
+    first = len(q) - sum(sizes)
+    assert q[:first].min() >= 0.0
+    ends = first + np.cumsum(sizes)
+    for start, end in zip(ends - np.array(sizes), ends, strict=True):
+        assert q[start] >= (1.0 - 1e-12) * np.linalg.norm(q[start + 1 : end])
+    # it combines the rows A x + s = b to 0 x + q' s = b' q < 0, while q' s >= 0: for all x up to 1e3 at least
+    margin = -float(program.right @ q)
+    assert margin > 1e3 * np.abs(program.matrix.T @ q).max() > 0.0
+    assert proof.least_peak is None or proof.least_peak > 1.0
+    if (
+        best is not None and proof.least_peak is not None
+    ):  # without smoothness at the ends: less than what a smooth law needs, but not much
+        assert 0.95 < best / limit / proof.least_peak < 1.0 + 1e-3
+
+
+def check_random_motion(name: str, k: int, *, estimate: bool) -> None:
+    robot, found = random_motions(name, k + 1)
+    line, duration = found[k]
+    plan = plan_crossing(robot, line, duration=duration, law="optimal")
+    check_plan(plan, duration)
+    torque = float(np.abs(plan.torque(np.linspace(0.0, duration, 6001))).max())
+    least = None
+    if estimate:
+        coarse, fine = (estimated_best(plan, cells) for cells in (120, 240))
+        assert coarse is not None
+        assert fine is not None
+        least = fine * float(plan.optimality.reference.max())
+        assert torque / least > 1.0 - 1e-3
+        # two of the forty sprint so sharply through their singularity that the estimate has not settled
+        assert torque / least < 1.02 or fine / coarse > 1.01
+    limited = plan_crossing(robot, line, duration=duration, torque_limit=1.03 * torque)
+    assert np.abs(limited.torque(np.linspace(0.0, duration, 6001))).max() <= 1.03 * torque
+    with pytest.raises(NoLaw) as refused:
+        plan_crossing(robot, line, duration=duration, torque_limit=0.9 * torque)
+    check_refusal(refused.value, 0.9 * torque, least)
+
+
+@pytest.mark.parametrize("name", ["delta"])
+def test_a_random_line_is_crossed_and_refused_with_a_proof_where_the_motors_are_too_weak(name):
+    check_random_motion(name, 0, estimate=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("k", range(COUNT))
+@pytest.mark.parametrize("name", SCENES)
+def test_random_lines_of_all_spatial_robots(name, k):
+    check_random_motion(name, k, estimate=True)
+
+
+def test_a_stop_on_the_locus_is_refused_with_what_gravity_leaves_of_condition_8():
+    robot = robots.load("five_bar")
+    heavy = ParallelRobot.from_description(replace(robot.description, gravity=(0.0, -9.81, 0.0)))
+    point = locate_singularities(heavy, Line([0.1, 0.345], [-0.05, 0.195]))[0]
+    with pytest.raises(NoLaw, match="a stop on the locus") as refused:
+        plan_crossing(heavy, Line([0.1, 0.345], point.platform), duration=1.0)
+    proof = refused.value.proof
+    assert proof.stop
+    assert proof.s == pytest.approx(1.0, abs=1e-9)
+    assert abs(proof.gamma) > 0.1  # [N] of the weight along t_s: there is nothing else at rest
