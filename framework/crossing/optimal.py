@@ -241,15 +241,19 @@ class Setting:
 
     def off_limits(self) -> tuple[float | None, float | None]:
         """The least peak of torque over its limit in the duration asked, and the least duration [s] within
-        all limits; None where there is none."""
-        program, wish = self.program(), self.wish
-        most = None if wish.most is None else wish.most / self.units.time
-        peak = solve(program, "peak_torque", limited=False, longest=most) if wish.limited else None
-        quickest = solve(program, "time", limited=wish.limited)
-        return (
-            peak.peak if isinstance(peak, Optimum) else None,
-            quickest.duration * self.units.time if isinstance(quickest, Optimum) else None,
-        )
+        all limits, by laws of this degree; None where none was found."""
+        wish = self.wish
+        free = replace(wish, goal="peak_torque", torque_limit=np.full(len(wish.torque_limit), np.inf))
+        quickest = replace(wish, goal="time", duration=None, longest=None)
+        gentle = replace(self, wish=free)._best() if wish.limited and wish.most is not None else None
+        quick = replace(self, wish=quickest)._best() if wish.limited else None
+        return (None if gentle is None else gentle.peak, None if quick is None else quick.law.duration)
+
+    def _best(self) -> Best | None:
+        program = self.program()
+        found = self.solved(program)
+        best = self.held(program, found) if isinstance(found, Optimum) else None
+        return best if isinstance(best, Best) else None
 
     def held(self, program: ConeProgram, found: Optimum) -> Best | Infeasible | Unsolved:
         """The law of an optimum, solved again with rows where a limit does not hold between the points.

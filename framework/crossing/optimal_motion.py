@@ -203,19 +203,20 @@ def _check_speeds(task: Task, places: Sequence[CrossingPoint]) -> None:
 def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[Setting, Best]:
     """The setting of the least degree that leaves little to be gained, and the best law of that degree."""
     found: tuple[Setting, Best] | None = None
-    failure: NoLaw | NotConverged | None = None
+    failures: list[tuple[Setting, Infeasible | Unsolved]] = []
     for degree in DEGREES[len(task.targets) > MANY :]:
         setting, optimum = _in_fitting_units(_setting(task, places, None, task.wish, degree, None))
         best = setting.held(setting.program(), optimum) if isinstance(optimum, Optimum) else optimum
         if not isinstance(best, Best):
-            failure = failure or _refusal(task, setting, best)
+            failures.append((setting, best))
             continue
         if found is None or best.cost < found[1].cost:
             found = setting, best
         if best.cost <= (1.0 + GAIN) * best.bound:
             break
-    if found is None:
-        raise failure or NoLaw(f"{task.branch.robot.name}: no degree was tried")
+    if found is None:  # what the highest degree cannot do no lower one can
+        proved = [failure for failure in failures if isinstance(failure[1], Infeasible)]
+        raise _refusal(task, *(proved or failures)[-1], failures[0][0])
     return found
 
 
@@ -259,11 +260,14 @@ def _solved(setting: Setting, task: Task) -> Best:
     found = setting.solved(program)
     best = setting.held(program, found) if isinstance(found, Optimum) else found
     if not isinstance(best, Best):
-        raise _refusal(task, setting, best)
+        raise _refusal(task, setting, best, setting)
     return best
 
 
-def _refusal(task: Task, setting: Setting, found: Infeasible | Unsolved) -> NoLaw | NotConverged:
+def _refusal(
+    task: Task, setting: Setting, found: Infeasible | Unsolved, quicker: Setting
+) -> NoLaw | NotConverged:
+    """Why there is no law; how far off the limits are is told from the `quicker` setting."""
     name = task.branch.robot.name
     if not isinstance(found, Infeasible):
         return NotConverged(
@@ -277,7 +281,7 @@ def _refusal(task: Task, setting: Setting, found: Infeasible | Unsolved) -> NoLa
             f"{unit} at rest, and may {holding.limit:.4g}",
             proof=holding,
         )
-    proof = NoAdmissibleSpeed(setting.degree, *setting.off_limits(), found)
+    proof = NoAdmissibleSpeed(setting.degree, *quicker.off_limits(), found)
     return NoLaw(
         f"{name}: no law of free shape (degree {setting.degree}) is admissible: "
         f"{proof.sentence or 'limits of speed and duration contradict condition (8)'}",

@@ -44,9 +44,9 @@ class NoAdmissibleSpeed:
     A thousandth of the limits is kept free, and a hundredth of the squared mean speed is never fallen below
     where that was looked at (`optimal.KEPT`, `FLOOR`).
 
-    least_peak: the least peak of torque, over its limit, of the laws of this degree in the duration asked;
-        None where it was not found, or no motor has a limit of torque.
-    least_duration: the least duration [s] within the limits; None where none has any, however long.
+    least_peak: the least peak of torque, over its limit, of a law in the duration asked; None
+        where none was found or asked for, or no motor has a limit of torque.
+    least_duration: the least duration [s] of one within the limits; None where none was found.
     infeasible: the cone program, and the combination of its rows that contradicts itself.
     """
 
@@ -74,5 +74,5 @@ class NoAdmissibleSpeed:
         if self.least_duration is not None:
             parts.append(f"within the limits the quickest law takes {self.least_duration:.4g} s")
         elif self.least_peak is not None:
-            parts.append("within the limits there is none of any duration")
+            parts.append("within the limits none of any duration was found")
         return "; ".join(parts)

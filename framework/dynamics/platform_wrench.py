@@ -20,7 +20,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
-from framework.kinematics.inverse_kinematics import Motion, System, joint_rates
+from framework.kinematics.inverse_kinematics import Motion, System, assembled_at, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 
 
@@ -83,3 +83,26 @@ def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:
     rotors = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]  # (T, n_a) motor side
     own = np.einsum("tan,ta->tn", G, rotors)
     return PlatformWrench(np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion)) + own, G, own)
+
+
+class Hold(NamedTuple):
+    """What motors at rest can do for a platform at rest."""
+
+    motor_speed: Array  # (n_a, n) G, as in PlatformWrench
+    torque: (
+        Array | None
+    )  # (n_a,) [N m] motor side that holds the wrench asked for; None: no torque does, or several
+
+
+def hold_at(robot: ParallelRobot, q: Array, wrench: Array) -> Hold:
+    """G at an assembled configuration q (nq,), and the motor torques that give a platform wrench (n,) there.
+
+    W = G' tau has one solution tau where the motors are as many as the platform's freedoms and hold it.
+
+    Raises:
+        InvalidInput: q is not assembled.
+    """
+    G = motor_speeds(robot, assembled_at(robot, q).system)[0][0]
+    if G.shape[0] != G.shape[1] or np.linalg.matrix_rank(G) < robot.n:
+        return Hold(G, None)
+    return Hold(G, np.linalg.solve(G.T, wrench))

@@ -84,6 +84,13 @@ def why(robot: ParallelRobot) -> str:
     return entry.why if entry is not None and entry.file == robot.description.file else ""
 
 
+def about(robot: ParallelRobot) -> str:
+    """What the catalogue says of its own robot, and where that comes from."""
+    entry = catalogue().get(robot.name)
+    known = entry is not None and entry.file == robot.description.file
+    return f"{entry.summary}. Source: {entry.source}." if entry is not None and known else ""
+
+
 def how(film: Film, instant: Instant) -> str:
     """How a proven motion comes to ask for nothing along t_s at a singular instant."""
     if film.plan is None:

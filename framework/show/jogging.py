@@ -6,13 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from framework.errors import InvalidInput
+from framework.dynamics.platform_wrench import hold_at
+from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_positions
+from framework.show.captions import about, unit
+from framework.show.captions import asked as kind_of_hold
 from framework.show.scene import drawn_locus, floats, robot_document
-from framework.singularity.jogging import Pose, move_motor, move_platform, pose_at
+from framework.singularity.jogging import CLASSES, Pose, drag_platform, move_motor, move_platform, pose_at
 from framework.singularity.locus import locus_curves
+
+PUSH = 10.0  # [N, or N m on a platform that only turns] along t_s, that the motors are to hold
 
 
 def hand_document(robot: ParallelRobot) -> dict[str, Any]:
@@ -22,6 +27,9 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
     platform = platform_positions(robot, poses)
     return robot_document(robot, poses) | {
         "kind": "hand",
+        "about": about(robot),
+        "push": f"{PUSH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",
+        "drag": bool(robot.platform.translations.any()),
         "poses": floats(poses),
         "locus": drawn_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
         "free_motors": motors_are_free(robot),
@@ -31,27 +39,79 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
 
 
 def move_by_hand(robot: ParallelRobot, asked: dict[str, Any]) -> dict[str, Any]:
-    """Answer one movement of a slider: {q, part, index, value}; `part` is platform or motor.
+    """Answer one movement: {q, part, index, value} of a slider, {q, part, place} of the platform dragged.
+
+    `part` is platform or motor, or drag, with a `place` [m] of the platform's origin in the base.
 
     Raises:
         InvalidInput: what is asked cannot be right.
     """
     try:
-        q = np.array(asked["q"], dtype=float)
-        part, index, value = asked["part"], int(asked["index"]), float(asked["value"])
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise InvalidInput("a movement needs q, part, index and value") from None
+        q, part = np.array(asked["q"], dtype=float), asked["part"]
+        if part == "drag":
+            return _told(robot, drag_platform(robot, q, np.array(asked["place"], dtype=float)))
+        index, value = int(asked["index"]), float(asked["value"])
+    except (KeyError, TypeError, OverflowError):
+        raise InvalidInput("a movement needs q, part, and index and value or place") from None
+    except ValueError as error:
+        if isinstance(error, InvalidInput):
+            raise
+        raise InvalidInput("a movement needs q, part, and index and value or place") from None
     if part not in ("platform", "motor"):
-        raise InvalidInput(f"part: needs platform or motor, got {part!r}")
+        raise InvalidInput(f"part: needs platform, motor or drag, got {part!r}")
     pose = (move_platform if part == "platform" else move_motor)(robot, q, index, value)
     return _told(robot, pose)
+
+
+def _words(pose: Pose) -> str:
+    """A pose in a sentence or two, the first of them short."""
+    where = {"near": "Near", "singular": "On"}.get(pose.level)
+    if where is None:
+        return "The motors hold the platform. Lead it towards the purple curve, if there is one."
+    if pose.kind == "type_1":
+        how = "nearly stretched or folded" if pose.level == "near" else "stretched or folded"
+        return f"A leg is {how}. It is {where.lower()} its end, a Type 1 singularity, and follows no further."
+    if pose.kind == "type_2":
+        told = (
+            "The arrow is the motion of the platform that the motors hold least."
+            if pose.level == "near"
+            else "With the motors locked, the platform can still move along the arrow."
+        )
+        return f"{where} a Type 2 singularity. {told}"
+    name, meaning = CLASSES[pose.kind]
+    there = "There" if pose.level == "near" else "Here"
+    return f"{where} a {name}. {there} {meaning}."
+
+
+def _hold(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
+    """What the motors can give here: torques against a push along t_s, and on planar robots the polygon.
+
+    A platform that both shifts and turns has no push of one unit: it gets none.
+    """
+    translations = robot.platform.translations
+    try:
+        held = hold_at(robot, pose.q, PUSH * pose.twist)
+    except NotAssembled:  # a Type 1 singularity: the platform does not determine the motors
+        return {"torques": None, "sides": None}
+    pushed = (
+        pose.g is not None and pose.level != "singular" and (translations.all() or not translations.any())
+    )
+    torques = held.torque if pushed else None
+    sides = None
+    if robot.n == 2 and translations.all():
+        sides = np.zeros((robot.n_a, 3))
+        sides[:, robot.platform.axes] = held.motor_speed
+    return {
+        "torques": None if torques is None else np.abs(torques).tolist(),
+        "sides": None if sides is None else sides.tolist(),
+    }
 
 
 def _told(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
     poses = joint_poses(robot, pose.q[None])
     twist = np.zeros(6)
     twist[robot.platform.axes] = pose.twist
-    return {
+    return _hold(robot, pose) | {
         "q": pose.q.tolist(),
         "poses": floats(poses),
         "origin": platform_positions(robot, poses)[0].tolist(),
@@ -60,7 +120,8 @@ def _told(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
         "g": pose.g,
         "smallest": pose.smallest,
         "level": pose.level,
-        "legs": pose.legs,
+        "kind": pose.kind,
+        "words": _words(pose),
         "verdict": pose.verdict,
         "t_s": [twist[:3].tolist(), twist[3:].tolist()],
         "stopped": pose.stopped,

@@ -7,32 +7,41 @@ platform crosses Type 2 singularities without noticing; the motors end at them, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from framework.arrays import Array
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity
 from framework.kinematics.forward_kinematics import forward_kinematics
-from framework.kinematics.inverse_kinematics import assembled_at, reference_system, require_square
+from framework.kinematics.inverse_kinematics import (
+    ClosedStack,
+    assembled_at,
+    reference_system,
+    require_square,
+)
+from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.loop_matrices import mobile_matrix, passive_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import follow_path, weakest_leg
 from framework.motion.path import Line
 from framework.singularity.classification import singularity_measure, uncontrolled_motion, unit_twist
 
+HALVINGS = 8  # of a way that ends at the limit of a joint: the last 0.4 % of it are not gone
 NEAR, ON = 0.3, 0.01  # of the reference's smallest singular value: near a singularity, on it
 
-_CLASSES = {
-    "type_2": "Type 2 singularity: the motors do not hold the platform",
-    "leg_passive": "a leg's passive joints move by themselves",
-    "constraint": "constraint singularity: the platform gains freedoms",
-    "closure": "singularity of the loops themselves",
+# What a singularity is called, and what it means.
+CLASSES = {
+    "type_2": ("Type 2 singularity", "the motors do not hold the platform along t_s"),
+    "leg_passive": ("leg-passive singularity", "passive joints of a leg move by themselves"),
+    "constraint": ("constraint singularity", "the platform gains a freedom that it should not have"),
+    "closure": ("singularity of the loops", "they do not determine how their joints move"),
 }
 
 _MOTORS_END = (
-    "A Type 2 singularity: here the motors lose their hold of the platform and can turn no further in this "
-    "assembly mode. The platform can be led across; the motors cannot lead it."
+    "A {name}: here the motors lose their hold of the platform and can turn no further in this assembly "
+    "mode. The platform can be led across; the motors cannot lead it."
 )
 
 
@@ -46,7 +55,7 @@ class Pose:
     g: float | None  # None: every joint has a motor
     smallest: float | None  # smallest singular value of P
     level: str  # regular, near, singular
-    legs: bool  # that singularity is one of the legs, Type 1
+    kind: str  # of that singularity: type_1, type_2, leg_passive, constraint, closure, or ""
     verdict: str  # the class, in words
     twist: Array  # (n,) least controlled, of unit size
     stopped: str  # why it went no further, or ""
@@ -63,26 +72,26 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> Pose:
     motors = robot.actuated_coordinates(q[None])[0]
     usual, usual_legs = _usual_sizes(robot)
     legs = _smallest(mobile_matrix(robot, system)[0])
-    level, verdict = "regular", "regular: the motors hold the platform in every direction"
-    stretched = legs < NEAR * usual_legs
-    if stretched:
+    level, kind, verdict = "regular", "", "regular: the motors hold the platform in every direction"
+    if legs < NEAR * usual_legs:
+        kind = "type_1"
         level = "near" if legs > ON * usual_legs else "singular"
         verdict = (
             f"{'near' if level == 'near' else 'at'} Type 1: the leg of {weakest_leg(robot, system)} is "
             f"{'nearly ' if level == 'near' else ''}stretched or folded"
         )
     if not len(robot.following):
-        return Pose(q, x[0], motors, None, None, level, stretched, verdict, np.zeros(robot.n), stopped)
+        return Pose(q, x[0], motors, None, None, level, kind, verdict, np.zeros(robot.n), stopped)
     smallest = _smallest(passive_matrix(robot, system)[0])
     measure = singularity_measure(robot, system)
     twist = system.platform[0] @ measure.motion[0]
     twist = twist / (unit_twist(robot, twist) or 1.0)
     if smallest < NEAR * usual:
         level = "near" if smallest > ON * usual else "singular"
-        stretched = False
-        kind = _CLASSES[uncontrolled_motion(robot, system).kind]
-        verdict = kind if level == "singular" else f"near a {kind}".replace("near a a ", "near: a ")
-    return Pose(q, x[0], motors, float(measure.g[0]), smallest, level, stretched, verdict, twist, stopped)
+        kind = uncontrolled_motion(robot, system).kind
+        name, meaning = CLASSES[kind]
+        verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
+    return Pose(q, x[0], motors, float(measure.g[0]), smallest, level, kind, verdict, twist, stopped)
 
 
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> Pose:
@@ -91,12 +100,60 @@ def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> P
     Raises:
         InvalidInput: q is not assembled, no such coordinate, or the platform does not fix the joints.
     """
-    require_square(robot)
     start = assembled_at(robot, q)
     _check(index, robot.n, value)
     target = start.x[0].copy()
     target[index] = value
-    if target[index] == start.x[0, index]:
+    return lead_platform(robot, q, target)
+
+
+def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> Pose:
+    """Bring the platform's origin towards a place (3,) of the base [m], as far as its coordinates allow.
+
+    Raises:
+        InvalidInput: q is not assembled, the place is not finite, or the platform does not fix the joints.
+    """
+    if place.shape != (3,) or not np.all(np.isfinite(place)):
+        raise InvalidInput("place: needs three finite numbers")
+    target = assembled_at(robot, q).x[0].copy()
+    target[robot.platform.sliding] = place[robot.platform.along]
+    return lead_platform(robot, q, target)
+
+
+def lead_platform(robot: ParallelRobot, q: Array, target: Array) -> Pose:
+    """Bring the platform straight to coordinates (n,), as far as working mode and joint limits go.
+
+    Raises:
+        InvalidInput: q is not assembled, or the platform does not fix the joints.
+    """
+    require_square(robot)
+    start = assembled_at(robot, q)
+    x = start.x[0]
+    return _within_limits(robot, start.q[0], lambda part: _led(robot, start, x + part * (target - x)))
+
+
+def _within_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], Pose]) -> Pose:
+    """The end of a way from q that `reach` goes, or the last part of it where no joint leaves its limits."""
+    pose = reach(1.0)
+    beyond = positions_beyond_limits(robot.limits, pose.q[None])
+    if not beyond or positions_beyond_limits(robot.limits, q[None]):
+        return pose
+    inside, outside, kept = 0.0, 1.0, pose_at(robot, q)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (inside + outside)
+        tried = reach(middle)
+        if positions_beyond_limits(robot.limits, tried.q[None]):
+            outside = middle
+        else:
+            inside, kept = middle, tried
+    told = "; ".join(f"{joint}, {what}" for joint, what in beyond.items())
+    return replace(kept, stopped=f"A joint stops at its limit in the URDF (asked for: {told}).")
+
+
+def _led(robot: ParallelRobot, start: ClosedStack, target: Array) -> Pose:
+    """As far as the working mode goes."""
+    q = start.q[0]
+    if np.array_equal(target, start.x[0]):
         return pose_at(robot, q)
     try:
         way = follow_path(robot, Line(start.x[0], target), q)
@@ -121,13 +178,20 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Pose
     """
     start = assembled_at(robot, q)
     _check(index, robot.n_a, value)
-    target = robot.actuated_coordinates(start.q)[0]
-    target[index] = value
-    try:
-        return pose_at(robot, forward_kinematics(robot, target, near=q).q)
-    except NotAssembled as end:
-        reason = _MOTORS_END if isinstance(end, Type2Singularity) else str(end)
-        return pose_at(robot, end.q, reason)
+    motors = robot.actuated_coordinates(start.q)[0]
+
+    def turned(part: float) -> Pose:
+        target = motors.copy()
+        target[index] += part * (value - motors[index])
+        try:
+            return pose_at(robot, forward_kinematics(robot, target, near=q).q)
+        except NotAssembled as end:
+            pose = pose_at(robot, end.q)
+            lost = isinstance(end, Type2Singularity)
+            name = CLASSES[pose.kind][0] if pose.kind in CLASSES else "Type 2 singularity"
+            return replace(pose, stopped=_MOTORS_END.format(name=name) if lost else str(end))
+
+    return _within_limits(robot, q, turned)
 
 
 def _check(index: int, count: int, value: float) -> None:

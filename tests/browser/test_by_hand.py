@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import numpy as np
 import pytest
 
 import robots
 from framework import ParallelRobot
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.frames import frames_at
+from framework.kinematics.inverse_kinematics import assembled_at
 from framework.show.jogging import move_by_hand
 from framework.show.page import hand_page
 from framework.show.server import PageServer
@@ -62,7 +66,7 @@ def test_sliders_move_the_robot_with_its_loops_closed(opened, by_hand):
         after = placements(tab, "crossing.hand.view")
         assert np.abs(after - before).max() > 0.01
         assert gap(robot, after) < ON_SCREEN
-        assert tab.locator("output").first.inner_text().startswith(f"{state['platform'][0]:.4f}")
+        assert tab.locator("label output").first.inner_text().startswith(f"{state['platform'][0]:.4f}")
         before = after
 
 
@@ -91,3 +95,80 @@ def test_other_robots_can_be_moved_by_hand(opened, by_hand, name):
     assert state["platform"][2] == pytest.approx(value, abs=0.01 * robot.length)
     assert gap(robot, placements(tab, "crossing.hand.view")) < ON_SCREEN
     assert tab.locator("input[data-part=motor]").count() == (0 if name == "standing_quadruped" else 6)
+
+
+# Where the platform's origin is in the window.
+SPOT = """() => {
+  const { view, spot } = crossing.hand, { left, top } = view.element.getBoundingClientRect();
+  const { x, y } = view.onScreen(spot.position);
+  return [left + x, top + y];
+}"""
+
+
+@pytest.mark.parametrize(("name", "seconds"), [("five_bar", 0.05), ("delta", 0.15), ("gough_stewart", 0.15)])
+def test_the_platform_is_dragged_with_the_mouse_and_its_loops_stay_closed(opened, by_hand, name, seconds):
+    robot = robots.load(name)
+    tab = opened(by_hand(robot))
+    before = tab.evaluate("crossing.hand.state")
+    camera = tab.evaluate("crossing.hand.view.viewer.camera.position.toArray()")
+    x, y = tab.evaluate(SPOT)
+    tab.mouse.move(x, y)
+    tab.mouse.down()
+    for step in range(1, 6):
+        tab.mouse.move(x - 5 * step, y + 3 * step)
+        wait_until(tab, "!crossing.hand.busy")
+        after = tab.evaluate("crossing.hand.state")
+        at = assembled_at(robot, np.array(after["q"]))  # as the page has it
+        assert np.abs(loop_equations(robot.rows, frames_at(robot, at.q)).residual).max() < 1e-9
+        assert gap(robot, placements(tab, "crossing.hand.view")) < ON_SCREEN
+    tab.mouse.up()
+    assert after["stopped"] == ""
+    moved = np.array(after["origin"]) - before["origin"]
+    assert 0.01 * robot.length < np.linalg.norm(moved)
+    assert np.allclose(tab.evaluate(SPOT), [x - 25, y + 15], atol=1.0)  # it is where the mouse is
+    assert tab.evaluate("crossing.hand.view.viewer.camera.position.toArray()") == camera
+    turns = ~robot.platform.translations
+    np.testing.assert_allclose(
+        np.array(after["platform"])[turns], np.array(before["platform"])[turns], atol=1e-9
+    )
+    # one step of Python, the least of some: other programs run beside it
+    place, took = np.array(after["origin"]), []
+    for k in range(5):
+        start = time.perf_counter()
+        move_by_hand(robot, {"q": after["q"], "part": "drag", "place": (place + 1e-3 * (k + 1)).tolist()})
+        took.append(time.perf_counter() - start)
+    assert min(took) < seconds
+
+
+def test_badge_caption_and_box_name_the_same_singularity(opened, by_hand):
+    tab = opened(by_hand(robots.load("delta")))
+    state = drag(tab, "motor", 1, tab.evaluate("crossing.hand.content.sliders.motor[1].high"))
+    assert state["level"] != "regular"
+    names = {"type_1": "Type 1", "type_2": "Type 2", "constraint": "constraint singularity"}
+    for place in (".class", ".now", ".stop"):
+        text = tab.inner_text(place)
+        assert [kind for kind, name in names.items() if name in text] == [state["kind"]], (place, text)
+
+
+def test_a_value_that_is_zero_has_no_sign(opened, by_hand):
+    tab = opened(by_hand(robots.load("five_bar")))
+    tab.evaluate("crossing.hand.put({ ...crossing.hand.state, platform: [-1e-6, 0.3] })")
+    assert tab.locator("label output").first.inner_text() == "0.0000 m"
+
+
+def test_the_polygon_collapses_and_the_bars_grow_towards_the_locus(opened, by_hand):
+    tab = opened(by_hand(robots.load("five_bar")))
+    drag(tab, "platform", 0, 0.0)
+    thin, wide = [], []
+    for y in (0.3, 0.27, 0.25, float(np.sqrt(0.06))):
+        state = drag(tab, "platform", 1, y)
+        corners = np.array(tab.evaluate("crossing.hand.polygon.corners"))
+        sizes = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
+        thin.append(sizes[1] / sizes[0])
+        wide.append(tab.evaluate("parseFloat(document.querySelector('.hold b').style.width)"))
+    assert state["level"] == "singular"
+    assert np.all(np.diff(thin) < 0)
+    assert thin[-1] < 1e-2
+    assert np.all(np.diff(wide) >= 0)  # a bar ends at its box
+    assert wide[0] < 0.5 * wide[-1]
+    assert "no bound" in tab.inner_text(".hold")

@@ -8,8 +8,9 @@ from scipy.spatial import ConvexHull
 
 import robots
 from framework import plan_scene
-from framework.dynamics.platform_wrench import motor_speeds, platform_wrench
+from framework.dynamics.platform_wrench import hold_at, motor_speeds, platform_wrench
 from framework.kinematics.inverse_kinematics import close_loops
+from framework.singularity.jogging import move_platform, pose_at
 
 
 def planned(name, scene, flexibility="rigid"):
@@ -68,3 +69,26 @@ def test_the_corners_are_those_of_the_zonotope_and_reach_is_its_width():
     assert (inside @ hull.equations[:, :3].T + hull.equations[:, 3]).max() <= 1e-9 * np.abs(corners).max()
     for twist in rng.normal(size=(5, 3)):
         assert wrench.reach(twist, limit)[5] == pytest.approx((corners @ twist).max(), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["five_bar", "delta", "orthoglide"])
+def test_torques_that_hold_a_push_do_its_work_along_any_small_way(name):
+    robot = robots.load(name)
+    here = pose_at(robot, robot.reference.q)
+    push = np.arange(1.0, robot.n + 1.0)
+    torque = hold_at(robot, here.q, push).torque
+    for k in range(robot.n):  # a way of 1 um there and back, by inverse kinematics alone
+        ends = [move_platform(robot, here.q, k, float(here.x[k]) + side * 1e-6) for side in (-1.0, 1.0)]
+        motors, way = (ends[1].motors - ends[0].motors) * robot.gear_ratio, ends[1].x - ends[0].x
+        assert torque @ motors == pytest.approx(push @ way, rel=1e-6)
+
+
+def test_no_torque_holds_a_push_along_t_s_on_the_locus():
+    robot = robots.load("five_bar")
+    at = move_platform(robot, move_platform(robot, robot.reference.q, 0, 0.0).q, 1, 0.2475)
+    sizes = []
+    for step in range(4):  # each time a tenth as far from the locus, ten times the torque
+        y = float(np.sqrt(0.06)) + 2.5e-3 * 0.1**step
+        at = move_platform(robot, at.q, 1, y)
+        sizes.append(np.abs(hold_at(robot, at.q, np.array([0.0, 1.0])).torque).max())
+    assert np.divide(sizes[1:], sizes[:-1]) == pytest.approx(10.0, rel=0.05)

@@ -184,7 +184,7 @@ class Film {
     const { text, state } = spoken(this, at, g, between(this.power, k, part));
     this.caption.className = `now ${state}`;
     this.caption.innerHTML = text;
-    view.element.className = `view ${{ singular: "crossing", unbounded: "singular", unreal: "unreal" }[state] || ""}`;
+    view.element.className = `view ${{ singular: "crossing", unbounded: "unbounded", unreal: "unreal" }[state] || ""}`;
     this.shown = at;
     if (this.told !== text.split("</b>")[0]) { // not each number anew
       this.told = text.split("</b>")[0];

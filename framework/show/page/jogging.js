@@ -3,7 +3,7 @@
 class Hand {
   constructor(section, content) {
     this.content = content;
-    section.innerHTML = `<h2>${plain(content.robot).replace(/_/g, " ")}, moved by hand</h2>
+    section.innerHTML = `<h2>${plain(content.robot).replace(/_/g, " ")}, moved by hand<span class="subtitle">${plain(content.about)}</span></h2>
       <div class="inside"><div class="left"><div class="view"></div><div class="now"></div></div><div class="side sliders"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
     this.view.name(`${content.robot.replace(/_/g, " ")}, moved by hand`);
@@ -22,6 +22,7 @@ class Hand {
       return linear.object.visible ? linear.tip : angular.object.visible ? angular.tip : null;
     });
     this.build();
+    if (content.drag) this.takePlatform();
     this.waiting = null;
     this.busy = false;
     this.usual = Math.abs(content.start.g || 1);
@@ -33,6 +34,7 @@ class Hand {
     this.side.innerHTML = `<div class="class"></div>
       <dl class="readings"><dt>singularity measure g (0 on the locus)</dt><dd class="g"></dd>
       <dt>smallest singular value σ<sub>min</sub></dt><dd class="smallest"></dd></dl>
+      <div class="hold"></div>
       <p class="stop" role="status"></p><div class="all"></div>
       <p><button type="button" class="back">Back to the start</button></p>`;
     this.inputs = { platform: [], motor: [] };
@@ -54,6 +56,76 @@ class Hand {
     if (free_motors) group("motor", "Motors: the platform follows");
     else all.insertAdjacentHTML("beforeend", "<p>The motors of this robot depend on one another: none can move while the others rest.</p>");
     this.side.querySelector(".back").addEventListener("click", () => this.put(this.content.start));
+  }
+
+  // Bars of the motor torques that hold a push along t_s; and, on a planar robot, what such motors can give.
+  holds(state) {
+    const { push, motors, length: L } = this.content, box = this.side.querySelector(".hold");
+    const start = this.content.start;
+    if (start.torques) {
+      this.full = this.full || 6 * Math.max(...start.torques, 1e-9);
+      const rows = motors.map(({ name, unit }, k) => {
+        const value = state.torques ? state.torques[k] : Infinity, share = Math.min(1, value / this.full);
+        const text = isFinite(value) ? `${Number(value.toPrecision(3))} ${unit}` : "no bound";
+        return `<div><span>${plain(name).replace(/_/g, " ")}</span><i><b style="width:${100 * share}%"></b></i><output>${text}</output></div>`;
+      });
+      box.innerHTML = `<h3>Motor torque against ${symbols(push)}</h3>${rows.join("")}`;
+    }
+    if (!state.sides) { if (this.polygon) this.polygon.object.visible = false; return; }
+    if (!this.polygon) {
+      this.polygon = new Polygon(COLORS.given, 0.5 * L, motors.length);
+      this.view.add(this.polygon.object);
+      this.reach = (0.3 * L) / Math.max(...state.sides.map((side) => Math.hypot(...side)));
+    }
+    this.polygon.object.visible = true;
+    const sides = state.sides.map((side) => new THREE.Vector3(...side).multiplyScalar(this.reach));
+    this.polygon.set(this.spot.position, new THREE.Vector3(), sides);
+  }
+
+  // The platform in the mouse: it is led in its own plane, or across the sight.
+  takePlatform() {
+    const { view, content } = this, { camera, controls, scene } = view.viewer;
+    const shifts = ["x", "y", "z"].map((axis) => content.axes.includes(axis));
+    let held = null;
+    const placed = (event) => {
+      const edges = view.element.getBoundingClientRect();
+      const at = new THREE.Vector2(((event.clientX - edges.left) / edges.width) * 2 - 1, 1 - ((event.clientY - edges.top) / edges.height) * 2);
+      const ray = new THREE.Raycaster();
+      scene.updateMatrixWorld(true);
+      ray.setFromCamera(at, camera);
+      ray.ray.applyMatrix4(scene.matrixWorld.clone().invert());
+      return ray.ray.intersectPlane(held.plane, new THREE.Vector3());
+    };
+    const near = (event) => {
+      const edges = view.element.getBoundingClientRect(), { x, y } = view.onScreen(this.spot.position);
+      return Math.hypot(event.clientX - edges.left - x, event.clientY - edges.top - y) < 26;
+    };
+    // before the camera's own controls see it
+    view.pane.addEventListener("pointerdown", (event) => {
+      if (!near(event)) return;
+      event.stopPropagation();
+      event.preventDefault();
+      const flat = shifts.filter(Boolean).length === 2;
+      const across = new THREE.Vector3(...shifts.map((free) => (flat && !free ? 1 : 0)));
+      if (!flat) camera.getWorldDirection(across).applyMatrix4(new THREE.Matrix4().extractRotation(scene.matrixWorld.clone().invert()));
+      held = { plane: new THREE.Plane().setFromNormalAndCoplanarPoint(across.normalize(), this.spot.position) };
+      view.pane.setPointerCapture(event.pointerId);
+      view.element.classList.add("held");
+    }, true);
+    view.pane.addEventListener("pointermove", (event) => {
+      if (!held) { view.pane.style.cursor = near(event) ? "grab" : ""; return; }
+      event.stopPropagation();
+      const place = placed(event);
+      if (place) this.ask({ part: "drag", place: place.toArray() });
+    }, true);
+    const release = () => {
+      if (!held) return;
+      held = null;
+      this.settle = true;
+      if (!this.busy) this.put(this.state);
+    };
+    for (const end of ["pointerup", "pointercancel"]) view.pane.addEventListener(end, release, true);
+    controls.enablePan = false;
   }
 
   // One question at a time, and of those that come meanwhile only the last.
@@ -82,10 +154,12 @@ class Hand {
   put(state, held) {
     this.state = state;
     const L = this.content.length;
-    this.view.setPoses(decoded(state.poses), 0);
+    this.view.poses = decoded(state.poses); // what is fitted into the picture when one asks for it
+    this.view.cloud = null;
+    this.view.setPoses(this.view.poses, 0);
     const origin = new THREE.Vector3(...state.origin);
     this.spot.position.copy(origin);
-    const color = { regular: 0x1b7f4d, near: 0xe69f00, singular: 0xb3261e }[state.level];
+    const color = { regular: 0x1b7f4d, near: 0xe69f00, singular: COLORS.locus.getHex() }[state.level];
     this.spot.material.color.setHex(color);
     const [linear, angular] = state.t_s.map((part) => new THREE.Vector3(...part));
     const nearness = state.g === null ? 0 : 1 - Math.min(1, Math.abs(state.g) / this.usual);
@@ -96,21 +170,19 @@ class Hand {
       this.inputs[part].forEach(({ input, output }, index) => {
         const dragged = held && held.part === part && held.index === index && !this.settle;
         if (!dragged) input.value = state[part][index];
-        output.textContent = `${state[part][index].toFixed(4)} ${this.content.sliders[part][index].unit}`;
+        output.textContent = `${state[part][index].toFixed(4).replace(/^-(?=[0.]*$)/, "").replace("-", "−")} ${this.content.sliders[part][index].unit}`;
       });
     }
+    this.holds(state);
     const badge = this.side.querySelector(".class");
     badge.className = `class ${state.level}`;
-    badge.textContent = state.verdict;
+    badge.innerHTML = symbols(state.verdict);
     this.side.querySelector(".g").textContent = state.g === null ? "none: every joint has a motor" : state.g.toPrecision(4);
     this.side.querySelector(".smallest").textContent = state.smallest === null ? "none" : state.smallest.toPrecision(4);
     this.side.querySelector(".stop").textContent = state.stopped;
     this.view.element.className = `view ${state.level}`;
-    this.now.innerHTML = {
-      regular: "<b>The motors hold the platform.</b> Move it towards the purple curve, if there is one, and watch g.",
-      near: "<b>Near a Type 2 singularity.</b> The arrow shows the motion of the platform that the motors hold least.",
-      singular: "<b>On a Type 2 singularity.</b> With the motors locked, the platform can still move along the arrow.",
-    }[state.legs ? "legs" : state.level] || "<b>A leg ends.</b> Stretched or folded, it follows the platform no further: a Type 1 singularity.";
+    const end = state.words.indexOf(".") + 1;
+    this.now.innerHTML = `<b>${plain(state.words.slice(0, end))}</b>${symbols(state.words.slice(end))}`;
     this.view.viewer.set_dirty();
   }
 }
