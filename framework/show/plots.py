@@ -17,8 +17,9 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.eye import plot_eye
 from framework.show.film import film_plan
 from framework.show.phase_plane import plot_phase_plane
+from framework.show.scene import CLIPPED
 from framework.show.still import plot_still
-from framework.show.style import CROSSING, figure, line_style, styled
+from framework.show.style import ALARM, CROSSING, figure, line_style, styled
 
 SAMPLES = 601
 
@@ -120,6 +121,9 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     _mark_crossings(plan, ax)
     for crossing in plan.crossings:
         ax.plot([crossing.time], [0.0], "o", color=CROSSING, markersize=4, zorder=3)
+    if plan.crossings:
+        ax.lines[-1].set_label("0 here: condition (8)")
+        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
     return ax
 
 
@@ -130,9 +134,14 @@ def plot_raw_torques(
     ax = figure()[1][0] if ax is None else ax
     for k, (joint, torque) in enumerate(zip(robot.actuator_names, raw.torque.T, strict=True)):
         ax.plot(raw.time, torque, label=joint.replace("_", " "), **line_style(k))
-    for pole in poles:
-        ax.axvline(pole, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
     _torque_axes(ax, robot)
+    finite = np.abs(raw.torque[np.isfinite(raw.torque).all(axis=1)]).max(axis=1)
+    if len(poles) and finite.size:  # the height of a spike is that of the sampling: not drawn
+        top = CLIPPED * float(np.quantile(finite, 0.8))
+        ax.set_ylim(-top, top)
+        for pole in poles:
+            ax.axvline(pole, color=ALARM, linewidth=0.8, linestyle=(0, (4, 3)))
+            ax.text(pole, 1.01, "no bound", color=ALARM, fontsize=7, transform=ax.get_xaxis_transform())
     ax.set_title("raw sampling, proves nothing", loc="left")
     return ax
 

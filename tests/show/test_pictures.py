@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,9 +11,11 @@ from PIL import Image
 from scipy.spatial import ConvexHull
 
 import robots
+from framework import plan_scene
 from framework.errors import InvalidInput
 from framework.kinematics.placements import frame_positions, joint_poses
 from framework.show.drawing import draw, hull
+from framework.show.jupyter import load_ipython_extension
 from framework.show.moving import film_picture
 from framework.show.shapes import body_shapes
 from framework.show.sight import projection
@@ -82,3 +85,14 @@ def test_a_moving_picture_stands_two_seconds_at_the_singular_instant():
         lasting.append(moving.info["duration"])
     assert lasting.count(2000) == 2  # there, and at the end
     assert abs(lasting.index(2000) / (moving.n_frames - 1) - film.instants[0].time / film.time[-1]) < 0.03
+
+
+def test_robots_and_plans_show_themselves_in_jupyter():
+    formatters = pytest.importorskip("IPython.core.formatters")
+    notebook = SimpleNamespace(display_formatter=formatters.DisplayFormatter())
+    load_ipython_extension(notebook)
+    robot = robots.load("five_bar")
+    for shown in (robot, plan_scene(robot, "C")):
+        found, _ = notebook.display_formatter.format(shown)
+        assert found["image/png"].startswith(b"\x89PNG")
+        assert found["text/plain"] == repr(shown)
