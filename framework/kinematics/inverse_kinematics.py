@@ -80,7 +80,7 @@ class System:
         return band.factor(self.entries[:, self.equations.passive.entry])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ClosedStack:
     """T configurations `q` (T, nq) on the prescribed `x` (T, n), with the equations `system` there."""
 
@@ -89,7 +89,7 @@ class ClosedStack:
     system: System
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """Positions, velocities and accelerations of all coordinates at T instants."""
 
