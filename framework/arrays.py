@@ -30,8 +30,8 @@ class ReadOnlyArrays:
     """
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)  # from another process, or a deep copy: arrays come writeable
-        ReadOnlyArrays.__post_init__(self)
+        for name, value in state.items():  # from another process, or a deep copy: arrays come writeable
+            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
 
     def __post_init__(self) -> None:
         for field in fields(self):  # type: ignore[arg-type]  # a subclass is a dataclass
