@@ -37,4 +37,4 @@ else:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}") from None
 
     def __dir__() -> list[str]:
-        return sorted({*globals(), *import_module("framework.public").__all__})
+        return sorted(import_module("framework.public").__all__)

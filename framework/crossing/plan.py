@@ -174,7 +174,7 @@ def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
     advance = law.advance(request.smoothness)
     reason = "the polynomial advances" if advance > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
-        reason = "it was asked for"
+        reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
     seconds = time.perf_counter() - started
     return finished_plan(ground, request, dynamics, law, timing, seconds=seconds, reason=reason), advance
 
