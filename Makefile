@@ -15,7 +15,7 @@ METADATA := pyproject.toml constraints.txt
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 DEMO := crossing_C
 # the modules of the API reference: the public face, and the submodules that a user calls by name
-API := framework framework.public framework.errors framework.motion.law framework.motion.path framework.model.beams \
+API := framework.public framework.errors framework.motion.law framework.motion.path framework.model.beams \
   framework.simulation framework.control framework.show.plots \
   framework.show.maps robots
 

@@ -1,4 +1,7 @@
-"""The public names, all in one place; `import framework` has them."""
+"""The public names, all in one place: `import framework` has them, and says what each is for.
+
+They stand here and not there, so that the command line can hear Ctrl-C before they are imported.
+"""
 
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
