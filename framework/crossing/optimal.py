@@ -19,8 +19,9 @@ from framework.crossing.phase_plane import Demand
 from framework.errors import InvalidInput
 from framework.motion.chebyshev import coefficients as series_through
 from framework.motion.chebyshev import derivative_matrix, evaluate, nodes
-from framework.motion.cone_program import Affine, ConeProgram, Infeasible, Optimum, Unsolved, solve
+from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve
 from framework.motion.exact_duration import adjusted, blended, duration_of
+from framework.motion.infeasibility import Infeasible
 from framework.motion.optimal_law import OptimalLaw, Stretch
 
 DEGREES = (40, 80)  # of the squared speed; the second where the first finds no law

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
+from framework.motion.infeasibility import Infeasible
 
 RANK = 1e-12  # singular value of normed equalities below which they say nothing new
 GOALS = ("time", "peak_torque", "energy")
@@ -72,17 +73,6 @@ class Optimum(NamedTuple):
     value: float  # of what was minimised, roughness included
 
 
-class Infeasible(NamedTuple):
-    """No y is admissible: A x + s = b, s in the cone K; `proof` is a q in K's dual, A' q = 0, b' q < 0."""
-
-    proof: Array
-    matrix: Any  # A
-    right: Array  # b
-    cones: tuple[
-        int, ...
-    ]  # sizes of the second-order cones, the last rows of A; the rest of K is nonnegative
-
-
 class Unsolved(NamedTuple):
     """The solver gave up."""
 
@@ -96,7 +86,7 @@ def solve(
     longest: float | None = None,
     about: Array | None = None,
 ) -> Optimum | Infeasible | Unsolved:
-    """The best admissible y.
+    """The best admissible y, or a proof that holds that there is none, or neither.
 
     Args:
         goal: "time", "peak_torque" (the largest |torque|), "energy" (the integral of the sum of torque^2) or
@@ -180,6 +170,7 @@ def _optimum(
     kinds: list[Any] = [clarabel.NonnegativeConeT(sum(len(group.offset) for group in linear))]
     for members in cones:
         kinds += [clarabel.SecondOrderConeT(len(members))] * len(members[0].offset)
+    sizes = tuple(len(members) for members in cones for _ in range(len(members[0].offset)))
     above = np.triu_indices(len(quadratic))
     upper = sparse.csc_array((quadratic[above], above), shape=(parts.size, parts.size))
     for careful in (
@@ -192,11 +183,14 @@ def _optimum(
         settings.iterative_refinement_enable = careful
         found = clarabel.DefaultSolver(upper, cost, matrix, right, kinds, settings).solve()
         status = str(found.status)
-        if status in ("Solved", "PrimalInfeasible"):
+        if status == "Solved":
             break
-    if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
-        sizes = tuple(len(members) for members in cones for _ in range(len(members[0].offset)))
-        return Infeasible(np.array(found.z), matrix, right, sizes)
+        if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
+            refuted = Infeasible(np.array(found.z), matrix, right, sizes)
+            if not refuted.holds:
+                refuted = refuted.refined()
+            if refuted.holds:
+                return refuted
     if status not in ("Solved", "AlmostSolved"):
         return Unsolved(status)
     x = np.array(found.x)

@@ -57,7 +57,7 @@ def test_the_least_peak_weighs_it_and_bounds_the_others():
     assert peaks(plan)[0] <= 0.03 < peaks(plan)[1]
     ample = plan_crossing(five_bar(0.03, AMPLE), LINE, duration=1.5, law="optimal")
     assert peaks(plan)[1] <= peaks(ample)[1] * (1.0 + 1e-3)
-    # the law bends sharply where the left motor meets its limit, for which degree 40 takes 4 %, degree 80 half
+    # sharp bends where the left motor meets its limit cost a law of degree 40 4 %, of degree 80 a third of it
     assert 1.0 - 1e-3 < peaks(plan)[1] / 0.03 / estimated_best(plan) < 1.05
 
 
