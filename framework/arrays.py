@@ -14,8 +14,8 @@ _Any = TypeVar("_Any", bound=NDArray[Any])
 
 
 def read_only(array: _Any) -> _Any:
-    """The array if nobody can write to it, else a copy to which nobody can."""
-    if array.flags.writeable:
+    """The array if nobody can write to it or to what it is a view of, else a copy to which nobody can."""
+    if array.flags.writeable or not array.flags.owndata:
         array = array.copy()
         array.flags.writeable = False
     return array
@@ -28,6 +28,10 @@ class ReadOnlyArrays:
     torques that were computed for it cannot come apart. A subclass with a `__post_init__` of its own calls
     this one, too.
     """
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():  # from another process, or a deep copy: arrays come writeable
+            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
 
     def __post_init__(self) -> None:
         for field in fields(self):  # type: ignore[arg-type]  # a subclass is a dataclass

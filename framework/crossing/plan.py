@@ -22,7 +22,7 @@ from framework.errors import LimitsExceeded, NoLaw, NotConverged, UncontrolledMo
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law
 from framework.motion.path import Path
-from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.singularity.points_on_path import SearchedPath, check_of, search_path
 
 CREEPING = 0.1  # least speed over its mean (the ends divided out) below which a polynomial is given up
 
@@ -115,7 +115,9 @@ def plan_request(
         As `plan_crossing`.
     """
     started = time.perf_counter()
-    searched = search_path(robot, request.path) if searched is None else searched
+    if searched is None:
+        searched = search_path(robot, request.path)
+    check_of(robot, request.path, searched.branch)
     work = _Work(ground_of(searched, request), request, started)
     try:
         plan = _best(work)
@@ -181,7 +183,7 @@ def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
     advance = law.advance(request.smoothness)
     reason = "the polynomial advances" if advance > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
-        reason = "it was asked for"
+        reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
     seconds = time.perf_counter() - started
     return finished_plan(ground, request, dynamics, law, timing, seconds=seconds, reason=reason), advance
 
