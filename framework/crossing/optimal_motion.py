@@ -152,6 +152,19 @@ def optimal_motion(task: Task) -> OptimalMotion:
     )
 
 
+def best_undeformed(task: Task) -> Best:
+    """The best law of the undeformed robot as the cone program sees it, which nothing has certified.
+
+    Raises:
+        NoLaw: no law is admissible; says what stands against it.
+        NotConverged: the solver gave up.
+    """
+    check_contacts(task.ground)
+    places = _places(task, None, None)
+    _check_speeds(task, places)
+    return _first(task, places)[1]
+
+
 def _places(
     task: Task, deflections: Deflections | None, before: Sequence[CrossingPoint] | None
 ) -> list[CrossingPoint]:
@@ -285,7 +298,7 @@ def _refusal(
     proof = NoAdmissibleSpeed(setting.degree, *quicker.off_limits(), found)
     return NoLaw(
         f"{name}: no law of free shape (degree {setting.degree}) is admissible: "
-        f"{proof.sentence or 'limits of speed and duration contradict condition (8)'}",
+        f"{proof.sentence or 'none within all limits meets condition (8)'}",
         proof=proof,
     )
 
