@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+from contextlib import suppress
 
 from framework.interruption import SIGNALS, interruptible, uninterrupted
+
+ENDED_BY = {128 + number for number in SIGNALS}  # exit codes
 
 
 def main() -> int:
@@ -16,10 +20,16 @@ def main() -> int:
                 from framework.cli import interrupted
                 from framework.cli import main as command_line
         except KeyboardInterrupt as stop:
-            return interrupted(stop, sys.argv[1:])
-        code = command_line()
+            code = interrupted(stop, sys.argv[1:])
+        else:
+            code = command_line()
     for number in SIGNALS:  # what has been said stands: only the interpreter is left to end
         signal.signal(number, signal.SIG_IGN)
+    if code in ENDED_BY:  # one that came up in an extension's code would end the interpreter in its own way
+        with suppress(OSError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)
     return code
 
 

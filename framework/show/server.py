@@ -15,6 +15,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from framework.errors import InvalidInput, NoAnswer
+from framework.interruption import SIGNALS
 
 LARGEST_REQUEST = 65536  # bytes
 
@@ -38,21 +39,25 @@ class PageServer(ThreadingHTTPServer):
 
     def serve_until_interrupted(self) -> None:
         """Serve until Ctrl-C or SIGTERM, then close."""
-        with self, _termination_interrupts(), suppress(KeyboardInterrupt):
+        with self, _ended_by_signals(), suppress(KeyboardInterrupt):
             self.serve_forever(poll_interval=0.1)
 
 
 @contextmanager
-def _termination_interrupts() -> Iterator[None]:
-    """Within, SIGTERM ends the main thread as Ctrl-C does."""
+def _ended_by_signals() -> Iterator[None]:
+    """Within, SIGINT and SIGTERM raise KeyboardInterrupt: for a server they are the way to end well."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    heard = [number for number in SIGNALS if before[number] is not signal.SIG_IGN]
+    for number in heard:
+        signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number in heard:
+            signal.signal(number, before[number])
 
 
 class _Handler(BaseHTTPRequestHandler):
