@@ -44,15 +44,17 @@ class PageServer(ThreadingHTTPServer):
 
 @contextmanager
 def _termination_interrupts() -> Iterator[None]:
-    """Within, SIGTERM ends the main thread as Ctrl-C does."""
+    """Within, SIGTERM and Ctrl-C end the main thread, and nobody else hears of them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signals = (signal.SIGTERM, signal.SIGINT)
+    before = [signal.signal(number, signal.default_int_handler) for number in signals]
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)
 
 
 class _Handler(BaseHTTPRequestHandler):
