@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import robots
 from framework import Line, NoLaw, Spline, load_plan, locate_singularities, plan_crossing, simulate
 from framework.cli import main
 from framework.crossing.bend import LARGEST, plan_bent
@@ -18,7 +19,7 @@ STEEP = np.array([0.03, 0.06])
 
 @pytest.mark.slow
 def test_a_path_orthogonal_to_the_twist_is_bent_as_little_as_the_torque_limit_allows(tmp_path):
-    robot = without_rotors()
+    robot = robots.load("five_bar")
     path, twist = bent(robot, 0.02)
     asked = {"duration": 1.5, "law": "optimal", "torque_limit": LIMIT}
     with pytest.raises(NoLaw, match="no speed meets"):
