@@ -30,10 +30,11 @@ else:
 
         The command line begins here, and has to hear Ctrl-C before half a second of imports has passed.
         """
+        public = import_module("framework.public")
         try:
-            return getattr(import_module("framework.public"), name)
+            return getattr(public, name)
         except AttributeError:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}") from None
 
     def __dir__() -> list[str]:
-        return sorted({*globals(), *import_module("framework.public").__all__})
+        return sorted(import_module("framework.public").__all__)

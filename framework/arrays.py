@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 _Any = TypeVar("_Any", bound=NDArray[Any])
 
 
 def read_only(array: _Any) -> _Any:
-    """The array if nobody can write to it, else a copy to which nobody can."""
-    if array.flags.writeable:
+    """The array if nobody can write to it or to what it is a view of, else a copy to which nobody can."""
+    if array.flags.writeable or not array.flags.owndata:
         array = array.copy()
         array.flags.writeable = False
     return array
@@ -29,6 +30,10 @@ class ReadOnlyArrays:
     this one, too.
     """
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():  # from another process, or a deep copy: arrays come writeable
+            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
+
     def __post_init__(self) -> None:
         for field in fields(self):  # type: ignore[arg-type]  # a subclass is a dataclass
             value = getattr(self, field.name, None)
@@ -36,4 +41,4 @@ class ReadOnlyArrays:
                 object.__setattr__(self, field.name, read_only(value))
 
 
-__all__ = ["Array", "ArrayLike", "IntArray", "ReadOnlyArrays", "read_only"]
+__all__ = ["Array", "ArrayLike", "BoolArray", "IntArray", "ReadOnlyArrays", "read_only"]

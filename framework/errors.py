@@ -128,6 +128,14 @@ def check_order(order: object, highest: int | None = None) -> None:
         raise InvalidInput(f"order: must be a whole number {valid}, got {short(order)}")
 
 
+def whole_number(what: str, given: object, least: int, most: int) -> int:
+    """The given whole number between two; raises InvalidInput for anything else."""
+    whole = isinstance(given, int | float | np.integer | np.floating) and not isinstance(given, bool)
+    if not whole or not least <= given <= most or int(given) != given:  # type: ignore[operator,call-overload]
+        raise InvalidInput(f"{what}: needs a whole number, {least} to {most}, got {short(given)}")
+    return int(given)  # type: ignore[call-overload]
+
+
 def finite_numbers(what: str, given: ArrayLike, count: int) -> Array:
     """The given numbers as an array (count,).
 

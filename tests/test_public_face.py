@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import json
+import pickle
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any
 
@@ -21,6 +25,7 @@ from framework import (
     Spline,
     assemble,
     check_robot,
+    dynamics_at,
     errors,
     forward_kinematics,
     inverse_dynamics,
@@ -31,6 +36,8 @@ from framework import (
     track_path,
     velocity_matrices,
 )
+from framework.crossing.saved import plan_document
+from framework.singularity.points_on_path import search_path
 
 ERRORS = {
     name for name, value in vars(errors).items() if isinstance(value, type) and issubclass(value, Exception)
@@ -118,6 +125,19 @@ MISUSE: dict[str, tuple[Callable[[], object], str]] = {
     "to differentiate": (lambda: velocity_matrices("five_bar", [0] * 4), "robot: .*robots.load"),  # type: ignore[arg-type]
     "to invert": (lambda: inverse_dynamics("five_bar", PATH, Law.rest_to_rest(1.0, 2)), "robot: .*load"),  # type: ignore[arg-type]
     "to simulate": (lambda: simulate("five_bar", lambda t: t), "robot: .*robots.load"),  # type: ignore[arg-type]
+    "a duration that is true": (lambda: plan_crossing(ROBOT, PATH, duration=True), "duration: .*got True"),
+    "limits that are kept a bit": (
+        lambda: plan_crossing(ROBOT, PATH, duration=1.5, keep_limits="no"),  # type: ignore[arg-type]
+        "keep_limits: .*got 'no'",
+    ),
+    "wrenches in a list": (
+        lambda: dynamics_at(ROBOT, assemble(ROBOT).q, wrenches=[1, 2]),  # type: ignore[arg-type]
+        "wrenches: needs a wrench by frame",
+    ),
+    "one step": (
+        lambda: simulate(plan_scene(ROBOT, "C"), method="fast", step=1.5),
+        "step: 1.5 s is too long",
+    ),
     "nothing drives it": (lambda: simulate(ROBOT), "torque: needs a plan"),
     "a scene of nothing": (lambda: plan_scene("five_bar", "C"), "robot: .*robots.load"),  # type: ignore[arg-type]
     "a law without duration": (lambda: inverse_dynamics(ROBOT, PATH, own_law), "law: .*duration"),  # type: ignore[arg-type]
@@ -153,3 +173,38 @@ def test_a_plan_alone_is_simulated_on_its_own_robot() -> None:
     assert alone.tracking_error is not None
     assert alone.tracking_error < 1e-9
     np.testing.assert_allclose(alone.q, told.q, rtol=0, atol=1e-12)
+
+
+def test_copies_and_other_processes_cannot_write_either() -> None:
+    law = Law.rest_to_rest(1.0, 2)
+    for made in (pickle.loads(pickle.dumps(ROBOT)), copy.deepcopy(PATH), copy.deepcopy(law)):
+        arrays = [value for value in vars(made).values() if isinstance(value, np.ndarray)]
+        assert arrays
+        assert not any(array.flags.writeable for array in arrays)
+
+
+def test_a_view_of_what_may_change_is_copied() -> None:
+    mine = np.array([0.5, 0.5])
+    view = mine.view()
+    view.flags.writeable = False
+    law = Law(view, 1.0)
+    mine[0] = 7.0
+    assert law.coefficients[0] == 0.5
+
+
+def test_numbers_of_numpy_are_kept_as_numbers(tmp_path: Path) -> None:
+    plan = plan_crossing(ROBOT, PATH, duration=np.float32(1.5), times=[1.0], tolerance=np.float64(1e-10))  # type: ignore[arg-type]
+    assert type(plan.request.duration) is float
+    json.dumps(plan_document(plan, tmp_path))
+
+
+def test_what_was_searched_belongs_to_what_is_planned() -> None:
+    other = search_path(robots.load("five_bar_heavy"), PATH)
+    with pytest.raises(InvalidInput, match="branch, searched: of ParallelRobot\\('five_bar_heavy'"):
+        plan_crossing(ROBOT, PATH, duration=1.5, searched=other)
+
+
+def test_equal_paths_have_equal_hashes() -> None:
+    one, two = Line([0.0, 0.3], [0.1, 0.2]), Line([-0.0, 0.3], [0.1, 0.2])
+    assert one == two
+    assert hash(one) == hash(two)

@@ -97,16 +97,27 @@ def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
 
 def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
     """What the options ask for; what is typed overrides what the scene says."""
-    given = vars(options)
-    typed = {key: given[key] for key in OF_THE_MOTION if given.get(key) is not None}
-    if "margin" in typed:
-        typed["margin"] = _share("--margin", typed["margin"])
+    typed = _typed(options)
     along = path(options, robot)
     if options.scene is not None:
         return scene_request(robot, options.scene, **typed)
     if "duration" not in typed and not (typed.get("optimize") == "time" or "longest" in typed):
         raise InvalidInput("--duration: required with --from and --to")
     return Request.of(robot, along, **typed)
+
+
+def request_of_any_duration(options: argparse.Namespace, robot: ParallelRobot, along: Path) -> Request:
+    """What the options ask for along a path, whatever its duration."""
+    return Request.of(robot, along, **{"duration": 1.0, **_typed(options)})
+
+
+def _typed(options: argparse.Namespace) -> dict[str, Any]:
+    """What of the motion has been typed."""
+    given = vars(options)
+    typed = {key: given[key] for key in OF_THE_MOTION if given.get(key) is not None}
+    if "margin" in typed:
+        typed["margin"] = _share("--margin", typed["margin"])
+    return typed
 
 
 def _share(name: str, text: str) -> float:

@@ -52,7 +52,8 @@ def run(options: argparse.Namespace) -> Report:
         + ", ".join(f"{joint}: {value:.6g}" for joint, value in found.reference.items())
         + "}",
         f"  mode              working {found.working_mode:+d} (changes at Type 1), assembly "
-        f"{found.assembly_mode:+d} (changes at Type 2); smallest singular value of P "
+        f"{found.assembly_mode:+d} (changes at Type 2); smallest singular value of the passive "
+        f"joints' loop equations "
         f"{'unknown' if found.smallest_singular_value is None else f'{found.smallest_singular_value:.3g}'}",
         *(f"  note              {advice}" for advice in found.advice),
     ]

@@ -21,11 +21,11 @@ from framework.cli.parser import (
 )
 from framework.crossing.saved import is_plan_folder
 from framework.errors import InvalidInput
-from framework.export.joint_trajectory import SAMPLES, joint_trajectory
+from framework.export.joint_trajectory import DEFAULT, SAMPLES, joint_trajectory
 from framework.export.mjcf import mjcf_text
 from framework.output import write_file
 
-PROGRAMS = ("mjcf", "ros2_control")
+SUFFIXES = {"mjcf": (".xml", ".mjcf"), "ros2_control": (".yaml", ".yml", ".json")}
 
 
 def add(commands: Any) -> None:
@@ -34,12 +34,12 @@ def add(commands: Any) -> None:
     parser = command(commands, "export", run, text)
     add_robot(parser, "catalogue name, path of a robot file, or folder that `crossing plan --out` wrote")
     add_moved_robot(parser)
-    parser.add_argument("--to", dest="program", choices=PROGRAMS, required=True, help="what is to read it")
+    parser.add_argument("--to", dest="program", choices=tuple(SUFFIXES), required=True, help="what reads it")
     parser.add_argument(
         "--out", metavar="FILE", required=True, help="NAME.xml, or for ros2_control NAME.yaml or NAME.json"
     )
     parser.add_argument(
-        "--samples", type=whole(*SAMPLES), default=501, metavar="N", help="of the trajectory (default: 501)"
+        "--samples", type=whole(*SAMPLES), metavar="N", help="of the trajectory (default: 501)"
     )
     parser.add_argument("--scene", metavar="S", help="a scene of the robot file, to be planned")
     parser.set_defaults(start=None, end=None)
@@ -52,7 +52,12 @@ def run(options: argparse.Namespace) -> Report:
     file = FilePath(options.out)
     if not file.name:
         raise InvalidInput(f"--out: needs the name of a file, got {options.out!r}")
+    if file.suffix not in SUFFIXES[options.program]:
+        valid = " or ".join(SUFFIXES[options.program])
+        raise InvalidInput(f"--out: {options.program} is written to {valid}, got {options.out!r}")
     if options.program == "mjcf":
+        if options.scene is not None or options.samples is not None:
+            raise InvalidInput("--scene, --samples: a MuJoCo model has no motion; leave them out")
         saved = is_plan_folder(options.robot)
         robot = arguments.planned(options).robot if saved else arguments.load(options)
         text, what = mjcf_text(robot), "a MuJoCo model with its loops"
@@ -60,10 +65,10 @@ def run(options: argparse.Namespace) -> Report:
         if not (is_plan_folder(options.robot) or options.scene):
             raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
         plan = arguments.planned(options)
-        robot, message = plan.robot, joint_trajectory(plan, samples=options.samples)
+        robot, message = plan.robot, joint_trajectory(plan, samples=options.samples or DEFAULT)
         as_json = file.suffix == ".json"
         text = json.dumps(message, indent=2) + "\n" if as_json else yaml.safe_dump(message, sort_keys=False)
-        what = f"a joint trajectory of {options.samples} points over {plan.duration:g} s"
+        what = f"a joint trajectory of {len(message['points'])} points over {plan.duration:g} s"
     write_file(file, text, option="--out")
     document = {
         "robot": robot.name,

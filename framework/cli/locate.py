@@ -9,7 +9,8 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.cli import arguments
-from framework.cli.parser import Report, add_flexibility, add_path, add_robot, command
+from framework.cli.parser import Report, add_flexibility, add_limits, add_path, add_robot, command
+from framework.crossing.durations import optimal_durations, polynomial_durations
 from framework.crossing.feasibility import feasibility_on_path
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -29,6 +30,7 @@ def add(commands: Any) -> None:
     add_robot(parser)
     add_path(parser)
     add_flexibility(parser)
+    add_limits(parser)
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -39,6 +41,9 @@ def run(options: argparse.Namespace) -> Report:
     points = searched.points
     shifts = [_shift(searched, found) for found in points]
     feasible = feasibility_on_path(searched)
+    any_duration = arguments.request_of_any_duration(options, robot, path)
+    polynomial = polynomial_durations(searched, any_duration.smoothness)
+    optimal = optimal_durations(searched, any_duration)
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,
@@ -57,6 +62,10 @@ def run(options: argparse.Namespace) -> Report:
             }
             for found, shift, asked in zip(points, shifts, feasible, strict=True)
         ],
+        "durations": {
+            "polynomial": None if polynomial is None else polynomial.to_list(),
+            "optimal": None if optimal is None else optimal.to_list(),
+        },
         "near_misses": [
             {"s": miss.s, "platform": path(miss.s).tolist(), "g": miss.g} for miss in searched.near_misses
         ],
@@ -76,7 +85,9 @@ def run(options: argparse.Namespace) -> Report:
             moved = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
             lines.append(f"  springs at rest; ds for each m or rad of deflection: {moved or 'none'}")
         if asked is not None:
-            lines.append(f"  {asked.sentence()}")
+            lines.append(f"  {asked.sentence}")
+    if points:
+        lines += [f"  {told.sentence}" for told in (polynomial, optimal) if told is not None]
     lines += [
         f"near miss at s = {miss.s:.9f}  {axes} = {point(path(miss.s))}  |g| = {abs(miss.g):.3g}"
         for miss in searched.near_misses

@@ -122,6 +122,11 @@ def add_motion(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--optimize", choices=GOALS, help="what the optimal law is best at (peak_torque)")
     parser.add_argument("--longest", type=float, metavar="T", help="bound on a duration that is found [s]")
+    add_limits(parser)
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """--torque-limit, --speed-limit and --margin."""
     parser.add_argument(
         "--torque-limit", type=float, nargs="+", metavar="N", help="of all motors, or of each, motor side"
     )

@@ -19,7 +19,7 @@ from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import FILE, plan_document
-from framework.errors import InvalidInput, point
+from framework.errors import InvalidInput, NotConverged, point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw
 from framework.output import written_together
@@ -107,7 +107,10 @@ def named(law: PlannedLaw) -> str:
 
 def _best(plan: CrossingPlan) -> list[str]:
     """How far an optimal law may be from the best there is, as far as that can be estimated."""
-    best = estimated_best(plan)
+    try:
+        best = estimated_best(plan)
+    except NotConverged as unknown:
+        return [f"  estimate          {unknown}"]
     if best is None or plan.optimality is None:
         return []
     peak = np.array(list(plan.peak_torque.values())) / plan.optimality.reference

@@ -20,7 +20,7 @@ from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, mo
 from framework.kinematics.loop_matrices import measured_matrix
 from framework.kinematics.tracking import Branch
 from framework.motion.path import along
-from framework.singularity.classification import uncontrolled_motion
+from framework.singularity.classification import sign_along, uncontrolled_motion
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.root_of_g import root_of_g
 
@@ -115,7 +115,7 @@ def imposed_point(branch: Branch, s: float) -> CrossingPoint:
 def _oriented(branch: Branch, s: float, closed: ClosedStack) -> CrossingPoint:
     """The uncontrolled motion there, its twist pointing along the path."""
     found = uncontrolled_motion(branch.robot, closed.system)
-    sign = -1.0 if np.dot(found.twist, branch.robot.platform.path_twist(branch.path, s)) < 0 else 1.0
+    sign = sign_along(found.twist, branch.robot.platform.path_twist(branch.path, s))
     return CrossingPoint(s, found.kind, sign * found.twist, sign * found.motion, closed.q[0])
 
 

@@ -18,8 +18,6 @@ from framework.errors import NoLaw
 from framework.kinematics.tracking import Branch
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
-# Durations over `pace` up to which one polynomial was seen to advance, on random lines under gravity
-POLYNOMIAL = 2.0
 BENT = 4.0  # |s"| over s'^2 from which the bends count: what a polynomial of that duration has at its most
 
 
@@ -80,16 +78,17 @@ class Feasibility:
             "pace": self.pace,
         }
 
-    def sentence(self, duration: float | None = None) -> str:
-        """The condition and which way to go, in one line; for a law of this duration [s] if given."""
+    @property
+    def sentence(self) -> str:
+        """The condition and which way to go, in one line."""
         alpha, beta, gamma = (self._cleared(value) for value in self.condition[:3])
         return (
             f"condition (8) at s = {self.s:.6g} has alpha = {alpha}, beta = {beta}, gamma = {gamma}, with "
             f"{100 * self.weight_share:.3g} % of the weight and {100 * self.tangent_share:.3g} % of the "
-            f"path's tangent along t_s: {self._asks(duration)}"
+            f"path's tangent along t_s: {self._asks()}"
         )
 
-    def _asks(self, duration: float | None) -> str:
+    def _asks(self) -> str:
         if self.condition.holds_anyway:
             return "it holds whatever s' and s\" are"
         if self.orthogonal:
@@ -101,29 +100,20 @@ class Feasibility:
         asked = f's" = {float(self._cleared(self.condition.gamma)) / -self.condition.alpha + 0.0:.6g}'
         if beta:
             asked += f" {'+-'[beta * self.condition.alpha > 0]} {abs(self.per_squared_speed):.6g} s'^2"
-        return "; ".join([asked, *self._ways(duration)])
+        return "; ".join([asked, *self._ways()])
 
     def _cleared(self, coefficient: float) -> str:
         """A coefficient as it is read; what is rounding against the others is 0."""
         return f"{0.0 if abs(coefficient) <= NO_HOLD * self.condition.scale else coefficient:.6g}"
 
-    def _ways(self, duration: float | None) -> list[str]:
+    def _ways(self) -> list[str]:
         ways = []
         if self.steady_speed is not None:
             ways.append(f"s' = {self.steady_speed:.4g} 1/s needs no s\"")
         if self.pace is None:
             ways.append("no weight enters, so what it asks for looks alike at all durations")
         else:
-            longest = POLYNOMIAL * self.pace
-            ways.append(
-                f"the weight sets the pace, {self.pace:.3g} s for the whole path from rest, and one "
-                f"polynomial rarely advances for much more than {longest:.3g} s"
-            )
-            if duration is None or duration > longest:
-                ways.append(
-                    "be quicker, use the optimal law, or take a path with less weight or more of its "
-                    "tangent along t_s"
-                )
+            ways.append(f"the weight sets the pace, {self.pace:.3g} s for the whole path from rest")
         if abs(self.per_squared_speed) > BENT:
             ways.append(
                 f"s' changes e-fold over {1 / abs(self.per_squared_speed):.2g} of the path there: make it "

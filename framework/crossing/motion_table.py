@@ -13,12 +13,14 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.dynamics.result import InverseDynamics
-from framework.errors import InvalidInput
+from framework.errors import whole_number
 from framework.kinematics.frames import difference
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.law import is_number
 
 RATES = ("", "/s", "/s2")  # of a unit, by the order of the derivative
+
+
+SAMPLES = (2, 10_000_000)
 
 
 class Column(NamedTuple):
@@ -71,12 +73,11 @@ def motion_table(dynamics: InverseDynamics, count: int) -> MotionTable:
     """The motion at `count` equidistant instants.
 
     Raises:
-        InvalidInput: fewer than two.
+        InvalidInput: no whole number of at least two.
     """
-    if not (is_number(count) and int(count) == count >= 2):
-        raise InvalidInput(f"samples: needs a whole number of at least 2, got {count!r}")
+    count = whole_number("samples", count, *SAMPLES)
     robot, law = dynamics.robot, dynamics.law
-    times = np.linspace(0.0, dynamics.duration, int(count))
+    times = np.linspace(0.0, dynamics.duration, count)
     values: list[Array] = [times[:, None], *(law(times, order)[:, None] for order in range(3))]
     values += [dynamics.platform(times), dynamics.motor_angle(times), dynamics.torque(times)]
     values += [dynamics.deflection(times)]

@@ -39,8 +39,9 @@ from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw, NotConverged
 from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction
-from framework.motion.cone_program import Infeasible, Optimum, Unsolved
+from framework.motion.cone_program import Optimum, Unsolved
 from framework.motion.exact_duration import adjusted
+from framework.motion.infeasibility import Infeasible
 from framework.motion.law import MotionLaw
 from framework.motion.optimal_law import OptimalLaw, Smoothstep, Stretch
 from framework.singularity.points_on_path import SingularPoint
@@ -149,6 +150,19 @@ def optimal_motion(task: Task) -> OptimalMotion:
         f"stiffer springs, law polynomial, or geometry rigid",
         residual=abs(excess - 1.0),
     )
+
+
+def best_undeformed(task: Task) -> Best:
+    """The best law of the undeformed robot as the cone program sees it, which nothing has certified.
+
+    Raises:
+        NoLaw: no law is admissible; says what stands against it.
+        NotConverged: the solver gave up.
+    """
+    check_contacts(task.ground)
+    places = _places(task, None, None)
+    _check_speeds(task, places)
+    return _first(task, places)[1]
 
 
 def _places(
@@ -269,10 +283,6 @@ def _refusal(
 ) -> NoLaw | NotConverged:
     """Why there is no law; how far off the limits are is told from the `quicker` setting."""
     name = task.branch.robot.name
-    if not isinstance(found, Infeasible):
-        return NotConverged(
-            f"{name}: no optimal law of degree {setting.degree} found ({found.status})", residual=np.inf
-        )
     holding = _holding(task, setting.on_path)
     if holding is not None:
         where, unit = "start" if holding.s == 0 else "end", _unit(task, holding.joint)
@@ -281,10 +291,14 @@ def _refusal(
             f"{unit} at rest, and may {holding.limit:.4g}",
             proof=holding,
         )
+    if not isinstance(found, Infeasible):
+        return NotConverged(
+            f"{name}: no optimal law of degree {setting.degree} found ({found.status})", residual=np.inf
+        )
     proof = NoAdmissibleSpeed(setting.degree, *quicker.off_limits(), found)
     return NoLaw(
         f"{name}: no law of free shape (degree {setting.degree}) is admissible: "
-        f"{proof.sentence or 'limits of speed and duration contradict condition (8)'}",
+        f"{proof.sentence or 'none within all limits meets condition (8)'}",
         proof=proof,
     )
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from framework.crossing.durations import optimal_durations, polynomial_durations
 from framework.crossing.feasibility import feasibility_on_path
 from framework.crossing.finish import finished_plan
 from framework.crossing.limits import optimal_wish
@@ -21,7 +22,7 @@ from framework.errors import LimitsExceeded, NoLaw, NotConverged, UncontrolledMo
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law
 from framework.motion.path import Path
-from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.singularity.points_on_path import SearchedPath, check_of, search_path
 
 CREEPING = 0.1  # least speed over its mean (the ends divided out) below which a polynomial is given up
 
@@ -64,7 +65,8 @@ def plan_crossing(
             `reason` says which it was and why.
         optimize: what the optimal law is best at: "time"; "peak_torque", the default: the largest torque
             over its limit, or in N m if no motor has one; "energy": the integral over the motion of the sum
-            of (torque over limit)^2. A small weight on the roughness of the law is added.
+            of (torque over limit)^2. There a motor without a limit is weighed with the largest of the others,
+            and never bounded by it. A small weight on the roughness of the law is added.
         longest: duration [s] that the optimal law may not exceed, instead of `duration`.
         torque_limit, speed_limit: of the motors [N m], [rad/s], motor side, a number for all or one for
             each; the robot file's by default. The optimal law never exceeds them.
@@ -114,21 +116,31 @@ def plan_request(
         As `plan_crossing`.
     """
     started = time.perf_counter()
-    searched = search_path(robot, request.path) if searched is None else searched
+    if searched is None:
+        searched = search_path(robot, request.path)
+    check_of(robot, request.path, searched.branch)
     work = _Work(ground_of(searched, request), request, started)
     try:
         plan = _best(work)
     except UncontrolledMotions:
         raise
     except NoLaw as refusal:
-        feasible = feasibility_on_path(searched)
-        told = [found.sentence(request.duration) for found in feasible if found is not None]
-        raise NoLaw("; ".join([str(refusal), *told]), proof=refusal.proof) from None
+        raise NoLaw("; ".join([str(refusal), *_told(searched, request)]), proof=refusal.proof) from None
     exceeded = plan.exceeded if request.keep_limits else {}
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
         raise LimitsExceeded(f"{robot.name}: the motion leaves limits: {listed}", exceeded=exceeded)
     return plan
+
+
+def _told(searched: SearchedPath, request: Request) -> list[str]:
+    """What condition (8) asks for at each singular point, and the durations of laws that were not refused."""
+    told = [found.sentence for found in feasibility_on_path(searched) if found is not None]
+    polynomial = polynomial_durations(searched, request.smoothness)
+    if polynomial is not None:
+        told.append(polynomial.sentence)
+    optimal = None if request.may_be_optimal else optimal_durations(searched, request)
+    return told if optimal is None else [*told, optimal.sentence]
 
 
 def _best(work: _Work) -> CrossingPlan:
@@ -172,7 +184,7 @@ def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
     advance = law.advance(request.smoothness)
     reason = "the polynomial advances" if advance > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
-        reason = "it was asked for"
+        reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
     seconds = time.perf_counter() - started
     return finished_plan(ground, request, dynamics, law, timing, seconds=seconds, reason=reason), advance
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.inverse_dynamics import TOLERANCE, check_tolerance, checked_geometry
+from framework.dynamics.inverse_dynamics import GEOMETRIES, TOLERANCE, check_tolerance, checked_geometry
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.cone_program import GOALS
@@ -102,6 +102,11 @@ class Request:
         return request
 
     def __post_init__(self) -> None:
+        expect_path(self.path)
+        if self.geometry not in GEOMETRIES:
+            raise InvalidInput(choose_from("geometry", self.geometry, GEOMETRIES))
+        if not isinstance(self.keep_limits, bool | np.bool_):
+            raise InvalidInput(f"keep_limits: must be true or false, got {self.keep_limits!r}")
         if self.duration is not None:
             check_duration(self.duration)
         self._check_crossings()
@@ -122,6 +127,10 @@ class Request:
             self._check_optimal()
         elif self.duration is None:
             raise InvalidInput("duration: needed, unless optimize time finds the least, or longest bounds it")
+        for name in ("duration", "longest", "tolerance", "margin"):  # numpy's numbers are not all for JSON
+            given = getattr(self, name)
+            object.__setattr__(self, name, None if given is None else float(given))
+        object.__setattr__(self, "keep_limits", bool(self.keep_limits))
 
     @property
     def kind(self) -> str:
@@ -200,7 +209,7 @@ def _numbers(name: str, given: object) -> tuple[float, ...] | None:
     """A list of finite numbers as a tuple of floats."""
     if given is None:
         return None
-    if not isinstance(given, Iterable) or isinstance(given, str):
+    if not isinstance(given, Iterable) or isinstance(given, str) or np.ndim(given) == 0:  # type: ignore[arg-type]
         raise InvalidInput(f"{name}: needs a list of numbers, got {given!r}")
     values = list(given)
     for value in values:
@@ -214,7 +223,7 @@ def _limits(robot: ParallelRobot, name: str, given: Limit) -> tuple[float, ...] 
     if given is None:
         return None
     try:
-        values: Array = np.atleast_1d(np.array(given, dtype=float))
+        values: Array = np.atleast_1d(np.array(np.nan if isinstance(given, bool) else given, dtype=float))
     except (TypeError, ValueError):
         values = np.empty(0)
     if values.shape not in ((1,), (robot.n_a,)) or not np.all(np.isfinite(values)) or np.any(values <= 0):

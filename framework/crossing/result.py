@@ -92,12 +92,14 @@ class CrossingPlan:
         return self.dynamics.platform(t, order)
 
     def configuration(self, t: ArrayLike) -> Array:
-        """All joint coordinates q (T, nq), passive and elastic ones too, as pinocchio orders them."""
-        return self.dynamics.configuration(t)
+        """All joint coordinates q (T, nq), a scalar t (nq,); passive and elastic ones too."""
+        q = self.dynamics.configuration(t)
+        return q if np.ndim(t) else q[0]
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
-        """Joint velocities (order 1) or accelerations (order 2), (T, nv)."""
-        return self.dynamics.velocity(t, order)
+        """Joint velocities (order 1) or accelerations (order 2), (T, nv), a scalar t (nv,)."""
+        v = self.dynamics.velocity(t, order)
+        return v if np.ndim(t) else v[0]
 
     @property
     def peak_torque(self) -> dict[str, float]:

@@ -19,6 +19,8 @@ from framework.errors import InvalidInput, NoLaw
 from framework.kinematics.tracking import Branch
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
+END = 1e-9  # of the path: a singular point this near to an end is at it
+
 
 class Ground(NamedTuple):
     """The path followed, its singular points, and where on it condition (8) is to hold."""
@@ -77,7 +79,7 @@ def _targets(
 
 def _check_crossable(branch: Branch, at: SingularPoint) -> None:
     check_kind(branch.robot, at)
-    if at.s < 1e-9 or at.s > 1 - 1e-9:
+    if not END < at.s < 1 - END:
         end = "starts" if at.s < 0.5 else "ends"
         condition, _ = coefficients_at(branch, crossing_point(branch, at, None, at.s), None)
         asks = abs(condition.gamma) > NO_HOLD * condition.scale

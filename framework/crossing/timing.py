@@ -18,6 +18,9 @@ MOST_CROSSINGS = 8  # through more, one polynomial has so many turns that none t
 TRIALS = 1600  # laws that are tried at most while times or speeds are moved
 
 
+OTHERWISE = "choose other times or speeds, or law optimal"
+
+
 class CrossingTime(NamedTuple):
     """The law is to cross a singular point at `time` [s] with s' = `speed` [1/s]."""
 
@@ -82,7 +85,7 @@ def check_advance(law: Law, s: Sequence[float], name: str) -> None:
         if beyond[worst] > OVERSHOOT:
             raise NoLaw(
                 f"{name}: the law does not always advance: it leaves the path at s = {end:g}, up to "
-                f"s = {values[worst]:.4g} at t = {times[worst]:.4g} s; choose other times or speeds"
+                f"s = {values[worst]:.4g} at t = {times[worst]:.4g} s; {OTHERWISE}"
             )
     inside = (values > 0) & (values < 1)
     backwards = law(times, 1) < -1e-9 * np.abs(law(times, 1)).max()
@@ -90,7 +93,7 @@ def check_advance(law: Law, s: Sequence[float], name: str) -> None:
         k = int(np.argmax(inside & backwards))
         raise NoLaw(
             f"{name}: the law does not always advance: it runs backwards at t = {times[k]:.4g} s, s = "
-            f"{values[k]:.4g}; choose other times or speeds"
+            f"{values[k]:.4g}; {OTHERWISE}"
         )
     for singular in s:
         crossed = np.flatnonzero(np.diff(values > singular))
@@ -98,7 +101,7 @@ def check_advance(law: Law, s: Sequence[float], name: str) -> None:
             raise NoLaw(
                 f"{name}: the law does not always advance: it meets the singular point s = "
                 f"{singular:.6g} {len(crossed)} times (about t = "
-                f"{', '.join(f'{times[k]:.4g}' for k in crossed)} s); choose other times or speeds"
+                f"{', '.join(f'{times[k]:.4g}' for k in crossed)} s); {OTHERWISE}"
             )
 
 

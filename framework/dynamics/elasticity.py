@@ -43,9 +43,7 @@ from framework.motion.law import MotionLaw
 SETTLED = 0.1  # of the tolerance, that the remaining change of the deflections may be
 GAIN = 0.3  # share of the change that a good pass leaves at most; else Newton's method takes over
 NOTHING = 1e-18  # [rad, robot lengths] a change of no meaning, however small the deflections
-STEP = (
-    1e-6  # of the deflections, for differences along a direction: half of the digits, and some for curvature
-)
+STEP = 1e-6  # of the deflections, for differences along a direction: half of the digits, some for curvature
 LINEAR = 1e-3  # share of the change that GMRES leaves, which differences can tell and curvature allows
 WEAK = 1e-5  # share of the size of I - dG below which a direction is a free vibration: not asked for
 MOST_DIRECTIONS = 50  # of GMRES; dG is nearly nilpotent on few coefficients, and hopeless where it takes more
@@ -58,7 +56,7 @@ LARGEST = 1.0  # [rad, robot lengths] deflection beyond which a linear spring me
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Deflected:
     """The motion on the nodes of `grid`, its forces, and the deflections that it has and causes."""
 
@@ -122,7 +120,7 @@ def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, here: Pass) -> None:
     if np.all(size <= LARGEST):
         return
     instant, k = np.unravel_index(int(np.argmax(np.nan_to_num(size, nan=np.inf))), size.shape)
-    unit = "rad" if spring_scale(robot)[k] == 1.0 else "m"
+    unit = "m" if robot.sliding[robot.elastic][k] else "rad"
     raise NotConverged(
         f"{robot.name}: the springs are too soft for so quick a motion: the forces of the undeformed robot "
         f"would deflect {robot.elastic_names[k]} by {abs(here.caused[instant, k]):.3g} {unit} at t = "
@@ -218,6 +216,7 @@ class _Iteration:
             else:
                 left = self._within(new, count)[0] / inner
                 if left < STALLED or (left < 1.0 - 0.1 * share and inner > NEAR):
+                    self.obstacle = ""
                     return new
             share *= 0.5
         self.obstacle = self.obstacle or "no step of Newton's method brings them nearer"

@@ -19,12 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import null_space
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
-from framework.errors import InvalidInput, SingularPose, choose_from, finite_numbers, point
+from framework.errors import InvalidInput, SingularPose, choose_from, finite_numbers, point, short
 from framework.kinematics.closures import loop_equations, loop_wrenches
 from framework.kinematics.frames import scratch_of
 from framework.kinematics.inverse_kinematics import Motion, assembled_at, motion_at, require_square
@@ -112,6 +111,8 @@ def dynamics_at(
             platform=closed.x[0],
         )
     motion = motion_at(robot, closed, dx[None], ddx[None])
+    if not isinstance(wrenches, Mapping | None):
+        raise InvalidInput(f"wrenches: needs a wrench by frame, {{name: (6,)}}, got {short(wrenches)}")
     loads = [_load(robot, motion.q[0], frame, wrench) for frame, wrench in (wrenches or {}).items()]
     r = tree_forces(robot, motion)
     for load in loads:
@@ -154,8 +155,9 @@ class _Loops(NamedTuple):
 
 def _load(robot: ParallelRobot, q: Array, frame: str, wrench: ArrayLike) -> _Load:
     model, data = robot.model, scratch_of(robot).data
-    if not model.existFrame(frame):
-        raise InvalidInput(f"wrenches: {choose_from('frame', frame, [one.name for one in model.frames[1:]])}")
+    names = [one.name for one in model.frames[1:]]  # not the universe
+    if frame not in names:
+        raise InvalidInput(f"wrenches: {choose_from('frame', frame, names)}")
     index = frame_of(model, frame)
     given = finite_numbers(f"wrenches: {frame}", wrench, 6)
     jacobian = pin.computeFrameJacobian(model, data, q, index, pin.LOCAL_WORLD_ALIGNED)
@@ -175,7 +177,8 @@ def _balanced_loops(robot: ParallelRobot, motion: Motion, r: Array, joint_torque
     left = r[robot.moving]
     left[: robot.n_a] -= joint_torque
     multipliers = np.linalg.lstsq(balanced, left * columns, rcond=None)[0] / lengths
-    free = null_space(balanced, rcond=REACHED).T / lengths
+    sizes, ways = np.linalg.svd(balanced)[1:]
+    free = ways[int(np.sum(sizes > REACHED * sizes.max(initial=0.0))) :] / lengths
     return _Loops(loops.wrench[0], at.position[0, robot.rows.second], multipliers, free)
 
 

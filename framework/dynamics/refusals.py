@@ -22,7 +22,7 @@ def not_settled(robot: ParallelRobot, state: Deflected) -> NotConverged:
     """Where no deflections were found that their forces cause."""
     size = np.abs(state.caused / spring_scale(robot))
     instant, k = divmod(int(np.argmax(size)), robot.n_e)
-    unit = "rad" if spring_scale(robot)[k] == 1.0 else "m"
+    unit = "m" if robot.sliding[robot.elastic][k] else "rad"
     why = f" ({state.obstacle})" if state.obstacle else ""
     return NotConverged(
         f"{robot.name}: no deflections found that hold the forces they cause: with "

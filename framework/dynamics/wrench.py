@@ -11,13 +11,14 @@ from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.inverse_kinematics import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.singularity.classification import singularity_measure, unit_twist
+from framework.singularity.classification import sign_along, singularity_measure, unit_twist
 
 
 class WrenchCurves(NamedTuple):
     """What a motion asks for along the twist that its motors hold least, at T instants.
 
-    t_s is continued smoothly away from the singularity and has unit size where |g| is least. `power` is
+    t_s is continued smoothly away from the singularity; where |g| is least it has unit size and points along
+    the motion. `power` is
     eta . r with eta the joint rates of t_s: at a singularity t_s . W_p whatever the mass of the legs, away
     from it the same if the legs have none.
     """
@@ -38,14 +39,16 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
         wrench[:, k] = np.sum(rates * forces, axis=1)
     measure = singularity_measure(robot, motion.system)
     twist = np.einsum("tnv,tv->tn", motion.system.platform, measure.motion)
-    size = unit_twist(robot, twist[int(np.argmin(np.abs(measure.g)))]) or 1.0
+    nearest = int(np.argmin(np.abs(measure.g)))
+    size = unit_twist(robot, twist[nearest]) or 1.0
+    size *= sign_along(twist[nearest], motion.system.platform[nearest] @ motion.v[nearest])
     return WrenchCurves(measure.g, twist / size, wrench, np.sum(forces * measure.motion, axis=1) / size)
 
 
 def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
     """g (T,) and t_s . W_p (T,) [N, or N m for a pure turn] at ascending instants t (T,).
 
-    At a crossing t_s . W_p is what `SingularityCrossing.wrench` is, up to sign.
+    At a crossing t_s . W_p is what `SingularityCrossing.wrench` is.
     """
     curves = wrench_curves(result.robot, result.motion(t))
     return curves.g, curves.power

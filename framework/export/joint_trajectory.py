@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 
 from framework.crossing.result import CrossingPlan
-from framework.errors import InvalidInput
-from framework.motion.law import is_number
+from framework.errors import whole_number
 
 FIELDS = ("positions", "velocities", "accelerations", "effort")
-SAMPLES = (2, 1_000_000)
+SAMPLES, DEFAULT = (2, 1_000_000), 501
 NANOSECONDS = 1_000_000_000
 
 
-def joint_trajectory(plan: CrossingPlan, *, samples: int = 501) -> dict[str, Any]:
+def joint_trajectory(plan: CrossingPlan, *, samples: int = DEFAULT) -> dict[str, Any]:
     """The message as plain data, for YAML or JSON: header, joint_names and `samples` equidistant points.
 
     Positions [rad, m], velocities, accelerations, effort [N m, N]; `time_from_start` {sec, nanosec}.
@@ -29,8 +28,7 @@ def joint_trajectory(plan: CrossingPlan, *, samples: int = 501) -> dict[str, Any
     Raises:
         InvalidInput: not a whole number of at least 2 samples.
     """
-    if not (is_number(samples) and int(samples) == samples and SAMPLES[0] <= samples <= SAMPLES[1]):
-        raise InvalidInput(f"samples: needs a whole number, {SAMPLES[0]} to {SAMPLES[1]}, got {samples!r}")
+    samples = whole_number("samples", samples, *SAMPLES)
     robot, times = plan.robot, np.linspace(0.0, plan.duration, samples)
     position, velocity, acceleration = (
         plan.motor_angle(times, order) / robot.gear_ratio for order in range(3)

@@ -4,7 +4,7 @@ Joints keep their names, axes and zeros; the frames of the platform and of the l
 the armature gear ratio^2 times its inertia, a motor an actuator of that gear whose control is its torque, a
 spring a joint with stiffness. MuJoCo closes points and welded frames; a hinge is closed by two points on its
 axis, and a closure of another kind is refused by its name. MuJoCo wants mass in each body that moves: where
-the robot has none, MASS and INERTIA stand in. Bodies have no shape and do not collide.
+the robot has none, MASS and INERTIA stand in. Bodies have no shape; limits are not written.
 
 Source: MuJoCo's documentation, chapter "XML Reference". Loops are as hard as the step allows.
 """
@@ -93,9 +93,7 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
             joint[key] = repr(float(value))
     ElementTree.SubElement(body, "joint", joint)
     inertia = model.inertias[j]
-    moments = np.asarray(inertia.inertia) + max(
-        0.0, INERTIA - np.linalg.eigvalsh(inertia.inertia)[0]
-    ) * np.eye(3)
+    moments = _accepted(np.asarray(inertia.inertia))
     ElementTree.SubElement(
         body,
         "inertial",
@@ -104,6 +102,18 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
         fullinertia=_numbers(moments[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]),
     )
     return body
+
+
+def _accepted(inertia: Array) -> Array:
+    """An inertia matrix that MuJoCo takes: with principal moments that a body can have.
+
+    Planar robots are often given one moment of three; each of the others becomes half of it, which nothing in
+    the plane feels.
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    if moments[0] + moments[1] < moments[2]:
+        moments[:2] = np.maximum(moments[:2], 0.5 * moments[2])
+    return np.asarray(axes @ np.diag(np.maximum(moments, INERTIA)) @ axes.T)
 
 
 def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[ElementTree.Element]) -> None:

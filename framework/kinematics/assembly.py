@@ -151,7 +151,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     found: list[Array] = []
     ways: list[Array] = []
     for _ in range(DRAWN if len(allowed) > 1 else len(allowed)):
-        motion = random.standard_normal(len(allowed)) @ allowed
+        motion = (allowed @ random.standard_normal(len(joints))) @ allowed  # whatever basis `allowed` is
         step = np.zeros((1, mechanism.model.nv))
         step[0, joints] = NEARBY * motion / np.abs(motion).max() * lengths[joints]
         closing = _close(mechanism, integrate(mechanism, reference[None], step)[0], joints)

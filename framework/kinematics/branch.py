@@ -32,7 +32,7 @@ TRUSTED_STEP = 0.3  # of the least singular value: a longer Newton step may land
 RESOLVED = 1e-11  # [rad, lengths] tail of the continuation, and how far it may leave closed configurations
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Continuation(ReadOnlyArrays):
     """The branch between `start` and `end` as Chebyshev series; inside the `core` nothing else will do."""
 
@@ -51,7 +51,7 @@ class Continuation(ReadOnlyArrays):
         return np.asarray(chebyshev.chebval(local, self.series), dtype=float).T
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Branch(ReadOnlyArrays):
     """A path with the branch of the inverse kinematics that leads along it, springs at rest.
 

@@ -13,12 +13,13 @@ from functools import cached_property
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
-from framework.errors import InvalidInput, NotAssembled, finite_numbers, point
+from framework.errors import InvalidInput, NotAssembled, point
 from framework.kinematics.closures import closure_drift, loop_equations, loop_wrenches, scaled
 from framework.kinematics.equations import Equations
 from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at
 from framework.kinematics.newton import ITERATIONS, Closing, Linear, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.placements import configuration
 from framework.linalg.banded_lu import Factors
 
 VANISHED = 1e-6  # what a step leaves of a determinant if it ends on its zero: half the digits are lost there
@@ -80,7 +81,7 @@ class System:
         return band.factor(self.entries[:, self.equations.passive.entry])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ClosedStack:
     """T configurations `q` (T, nq) on the prescribed `x` (T, n), with the equations `system` there."""
 
@@ -89,7 +90,7 @@ class ClosedStack:
     system: System
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """Positions, velocities and accelerations of all coordinates at T instants."""
 
@@ -132,13 +133,13 @@ def system_at(robot: ParallelRobot, q: Array, x: Array) -> System:
 
 
 def assembled_at(robot: ParallelRobot, q: ArrayLike) -> ClosedStack:
-    """A configuration q (nq,) whose loops are closed, with its equations (T = 1).
+    """A configuration q (nq,), or a `Configuration`, whose loops are closed, with its equations (T = 1).
 
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves a loop open.
     """
     expect_robot(robot)
-    q = finite_numbers("q", q, robot.model.nq)[None]
+    q = configuration(robot, q)[None]
     at = frames_at(robot, q)
     residual = np.abs(loop_equations(robot.rows, at).residual[0])
     gap = float((residual / np.where(robot.rows.rotation, 1.0, robot.length)).max(initial=0.0))

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
+from framework.errors import finite_numbers
+from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
+
+
+def configuration(robot: Mechanism, given: Any) -> Array:
+    """All joints q (nq,), given as such or as what `assemble` and `forward_kinematics` return.
+
+    Raises:
+        InvalidInput: it has the wrong length, or is not finite.
+    """
+    return finite_numbers(f"q, all joints of {robot.name},", getattr(given, "q", given), robot.model.nq)
 
 
 def joint_poses(robot: ParallelRobot, q: Array) -> Array:

@@ -81,7 +81,7 @@ def real_roots(series: Array, *, margin: float = 1e-9) -> Array:
     return np.sort(np.clip(real[np.abs(real) <= 1 + margin], -1.0, 1.0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TimeFunction(ReadOnlyArrays):
     """A vector function of time: `coefficients` (panels, size, k) between `edges` (panels + 1,) [s]."""
 
@@ -121,7 +121,7 @@ class TimeFunction(ReadOnlyArrays):
         return tail(self.coefficients)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TimeGrid(ReadOnlyArrays):
     """Chebyshev nodes of `size` points on each panel between `edges` (panels + 1,) [s]."""
 

@@ -37,6 +37,8 @@ def check_duration(duration: float) -> None:
 
 def is_number(value: object) -> bool:
     """Whether a value is one finite real number, of Python or numpy."""
+    if isinstance(value, bool):
+        return False
     return isinstance(value, int | float | np.integer | np.floating) and bool(np.isfinite(value))
 
 
@@ -84,7 +86,7 @@ class Condition(NamedTuple):
     value: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Law(ReadOnlyArrays):
     """Polynomial law: Chebyshev `coefficients` (degree + 1,) on [0, `duration`] [s]."""
 

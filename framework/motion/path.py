@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, read_only
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order, expect_call
 
 HIGHEST_ORDER = 4  # derivatives that an elastic robot's torque needs
@@ -65,7 +65,7 @@ def _hold(frozen: object, **values: Any) -> None:
         object.__setattr__(frozen, name, value)
 
 
-class PointPath:
+class PointPath(ReadOnlyArrays):
     """A path that its `points` (m, n) define: equal to another of its kind through the same points."""
 
     kind: ClassVar[str]
@@ -79,7 +79,7 @@ class PointPath:
         )
 
     def __hash__(self) -> int:
-        return hash((self.kind, self.points.tobytes()))
+        return hash((self.kind, (self.points + 0.0).tobytes()))  # 0.0 is -0.0
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(map(str, self.points.tolist()))})"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from framework.arrays import Array
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import joint_poses, planar_normal, rotated
+from framework.kinematics.placements import configuration, joint_poses, planar_normal, rotated
 from framework.model.visuals import Shape
 from framework.show.scene import motor_shapes
 from framework.show.shapes import body_shapes
@@ -19,14 +21,14 @@ RIM = 32  # corners of a round outline
 LIGHT = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
 
 
-def draw(robot: ParallelRobot, q: Array | None = None, ax: Axes | None = None) -> Axes:
-    """The bodies and motors of a robot at q (nq,), its reference when None; on new axes when `ax` is None.
+def draw(robot: ParallelRobot, q: Any = None, ax: Axes | None = None) -> Axes:
+    """The bodies and motors of a robot at q (nq,) or an assembled pose, its reference when None.
 
-    Planar robots lie flat on the paper, and the axes are the base's [m]. Others are seen from a corner,
-    without axes; `framework.show.sight.projection` tells where a point of space comes to lie.
+    On new axes when `ax` is None. Planar robots lie flat on the paper, the axes are the base's [m]. Others
+    are seen from a corner, without axes; `framework.show.sight.projection` tells where a point lies.
     """
     ax = figure(height=3.0)[1][0] if ax is None else ax
-    q = robot.reference.q if q is None else np.asarray(q, dtype=float)
+    q = configuration(robot, robot.reference if q is None else q)
     onto = projection(robot)
     pose = joint_poses(robot, q[None])[0]
     pieces: list[tuple[float, Array, Array]] = []  # depth, outline, colour

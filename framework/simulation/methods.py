@@ -24,6 +24,7 @@ from framework.simulation.trajectory import Cubics, Polynomials, Trajectory
 
 EXPLICIT_STEPS = 256  # by default
 MOST_STEPS = 1_000_000  # of one length
+FEWEST_STEPS = 4  # of method fast: fewer show nothing of what they leave out
 COARSEST = 0.05  # [rad, robot lengths] that fixed steps may leave out of a motion: more is another motion
 
 
@@ -99,6 +100,10 @@ def by_fixed_steps(task: Task, settings: Settings) -> Run:
     robot = equations.robot
     stepper = Stepper.of(robot, damping=equations.damping)
     count = _count(task.duration, settings.step)
+    if count < FEWEST_STEPS:
+        raise InvalidInput(
+            f"step: {settings.step:g} s is too long for {task.duration:g} s, which needs {FEWEST_STEPS} steps"
+        )
     h = task.duration / count
     edges = np.linspace(0.0, task.duration, count + 1)
     states, work, exchanged, found = [task.start], [0.0], 0.0, []

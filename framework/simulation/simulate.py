@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
-from framework.errors import InvalidInput, choose_from, finite_numbers
+from framework.errors import InvalidInput, choose_from, finite_numbers, whole_number
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tracking import assemble
 from framework.simulation.consistent import consistent_state
@@ -89,7 +89,7 @@ def simulate(
     robot, drive = _robot_and_drive(robot, drive)
     chosen = _method(method)
     settings = _settings(chosen, method, tolerance, step, stages)
-    _whole("samples", samples, SAMPLED)
+    samples = whole_number("samples", samples, *SAMPLED)
     equations = Equations.of(robot, None if damping is None else damping)
     source = Drive.of(robot, drive, breaks)
     planned = planned_motion(drive)
@@ -127,18 +127,13 @@ def _settings(
     if stages is not None:
         if not settings.stages:
             raise InvalidInput(f"stages: method {name} has none")
-        _whole("stages", stages, STAGES)
+        stages = whole_number("stages", stages, *STAGES)
         settings = settings._replace(stages=stages, looks=2 * stages)
     if step is not None:
         if not finite_numbers("step", [step], 1)[0] > 0:
             raise InvalidInput(f"step: must be positive [s], got {step!r}")
         settings = settings._replace(step=float(step))
     return settings
-
-
-def _whole(name: str, given: object, limits: tuple[int, int]) -> None:
-    if not (isinstance(given, (int, np.integer)) and limits[0] <= given <= limits[1]):
-        raise InvalidInput(f"{name}: needs a whole number, {limits[0]} to {limits[1]}, got {given!r}")
 
 
 def _duration(given: float | None, planned: PlannedMotion | None) -> float:

@@ -29,6 +29,8 @@ UNCROSSABLE = {
     "closure": "a singularity of the loop equations themselves, whatever the motors do",
 }
 
+ORTHOGONAL = 1e-12  # cosine between t_s and a path that rounding makes
+
 
 class Uncontrolled(NamedTuple):
     """The motion that locked motors do not hold, at one configuration."""
@@ -81,6 +83,18 @@ def moves_point(robot: ParallelRobot, twist: Array) -> bool:
     linear = np.linalg.norm(twist[robot.translations])
     angular = np.linalg.norm(twist[~robot.translations])
     return bool(linear > VANISHED * robot.length * angular)
+
+
+def sign_along(twist: Array, direction: Array) -> float:
+    """1 or -1, with which a twist (n,) points along a direction (n,).
+
+    Where the two are orthogonal but for rounding, its largest component is made positive: the sign is then a
+    matter of definition, and may not be one of rounding.
+    """
+    forward = float(twist @ direction)
+    if abs(forward) <= ORTHOGONAL * np.linalg.norm(twist) * np.linalg.norm(direction):
+        forward = float(twist[np.argmax(np.abs(twist))])
+    return -1.0 if forward < 0 else 1.0
 
 
 class SingularityMeasure(NamedTuple):

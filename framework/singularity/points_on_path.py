@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.errors import NotConverged, Type1Singularity, point
+from framework.errors import InvalidInput, NotConverged, Type1Singularity, point
 from framework.kinematics.branch import Branch, with_continuation
 from framework.kinematics.closures import loop_equations, scaled
 from framework.kinematics.inverse_kinematics import system_at
@@ -17,7 +17,7 @@ from framework.kinematics.loop_matrices import VANISHED, measured_matrix, mobile
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import escaping, track_path, weakest_leg
 from framework.motion.path import Path
-from framework.singularity.classification import uncontrolled_motion
+from framework.singularity.classification import sign_along, uncontrolled_motion
 from framework.singularity.panels import NARROWEST, Measured, Panel, Samples, Unresolved, candidates, panels
 from framework.singularity.rank_deficiency import (
     CLOSE,
@@ -73,6 +73,7 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
         As `locate_singularities`.
     """
     branch = track_path(robot, path) if branch is None else branch
+    check_of(robot, path, branch)
     samples, mobile, mobile_panels = _continued(branch)
     continued = samples.branch
     if isinstance(mobile_panels, Unresolved):  # the branch has a kink, or another one meets it
@@ -94,6 +95,14 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     for contact in found:
         _check_dropped_rows(continued, contact.s)
     return SearchedPath(branch, tuple(_singular_point(passive, contact) for contact in found), tuple(missed))
+
+
+def check_of(robot: ParallelRobot, path: Path, branch: Branch) -> None:
+    """Raise InvalidInput unless what was followed is this path of this robot."""
+    if branch.robot is not robot or branch.path != path:
+        raise InvalidInput(
+            f"branch, searched: of {branch.robot!r} along {branch.path!r}, not of {robot!r} along {path!r}"
+        )
 
 
 def locate_singularities(
@@ -205,8 +214,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     robot, at = branch.robot, stencil(s)
     closed = branch.closed(at)
     uncontrolled = uncontrolled_motion(robot, closed.system.at(1))
-    forward = np.dot(uncontrolled.twist, robot.platform.path_twist(branch.path, s))
-    along = -1.0 if forward < 0 else 1.0
+    along = sign_along(uncontrolled.twist, robot.platform.path_twist(branch.path, s))
     P = passive.matrix(closed.system)
     if uncontrolled.corank > 1:
         slopes = block_slopes(passive.at, s, uncontrolled.corank, STENCIL)[1]

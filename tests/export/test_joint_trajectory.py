@@ -60,6 +60,12 @@ def test_a_duration_has_whole_seconds_and_nanoseconds():
         assert 0 <= point["time_from_start"]["nanosec"] < 1_000_000_000
 
 
+def test_a_file_is_named_for_what_it_holds(tmp_path, capsys):
+    words = ["export", "five_bar", "--scene", "A", "--to", "ros2_control", "--out"]
+    assert main([*words, str(tmp_path / "file.xml")]) == 2
+    assert "ros2_control is written to .yaml or .yml or .json" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("samples", [1, 1.5, "many", float("nan")])
 def test_samples_that_cannot_be(plan, samples):
     with pytest.raises(InvalidInput, match="samples"):
@@ -83,10 +89,12 @@ def test_yaml_and_json_say_the_same_from_a_scene_and_from_a_folder(tmp_path):
         (("five_bar", "--to", "ros2_control"), 2, "give --scene"),
         (("five_bar", "--scene", "B", "--to", "ros2_control"), 1, "unbounded torque"),
         (("orthoglide", "--to", "mjcf"), 2, "no equality for closure 'rod_1b', which locks x, y"),
+        (("five_bar", "--to", "mjcf", "--scene", "C"), 2, "--scene, --samples: a MuJoCo model has no motion"),
     ],
 )
 def test_what_cannot_be_exported_is_one_line_and_no_file(arguments, code, words, tmp_path, capsys):
-    assert main(["export", *arguments, "--out", str(tmp_path / "file.yaml")]) == code
+    file = tmp_path / f"file{'.xml' if 'mjcf' in arguments else '.json'}"
+    assert main(["export", *arguments, "--out", str(file)]) == code
     told = capsys.readouterr().err
     assert words in told
     assert told.count("\n") == 1

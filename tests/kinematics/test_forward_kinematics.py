@@ -220,7 +220,7 @@ def test_clearance_is_the_least_on_the_way():
         ("five_bar", [1.0], None, "left_motor, right_motor.* must be 2 finite numbers"),
         ("five_bar", [1.0, np.nan], None, "must be 2 finite numbers"),
         ("five_bar", "motors", None, "must be 2 finite numbers"),
-        ("five_bar", [1.2, 1.0], [0.0, 0.1], "q must be 4 finite numbers"),
+        ("five_bar", [1.2, 1.0], [0.0, 0.1], "q, all joints of five_bar, must be 4 finite numbers"),
         ("five_bar", [1.2, 1.0], [1.0, 0.0, 1.0, 0.0], "the loops of five_bar are open by"),
         ("standing_quadruped", np.zeros(12), None, "12 motors drive 6 degrees of freedom"),
     ],

@@ -157,5 +157,7 @@ def _pair_in(folder: Path) -> Path:
     for path in found:
         if os.path.isfile(path):
             return path
+    if os.path.isfile(folder / "plan.json"):
+        raise RobotFileError(f"{folder}: holds a plan, where a robot is needed: give its name or its file")
     names = " or ".join(path.name for path in found)
     raise RobotFileError(f"{folder}: a folder without {names}, and without the plan.json of a plan")

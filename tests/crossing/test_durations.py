@@ -1,0 +1,90 @@
+"""How long and how short a motion may be with each kind of law, told before one is sought."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Line, ParallelRobot, plan_crossing
+from framework.crossing.durations import optimal_durations, polynomial_durations
+from framework.crossing.request import Request
+from framework.errors import NoLaw
+from framework.singularity.points_on_path import search_path
+
+LINE = Line([0.1, 0.345], [-0.05, 0.195])
+UPRIGHT = Line([0.03, 0.33], [-0.02, 0.18])
+
+
+def under(gravity) -> ParallelRobot:
+    """The paper's 5R, a payload on massless legs, with this gravity in its plane [m/s^2]."""
+    description = robots.load("five_bar").description
+    return ParallelRobot.from_description(replace(description, gravity=(0.0, -gravity, 0.0)))
+
+
+def of_polynomials(robot, path):
+    return polynomial_durations(search_path(robot, path), 2)
+
+
+def of_free_laws(robot, path, **limits):
+    return optimal_durations(search_path(robot, path), Request.of(robot, path, duration=1.0, **limits))
+
+
+def test_the_longest_polynomial_is_planned_and_none_is_beyond_it():
+    robot, path = under(9.81), UPRIGHT
+    found = of_polynomials(robot, path)
+    assert found.shortest == 0.0
+    plan = plan_crossing(robot, path, duration=0.9 * found.longest, law="polynomial")
+    assert plan.certificate.monotone
+    with pytest.raises(NoLaw, match=rf"one polynomial advances up to {found.longest:.3g} s"):
+        plan_crossing(robot, path, duration=1.05 * found.longest, law="polynomial")
+
+
+def test_four_times_the_weight_leaves_half_of_the_duration():
+    light, heavy = (of_polynomials(under(gravity), UPRIGHT).longest for gravity in (2.0, 8.0))
+    np.testing.assert_allclose(heavy, 0.5 * light, rtol=1e-2)  # what the search resolves
+
+
+def test_without_weight_a_polynomial_has_any_duration():
+    robot = robots.load("five_bar")
+    found = of_polynomials(robot, LINE)
+    assert found == (0.0, np.inf)
+    assert found.to_list() == [0.0, None]
+    assert found.sentence == "one polynomial advances at any duration"
+
+
+def test_without_weight_four_times_the_torque_takes_half_of_the_time():
+    robot = robots.load("five_bar")
+    weak, strong = (of_free_laws(robot, LINE, torque_limit=limit).shortest for limit in (0.1, 0.4))
+    np.testing.assert_allclose(strong, 0.5 * weak, rtol=1e-4)
+
+
+def test_laws_of_free_shape_begin_where_it_is_told_and_do_not_end():
+    robot, limit = under(9.81), 3.0  # N m
+    found = of_free_laws(robot, UPRIGHT, torque_limit=limit)
+    assert "within the limits laws of free shape last" in found.sentence
+    with pytest.raises(NoLaw, match="the quickest law takes"):
+        plan_crossing(robot, UPRIGHT, duration=0.95 * found.shortest, torque_limit=limit)
+    for longer in (1.05, 30.0):
+        plan = plan_crossing(robot, UPRIGHT, duration=longer * found.shortest, torque_limit=limit)
+        assert max(plan.peak_torque.values()) <= limit
+
+
+def test_without_limits_nothing_bounds_a_law_of_free_shape_and_with_little_torque_there_is_none():
+    robot = under(9.81)
+    assert of_free_laws(robot, UPRIGHT).to_list() == [0.0, None]
+    weak = of_free_laws(robot, UPRIGHT, torque_limit=0.01)
+    assert weak.to_list() is None
+    assert "must hold" in weak.sentence
+
+
+def test_where_no_law_crosses_there_is_no_duration():
+    robot = robots.load("five_bar")
+    searched, request = search_path(robot, LINE), Request.of(robot, LINE, duration=1.0)
+    for changed in ({"corank": 2}, {"contact": "tangential"}, {"s": 0.0}):
+        points = tuple(replace(at, **changed) for at in searched.points)
+        hopeless = searched._replace(points=points)
+        assert polynomial_durations(hopeless, 2) is None
+        assert optimal_durations(hopeless, request) is None
