@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 _Any = TypeVar("_Any", bound=NDArray[Any])
 
@@ -40,4 +41,4 @@ class ReadOnlyArrays:
                 object.__setattr__(self, field.name, read_only(value))
 
 
-__all__ = ["Array", "ArrayLike", "IntArray", "ReadOnlyArrays", "read_only"]
+__all__ = ["Array", "ArrayLike", "BoolArray", "IntArray", "ReadOnlyArrays", "read_only"]

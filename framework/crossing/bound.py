@@ -15,22 +15,26 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint, crossing_point
-from framework.crossing.optimal import OnPath, Units, better_units, guessed_units
+from framework.crossing.optimal import OnPath, Units, Wish
 from framework.crossing.phase_plane import crossing_row, demand
 from framework.crossing.result import CrossingPlan
+from framework.errors import NotConverged
 from framework.kinematics.tracking import Branch, track_path
-from framework.motion.cone_program import Affine, ConeProgram, Optimum, solve
+from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve
 from framework.motion.optimal_law import Smoothstep
 from framework.singularity.points_on_path import locate_singularities
 
 CELLS = 120
+AGAIN = (1.0, 0.5, 2.0)  # units of time over the plan's duration, one after the other if the solver gives up
 
 
 def estimated_best(plan: CrossingPlan, cells: int = CELLS) -> float | None:
     """The least duration [s], or the least peak of torque over its limit, that any law could have.
 
-    Of the undeformed robot, under what the plan's law was asked for. None for energy, for a polynomial, and
-    where the solver finds nothing.
+    Of the undeformed robot, under what the plan's law was asked for. None for energy and for a polynomial.
+
+    Raises:
+        NotConverged: the solver finds no optimum.
     """
     if plan.optimality is None or plan.optimality.wish.goal == "energy":
         return None
@@ -40,21 +44,17 @@ def estimated_best(plan: CrossingPlan, cells: int = CELLS) -> float | None:
     places = [crossing_point(branch, at, None, at.s) for at in points]
     edges = _edges(np.array([place.s for place in places]), cells)
     on_path = _on_path(branch, places, edges)
-    units = guessed_units(on_path, wish)
-    if not wish.limited:
-        units = Units(units.time, plan.optimality.reference)
-    while True:
+    torque = np.where(wish.limited_motors, wish.torque_limit, plan.optimality.reference)
+    for factor in AGAIN:
+        units = Units(factor * plan.duration, torque)
         most = None if wish.most is None else wish.most / units.time
-        program = _program(on_path, edges, wish.speed_limit, units)
-        found = solve(program, wish.goal, limited=wish.limited, longest=most)
-        if not isinstance(found, Optimum):
-            return None
-        if wish.goal != "time":
+        found = solve(_program(on_path, edges, wish, units), wish.goal, longest=most)
+        if isinstance(found, Optimum):
+            if wish.goal == "time":
+                return found.duration * units.time
             return max(found.peak, float((_at_rest(branch) / units.torque).max()))
-        better = better_units(units, wish, found)
-        if better is units:
-            return found.duration * units.time
-        units = better
+    why = found.status if isinstance(found, Unsolved) else "its limits contradict each other"
+    raise NotConverged(f"{plan.robot.name}: no estimate of the best law found ({why})", residual=np.inf)
 
 
 def _at_rest(branch: Branch) -> Array:
@@ -83,7 +83,7 @@ def _on_path(branch: Branch, places: Sequence[CrossingPoint], edges: Array) -> O
     return OnPath(middle, asked, crossings, np.array([row for _, row in rows]).reshape(-1, 3))
 
 
-def _program(on_path: OnPath, edges: Array, speed_limit: Array, units: Units) -> ConeProgram:
+def _program(on_path: OnPath, edges: Array, wish: Wish, units: Units) -> ConeProgram:
     """The program on the values of z at the inner edges of the cells."""
     width = np.diff(edges)
     cells, n = len(width), len(edges) - 2
@@ -95,8 +95,8 @@ def _program(on_path: OnPath, edges: Array, speed_limit: Array, units: Units) ->
     own = np.setdiff1d(np.arange(cells), at)  # in a crossing's cell condition (8) stands instead
     by_z, by_u = (values[own, :, None] for values in (torque.per_z, torque.per_u))
     matrix = scale * (by_z * mean[own, None] + by_u * slope[own, None])
-    limited = np.isfinite(speed_limit)
-    squared = scale * (on_path.demand.speed[:, limited] / speed_limit[limited]) ** 2
+    limited = np.isfinite(wish.speed_limit)
+    squared = scale * (on_path.demand.speed[:, limited] / wish.speed_limit[limited]) ** 2
     constant, per_z, per_u = on_path.conditions.T[:, :, None]
     return ConeProgram(
         speeds=np.eye(n),
@@ -106,6 +106,7 @@ def _program(on_path: OnPath, edges: Array, speed_limit: Array, units: Units) ->
         torque=Affine(
             (matrix / units.torque[:, None]).reshape(-1, n), (torque.constant[own] / units.torque).ravel()
         ),
+        bounded=np.tile(wish.limited_motors, len(own)),
         below_one=(squared[:, :, None] * mean[:, None]).reshape(-1, n),
         power=Affine(np.empty((0, n)), np.empty(0)),
         equalities=Affine(scale * (per_z * mean[at] + per_u * slope[at]), constant[:, 0]),

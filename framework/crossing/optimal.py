@@ -14,13 +14,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
 
-from framework.arrays import Array, IntArray, ReadOnlyArrays
+from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.crossing.phase_plane import Demand
 from framework.errors import InvalidInput
 from framework.motion.chebyshev import coefficients as series_through
 from framework.motion.chebyshev import derivative_matrix, evaluate, nodes
-from framework.motion.cone_program import Affine, ConeProgram, Infeasible, Optimum, Unsolved, solve
+from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve
 from framework.motion.exact_duration import adjusted, blended, duration_of
+from framework.motion.infeasibility import Infeasible
 from framework.motion.optimal_law import OptimalLaw, Stretch
 
 DEGREES = (40, 80)  # of the squared speed; the second where the first finds no law
@@ -45,8 +46,9 @@ COMPARABLE = 4.0  # factor between the guessed and the found scale that needs no
 class Wish(ReadOnlyArrays):
     """What a law is to be best at, and within which limits.
 
-    goal: "time", "peak_torque": the largest torque over its limit (or over the same number, for motors
-        without one), or "energy": the integral of the sum of (torque over limit)^2.
+    goal: "time", "peak_torque": the largest torque over its limit, or "energy": the integral of the sum of
+        (torque over limit)^2. There motors without a limit are weighed with the largest of the others, or,
+        if there is none, all with the same number; that does not bound them.
     duration: to be met exactly [s]; `longest`: not to be exceeded [s].
     torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite where there is none.
     """
@@ -65,7 +67,12 @@ class Wish(ReadOnlyArrays):
     @property
     def limited(self) -> bool:
         """Whether any torque has a limit."""
-        return bool(np.isfinite(self.torque_limit).any())
+        return bool(self.limited_motors.any())
+
+    @property
+    def limited_motors(self) -> BoolArray:
+        """Which torques (n_a,) have a limit."""
+        return np.isfinite(self.torque_limit)
 
     @property
     def most(self) -> float | None:
@@ -84,7 +91,7 @@ class OnPath(NamedTuple):
 
 
 class Units(NamedTuple):
-    """What the program measures times [s] and torques (n_a,) [N m] in."""
+    """What the program measures times [s] and torques (n_a,) [N m] in: their limits, if they have one."""
 
     time: float
     torque: Array
@@ -197,9 +204,9 @@ class Setting:
         return np.asarray(chebyshev.chebvander(_fine(len(self.on_path.sigma)), self.degree), dtype=float)
 
     def torques(self, y: Array) -> Array:
-        """The largest torque over its unit between the points and at the crossings (R,)."""
+        """Sizes of the torques over their units between the points and at the crossings (R, n_a)."""
         matrix, offset = self._torque
-        return np.asarray(np.abs(self._between @ (matrix @ y + offset)).max(axis=1))
+        return np.asarray(np.abs(self._between @ (matrix @ y + offset)))
 
     def conditions(self) -> Affine:
         """What a crossing asks of the coefficients."""
@@ -225,6 +232,7 @@ class Setting:
             weights=weights / self.on_path.stretch(self.on_path.stretch.inverse(points), 1),
             positive=np.empty((0, degree + 1)),
             torque=self.torque_rows(every_other),
+            bounded=np.tile(wish.limited_motors, len(every_other)),
             below_one=(squared[:, :, None] * z[:, None]).reshape(-1, degree + 1),
             power=power,
             equalities=self.conditions(),
@@ -237,7 +245,7 @@ class Setting:
         """The optimum of the program, or why there is none."""
         most = self.wish.most
         longest = None if most is None else most / self.units.time
-        return solve(program, self.wish.goal, limited=self.wish.limited, longest=longest)
+        return solve(program, self.wish.goal, longest=longest)
 
     def off_limits(self) -> tuple[float | None, float | None]:
         """The least peak of torque over its limit in the duration asked, and the least duration [s] within
@@ -245,7 +253,11 @@ class Setting:
         wish = self.wish
         free = replace(wish, goal="peak_torque", torque_limit=np.full(len(wish.torque_limit), np.inf))
         quickest = replace(wish, goal="time", duration=None, longest=None)
-        gentle = replace(self, wish=free)._best() if wish.limited and wish.most is not None else None
+        # a motor without a limit counts for nothing in a peak over the limits
+        units = self.units._replace(torque=np.where(wish.limited_motors, self.units.torque, np.inf))
+        gentle = (
+            replace(self, wish=free, units=units)._best() if wish.limited and wish.most is not None else None
+        )
         quick = replace(self, wish=quickest)._best() if wish.limited else None
         return (None if gentle is None else gentle.peak, None if quick is None else quick.law.duration)
 
@@ -261,11 +273,14 @@ class Setting:
         Rows that are far from their limit are left out of that; where they are needed they come back.
         """
         first = found
-        near = np.abs(program.torque(found.y)) > NEAR * found.peak
-        program = replace(program, torque=Affine(program.torque.matrix[near], program.torque.offset[near]))
+        near = np.abs(program.torque(found.y)) > NEAR * _allowed(program.bounded, found.peak)
+        rows = Affine(program.torque.matrix[near], program.torque.offset[near])
+        program = replace(program, torque=rows, bounded=program.bounded[near])
+        limited = self.wish.limited_motors
         for _ in range(ROUNDS):
-            hard = self.wish.limited and self.wish.goal != "peak_torque"
-            allowed = 1.0 if hard else found.peak * (1.0 + 2.0 * KEPT)
+            allowed = np.where(limited, 1.0, np.inf)
+            if self.wish.goal == "peak_torque" or not self.wish.limited:
+                allowed = _allowed(limited, found.peak) * (1.0 + 2.0 * KEPT)
             mended = self._mended(program, found.y, allowed)
             if mended is None:
                 break
@@ -290,15 +305,16 @@ class Setting:
             return found.duration * time
         return found.peak * torque if self.wish.goal == "peak_torque" else found.value * torque**2 * time
 
-    def _mended(self, program: ConeProgram, y: Array, allowed: float) -> ConeProgram | None:
-        """The program with rows where torques of y exceed what is allowed or z is low, if it does."""
-        over = _peaks(self.torques(y), allowed)
+    def _mended(self, program: ConeProgram, y: Array, allowed: Array) -> ConeProgram | None:
+        """The program with rows where torques of y exceed what is allowed (n_a,) or z is low, if it does."""
+        over = _peaks((self.torques(y) / allowed).max(axis=1), 1.0)
         low = _peaks(-(self._speeds_between @ y), -0.5 * program.floor)
         if not len(over) and not len(low):
             return None
         return replace(
             program,
             torque=_both(program.torque, self.torque_rows(self._between[over])),
+            bounded=np.append(program.bounded, np.tile(self.wish.limited_motors, len(over))),
             positive=np.concatenate([program.positive, self._speeds_between[low]]),
         )
 
@@ -317,16 +333,17 @@ class Setting:
             InvalidInput: none of this degree was found.
         """
         duration = (self.wish.duration or 0.0) / self.units.time
-        stretch, most = self.on_path.stretch, 1.0 if self.wish.limited else np.inf
+        stretch = self.on_path.stretch
         if duration_of(quick.y, stretch) > duration * (1.0 - 1e-6):  # a rounding away, or nearly so
             return adjusted(quick.y, program.equalities, duration, stretch)
         everywhere = self._speeds_between[:: SPARSER * BETWEEN]
         slower = replace(program, positive=np.concatenate([program.positive, everywhere]), floor=SLOWEST)
         for lax in LAXER:
-            allowed, before = min(lax * quick.peak, most), quick.y
+            before, allowed = quick.y, _allowed(self.wish.limited_motors, lax * quick.peak)
             for _ in range(SLOWER):
-                bounded = replace(slower, torque=_scaled(slower.torque, allowed))
-                slow = solve(bounded, "slowest", limited=True, about=before)
+                rows = _scaled(slower.torque, _allowed(slower.bounded, lax * quick.peak))
+                everything = replace(slower, torque=rows, bounded=np.ones_like(slower.bounded))
+                slow = solve(everything, "slowest", about=before)
                 if not isinstance(slow, Optimum):
                     break
                 mended = self._mended(slower, slow.y, allowed * (1.0 + 2.0 * KEPT))
@@ -344,8 +361,13 @@ def _both(one: Affine, two: Affine) -> Affine:
     return Affine(np.concatenate([one.matrix, two.matrix]), np.concatenate([one.offset, two.offset]))
 
 
-def _scaled(rows: Affine, unit: float) -> Affine:
-    return Affine(rows.matrix / unit, rows.offset / unit)
+def _scaled(rows: Affine, units: Array) -> Affine:
+    return Affine(rows.matrix / units[:, None], rows.offset / units)
+
+
+def _allowed(limited: BoolArray, peak: float) -> Array:
+    """The peak, or the limit of those that have one where that is less."""
+    return np.where(limited, min(peak, 1.0), peak)
 
 
 def conditions_on_speed(

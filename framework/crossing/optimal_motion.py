@@ -39,8 +39,9 @@ from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw, NotConverged
 from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction
-from framework.motion.cone_program import Infeasible, Optimum, Unsolved
+from framework.motion.cone_program import Optimum, Unsolved
 from framework.motion.exact_duration import adjusted
+from framework.motion.infeasibility import Infeasible
 from framework.motion.law import MotionLaw
 from framework.motion.optimal_law import OptimalLaw, Smoothstep, Stretch
 from framework.singularity.points_on_path import SingularPoint
@@ -282,10 +283,6 @@ def _refusal(
 ) -> NoLaw | NotConverged:
     """Why there is no law; how far off the limits are is told from the `quicker` setting."""
     name = task.branch.robot.name
-    if not isinstance(found, Infeasible):
-        return NotConverged(
-            f"{name}: no optimal law of degree {setting.degree} found ({found.status})", residual=np.inf
-        )
     holding = _holding(task, setting.on_path)
     if holding is not None:
         where, unit = "start" if holding.s == 0 else "end", _unit(task, holding.joint)
@@ -293,6 +290,10 @@ def _refusal(
             f"{name}: no law is admissible: at the {where} {holding.joint} must hold {holding.torque:.4g} "
             f"{unit} at rest, and may {holding.limit:.4g}",
             proof=holding,
+        )
+    if not isinstance(found, Infeasible):
+        return NotConverged(
+            f"{name}: no optimal law of degree {setting.degree} found ({found.status})", residual=np.inf
         )
     proof = NoAdmissibleSpeed(setting.degree, *quicker.off_limits(), found)
     return NoLaw(

@@ -65,7 +65,8 @@ def plan_crossing(
             `reason` says which it was and why.
         optimize: what the optimal law is best at: "time"; "peak_torque", the default: the largest torque
             over its limit, or in N m if no motor has one; "energy": the integral over the motion of the sum
-            of (torque over limit)^2. A small weight on the roughness of the law is added.
+            of (torque over limit)^2. There a motor without a limit is weighed with the largest of the others,
+            and never bounded by it. A small weight on the roughness of the law is added.
         longest: duration [s] that the optimal law may not exceed, instead of `duration`.
         torque_limit, speed_limit: of the motors [N m], [rad/s], motor side, a number for all or one for
             each; the robot file's by default. The optimal law never exceeds them.

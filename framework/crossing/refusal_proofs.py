@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from framework.motion.cone_program import Infeasible
+from framework.motion.infeasibility import Infeasible
 
 
 @dataclass(frozen=True)
@@ -57,13 +55,8 @@ class NoAdmissibleSpeed:
 
     @property
     def contradiction(self) -> tuple[float, float]:
-        """How far the combination is from 0 = A' q, and from 0 <= b' q, with q of largest entry 1.
-
-        The first is rounding, the second well below zero: for any x in the program, b' q = (b - A x)' q
-        would be at least zero, since b - A x is in the cone and q in its dual.
-        """
-        proof = self.infeasible.proof / np.abs(self.infeasible.proof).max()
-        return float(np.abs(self.infeasible.matrix.T @ proof).max()), float(self.infeasible.right @ proof)
+        """How far the combination is from 0 = A' q, and from 0 <= b' q: rounding, and well below zero."""
+        return self.infeasible.contradiction
 
     @property
     def sentence(self) -> str:

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, BoolArray, IntArray
+from framework.motion.infeasibility import Infeasible
 
 RANK = 1e-12  # singular value of normed equalities below which they say nothing new
 GOALS = ("time", "peak_torque", "energy")
@@ -40,7 +41,8 @@ class ConeProgram:
     average: (C, P), what each slowness v (C,) is the inverse of, in terms of the square roots of `speeds`.
     weights: (C,) of v in the duration.
     positive: (M, n) further places where z is to stay above `floor`.
-    torque: (K,) over their limits; |torque| <= 1, or the peak that is minimised.
+    torque: (K,) over their limits, or over what they are weighed with in the peak that is minimised.
+    bounded: (K,) whether |torque| <= 1 is to hold.
     below_one: (S, n) what may not be more than 1, such as squared motor speeds over their limits.
     power: (P m,) torques of m motors over their limits at the points of `speeds`; of the energy.
     equalities: (k,) that vanish.
@@ -53,6 +55,7 @@ class ConeProgram:
     weights: Array
     positive: Array
     torque: Affine
+    bounded: BoolArray
     below_one: Array
     power: Affine
     equalities: Affine
@@ -70,17 +73,6 @@ class Optimum(NamedTuple):
     value: float  # of what was minimised, roughness included
 
 
-class Infeasible(NamedTuple):
-    """No y is admissible: A x + s = b, s in the cone K; `proof` is a q in K's dual, A' q = 0, b' q < 0."""
-
-    proof: Array
-    matrix: Any  # A
-    right: Array  # b
-    cones: tuple[
-        int, ...
-    ]  # sizes of the second-order cones, the last rows of A; the rest of K is nonnegative
-
-
 class Unsolved(NamedTuple):
     """The solver gave up."""
 
@@ -91,16 +83,14 @@ def solve(
     program: ConeProgram,
     goal: str,
     *,
-    limited: bool,
     longest: float | None = None,
     about: Array | None = None,
 ) -> Optimum | Infeasible | Unsolved:
-    """The best admissible y.
+    """The best admissible y, or a proof that holds that there is none, or neither.
 
     Args:
         goal: "time", "peak_torque" (the largest |torque|), "energy" (the integral of the sum of torque^2) or
             "slowest" (the least integral of z z0^(-3/2), the longest duration to first order about z0).
-        limited: |torque| <= 1 is to hold; else the torques are free.
         longest: bound on the duration.
         about: y of z0.
     """
@@ -114,8 +104,9 @@ def solve(
     w, v = parts.each("w"), parts.each("v")
     linear = [affine(program.positive, -program.floor)]
     linear.append(affine(-program.below_one, (1.0 - program.kept) ** 2))
-    if limited:
-        linear.append(parts.rows("peak", np.array([[-1.0]]), np.array([1.0 - program.kept])))
+    bounded = program.bounded
+    if bounded.any():
+        linear.append(parts.rows("bound", np.array([[-1.0]]), np.array([1.0 - program.kept])))
     if longest is not None:
         linear.append(parts.rows("v", -program.weights[None], np.array([longest])))
     z, mean = affine(program.speeds), parts.rows("w", program.average)
@@ -123,9 +114,18 @@ def solve(
         [z.plus(1.0), z.plus(-1.0), w.times(2.0)],  # w^2 <= z
         [v.and_(mean), v.and_(mean.times(-1.0)), v.times(0.0).plus(2.0)],  # v w >= 1
     ]
-    if limited or goal == "peak_torque":
-        largest = parts.rows("peak", np.ones((len(program.torque.offset), 1)))
-        cones.append([largest, affine(*program.torque)])  # |torque| <= peak, its row there but once
+
+    def below(name: str, rows: BoolArray) -> list[_Values]:
+        """|torque| <= the unknown of this name, at some rows."""
+        largest = parts.rows(name, np.ones((int(np.count_nonzero(rows)), 1)))
+        return [largest, affine(program.torque.matrix[rows], program.torque.offset[rows])]
+
+    if bounded.any():
+        cones.append(below("bound", bounded))
+    if goal == "peak_torque":  # each row of a torque is there but once
+        cones.append(below("peak", ~bounded))
+        if bounded.any():
+            linear.append(parts.each("peak").and_(parts.each("bound").times(-1.0)))
     if goal == "energy":  # e w >= the sum of power^2
         e, (matrix, offset) = parts.each("e"), program.power
         motors = len(offset) // len(program.speeds)
@@ -170,6 +170,7 @@ def _optimum(
     kinds: list[Any] = [clarabel.NonnegativeConeT(sum(len(group.offset) for group in linear))]
     for members in cones:
         kinds += [clarabel.SecondOrderConeT(len(members))] * len(members[0].offset)
+    sizes = tuple(len(members) for members in cones for _ in range(len(members[0].offset)))
     above = np.triu_indices(len(quadratic))
     upper = sparse.csc_array((quadratic[above], above), shape=(parts.size, parts.size))
     for careful in (
@@ -182,11 +183,14 @@ def _optimum(
         settings.iterative_refinement_enable = careful
         found = clarabel.DefaultSolver(upper, cost, matrix, right, kinds, settings).solve()
         status = str(found.status)
-        if status in ("Solved", "PrimalInfeasible"):
+        if status == "Solved":
             break
-    if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
-        sizes = tuple(len(members) for members in cones for _ in range(len(members[0].offset)))
-        return Infeasible(np.array(found.z), matrix, right, sizes)
+        if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
+            refuted = Infeasible(np.array(found.z), matrix, right, sizes)
+            if not refuted.holds:
+                refuted = refuted.refined()
+            if refuted.holds:
+                return refuted
     if status not in ("Solved", "AlmostSolved"):
         return Unsolved(status)
     x = np.array(found.x)
@@ -223,10 +227,11 @@ class _Values(NamedTuple):
 
 
 class _Parts:
-    """Where the unknowns are: x of the coefficients, the peak, w and v, and e where energy counts."""
+    """Where the unknowns are: x of the coefficients, the largest torque of those bounded and of all, w and v,
+    and e where energy counts."""
 
     def __init__(self, n: int, points: int, cells: int, energy: bool) -> None:
-        sizes = {"x": n, "peak": 1, "w": points, "v": cells, "e": points if energy else 0}
+        sizes = {"x": n, "bound": 1, "peak": 1, "w": points, "v": cells, "e": points if energy else 0}
         self._sizes = sizes
         ends = np.cumsum(list(sizes.values()))
         self._ends = dict(zip(sizes, map(int, ends), strict=True))
