@@ -13,11 +13,14 @@ from framework.cli import arguments
 from framework.cli.locate import twist_text
 from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command, whole
 from framework.cli.raw import report_raw
+from framework.crossing.bend import plan_bent_request
 from framework.crossing.bound import estimated_best
 from framework.crossing.plan import plan_request
+from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import FILE, plan_document
 from framework.errors import InvalidInput, NotConverged, point
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw
 from framework.output import written_together
 
@@ -39,6 +42,11 @@ def add(commands: Any) -> None:
         default=None,
         help="refuse a plan beyond the limits of motors or of the URDF's joints, which is otherwise reported",
     )
+    parser.add_argument(
+        "--bend",
+        action="store_true",
+        help="where no law can cross, bend the path as little as helps, at most 5%% of its length, ends kept",
+    )
     parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
     parser.add_argument(
         "--samples", type=whole(2, MOST_SAMPLES), default=1501, metavar="N", help="rows of motion.csv"
@@ -56,25 +64,40 @@ def run(options: argparse.Namespace) -> Report:
     request = arguments.request(options, robot)
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
+    if options.bend and options.raw:
+        raise InvalidInput("--bend: finds a plan with a proof; leave --raw out")
     out = None if options.out is None else FilePath(options.out)
     if out is None and options.raw:
         return report_raw(options, robot, request, None)
     if out is None:
-        plan = plan_request(robot, request)
-        return plan_document(plan), plan_text(plan)
+        plan, bend, told = _planned(robot, request, bend=options.bend)
+        return plan_document(plan) | bend, plan_text(plan) + told
     with written_together(out, document="raw.json" if options.raw else FILE) as folder:
         if options.raw:
             return report_raw(options, robot, request, folder)
         from framework.show.plots import save_figures
 
-        plan = plan_request(robot, request)
-        document = plan_document(plan, out)
+        plan, bend, told = _planned(robot, request, bend=options.bend)
+        document = plan_document(plan, out) | bend
         (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
         motion = plan.samples(options.samples)
         (folder / MOTION).write_text(motion.as_csv(), encoding="utf-8")
         (folder / f"{MOTION}-metadata.json").write_text(motion.metadata(MOTION), encoding="utf-8")
         save_figures(plan, folder)
-    return document, f"{plan_text(plan)}\n  written to        {out}"
+    return document, f"{plan_text(plan)}{told}\n  written to        {out}"
+
+
+def _planned(
+    robot: ParallelRobot, request: Request, *, bend: bool
+) -> tuple[CrossingPlan, dict[str, Any], str]:
+    """The plan; with --bend how far its path was bent, for machines and for people."""
+    if not bend:
+        return plan_request(robot, request), {}, ""
+    found = plan_bent_request(robot, request)
+    far = f"{1e3 * found.moved:.3g} mm" + (f" and {found.turned:.3g} rad" if found.turned else "")
+    told = f"by at most {far}, {100 * found.share:.2g} % of its length, its ends kept; a spline now"
+    line = f"\n  path bent         {told if found.share else 'not at all: it needs none'}"
+    return found.plan, {"bend": {"moved": found.moved, "turned": found.turned, "share": found.share}}, line
 
 
 def named(law: PlannedLaw) -> str:

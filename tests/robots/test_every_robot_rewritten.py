@@ -59,7 +59,9 @@ def test_torques_do_not_depend_on_how_the_closures_are_written(original, change)
     assert len(other.loops.names) == len(original.loops.names)
     one, two = planned(original), planned(other)
     t = np.linspace(0.0, one.duration, 201)
-    np.testing.assert_allclose(two.torque(t), one.torque(t), atol=1e-12, rtol=1e-10)
+    ours, unsettled = one.torque(t), max(one.certificate.change, two.certificate.change)  # of the deflections
+    atol = 1e-12 + 10 * unsettled * np.abs(ours).max()
+    np.testing.assert_allclose(two.torque(t), ours, atol=atol, rtol=1e-10)
 
 
 @pytest.mark.parametrize("case", in_stages(SCALED))
