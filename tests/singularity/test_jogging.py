@@ -117,5 +117,5 @@ def test_what_cannot_be_right_is_refused(robot, index, value, complaint):
 def test_only_closed_loops_are_moved(robot):
     open_loops = assemble(robot).q + 0.1
     for q in (open_loops, open_loops[:-1], open_loops * np.nan):
-        with pytest.raises(InvalidInput, match=r"^q(: the loops| must be)"):
+        with pytest.raises(InvalidInput, match=r"^q(: the loops|, all joints of five_bar, must be)"):
             move_platform(robot, q, 0, 0.1)
