@@ -7,6 +7,7 @@ order. Further ones are not heard while that goes on: what ends a program often 
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -58,11 +59,19 @@ def interruptible() -> Iterator[Heard]:
 
     for number in heard:
         signal.signal(number, stop)
+    hook, sys.unraisablehook = sys.unraisablehook, _other_than_interruptions
     try:
         yield heard_one
     finally:
+        sys.unraisablehook = hook
         for number in heard:
             signal.signal(number, before[number])
+
+
+def _other_than_interruptions(unraisable: sys.UnraisableHookArgs) -> None:
+    """An interruption in a callback, where Python can only complain, is in `Heard` all the same."""
+    if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(unraisable)
 
 
 @contextmanager
