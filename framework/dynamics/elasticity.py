@@ -49,7 +49,8 @@ WEAK = 1e-5  # share of the size of I - dG below which a direction is a free vib
 MOST_DIRECTIONS = 50  # of GMRES; dG is nearly nilpotent on few coefficients, and hopeless where it takes more
 SHORTEST = 1 / 64  # of a step of Newton's method
 NEAR, STALLED = 1e-6, 0.5  # a change below the first that a step leaves more of than the second is rounding
-MOST_PASSES = 200  # on one grid
+MOST_PASSES, FEW_PASSES = 200, 12  # on one grid: of few nodes, of very many
+MOST_WORK = 15_000  # passes times nodes on one grid, seconds for a Delta: what takes more is nearly hopeless
 FEWEST, MORE = 1.2, 1.5  # times the coefficients, when some are to be added
 LARGEST = 1.0  # [rad, robot lengths] deflection beyond which a linear spring means nothing
 # The law to use when the robot deflects like this, after this law; None before the first pass.
@@ -174,7 +175,7 @@ class _Iteration:
             self.obstacle = str(failure)
             return here
         stalled = False
-        while self.passes < MOST_PASSES:
+        while self.passes < self._most:
             inner, outer = self._within(here, count)
             settled = inner <= max(outer, SETTLED * self.tolerance)
             new = None if settled else self._improved(here, count, inner)
@@ -186,6 +187,11 @@ class _Iteration:
                 break
             count, stalled = self._more(count, max(inner, outer)), not settled
         return here
+
+    @property
+    def _most(self) -> int:
+        """Passes at most, fewer where each looks at more nodes."""
+        return min(MOST_PASSES, max(FEW_PASSES, MOST_WORK // len(self.grid.times)))
 
     def _told(self, here: Pass) -> int:
         """How many coefficients of the deflections the change does not hide."""
@@ -206,7 +212,7 @@ class _Iteration:
             self.obstacle = str(failure)
             return None
         share = 1.0
-        while share >= (SHORTEST if inner > NEAR else 1.0) and self.passes < MOST_PASSES:
+        while share >= (SHORTEST if inner > NEAR else 1.0) and self.passes < self._most:
             series = here.function.coefficients + share * step
             series[:, count:] = 0.0
             try:
@@ -241,9 +247,9 @@ class _Iteration:
             moved = self._at(here, TimeFunction(self.grid.edges, series))
             return direction - leading(moved.caused - here.caused) / width
 
-        right = leading(here.residual)
+        right, most = leading(here.residual), min(MOST_DIRECTIONS, max(1, self._most - self.passes))
         width = STEP * float(np.linalg.norm(leading(here.caused)))
-        return step(gmres(applied, right, left=left, most=MOST_DIRECTIONS, weak=WEAK))
+        return step(gmres(applied, right, left=left, most=most, weak=WEAK))
 
     def _at(self, here: Pass, function: TimeFunction) -> Pass:
         """The pass at these deflections, near another one.
