@@ -53,6 +53,7 @@ QUESTIONS = {
     "framework.kinematics.pose": None,
     "framework.kinematics.tracking": {"assemble"},
     "framework.kinematics.velocity_matrices": None,
+    "framework.dynamics.action_lines": None,
     "framework.singularity.classification": {"moves_point"},
     "framework.singularity.jogging": None,
     "framework.singularity.locus": {"LocusCurves", "locus_curves", "locus_patch"},

@@ -78,6 +78,17 @@ class PlatformCoordinates(ReadOnlyArrays):
         x[:, turning] = vector + 2 * np.pi * np.round(missing / (2 * np.pi)) * about
         return x
 
+    def moved(self, x: Array, motion: Array) -> Array:
+        """Coordinates (T, n) of a platform at x (n,) after constant twists (T, n) of unit duration."""
+        moved = x + motion
+        if len(self.turning) < 2:
+            return moved
+        turned = rotation_matrix(self._rotation_vector(motion)) @ rotation_matrix(
+            self._rotation_vector(x[None])
+        )
+        moved[:, self.turning] = _logarithm(turned)[:, self.about]
+        return self.unwrap(moved, x)
+
     def jacobian(self, at: FrameStack) -> Array:
         """Derivative (T, n, nv) of the platform's twist on its axes along pinocchio's velocity vector."""
         only = at._replace(position=at.position[:, :1], carried=at.carried[:1])
