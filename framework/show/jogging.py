@@ -10,7 +10,7 @@ from framework.dynamics.platform_wrench import hold_at
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import joint_poses, platform_positions
+from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
 from framework.show.captions import about, unit
 from framework.show.captions import asked as kind_of_hold
 from framework.show.scene import drawn_locus, floats, robot_document
@@ -29,7 +29,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
         "kind": "hand",
         "about": about(robot),
         "push": f"{PUSH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",
-        "drag": bool(robot.platform.translations.any()),
+        "drag": bool(len(robot.platform.sliding)),
         "poses": floats(poses),
         "locus": drawn_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
         "free_motors": motors_are_free(robot),
@@ -98,9 +98,9 @@ def _hold(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
     )
     torques = held.torque if pushed else None
     sides = None
-    if robot.n == 2 and translations.all():
+    if robot.n == 2 and robot.platform.is_point:
         sides = np.zeros((robot.n_a, 3))
-        sides[:, robot.platform.axes] = held.motor_speed
+        sides[:, robot.platform.along] = held.motor_speed
     return {
         "torques": None if torques is None else np.abs(torques).tolist(),
         "sides": None if sides is None else sides.tolist(),
@@ -109,8 +109,7 @@ def _hold(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
 
 def _told(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
     poses = joint_poses(robot, pose.q[None])
-    twist = np.zeros(6)
-    twist[robot.platform.axes] = pose.twist
+    twist = platform_twists(robot, pose.q[None], pose.twist[None])[0]
     return _hold(robot, pose) | {
         "q": pose.q.tolist(),
         "poses": floats(poses),

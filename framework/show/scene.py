@@ -21,6 +21,8 @@ from framework.kinematics.placements import (
     joint_axis,
     joint_poses,
     platform_positions,
+    platform_twists,
+    platform_wrenches,
     rotated,
 )
 from framework.model.description import RobotDescription
@@ -102,8 +104,8 @@ def _film_document(film: Film, curves_about: CurvesAbout, limit: Array) -> dict[
         "stated": stated(robot, limit),
         "band": floats(film.motors.band(film.t_s, limit)),
         "polygon": _polygon(film, limit),
-        "t_s": _wrench_like(robot, film.t_s),
-        "W_p": _wrench_like(robot, film.W_p),
+        "t_s": _arrows(platform_twists(robot, film.q, film.t_s)),
+        "W_p": _arrows(platform_wrenches(robot, film.q, film.W_p)),
         "instants": [
             {
                 "time": instant.time,
@@ -246,10 +248,8 @@ def _round_down(value: float) -> float:
     return float(max(part for part in (1.0, 2.0, 5.0) if part * power <= value * (1 + 1e-9)) * power)
 
 
-def _wrench_like(robot: ParallelRobot, values: Array) -> dict[str, Any]:
-    """Linear and angular parts (F, 3) of platform vectors (F, n), with their largest sizes."""
-    six = np.zeros((len(values), 6))
-    six[:, robot.platform.axes] = values
+def _arrows(six: Array) -> dict[str, Any]:
+    """Linear and angular parts (F, 3) of twists or wrenches (F, 6), with their largest sizes."""
     largest = [float(np.linalg.norm(part, axis=1).max()) for part in (six[:, :3], six[:, 3:])]
     return {"linear": floats(six[:, :3]), "angular": floats(six[:, 3:]), "largest": largest}
 
@@ -260,11 +260,11 @@ def _polygon(film: Film, limit: Array) -> dict[str, Any] | None:
     Around `center` (F, 3) the sums of plus or minus the `sides` (F, n_a, 3), one of each motor.
     """
     robot = film.robot
-    if robot.n != 2 or not robot.platform.translations.all():
+    if robot.n != 2 or not robot.platform.is_point:
         return None
     center, sides = np.zeros((len(film.time), 3)), np.zeros((len(film.time), robot.n_a, 3))
-    center[:, robot.platform.axes] = -film.motors.rotors
-    sides[:, :, robot.platform.axes] = limit[:, None] * film.motors.motor_speed
+    center[:, robot.platform.along] = -film.motors.rotors
+    sides[:, :, robot.platform.along] = limit[:, None] * film.motors.motor_speed
     return {"center": floats(center), "sides": floats(sides), "count": robot.n_a}
 
 
@@ -292,9 +292,7 @@ def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> dict[str, 
         patch = locus_patch(film.robot, film.q[nearest], film.x[nearest])
         if patch is not None:
             return {"kind": "patch", "count": len(patch), "points": floats(patch)}
-    held = (
-        not film.robot.platform.translations.all()
-    )  # other coordinates take part: the locus is that of one instant
+    held = not film.robot.platform.is_point  # other coordinates take part: the locus is that of one instant
     frame = nearest if held else 0
     found = curves_about(film, frame, film.x[frame : frame + 1] if held else film.x)
     return drawn_locus(film.robot, found, platform)
@@ -306,7 +304,7 @@ def locus_lines(
     """Curves (m, 3) of the locus within `beside` lengths of the robot from places (F, 3) of the platform."""
     if found is None:
         return []
-    world = robot.platform.axes[list(found.axes)]
+    world = robot.platform.along
     pieces = []
     for curve in found.curves:
         line = np.repeat(platform[:1], len(curve), axis=0)
@@ -325,7 +323,7 @@ def drawn_locus(
 ) -> dict[str, Any] | None:
     """These curves for the page."""
     pieces = [floats(line) for line in locus_lines(robot, found, platform, beside=beside)]
-    whole = bool(robot.platform.translations.all())
+    whole = robot.platform.is_point
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
 
 

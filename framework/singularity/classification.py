@@ -54,7 +54,7 @@ def uncontrolled_motion(robot: ParallelRobot, system: System) -> Uncontrolled:
     motion = passive_motion(robot, right[-1])
     six = system.frames.jacobian[0, 0] @ motion  # the whole twist of the platform
     size = np.concatenate([six[:3] / robot.length, six[3:]])
-    twist = six[robot.platform.axes]
+    twist = system.platform[0] @ motion
     freedoms = instantaneous_motions(robot, system)
     if freedoms.shape[1] > robot.n:
         moved = system.frames.jacobian[0, 0][:, robot.moving] @ freedoms
@@ -63,7 +63,7 @@ def uncontrolled_motion(robot: ParallelRobot, system: System) -> Uncontrolled:
         return Uncontrolled("constraint" if rank > robot.n else "closure", 0 * twist, motion, corank)
     if np.abs(size).max() < VANISHED:
         return Uncontrolled("leg_passive", 0 * twist, motion, corank)
-    if np.abs(size[robot.platform.axes]).max() < VANISHED:
+    if np.abs(np.where(robot.translations, twist / robot.length, twist)).max() < VANISHED:
         return Uncontrolled("constraint", 0 * twist, motion, corank)
     scale = unit_twist(robot, twist)
     return Uncontrolled("type_2", twist / scale, motion / scale, corank)
