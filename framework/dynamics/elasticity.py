@@ -73,7 +73,7 @@ class Deflected:
     obstacle: str = ""  # what ended the iteration; empty if the grid can tell no more, or need not
 
 
-def settle(
+def solve_deflections(
     branch: Branch,
     grid: TimeGrid,
     choose_law: LawChoice,

@@ -22,7 +22,7 @@ from framework.dynamics.crossings import (
     panel_edges,
     rigid_crossings,
 )
-from framework.dynamics.elasticity import Deflected, LawChoice, settle
+from framework.dynamics.elasticity import Deflected, LawChoice, solve_deflections
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.near_misses import unseen_near_miss
 from framework.dynamics.neglected import check_idle_joints, measure_neglected
@@ -126,7 +126,7 @@ def resolve(
     for size in (FEW, *SIZES) if own_panels else SIZES:
         grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law), size)
         try:
-            state = settle(
+            state = solve_deflections(
                 branch, grid, choose_law, geometry, start, law, tolerance=min(tolerance, TOLERANCE)
             )
         except NotAssembled as failure:
