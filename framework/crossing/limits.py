@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.optimal import Wish
+from framework.crossing.optimal import Specification
 from framework.crossing.request import Request
 from framework.kinematics.parallel_robot import ParallelRobot
 
@@ -29,7 +29,7 @@ def _limits(asked: Sequence[float] | None, in_file: Sequence[float | None]) -> A
     return np.array([np.inf if limit is None else limit for limit in in_file])
 
 
-def optimal_wish(robot: ParallelRobot, request: Request) -> Wish:
+def specification_of(robot: ParallelRobot, request: Request) -> Specification:
     """What an optimal law for this request is to be best at, with the limits of this robot's motors."""
     limits = motor_limits(robot, request)
-    return Wish(request.goal, request.duration, request.longest, *limits, request.smoothness)
+    return Specification(request.goal, request.duration, request.longest, *limits, request.smoothness)
