@@ -184,7 +184,7 @@ class Law(ReadOnlyArrays):
 
 @lru_cache(maxsize=64)
 def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array, Array]:
-    """Rows (k, k) of derivatives of the Chebyshev polynomials at (x, order), their inverse, what divided them.
+    """Rows (k, k) of derivatives of the Chebyshev polynomials at (x, order), their inverse, their divisors.
 
     Raises:
         InvalidInput: two rows repeat each other.
@@ -205,7 +205,7 @@ def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array
 
 @lru_cache(maxsize=64)
 def _without_ends(degree: int, smoothness: int) -> tuple[Array, Array]:
-    """From a law's coefficients to s'(x) / (x (1 - x))^smoothness at points x of [0, 1], and on to its series."""
+    """From coefficients to s'(x) / (x (1 - x))^smoothness at points x of [0, 1], and on to its series."""
     kept = max(degree - 1 - 2 * smoothness, 0)
     local = nodes(2 * kept + 6)[1:-1]  # inner points, more than unknowns
     slopes = 2.0 * chebyshev.chebvander(local, degree) @ derivative_matrix(degree + 1)
