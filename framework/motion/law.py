@@ -210,4 +210,4 @@ def _without_ends(degree: int, smoothness: int) -> tuple[Array, Array]:
     local = nodes(2 * kept + 6)[1:-1]  # inner points, more than unknowns
     slopes = 2.0 * chebyshev.chebvander(local, degree) @ derivative_matrix(degree + 1)
     divided = slopes / (0.25 * (1 - local**2)[:, None]) ** smoothness
-    return divided, np.linalg.pinv(chebyshev.chebvander(local, kept))
+    return divided, np.asarray(np.linalg.pinv(chebyshev.chebvander(local, kept)), dtype=float)
