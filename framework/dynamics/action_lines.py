@@ -14,6 +14,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.platform import FramePlatform
 
 PITCHLESS = 1e-6  # of a line's moment: what is left of a screw's pitch by rounding and Newton's tolerance
 
@@ -30,22 +31,21 @@ def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None
 
     A wrench is known on the platform's own axes alone: where those are fewer than six, the line is one of
     those that give it, the nearest to the origin. None for one motor, or where a wrench is no force along a
-    line (a screw with pitch), or is none at all.
+    line (a screw with pitch), or is none at all, or where the platform's axes are not those of the base.
     """
-    if robot.n_a < 2:
+    platform = robot.platform
+    if robot.n_a < 2 or not isinstance(platform, FramePlatform) or not platform.constant:
         return None
     six = np.zeros((*motor_speed.shape[:2], 6))
-    six[:, :, robot.platform.axes] = motor_speed
+    six[:, :, platform.axes] = motor_speed
     force, moment = six[:, :, :3], six[:, :, 3:]
-    if not robot.platform.translations.any():
+    if not platform.translations.any():
         force, moment = moment, np.zeros_like(moment)
     size = np.linalg.norm(force, axis=2, keepdims=True)
     if not np.all(np.isfinite(six)) or np.any(size <= 0):
         return None
     way, arm = force / size, moment / size
-    turning = (
-        [axis - 3 for axis in robot.platform.axes if axis >= 3] if robot.platform.translations.any() else []
-    )
+    turning = [axis - 3 for axis in platform.axes if axis >= 3] if platform.translations.any() else []
     if not turning:
         return ActionLines(np.zeros_like(way), way)
     # place x way = arm, on the axes about which the platform turns: place = -[way]x^+ arm there

@@ -11,15 +11,15 @@ from framework.dynamics.platform_wrench import hold_at
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import joint_poses, platform_positions
+from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
 from framework.show.captions import about, unit
 from framework.show.captions import asked as kind_of_hold
 from framework.show.forces import drawn_sides, why_no_figure
 from framework.show.scene import drawn_locus, floats, robot_document
 from framework.singularity.jogging import (
     CLASSES,
+    JoggedPose,
     LooseMotion,
-    Pose,
     drag_platform,
     loose_motion,
     move_motor,
@@ -42,7 +42,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
         "push": f"{PUSH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",
         "flat": robot.n == 2,
         "no_figure": (why_no_figure(robot) or "") if len(robot.passive) else "",
-        "drag": bool(robot.platform.translations.any()),
+        "drag": bool(len(robot.platform.sliding)),
         "poses": floats(poses),
         "locus": drawn_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
         "free_motors": motors_are_free(robot),
@@ -76,7 +76,7 @@ def move_by_hand(robot: ParallelRobot, asked: dict[str, Any]) -> dict[str, Any]:
     return _told(robot, pose)
 
 
-def _words(pose: Pose) -> str:
+def _words(pose: JoggedPose) -> str:
     """A pose in a sentence or two, the first of them short."""
     where = {"near": "Near", "singular": "On"}.get(pose.level)
     if where is None:
@@ -96,7 +96,7 @@ def _words(pose: Pose) -> str:
     return f"{where} a {name}. {there} {meaning}."
 
 
-def _hold(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
+def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
     """What the motors can give: torques against a push along t_s, all forces together, the line of each.
 
     A platform that both shifts and turns has no push of one unit: it gets none.
@@ -120,7 +120,7 @@ def _hold(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
     }
 
 
-def _wobble(robot: ParallelRobot, pose: Pose) -> dict[str, Any] | None:
+def _wobble(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any] | None:
     """How the platform moves along t_s with its loops closed, on the locus; and how little the motors do."""
     if pose.kind != "type_2" or pose.level != "singular":
         return None
@@ -152,10 +152,9 @@ def _told_loose(robot: ParallelRobot, loose: LooseMotion) -> str:
     )
 
 
-def _told(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
+def _told(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
     poses = joint_poses(robot, pose.q[None])
-    twist = np.zeros(6)
-    twist[robot.platform.axes] = pose.twist
+    twist = platform_twists(robot, pose.q[None], pose.twist[None])[0]
     return _hold(robot, pose) | {
         "q": pose.q.tolist(),
         "poses": floats(poses),
@@ -174,7 +173,7 @@ def _told(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
     }
 
 
-def _sliders(robot: ParallelRobot, start: Pose) -> dict[str, list[dict[str, Any]]]:
+def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[dict[str, Any]]]:
     """Names, units and ranges: about a robot's length to either side, or what a turn allows."""
 
     def slider(name: str, unit: str, value: float, reach: float) -> dict[str, Any]:

@@ -21,6 +21,8 @@ from framework.kinematics.placements import (
     joint_axis,
     joint_poses,
     platform_positions,
+    platform_twists,
+    platform_wrenches,
     rotated,
 )
 from framework.model.description import RobotDescription
@@ -28,7 +30,7 @@ from framework.model.visuals import Shape
 from framework.show.captions import asked, how, proof, said, stated, subtitle, summary, unit, why
 from framework.show.eye import shown_limit
 from framework.show.film import Film
-from framework.show.forces import drawn_sides, why_no_figure
+from framework.show.forces import drawn_sides, figure_vectors, why_no_figure
 from framework.show.motors import motor_shapes, placed
 from framework.show.shapes import body_shapes
 from framework.show.sight import seen_from
@@ -104,8 +106,8 @@ def _film_document(film: Film, curves_about: CurvesAbout, limit: Array) -> dict[
         "polytope": _polytope(film, limit),
         "no_figure": why_no_figure(robot) or "",
         "lines": _action_lines(film),
-        "t_s": _wrench_like(robot, film.t_s),
-        "W_p": _wrench_like(robot, film.W_p),
+        "t_s": _arrows(platform_twists(robot, film.q, film.t_s)),
+        "W_p": _arrows(platform_wrenches(robot, film.q, film.W_p)),
         "instants": [
             {
                 "time": instant.time,
@@ -204,10 +206,8 @@ def _round_down(value: float) -> float:
     return float(max(part for part in (1.0, 2.0, 5.0) if part * power <= value * (1 + 1e-9)) * power)
 
 
-def _wrench_like(robot: ParallelRobot, values: Array) -> dict[str, Any]:
-    """Linear and angular parts (F, 3) of platform vectors (F, n), with their largest sizes."""
-    six = np.zeros((len(values), 6))
-    six[:, robot.platform.axes] = values
+def _arrows(six: Array) -> dict[str, Any]:
+    """Linear and angular parts (F, 3) of twists or wrenches (F, 6), with their largest sizes."""
     largest = [float(np.linalg.norm(part, axis=1).max()) for part in (six[:, :3], six[:, 3:])]
     return {"linear": floats(six[:, :3]), "angular": floats(six[:, 3:]), "largest": largest}
 
@@ -221,8 +221,7 @@ def _polytope(film: Film, limit: Array) -> dict[str, Any] | None:
     sides = drawn_sides(robot, film.motors.motor_speed, limit)
     if sides is None or not len(robot.passive):
         return None
-    center = np.zeros((len(film.time), 3))
-    center[:, [axis % 3 for axis in robot.platform.axes]] = -film.motors.rotors
+    center = -figure_vectors(robot, film.motors.rotors)
     return {"center": floats(center), "sides": floats(sides), "count": robot.n_a, "flat": robot.n == 2}
 
 
@@ -258,9 +257,7 @@ def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> dict[str, 
         patch = locus_patch(film.robot, film.q[nearest], film.x[nearest])
         if patch is not None:
             return {"kind": "patch", "count": len(patch), "points": floats(patch)}
-    held = (
-        not film.robot.platform.translations.all()
-    )  # other coordinates take part: the locus is that of one instant
+    held = not film.robot.platform.is_point  # other coordinates take part: the locus is that of one instant
     frame = nearest if held else 0
     found = curves_about(film, frame, film.x[frame : frame + 1] if held else film.x)
     return drawn_locus(film.robot, found, platform)
@@ -272,7 +269,7 @@ def locus_lines(
     """Curves (m, 3) of the locus within `beside` lengths of the robot from places (F, 3) of the platform."""
     if found is None:
         return []
-    world = robot.platform.axes[list(found.axes)]
+    world = robot.platform.along
     pieces = []
     for curve in found.curves:
         line = np.repeat(platform[:1], len(curve), axis=0)
@@ -291,7 +288,7 @@ def drawn_locus(
 ) -> dict[str, Any] | None:
     """These curves for the page."""
     pieces = [floats(line) for line in locus_lines(robot, found, platform, beside=beside)]
-    whole = bool(robot.platform.translations.all())
+    whole = robot.platform.is_point
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
 
 

@@ -10,7 +10,6 @@ from framework import InvalidInput, ParallelRobot, assemble
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.forward_kinematics import motors_are_free
 from framework.kinematics.frames import frames_at
-from framework.kinematics.platform import rotation_matrix
 from framework.singularity import jogging
 from framework.singularity.jogging import drag_platform, loose_motion, move_motor, move_platform, pose_at
 from tests.singularity.test_locus import LINK, MOTORS, elbows
@@ -160,14 +159,3 @@ def test_on_the_locus_the_platform_moves_along_t_s_and_the_motors_by_the_square_
             assert pose_at(robot, q).x[1] == pytest.approx(np.sqrt(0.06) + share * loose.shift * on.twist[1])
         travel.append(loose.motors.max())
     np.testing.assert_allclose(np.diff(np.log2(travel)), -2.0, atol=0.05)
-
-
-@pytest.mark.parametrize("name", ["gough_stewart", "spherical_rrr"])
-def test_turns_along_t_s_are_turns_about_its_axis(name):
-    """Coordinates are rotation vectors: added to them, a twist would turn about another axis."""
-    platform = robots.load(name).platform
-    x, motion = np.linspace(0.2, 0.7, len(platform.axes)), np.linspace(-0.1, 0.3, len(platform.axes))
-    (moved,) = platform.moved(x, motion[None])
-    turned = rotation_matrix(moved[None, -3:])[0] @ rotation_matrix(x[None, -3:])[0].T
-    np.testing.assert_allclose(turned, rotation_matrix(motion[None, -3:])[0], atol=1e-12)
-    np.testing.assert_allclose(moved[:-3], (x + motion)[:-3])
