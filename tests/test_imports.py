@@ -19,7 +19,7 @@ FLOORS = (
     ("errors", "interruption"),
     ("input",),
     ("output", "linalg", "motion"),
-    ("model",),
+    ("model", "parallel"),  # parallel knows no robot
     ("kinematics",),
     ("singularity", "simulation", "catalogue"),  # neither knows the other: simulation is the witness
     ("dynamics",),
