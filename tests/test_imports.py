@@ -23,7 +23,7 @@ FLOORS = (
     ("kinematics",),
     ("singularity", "simulation", "catalogue"),  # neither knows the other: simulation is the witness
     ("dynamics",),
-    ("crossing",),
+    ("crossing", "atlas"),
     ("control", "export"),
     ("show", "public"),  # the public face: `import framework` draws nothing
     ("__init__", "cli"),
