@@ -54,6 +54,7 @@ QUESTIONS = {
     "framework.kinematics.tracking": {"assemble"},
     "framework.kinematics.velocity_matrices": None,
     "framework.singularity.classification": {"moves_point"},
+    "framework.singularity.classify": None,
     "framework.singularity.jogging": None,
     "framework.singularity.locus": {"LocusCurves", "locus_curves", "locus_patch"},
     "framework.singularity.points_on_path": {

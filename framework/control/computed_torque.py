@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.control.estimation import Measurement, State, consistent_solution, estimated_state
+from framework.control.estimation import Measurement, RobotState, consistent_solution, estimated_state
 from framework.control.reference import Reference
 from framework.dynamics.forces import tree_forces
 from framework.errors import InvalidInput
@@ -87,7 +87,7 @@ class _Motion(NamedTuple):
     loops: Array  # (R, m, nv)
 
 
-def _constrained_motion(robot: ParallelRobot, state: State, ddx: Array) -> _Motion:
+def _constrained_motion(robot: ParallelRobot, state: RobotState, ddx: Array) -> _Motion:
     """Joint velocities and accelerations for platform rates of the states and ddx (R, n).
 
     As `motion_at`, but run by run where that factors all instants as one band matrix: there the length of

@@ -17,7 +17,7 @@ from framework.errors import InvalidInput, NotAssembled, point
 from framework.kinematics.closures import closure_drift, loop_equations, loop_wrenches, scaled
 from framework.kinematics.equations import Equations
 from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at
-from framework.kinematics.newton import ITERATIONS, Closing, Linear, Which, newton
+from framework.kinematics.newton import ITERATIONS, Linear, NewtonResult, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.placements import configuration
 from framework.linalg.banded_lu import Factors
@@ -180,7 +180,7 @@ def close_each(
     *,
     iterations: int = ITERATIONS,
     farthest: float = np.inf,
-) -> Closing[System]:
+) -> NewtonResult[System]:
     """Close the loops wherever they close, as `close_loops` does, and tell where; options of `newton`."""
 
     def evaluate(q: Array, which: Which) -> System:

@@ -14,7 +14,14 @@ from framework.kinematics.placements import joint_poses, platform_positions
 from framework.show.captions import about, unit
 from framework.show.captions import asked as kind_of_hold
 from framework.show.scene import drawn_locus, floats, robot_document
-from framework.singularity.jogging import CLASSES, Pose, drag_platform, move_motor, move_platform, pose_at
+from framework.singularity.jogging import (
+    CLASSES,
+    JoggedPose,
+    drag_platform,
+    move_motor,
+    move_platform,
+    pose_at,
+)
 from framework.singularity.locus import locus_curves
 
 PUSH = 10.0  # [N, or N m on a platform that only turns] along t_s, that the motors are to hold
@@ -63,7 +70,7 @@ def move_by_hand(robot: ParallelRobot, asked: dict[str, Any]) -> dict[str, Any]:
     return _told(robot, pose)
 
 
-def _words(pose: Pose) -> str:
+def _words(pose: JoggedPose) -> str:
     """A pose in a sentence or two, the first of them short."""
     where = {"near": "Near", "singular": "On"}.get(pose.level)
     if where is None:
@@ -83,7 +90,7 @@ def _words(pose: Pose) -> str:
     return f"{where} a {name}. {there} {meaning}."
 
 
-def _hold(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
+def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
     """What the motors can give here: torques against a push along t_s, and on planar robots the polygon.
 
     A platform that both shifts and turns has no push of one unit: it gets none.
@@ -107,7 +114,7 @@ def _hold(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
     }
 
 
-def _told(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
+def _told(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
     poses = joint_poses(robot, pose.q[None])
     twist = np.zeros(6)
     twist[robot.platform.axes] = pose.twist
@@ -128,7 +135,7 @@ def _told(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
     }
 
 
-def _sliders(robot: ParallelRobot, start: Pose) -> dict[str, list[dict[str, Any]]]:
+def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[dict[str, Any]]]:
     """Names, units and ranges: about a robot's length to either side, or what a turn allows."""
 
     def slider(name: str, unit: str, value: float, reach: float) -> dict[str, Any]:

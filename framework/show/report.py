@@ -129,11 +129,11 @@ def _with_units(robot: ParallelRobot) -> str:
 def _law(plan: CrossingPlan) -> str:
     values = ",\n ".join(repr(float(value)) for value in plan.law.coefficients)
     if plan.optimality is not None:
-        smoothness = plan.optimality.wish.smoothness
+        asked = plan.optimality.specification
         return (
             f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1). It was optimised for "
-            f"{said(plan.optimality.wish.goal)} with degree {plan.law.degree}: s = φ(σ), φ′ proportional to "
-            f"(σ (1 − σ))<sup>{smoothness}</sup>, φ(1) = 1, and (dσ/dt)² = Σ c<sub>k</sub> "
+            f"{said(asked.goal)} with degree {plan.law.degree}: s = φ(σ), φ′ proportional to "
+            f"(σ (1 − σ))<sup>{asked.smoothness}</sup>, φ(1) = 1, and (dσ/dt)² = Σ c<sub>k</sub> "
             f"T<sub>k</sub>(2 σ − 1) with Chebyshev polynomials T<sub>k</sub>; it takes {plan.duration:g} s. "
             f"c<sub>k</sub>:</p><pre>[{values}]</pre>"
         )

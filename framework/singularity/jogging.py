@@ -46,7 +46,7 @@ _MOTORS_END = (
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class JoggedPose:
     """Where the hand has brought the robot, and how near that is to a singularity."""
 
     q: Array  # (nq,)
@@ -61,7 +61,7 @@ class Pose:
     stopped: str  # why it went no further, or ""
 
 
-def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> Pose:
+def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
     """What there is to know about an assembled configuration q (nq,).
 
     Raises:
@@ -81,7 +81,7 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> Pose:
             f"{'nearly ' if level == 'near' else ''}stretched or folded"
         )
     if not len(robot.following):
-        return Pose(q, x[0], motors, None, None, level, kind, verdict, np.zeros(robot.n), stopped)
+        return JoggedPose(q, x[0], motors, None, None, level, kind, verdict, np.zeros(robot.n), stopped)
     smallest = _smallest(passive_matrix(robot, system)[0])
     measure = singularity_measure(robot, system)
     twist = system.platform[0] @ measure.motion[0]
@@ -91,10 +91,10 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> Pose:
         kind = uncontrolled_motion(robot, system).kind
         name, meaning = CLASSES[kind]
         verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
-    return Pose(q, x[0], motors, float(measure.g[0]), smallest, level, kind, verdict, twist, stopped)
+    return JoggedPose(q, x[0], motors, float(measure.g[0]), smallest, level, kind, verdict, twist, stopped)
 
 
-def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> Pose:
+def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
     """Bring one platform coordinate to `value`, the others held, as far as the working mode goes.
 
     Raises:
@@ -107,7 +107,7 @@ def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> P
     return lead_platform(robot, q, target)
 
 
-def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> Pose:
+def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> JoggedPose:
     """Bring the platform's origin towards a place (3,) of the base [m], as far as its coordinates allow.
 
     Raises:
@@ -120,7 +120,7 @@ def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> Pose:
     return lead_platform(robot, q, target)
 
 
-def lead_platform(robot: ParallelRobot, q: Array, target: Array) -> Pose:
+def lead_platform(robot: ParallelRobot, q: Array, target: Array) -> JoggedPose:
     """Bring the platform straight to coordinates (n,), as far as working mode and joint limits go.
 
     Raises:
@@ -132,7 +132,7 @@ def lead_platform(robot: ParallelRobot, q: Array, target: Array) -> Pose:
     return _within_limits(robot, start.q[0], lambda part: _led(robot, start, x + part * (target - x)))
 
 
-def _within_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], Pose]) -> Pose:
+def _within_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], JoggedPose]) -> JoggedPose:
     """The end of a way from q that `reach` goes, or the last part of it where no joint leaves its limits."""
     pose = reach(1.0)
     beyond = positions_beyond_limits(robot.limits, pose.q[None])
@@ -150,7 +150,7 @@ def _within_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], Pose
     return replace(kept, stopped=f"A joint stops at its limit in the URDF (asked for: {told}).")
 
 
-def _led(robot: ParallelRobot, start: ClosedStack, target: Array) -> Pose:
+def _led(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
     """As far as the working mode goes."""
     q = start.q[0]
     if np.array_equal(target, start.x[0]):
@@ -170,7 +170,7 @@ def _led(robot: ParallelRobot, start: ClosedStack, target: Array) -> Pose:
     )
 
 
-def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Pose:
+def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
     """Turn one motor's joint to `value` [rad, m], the other motors held, as far as the assembly mode goes.
 
     Raises:
@@ -180,7 +180,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Pose
     _check(index, robot.n_a, value)
     motors = robot.actuated_coordinates(start.q)[0]
 
-    def turned(part: float) -> Pose:
+    def turned(part: float) -> JoggedPose:
         target = motors.copy()
         target[index] += part * (value - motors[index])
         try:
