@@ -15,7 +15,7 @@ def locus_on_map(found: WorkspaceMap) -> list[Array]:
     """
     from contourpy import contour_generator
 
-    g = found.values["g"] if "g" in found.values else None
+    g = found.values.get("g")
     if g is None or not np.isfinite(g).any() or not np.nanmin(g) < 0 < np.nanmax(g):
         return []
     first, second = found.window.spans

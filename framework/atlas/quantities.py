@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.dynamics.stiffness import Free, first_frequency, free_motions, least_stiffness
+from framework.dynamics.stiffness import CompliantMotions, compliant_motions, first_frequency, least_stiffness
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.inverse_kinematics import System
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -29,8 +29,8 @@ class Poses(ReadOnlyArrays):
         return singularity_distances(self.robot, self.system)
 
     @cached_property
-    def free(self) -> Free:
-        return free_motions(self.robot, self.system, self.q)
+    def free(self) -> CompliantMotions:
+        return compliant_motions(self.robot, self.system, self.q)
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,14 @@ class Quantity:
     decades: bool = False  # told in decades: a colour for each factor of ten
     signed: bool = False
     springs: bool = False  # of robots that have some
+
+    def __reduce__(self) -> tuple[Callable[[str], Quantity], tuple[str]]:
+        return known, (self.key,)  # another process has its own functions
+
+
+def known(key: str) -> Quantity:
+    """The quantity of a key; KeyError for any other."""
+    return QUANTITIES[key]
 
 
 QUANTITIES = {
@@ -93,7 +101,7 @@ QUANTITIES = {
 
 
 def chosen(robot: ParallelRobot, names: Sequence[str] | None) -> tuple[Quantity, ...]:
-    """The quantities of these names; without names g, conditioning and torque, with springs all of theirs too.
+    """The quantities of these names; without names g, conditioning, torque and those of the springs.
 
     Raises:
         InvalidInput: an unknown name, or one that asks for springs which the robot has not.
@@ -107,12 +115,13 @@ def chosen(robot: ParallelRobot, names: Sequence[str] | None) -> tuple[Quantity,
             raise InvalidInput(choose_from("quantity", name, QUANTITIES))
         if QUANTITIES[name].springs and not has_springs:
             raise InvalidInput(
-                f"quantity {name}: {robot.name}, {robot.flexibility}, has no springs; take flexible_joints or "
-                f"flexible_links"
+                f"quantity {name}: {robot.name}, {robot.flexibility}, has no springs; take "
+                f"flexible_joints or flexible_links"
             )
         if "torque" in name and not robot.translations.any():
             raise InvalidInput(
-                f"quantity {name}: it is told against a unit force, and the platform of {robot.name} only turns"
+                f"quantity {name}: it is told against a unit force, and the platform of {robot.name} "
+                f"only turns"
             )
     return tuple(QUANTITIES[name] for name in dict.fromkeys(names))
 
@@ -120,16 +129,20 @@ def chosen(robot: ParallelRobot, names: Sequence[str] | None) -> tuple[Quantity,
 def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
     """The unit for this robot: its motors may slide, its platform may only turn."""
     if quantity.key.endswith("torque"):
-        units = set(robot.torque_units) if quantity.key != "joint_torque" else {
-            "N" if slide else "N m" for slide in robot.sliding[robot.actuated]
-        }
+        units = (
+            set(robot.torque_units)
+            if quantity.key != "joint_torque"
+            else {"N" if slide else "N m" for slide in robot.sliding[robot.actuated]}
+        )
         return "N/N" if units == {"N"} else "N m/N" if units == {"N m"} else "N m/N, N/N"
     if quantity.key == "stiffness" and not robot.translations.any():
         return "N m/rad"
     return quantity.unit
 
 
-def evaluate(robot: ParallelRobot, quantities: Sequence[Quantity], q: Array, system: System) -> dict[str, Array]:
+def evaluate(
+    robot: ParallelRobot, quantities: Sequence[Quantity], q: Array, system: System
+) -> dict[str, Array]:
     """Values (T,) by the quantity's key at assembled configurations q (T, nq)."""
     poses = Poses(robot, q, system)
     with np.errstate(all="ignore"):  # infinite at Type 2

@@ -31,7 +31,7 @@ from framework.kinematics.tracking import CROSSING
 
 STEPS = 10  # Newton steps to a neighbour; a step along the tangent that needs more is no good one
 NEIGHBOUR = 0.5  # [rad, lengths] that such a step may move a joint by
-PARTS = 4  # of a step that is too long to be trusted, on the finest stride
+PARTS = 4  # of a step that is too long to be trusted, with the last stride
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
@@ -66,11 +66,19 @@ def spread(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], 
         q: NaN where it is not known; filled in place.
         reason: (I, J) `Reason`, changed in place; poses that are not 1 at first are left alone.
         strides: between neighbours, one after the other, falling; poses are counted from the first one.
+            With the last one a step that cannot be trusted is tried in parts.
     """
     lost = reason == Reason.NO_NEIGHBOUR
     for stride in strides:
         lattice = np.s_[::stride, ::stride]
-        _fill(robot, x[lattice], q[lattice], reason[lattice], lost[lattice], 1 if stride > 1 else PARTS)
+        _fill(
+            robot,
+            x[lattice],
+            q[lattice],
+            reason[lattice],
+            lost[lattice],
+            PARTS if stride == strides[-1] else 1,
+        )
 
 
 def _fill(
@@ -159,7 +167,8 @@ def _same_branch(
     places = np.flatnonzero(which)
     (sign_one, size_one), (sign_two, size_two) = before.factors.slogdet, after.factors.slogdet
     sure = (sign_one == sign_two) & (size_two - size_one > np.log(VANISHED))
-    same = np.array([sure[k] or keeps_working_mode(robot, before.at(k), after.at(k)) for k in places], bool)
+    kept = [bool(sure[k]) or keeps_working_mode(robot, before.at(int(k)), after.at(int(k))) for k in places]
+    same = np.array(kept, dtype=np.bool_)
     places = places[same]
     # where branches cross, the tangent turns by more than the correction of one branch tells
     twist, _ = robot.platform.twist(end, twist)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -29,8 +29,8 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tracking import assemble
 from framework.parallel.tasks import completed
 
-COARSE = 8  # poses between coarse ones; rows of a band
-STRIDES = np.array([4, 2, 1])  # within a band
+ROWS = 8  # of a band; poses between coarse ones at most
+LONGEST = 0.15  # [robot lengths, rad] between neighbours that are reached one from the other
 NEAREST = 9  # coarse poses near the reference that are tried as the first one
 SURVEY = 33  # poses along an edge of what is looked at for the reach of a robot
 REACH, REACH_OF_TURNS = 1.6, 1.6  # half an edge of it: in lengths of the robot, in rad
@@ -111,7 +111,7 @@ def workspace_map(
     require_square(robot)
     started = time.perf_counter()
     x = window.points()
-    bands = _bands(robot, x)
+    bands = _bands(robot, window)
     found = {} if keeper is None else dict(keeper.found())
     chunks = {band.name: found[band.name] for band in bands if _fits(found.get(band.name), band, quantities)}
     done = sum(band.stop - band.first for band in bands if band.name in chunks)
@@ -123,9 +123,7 @@ def workspace_map(
             keeper.keep(band.name, chunk)
         done += band.stop - band.first
         progress(done * window.shape[1])
-    whole = {
-        key: np.concatenate([chunks[band.name][key] for band in bands]) for key in chunks[bands[0].name]
-    }
+    whole = {key: np.concatenate([chunks[band.name][key] for band in bands]) for key in chunks[bands[0].name]}
     _join_bands(robot, x, quantities, whole)
     reference = system_at(robot, robot.reference.q[None], robot.reference.x[None])
     return WorkspaceMap(
@@ -145,7 +143,8 @@ def filled_band(robot: ParallelRobot, window: Window, quantities: tuple[Quantity
     """The poses and quantities of one band."""
     x = window.points()[band.first : band.first + len(band.q)]
     q, reason = band.q.copy(), band.reason.copy()
-    spread(robot, x, q, reason, STRIDES)
+    strides = np.array([1, 2, 4])
+    spread(robot, x, q, reason, strides[strides < max(_stride(robot, window), 2)][::-1])
     rows = band.stop - band.first
     return _evaluated(robot, x[:rows], quantities, q[:rows], reason[:rows])
 
@@ -161,8 +160,7 @@ def surveyed(robot: ParallelRobot, axes: tuple[int, int], held: Array, shape: tu
     half = np.where(robot.translations, REACH * robot.length, REACH_OF_TURNS)[list(axes)]
     about = held[list(axes)]
     whole = Window(axes, about - half, about + half, (SURVEY, SURVEY), held)
-    x = whole.points()
-    reached = np.argwhere(_seeded(robot, x, 1)[1] == Reason.REACHED)
+    reached = np.argwhere(_seeded(robot, whole, 1)[1] == Reason.REACHED)
     low, high = reached.min(axis=0) - MARGIN, reached.max(axis=0) + MARGIN
     lower, upper = whole.lower + low * whole.cell, whole.lower + high * whole.cell
     return Window(axes, np.maximum(lower, whole.lower), np.minimum(upper, whole.upper), shape, held)
@@ -171,12 +169,28 @@ def surveyed(robot: ParallelRobot, axes: tuple[int, int], held: Array, shape: tu
 # ------------------------------------------------------------------ the parts
 
 
-def _seeded(robot: ParallelRobot, x: Array, stride: int) -> tuple[Array, NDArray[np.uint8]]:
-    """Configurations (I, J, nq) and reasons at every `stride`-th pose of a grid, reached from the reference."""
-    q = np.full((*x.shape[:2], robot.model.nq), np.nan)
-    reason = np.full(x.shape[:2], Reason.NO_NEIGHBOUR, dtype=np.uint8)
-    lattice = np.s_[::stride, ::stride]
-    away = np.abs(x[lattice] - robot.reference.x).max(axis=2)
+def _cell(robot: ParallelRobot, window: Window) -> float:
+    """The longer edge of a cell [robot lengths, rad]."""
+    lengths = np.where(robot.translations, robot.length, 1.0)[list(window.axes)]
+    return float((window.cell / lengths).max())
+
+
+def _stride(robot: ParallelRobot, window: Window) -> int:
+    """Poses between coarse ones: a power of 2."""
+    return int(2 ** np.clip(np.floor(np.log2(LONGEST / _cell(robot, window))), 0, np.log2(ROWS)))
+
+
+def _seeded(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, NDArray[np.uint8]]:
+    """Configurations (I, J, nq) and reasons at every `stride`-th pose, reached from the reference.
+
+    Where cells are longer than a step may be, poses between them are looked at on the way.
+    """
+    finer = max(1, int(np.ceil(_cell(robot, window) / LONGEST)))
+    shape = tuple((count - 1) * finer + 1 for count in window.shape)
+    x = replace(window, shape=(shape[0], shape[1])).points()
+    q = np.full((*shape, robot.model.nq), np.nan)
+    reason = np.full(shape, Reason.NO_NEIGHBOUR, dtype=np.uint8)
+    away = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
     order = np.dstack(np.unravel_index(np.argsort(away, axis=None, kind="stable"), away.shape))[0]
     refusal: NoAnswer | None = None
     for i, j in order[:NEAREST] * stride:
@@ -187,24 +201,24 @@ def _seeded(robot: ParallelRobot, x: Array, stride: int) -> tuple[Array, NDArray
             continue
         reason[i, j] = Reason.REACHED
         spread(robot, x, q, reason, np.array([stride]))
-        return q, reason
+        return q[::finer, ::finer].copy(), reason[::finer, ::finer].copy()
     raise OutOfReach(
         f"{robot.name}: no pose of the map near the reference is reached from there: {refusal}",
         q=robot.reference.q,
         residual=robot.reference.residual,
+        s=0.0,
         platform=robot.reference.x,
+        joint="",
     ) from refusal
 
 
-def _bands(robot: ParallelRobot, x: Array) -> list[Band]:
-    q, reason = _seeded(robot, x, COARSE)
-    coarse = np.zeros(reason.shape, dtype=bool)
-    coarse[::COARSE, ::COARSE] = True
-    reason[coarse & (reason != Reason.REACHED)] = Reason.NO_NEIGHBOUR  # a nearer neighbour may reach it
+def _bands(robot: ParallelRobot, window: Window) -> list[Band]:
+    q, reason = _seeded(robot, window, _stride(robot, window))
+    reason[reason != Reason.REACHED] = Reason.NO_NEIGHBOUR  # a nearer neighbour may reach it
     bands = []
-    for first in range(0, len(x), COARSE):
-        stop = min(first + COARSE, len(x))
-        rows = slice(first, min(stop + 1, len(x)))
+    for first in range(0, len(q), ROWS):
+        stop = min(first + ROWS, len(q))
+        rows = slice(first, min(stop + 1, len(q)))
         left = reason[rows].copy()
         left[stop - first :][left[stop - first :] == Reason.NO_NEIGHBOUR] = Reason.OPEN  # the next band's own
         bands.append(Band(first, stop, q[rows], left))
@@ -238,7 +252,7 @@ def _join_bands(
     """Reach what only a step across the border of two bands reaches, in place."""
     reason, before = whole["reason"], whole["reason"] == Reason.REACHED
     border = np.zeros_like(before)
-    for first in range(COARSE, len(x), COARSE):
+    for first in range(ROWS, len(x), ROWS):
         border[first - 1] = ~before[first - 1] & before[first]
         border[first] = ~before[first] & before[first - 1]
     if not border.any():

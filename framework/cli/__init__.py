@@ -25,7 +25,6 @@ from framework.cli import (
     convert,
     export,
     locate,
-    map,
     plan,
     pose,
     report,
@@ -33,6 +32,7 @@ from framework.cli import (
     robustness,
     show,
     simulate,
+    workspace_map,
 )
 from framework.cli.console import complain, one_line, tell
 from framework.cli.parser import Misuse, OneLineParser
@@ -44,7 +44,7 @@ COMMANDS = (
     check,
     convert,
     locate,
-    map,
+    workspace_map,
     pose,
     plan,
     simulate,

@@ -15,8 +15,8 @@ Nothing here divides by A. At a Type 2 singularity a motion that stretches no sp
 t_s: without load K_x, H and M stay finite, K_x t_s = 0, the compliance along t_s is infinite and the first
 frequency 0; under load what is left along t_s is the geometric stiffness alone, which may hold or buckle.
 
-Second derivatives are exact: c" = lambda . closure_drift is the quadratic form in question, and the polar form
-of drifts along pairs of motions gives its matrix.
+Second derivatives are exact: lambda . closure_drift is the quadratic form of lambda . c", and its polar form,
+from drifts along pairs of motions, the matrix.
 Source: Quennouelle and Gosselin, Stiffness Matrix of Compliant Parallel Mechanisms, ARK 2008; the elimination
 by a null space as Briot and Khalil, Dynamics of Parallel Robots, Springer 2015, chapter 12, for Z.
 """
@@ -30,9 +30,17 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
+from framework.dynamics.elasticity import LARGEST
 from framework.errors import InvalidInput, NotConverged, finite_numbers
 from framework.kinematics.closures import closure_drift, loop_equations, scaled
-from framework.kinematics.frames import FrameStack, difference, frame_motions, frames_at, integrate, scratch_of
+from framework.kinematics.frames import (
+    FrameStack,
+    difference,
+    frame_motions,
+    frames_at,
+    integrate,
+    scratch_of,
+)
 from framework.kinematics.inverse_kinematics import System, assembled_at, system_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.ordered_sums import matmul
@@ -44,7 +52,7 @@ NOT_MOVED = 1e-9  # share of the largest singular value: motions that the spring
 NO_STIFFNESS = 1e-13  # share of the largest stiffness: rounding of an eigenvalue that is zero
 
 
-class Free(NamedTuple):
+class CompliantMotions(NamedTuple):
     """What springs and loops allow at T configurations while the motors are locked."""
 
     columns: IntArray  # (f,) of the velocity vector: elastic, then passive ones that follow
@@ -54,7 +62,7 @@ class Free(NamedTuple):
     M: Array  # (T, d, d) of all bodies; rotors rest
 
 
-def free_motions(robot: ParallelRobot, system: System, q: Array) -> Free:
+def compliant_motions(robot: ParallelRobot, system: System, q: Array) -> CompliantMotions:
     """Motions, stiffness of the springs and mass at configurations q (T, nq).
 
     Raises:
@@ -73,7 +81,7 @@ def free_motions(robot: ParallelRobot, system: System, q: Array) -> Free:
     stiffness = _spring_stiffness(robot)[columns]
     mass = _mass(robot, q)[:, columns[:, None], columns]
     turned = Z.swapaxes(1, 2)
-    return Free(
+    return CompliantMotions(
         columns=columns,
         Z=Z,
         X=matmul(system.platform[:, :, columns], Z),
@@ -104,7 +112,7 @@ def least_ratios(H: Array, S: Array) -> Array:
     return least
 
 
-def least_stiffness(robot: ParallelRobot, free: Free) -> Array:
+def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
     """Force over displacement (T,) [N/m] of the platform's point in its softest direction, 0 at Type 2.
 
     Of a platform that only turns moment over turn [N m/rad].
@@ -114,7 +122,7 @@ def least_stiffness(robot: ParallelRobot, free: Free) -> Array:
     return np.maximum(least_ratios(free.K, matmul(X.swapaxes(1, 2), X)), 0.0)
 
 
-def first_frequency(free: Free) -> Array:
+def first_frequency(free: CompliantMotions) -> Array:
     """The first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN if nothing has mass."""
     return np.sqrt(np.maximum(least_ratios(free.K, free.M), 0.0)) / (2 * np.pi)
 
@@ -171,10 +179,10 @@ def platform_stiffness(
     if loaded:
         q, carried = _equilibrium(robot, closed.q[0], wrench)
         closed = assembled_at(robot, q)
-        free = free_motions(robot, closed.system, closed.q)
+        free = compliant_motions(robot, closed.system, closed.q)
         H = free.Z[0].T @ carried @ free.Z[0]
     else:
-        free = free_motions(robot, closed.system, closed.q)
+        free = compliant_motions(robot, closed.system, closed.q)
         H = free.K[0]
     squares, shapes = _vibrations(H, free.M[0])
     modes = np.zeros((len(shapes), robot.model.nv))
@@ -195,6 +203,8 @@ def platform_stiffness(
 
 def equilibrium(robot: ParallelRobot, q: ArrayLike, *, wrench: ArrayLike | None = None) -> Array:
     """The configuration (nq,) near q (nq,), with the same motor angles, in which the springs carry the load.
+
+    Newton's method finds unstable equilibria, too: `PlatformStiffness.is_stable` tells.
 
     Args:
         wrench: as for `platform_stiffness`.
@@ -227,7 +237,9 @@ def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tu
         multipliers = np.linalg.lstsq(J.T, gradient, rcond=None)[0]
         H = _tangent(robot, q, system, columns, multipliers * weights, w)
         if size < AT_REST:
-            return q, H
+            if _is_small(robot, q) and np.abs(weights * loops.residual[0]).max(initial=0.0) < AT_REST:
+                return q, H
+            break
         balanced = H * lengths * lengths[:, None]
         whole = np.block([[balanced, J.T], [J, np.zeros((len(J), len(J)))]])
         right = np.concatenate([J.T @ multipliers - gradient, -weights * loops.residual[0]])
@@ -239,10 +251,16 @@ def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tu
         move[0, columns] = step * min(1.0, LONGEST_STEP / max(size, LONGEST_STEP)) * lengths
         q = integrate(robot, q[None], move)[0]
     raise NotConverged(
-        f"{robot.name}: the springs find no equilibrium near this configuration: the load buckles the robot, or "
-        f"deflects it by more than linear springs mean",
+        f"{robot.name}: the springs find no equilibrium near this configuration: the load buckles the "
+        f"robot, or deflects it by more than linear springs mean",
         residual=size,
     )
+
+
+def _is_small(robot: ParallelRobot, q: Array) -> bool:
+    """Whether linear springs mean something at these deflections."""
+    turned = difference(robot, robot.neutral, q[None])[0] / robot.column_scale
+    return bool(np.abs(turned[robot.elastic]).max(initial=0.0) <= LARGEST)
 
 
 def _forces(robot: ParallelRobot, q: Array) -> Array:
@@ -266,7 +284,9 @@ def _tangent(
     v = np.zeros((len(first), model.nv))
     v[np.arange(len(first)), columns[first]] += 1.0
     v[np.arange(len(first)), columns[second]] += 1.0
-    drift = _drift(robot, q, system.frames, v, multipliers, w)  # of a + b; twice a itself has four times its own
+    drift = _drift(
+        robot, q, system.frames, v, multipliers, w
+    )  # of a + b; twice a itself has four times its own
     own = np.zeros(count)
     own[first[first == second]] = drift[first == second] / 4.0
     curved = np.zeros((count, count))
@@ -320,7 +340,9 @@ def _condensed(robot: ParallelRobot, H: Array, X: Array) -> Array:
     raised = right[: len(X)].T @ (left / values).T / scale  # X raised = 1
     aside = right[len(X) :].T  # moves the platform not at all
     both = aside.T @ H @ raised
-    left_over = H @ raised - H @ aside @ np.linalg.solve(aside.T @ H @ aside, both) if aside.size else H @ raised
+    left_over = (
+        H @ raised - H @ aside @ np.linalg.solve(aside.T @ H @ aside, both) if aside.size else H @ raised
+    )
     K = raised.T @ left_over
     return np.asarray(0.5 * (K + K.T))
 

@@ -1,13 +1,15 @@
-"""Maps of a robot over its workspace, as figures: bright is good, grey is out of reach, purple is singular."""
+"""Maps of a robot over its workspace as figures: bright is good, grey not reached, purple singular."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path as FilePath
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LogNorm, Normalize
+from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from framework.arrays import Array
@@ -17,7 +19,7 @@ from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
 from framework.show.captions import said
 from framework.show.plots import save
-from framework.show.style import LOCUS, PATH, figure
+from framework.show.style import COLUMN, LOCUS, PATH
 
 # Both can be told apart without red and green, and in grey.
 SEQUENTIAL, DIVERGING = "cividis", "BrBG"
@@ -25,7 +27,7 @@ UNREACHED = "#e4e7eb"
 TAILS = (2.0, 98.0)  # percentiles between which colours change: a pole would take them all
 SAMPLES = 401  # of a path
 LONGEST_EDGE = 3.4  # [in] of the window drawn
-BESIDE, ABOVE = 1.35, 1.0  # [in] for labels and the scale of colours, for titles
+LEFT, RIGHT, BELOW, ABOVE, BAR = 0.55, 0.65, 0.45, 0.65, 0.25  # [in] about it
 
 
 def quantity_of(found: WorkspaceMap, key: str) -> Quantity:
@@ -53,9 +55,7 @@ def plot_map(
 ) -> Axes:
     """One quantity of a map, with the singular locus and a path on top."""
     quantity, robot = quantity_of(found, key), found.robot
-    if ax is None:
-        ax = figure()[1][0]
-        ax.figure.set_size_inches(_size(found))
+    ax, scale = _axes(found) if ax is None else (ax, None)
     palette, norm = colours(found, key)
     values = found.values[key]
     edges = [cell_edges(span) for span in found.window.spans]
@@ -64,10 +64,14 @@ def plot_map(
         *edges, np.ma.masked_invalid(values).T, cmap=palette, norm=norm, rasterized=True, linewidth=0
     )
     known = values[np.isfinite(values)]
-    below, above = (bool(known.size) and known.min() < norm.vmin, bool(known.size) and known.max() > norm.vmax)
+    below, above = (
+        bool(known.size) and known.min() < norm.vmin,
+        bool(known.size) and known.max() > norm.vmax,
+    )
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
-    bar = ax.figure.colorbar(mesh, ax=ax, extend=extend[below, above], pad=0.03)
-    bar.set_label(f"{quantity.name}  [{unit_of(robot, quantity)}]")
+    beside = {"ax": ax, "pad": 0.03} if scale is None else {"cax": scale}
+    bar = ax.figure.colorbar(mesh, extend=extend[below, above], **beside)
+    bar.set_label(f"[{unit_of(robot, quantity)}]")
     halo = [withStroke(linewidth=2.8, foreground="white")]
     for k, curve in enumerate(locus_on_map(found)):
         label = "singular locus (Type 2)" if k == 0 else None
@@ -81,17 +85,24 @@ def plot_map(
         start = robot.reference.x[axes]
         ax.plot(*start, "P", color="black", markeredgecolor="white", markersize=6, label="reference")
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor="#9aa4af", label="not reached")
-    _frame(found, ax)
+    _frame(found, quantity, ax)
     return ax
 
 
-def _size(found: WorkspaceMap) -> tuple[float, float]:
-    """Width and height of the figure [in]."""
-    wide, high = 1.0, 1.0
+def _axes(found: WorkspaceMap) -> tuple[Axes, Axes]:
+    """Axes for the window, to scale, and beside them for the colours, on a figure of their size."""
+    wide, high = 1.0, 0.8
     if is_to_scale(found):
         wide, high = found.window.upper - found.window.lower
-    edge = LONGEST_EDGE / max(wide, high)
-    return max(edge * wide, 0.6 * LONGEST_EDGE) + BESIDE, edge * high + ABOVE
+    width, height = LONGEST_EDGE * np.array([wide, high]) / max(wide, high)
+    whole = np.array([max(LEFT + width + BAR + RIGHT, COLUMN), BELOW + height + ABOVE])
+    drawing = Figure(figsize=tuple(whole))
+
+    def placed(left: float, across: float) -> Axes:
+        corner, size = np.array([left, BELOW]) / whole, np.array([across, height]) / whole
+        return drawing.add_axes((*corner, *size))
+
+    return placed(LEFT, width), placed(LEFT + width + 0.5 * BAR, 0.5 * BAR)
 
 
 def is_to_scale(found: WorkspaceMap) -> bool:
@@ -100,7 +111,7 @@ def is_to_scale(found: WorkspaceMap) -> bool:
     return bool(lengths.all() or not lengths.any())
 
 
-def _frame(found: WorkspaceMap, ax: Axes) -> None:
+def _frame(found: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:
     robot, axes = found.robot, found.window.axes
     ax.grid(False)
     if is_to_scale(found):
@@ -110,7 +121,10 @@ def _frame(found: WorkspaceMap, ax: Axes) -> None:
     for set_label, k in ((ax.set_xlabel, axes[0]), (ax.set_ylabel, axes[1])):
         set_label(f"{robot.axis_names[k]}  [{'m' if robot.translations[k] else 'rad'}]")
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2, handlelength=1.6)
-    ax.set_title(title(found), loc="left", pad=22)
+    for text, above, colour in ((quantity.name, 27, "black"), (title(found), 16, "#5c6876")):
+        ax.annotate(
+            text, (0.0, 1.0), (0, above), xycoords="axes fraction", textcoords="offset points", color=colour
+        )
 
 
 def title(found: WorkspaceMap) -> str:
@@ -139,8 +153,8 @@ def save_map_figures(found: WorkspaceMap, folder: FilePath, *, path: Path | None
     """Write a PDF and a PNG of each quantity into a folder: map_g.pdf and so on."""
     return [
         file
-        for quantity in found.quantities
-        for file in save(lambda key=quantity.key: plot_map(found, key, path=path), folder / f"map_{quantity.key}")
+        for one in found.quantities
+        for file in save(partial(plot_map, found, one.key, path=path), folder / f"map_{one.key}")
     ]
 
 

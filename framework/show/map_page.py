@@ -78,7 +78,7 @@ def _quantity(found: WorkspaceMap, one: Quantity) -> dict[str, Any]:
         "name": one.name,
         "unit": unit_of(found.robot, one),
         "values": _packed(found.values[one.key].astype("<f4")),
-        "range": [float(norm.vmin), float(norm.vmax)],
+        "range": [float(norm.vmin or 0.0), float(norm.vmax or 0.0)],
         "decades": one.decades,
         "colours": shades.tolist(),
     }

@@ -22,7 +22,10 @@ const short = (value) => {
   if (!Number.isFinite(value)) return "∞";
   const size = Math.abs(value);
   if (value === 0) return "0";
-  return size >= 1e5 || size < 1e-3 ? value.toExponential(2).replace("e", "·10^").replace("+", "") : String(Number(value.toPrecision(4)));
+  if (size < 1e5 && size >= 1e-3) return String(Number(value.toPrecision(4))).replace("-", "−");
+  const [digits, power] = value.toExponential(2).split("e");
+  const raised = [...power.replace("+", "")].map((sign) => (sign === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(sign)])).join("");
+  return `${Number(digits)}·10${raised}`.replace("-", "−");
 };
 
 function paint() {

@@ -61,7 +61,11 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="least and largest value of the first axis, then of the second (default: what is reached)",
     )
     parser.add_argument(
-        "--size", type=whole(2, MOST), default=SIZE, metavar="N", help=f"poses along an edge (default: {SIZE})"
+        "--size",
+        type=whole(2, MOST),
+        default=SIZE,
+        metavar="N",
+        help=f"poses along an edge (default: {SIZE})",
     )
     add_executor(parser)
     parser.add_argument(
@@ -123,15 +127,15 @@ def _mapped(
         executor_of(workers=options.workers, dask=options.dask) as executor,
         progress_bar(float(np.prod(window.shape)), "pose", silent=options.json) as progress,
     ):
-        return workspace_map(
-            robot, window, quantities, executor=executor, keeper=kept, progress=progress
-        )
+        return workspace_map(robot, window, quantities, executor=executor, keeper=kept, progress=progress)
 
 
 def _what_is_kept(options: argparse.Namespace, kept: KeptChunks) -> list[str]:
     """What to say of a map that is stopped."""
     count = len(kept.found())
-    return [f"{count} bands are kept in {options.out}, and the same command goes on from them"] if count else []
+    return (
+        [f"{count} bands are kept in {options.out}, and the same command goes on from them"] if count else []
+    )
 
 
 def _write(found: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
