@@ -304,8 +304,8 @@ def _drift(robot: ParallelRobot, q: Array, at: FrameStack, v: Array, multipliers
         screws=np.repeat(at.screws, len(v), axis=0),
     )
     motions = frame_motions(robot, stack, np.repeat(q[None], len(v), axis=0), v)
-    platform = motions.drift[:, 0, robot.platform.axes]
-    return np.asarray(closure_drift(robot.loops, stack, motions) @ multipliers + platform @ w)
+    curved = closure_drift(robot.loops, stack, motions) @ multipliers
+    return np.asarray(curved + robot.platform.drift(stack, motions) @ w)
 
 
 # ------------------------------------------------------------------ matrices
