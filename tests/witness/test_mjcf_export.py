@@ -145,9 +145,8 @@ def read_back(robot, folder):
     file = folder / "robot.xml"
     file.write_text(mjcf_text(robot))
     platform = robot.description.platform
-    return ParallelRobot.from_file(
-        file, platform=platform.frame, axes=platform.axes, motors=robot.actuator_names
-    )
+    axes = platform.axes or ("rx", "ry", "rz")[: robot.n]  # joints of the tree as platform turn its frame
+    return ParallelRobot.from_file(file, platform=platform.frame, axes=axes, motors=robot.actuator_names)
 
 
 def at_rest(robot):
