@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any, TypeVar
 
 import numpy as np
@@ -35,10 +34,9 @@ class ReadOnlyArrays:
             self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
 
     def __post_init__(self) -> None:
-        for field in fields(self):  # type: ignore[arg-type]  # a subclass is a dataclass
-            value = getattr(self, field.name, None)
+        for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
-                object.__setattr__(self, field.name, read_only(value))
+                self.__dict__[name] = read_only(value)
 
 
 __all__ = ["Array", "ArrayLike", "BoolArray", "IntArray", "ReadOnlyArrays", "read_only"]
