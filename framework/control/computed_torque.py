@@ -101,7 +101,7 @@ def _constrained_motion(robot: ParallelRobot, state: RobotState, ddx: Array) -> 
     v, a = np.zeros((2, len(state.q), robot.model.nv))
     v[:, columns] = solve(whole, np.concatenate([twist, np.zeros((len(twist), len(rows.names)))], axis=1))
     motions = frame_motions(robot, at, state.q, v)
-    platform_drift = motions.drift[:, 0, robot.platform.axes]
+    platform_drift = robot.platform.drift(at, motions)
     drift = np.concatenate([dtwist - platform_drift, -closure_drift(rows, at, motions)], axis=1)
     a[:, columns] = solve(whole, drift)
     return _Motion(state.q, v, a, loops)

@@ -26,9 +26,10 @@ def jacobian_rate(robot: ParallelRobot, motion: Motion) -> Array:
         screw_rates[k] = pin.computeJointJacobiansTimeVariation(model, data, row, rates).T
     twists = np.einsum("fv,tvi->tfi", at.carried, at.screws * v[:, :, None])  # at the base's origin
     twists[..., :3] += cross(twists[..., 3:], at.position)
-    n, bodies = robot.n, equations.bodies
+    n, bodies, platform = robot.n, equations.bodies, robot.platform
     wrench, rate = np.zeros((2, len(v), len(bodies), 6))
-    wrench[:, :n], wrench[:, n:] = equations.platform, loop_wrenches(equations.loops, at).wrench
+    wrench[:, :n], wrench[:, n:] = platform.wrenches(at), loop_wrenches(equations.loops, at).wrench
+    rate[:, :n] = platform.wrench_rates(at, twists[:, 0, 3:], screw_rates)
     rate[:, n:] = wrench_rates(equations.loops, at, twists)
     # about the base's origin
     moved = cross(twists[:, bodies, :3], wrench[..., :3])

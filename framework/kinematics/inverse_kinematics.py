@@ -50,12 +50,12 @@ class System:
     @property
     def platform(self) -> Array:
         """The platform's rows of dF/dq, (T, n, nv)."""
-        return self.jacobian[:, : len(self.equations.platform)]
+        return self.jacobian[:, : self.equations.n]
 
     @property
     def closures(self) -> Array:
         """The loop equations' rows of dF/dq, (T, m, nv)."""
-        return self.jacobian[:, len(self.equations.platform) :]
+        return self.jacobian[:, self.equations.n :]
 
     @cached_property
     def factors(self) -> Factors:
@@ -130,7 +130,7 @@ def _system_of(robot: ParallelRobot, at: FrameStack, x: Array | None) -> System:
     equations, count = robot.equations, len(at.position)
     loops = loop_wrenches(equations.loops, at)
     wrench = np.empty((count, len(equations.bodies), 6))
-    wrench[:, : robot.n] = equations.platform
+    wrench[:, : robot.n] = robot.platform.wrenches(at)
     wrench[:, robot.n :] = loops.wrench
     wrench[..., 3:] += cross(at.position[:, equations.bodies], wrench[..., :3])  # about the base's origin
     off = np.zeros((count, robot.n)) if x is None else robot.platform.residual(at, x)
@@ -243,7 +243,7 @@ def motion_at(
     v = joint_rates(robot, system, twist, dq_e)
     motions = frame_motions(robot, system.frames, closed.q, v)
     drift = closure_drift(system.equations.loops, system.frames, motions)
-    platform_drift = motions.drift[:, 0, robot.platform.axes]
+    platform_drift = robot.platform.drift(system.frames, motions)
     right = np.concatenate([dtwist - platform_drift, -drift], axis=1)
     return Motion(closed.q, v, _solve_rates(robot, system, right, ddq_e), system)
 

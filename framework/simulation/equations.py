@@ -132,7 +132,7 @@ class EquationsOfMotion:
         by_q[:, range(nv), range(nv)] += self.stiffness
         by_v[:, range(nv), range(nv)] += self.damping
         force += self.rotors * a + self.damping * v + self.spring_force(q)
-        frames = self.geometry.frames(placed, tree)
+        frames = self.geometry.frames(q, placed, tree)
         loops = loop_equations(self.rows, frames)
         return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
 

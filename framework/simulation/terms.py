@@ -138,7 +138,7 @@ class RobotStack:
         placed = np.zeros((runs, poses.shape[1], 4, 4))
         placed[..., :3, :3] = poses[..., :9].reshape(runs, -1, 3, 3).swapaxes(2, 3)
         placed[..., :3, 3] = poses[..., 9:]
-        frames = self.geometry.frames(placed, J)
+        frames = self.geometry.frames(q, placed, J)
         loops = loop_equations(self.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 

@@ -209,7 +209,7 @@ def test_A_B_and_C_change_as_their_rates_say(moving):
 
 
 def test_a_loop_that_slides_carries_what_a_slide_carries():
-    """The wrench in the slide of a slider-crank, as a joint of the tree and as a closure, at the same place."""
+    """The wrench in the slide of a slider-crank, as a joint of the tree and as a closure, at one place."""
     description = robots.load("slider_crank").description
     crank = replace(
         description, platform=Platform("slider", ("x",)), actuators=(Actuator("crank_bearing"),), springs=()
