@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import is_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,6 +20,18 @@ def read_only(array: _Any) -> _Any:
         array = array.copy()
         array.flags.writeable = False
     return array
+
+
+def freeze(value: object) -> None:
+    """Let nobody write to the arrays of a tuple or a dataclass of our own making, and of those within."""
+    if isinstance(value, np.ndarray):
+        value.flags.writeable = False
+    elif isinstance(value, tuple):
+        for item in value:
+            freeze(item)
+    elif is_dataclass(value) and not isinstance(value, ReadOnlyArrays):
+        for item in vars(value).values():
+            freeze(item)
 
 
 class ReadOnlyArrays:
@@ -39,4 +52,4 @@ class ReadOnlyArrays:
                 self.__dict__[name] = read_only(value)
 
 
-__all__ = ["Array", "ArrayLike", "BoolArray", "IntArray", "ReadOnlyArrays", "read_only"]
+__all__ = ["Array", "ArrayLike", "BoolArray", "IntArray", "ReadOnlyArrays", "freeze", "read_only"]

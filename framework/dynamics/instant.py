@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only
 from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.reactions import Load, LoopLoads, joint_reactions, load_on, loop_forces, loop_loads
@@ -113,7 +114,7 @@ class Instant(ReadOnlyArrays):
         return read_only(stack if self.q.ndim == 2 else stack[0])
 
     def _by_name(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
-        return {name: self._shown(stack) for name, stack in stacks.items()}
+        return MappingProxyType({name: self._shown(stack) for name, stack in stacks.items()})
 
 
 def dynamics_at(
@@ -164,6 +165,7 @@ def dynamics_at(
     for load in loads:
         r = r - load.generalised
     forces = balanced_forces(robot, motion.system, r)
+    freeze((motion, loads, r))
     here = 0 if single else slice(None)
     return Instant(
         robot=robot,

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
+from framework.arrays import Array, ArrayLike, freeze
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.closures import loop_wrenches
@@ -88,6 +88,7 @@ def forward_kinematics(
     if not way.complete:
         raise _stopped(robot, way, x[0], target)
     last = way.last
+    freeze(last)
     residual = loop_wrenches(robot.rows, last.system.frames).residual
     return ForwardPose(
         q=last.q[0],
