@@ -103,7 +103,9 @@ class Instant(ReadOnlyArrays):
     @cached_property
     def _loops(self) -> LoopLoads:
         torque = np.atleast_2d(self.joint_torque)
-        return loop_loads(self.robot, self._motion.system.frames, self._forces, torque)
+        loads = loop_loads(self.robot, self._motion.system.frames, self._forces, torque)
+        freeze(loads)
+        return loads
 
     @cached_property
     def _matrices(self) -> tuple[VelocityMatrices, VelocityMatrices]:
