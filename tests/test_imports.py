@@ -19,11 +19,11 @@ FLOORS = (
     ("errors", "interruption"),
     ("input",),
     ("output", "linalg", "motion"),
-    ("model",),
+    ("model", "parallel"),  # parallel knows no robot
     ("kinematics",),
     ("singularity", "simulation", "catalogue"),  # neither knows the other: simulation is the witness
     ("dynamics",),
-    ("crossing",),
+    ("crossing", "atlas"),
     ("control", "export"),
     ("show", "public"),  # the public face: `import framework` draws nothing
     ("__init__", "cli"),
