@@ -9,6 +9,7 @@ from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene
 from framework.dynamics.instant import dynamics_at
 from framework.dynamics.inverse_dynamics import inverse_dynamics
+from framework.dynamics.platform_limits import PlatformLimits, platform_limits
 from framework.dynamics.result import InverseDynamics
 from framework.errors import (
     FrameworkError,
@@ -66,6 +67,7 @@ __all__ = [
     "OutOfReach",
     "OutputError",
     "ParallelRobot",
+    "PlatformLimits",
     "RobotFileError",
     "Simulation",
     "SingularPath",
@@ -87,6 +89,7 @@ __all__ = [
     "locate_singularities",
     "plan_crossing",
     "plan_scene",
+    "platform_limits",
     "simulate",
     "track_path",
     "velocity_matrices",

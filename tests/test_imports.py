@@ -68,6 +68,7 @@ QUESTIONS = {
     "framework.singularity.spring_shift": None,
     "framework.dynamics.finite_differences": None,
     "framework.dynamics.measure_along_path": None,
+    "framework.dynamics.platform_limits": None,
     "framework.dynamics.platform_wrench": None,
     "framework.dynamics.result": None,
     "framework.dynamics.wrench": None,
