@@ -41,10 +41,12 @@ from framework.kinematics.velocity_matrices import velocity_matrices
 from framework.motion.law import Condition, Law
 from framework.motion.path import Arc, Line, Spline
 from framework.simulation import Simulation, simulate
+from framework.singularity.classify import Classification, classify
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
 
 __all__ = [
     "Arc",
+    "Classification",
     "Condition",
     "CrossingPlan",
     "FrameworkError",
@@ -77,6 +79,7 @@ __all__ = [
     "UncontrolledMotions",
     "assemble",
     "check_robot",
+    "classify",
     "dynamics_at",
     "forward_kinematics",
     "inverse_dynamics",

@@ -13,7 +13,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, read_only
 from framework.kinematics.closures import scaled
-from framework.kinematics.inverse_kinematics import assembled_at
+from framework.kinematics.inverse_kinematics import System, assembled_at
 from framework.kinematics.parallel_robot import ParallelRobot
 
 
@@ -35,15 +35,29 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
     """
     system = assembled_at(robot, q).system
+    A, B, C = dimensionless_matrices(robot, system)
+    # back to metres and radians: the twist and the rates on the right were in lengths of the robot
+    twist = np.where(robot.translations, robot.length, 1.0)
+    matrices = (
+        A[0] / twist,
+        B[0] / robot.column_scale[robot.actuated],
+        C[0] / robot.column_scale[robot.elastic],
+    )
+    return VelocityMatrices(*map(read_only, matrices))
+
+
+def dimensionless_matrices(robot: ParallelRobot, system: System) -> VelocityMatrices:
+    """A (T, m, n), B (T, m, n_a), C (T, m, n_e) of T configurations in radians and lengths of the robot.
+
+    [A, rest] is the transpose of an orthonormal basis of the left null space of the passive columns of
+    d[platform ; closures]/dq: the singular values of A are cosines, in 0 .. 1.
+    """
     rows, passive = robot.loops, robot.following
     balanced = np.concatenate(
         [scaled(robot, system.platform, ~robot.translations), scaled(robot, system.closures, rows.rotation)],
         axis=1,
-    )[0]
-    # left null space N of the passive columns, in balanced units; then back to metres and radians
-    N = np.linalg.qr(balanced[:, passive], mode="complete")[0][:, len(passive) :]
-    turning = np.concatenate([~robot.translations, rows.rotation])
-    N = N * np.where(turning, 1.0, 1.0 / robot.length)[:, None]
-    jacobian = system.jacobian[0]
-    matrices = N[: robot.n].T, N.T @ jacobian[:, robot.actuated], N.T @ jacobian[:, robot.elastic]
-    return VelocityMatrices(*map(read_only, matrices))
+    )
+    N = np.linalg.qr(balanced[:, :, passive], mode="complete")[0][:, :, len(passive) :].swapaxes(1, 2)
+    return VelocityMatrices(
+        N[:, :, : robot.n], N @ balanced[:, :, robot.actuated], N @ balanced[:, :, robot.elastic]
+    )

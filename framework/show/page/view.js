@@ -136,12 +136,8 @@ class View {
   }
 
   motor(motor) {
-    const size = motor.radius;
-    const geometry = motor.slides
-      ? new THREE.BoxGeometry(1.1 * size, 1.1 * size, 1.8 * size)
-      : new THREE.CylinderGeometry(size, size, 1.3 * size, 40).rotateX(Math.PI / 2);
     const material = new THREE.MeshPhongMaterial({ color: 0xd4d7db, shininess: 15 });
-    const mesh = new THREE.Mesh(geometry, material);
+    const mesh = new THREE.Mesh(solidGeometry(motor), material);
     mesh.applyMatrix4(matrix(motor.placement));
     this.nodes[motor.node].add(mesh);
     return material;
@@ -174,7 +170,12 @@ class View {
     if (locus.kind === "patch") {
       this.add(patch(decoded(locus.points), locus.count, COLORS.locus));
     } else {
-      for (const curve of locus.curves) this.add(tube(points(decoded(curve)), 0.0075 * this.length, COLORS.locus));
+      for (const curve of locus.curves) {
+        const line = points(decoded(curve));
+        this.add(tube(line, 0.0075 * this.length, COLORS.locus));
+        const hidden = this.add(tube(line, 0.004 * this.length, COLORS.locus, 0.45)); // seen through the bodies before it
+        if (hidden) hidden.material.depthTest = hidden.material.depthWrite = false;
+      }
     }
   }
 
