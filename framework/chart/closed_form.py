@@ -162,7 +162,7 @@ def crank_angles(s: Iterable[float]) -> Array:
 
 
 @dataclass(frozen=True)
-class Motion:
+class ExactMotion:
     """The exact motion along scene C under the law `powers` (ascending powers of t)."""
 
     powers: tuple[Decimal, ...]
@@ -202,12 +202,12 @@ class Motion:
 
 
 @lru_cache(maxsize=64)
-def motion(mass: float = 0.0, *, offset: float = 0.0, smoothness: int = 2) -> Motion:
+def motion(mass: float = 0.0, *, offset: float = 0.0, smoothness: int = 2) -> ExactMotion:
     """Scene C under its law, with condition (8) imposed at the singular point, or `offset` beside it in s."""
     with localcontext(prec=DIGITS):
         s_c, links = singular_s(), Decimal(mass)
         imposed = s_c + Decimal(offset)
-        return Motion(law_through(imposed, _condition(s_c, links), smoothness), s_c, links)
+        return ExactMotion(law_through(imposed, _condition(s_c, links), smoothness), s_c, links)
 
 
 def _condition(s_c: Decimal, mass: Decimal) -> Decimal:

@@ -38,7 +38,7 @@ SAMPLES, FEW = 1501, 4  # of a table, and passes over it
 SETTLED = 1e-13  # change over the largest deflection that ends the repetition
 
 
-class Deflected(NamedTuple):
+class Elongated(NamedTuple):
     """Elongations of the rods (T, 2) [m] at times (T,), and how often they were computed."""
 
     rods: Callable[[Array], Array]
@@ -70,25 +70,25 @@ def law(scale: float | None) -> Law:
     return Law.rest_to_rest(T, elastic_form.SMOOTHNESS, inner)
 
 
-def _planned(setting: Setting, *, geometry: str) -> Callable[[], Deflected]:
+def _planned(setting: Setting, *, geometry: str) -> Callable[[], Elongated]:
     robot = scaled(setting[0])
 
-    def run() -> Deflected:
+    def run() -> Elongated:
         plan = plan_crossing(robot, given.path(), duration=T, times=[T_C], speeds=[SPEED], geometry=geometry)
         columns = _rods(robot)
         deflections = plan.dynamics.deflections
-        return Deflected(lambda t: deflections(t)[:, columns], plan.certificate.passes)
+        return Elongated(lambda t: deflections(t)[:, columns], plan.certificate.passes)
 
     return run
 
 
-def _repeated(setting: Setting, *, moved: bool) -> Callable[[], Deflected]:
+def _repeated(setting: Setting, *, moved: bool) -> Callable[[], Elongated]:
     """Plain repetition on Chebyshev nodes; `moved`: with the law through the deformed robot's point."""
     branch, chosen = _branch(setting[0]), law(setting[0] if moved else None)
     robot = branch.robot
     scale = robot.column_scale[robot.elastic]
 
-    def run() -> Deflected:
+    def run() -> Elongated:
         grid = TimeGrid.clear_of(np.array([T_C]), np.array([0.0, T]), NODES)
         function = TimeFunction(grid.edges, np.zeros((1, grid.size, robot.n_e)))
         before: Pass | None = None
@@ -106,21 +106,21 @@ def _repeated(setting: Setting, *, moved: bool) -> Callable[[], Deflected]:
         if not least < 1.0:
             raise NotConverged("plain repetition: the deflections grow", residual=least)
         columns = _rods(robot)
-        return Deflected(lambda t: best(t)[:, columns], count)
+        return Elongated(lambda t: best(t)[:, columns], count)
 
     return run
 
 
-def _differences(setting: Setting) -> Callable[[], Deflected]:
+def _differences(setting: Setting) -> Callable[[], Elongated]:
     branch, chosen = _branch(setting[0]), law(setting[0])
 
-    def run() -> Deflected:
+    def run() -> Elongated:
         found = finite_difference_torques(
             branch.robot, branch.path, chosen, samples=SAMPLES, geometry="deformed", passes=FEW, branch=branch
         )
         off = ~np.isfinite(found.deflection).all(axis=1)
         table = found.deflection[~off][:, _rods(branch.robot)]
-        return Deflected(CubicSpline(found.time[~off], table), FEW)
+        return Elongated(CubicSpline(found.time[~off], table), FEW)
 
     return run
 
@@ -130,7 +130,7 @@ def _exact(scale: float) -> Array:
     return elastic_form.elastic_motion(scale).rods(CHECKED)
 
 
-def judge(method: Method, setting: Setting, result: Deflected) -> Judged:
+def judge(method: Method, setting: Setting, result: Elongated) -> Judged:
     """The largest error of the rods' elongations over the largest of them, and the passes."""
     exact = _exact(setting[0])
     with np.errstate(all="ignore"):

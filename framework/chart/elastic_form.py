@@ -35,7 +35,7 @@ Pair = tuple[Decimal, Decimal]
 class ElasticMotion:
     """Scene C on the deformed robot whose stiffnesses are `scale` times the paper's."""
 
-    motion: rigid.Motion
+    motion: rigid.ExactMotion
     scale: Decimal
 
     def rods(self, times: Array) -> Array:
@@ -47,7 +47,7 @@ class ElasticMotion:
         return elongations(self.motion, t, rigid.ROD_STIFFNESS * self.scale)
 
 
-def elongations(motion: rigid.Motion, t: Decimal, stiffness: Decimal) -> Pair:
+def elongations(motion: rigid.ExactMotion, t: Decimal, stiffness: Decimal) -> Pair:
     """eps (2,) [m] at one instant.
 
     Raises:
@@ -92,7 +92,7 @@ def elastic_motion(scale: float = 1.0) -> ElasticMotion:
         factor = Decimal(scale)
         s_c = rigid.singular_s()
         for _ in range(MOST):
-            motion = rigid.Motion(rigid.law_through(s_c, Decimal(0), SMOOTHNESS), s_c, Decimal(0))
+            motion = rigid.ExactMotion(rigid.law_through(s_c, Decimal(0), SMOOTHNESS), s_c, Decimal(0))
             eps = [
                 elongations(
                     motion, rigid.CROSSING_TIME + WIDTH * Decimal(float(x)), rigid.ROD_STIFFNESS * factor

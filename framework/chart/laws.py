@@ -22,9 +22,10 @@ from framework.chart import closed_form
 from framework.chart.measure import Judged, Method, Row, Setting, Stage, singles
 from framework.chart.reading import finite, short
 from framework.crossing.optimal import DEGREES as OPTIMAL_DEGREES
-from framework.crossing.optimal import MANY, Best, OnPath, Units, Wish, points_of
+from framework.crossing.optimal import MANY, Best, OnPath, Units, points_of
 from framework.crossing.optimal import Setting as Program
 from framework.crossing.phase_plane import AffineInSpeed, Demand
+from framework.crossing.specification import Specification
 from framework.errors import NoLaw
 from framework.motion.cone_program import Optimum
 from framework.motion.law import Condition, Law
@@ -46,7 +47,7 @@ class Asked(NamedTuple):
     values: tuple[float, ...]
 
 
-class Motion(NamedTuple):
+class TimedLaw(NamedTuple):
     """A law, and the instants (k,) at which it crosses."""
 
     law: Evaluated
@@ -76,13 +77,13 @@ def _all(conditions: float) -> tuple[Asked, ...]:
     return (Asked(0.0, (0.0, *rest)), *crossings(conditions), Asked(T, (1.0, *rest)))
 
 
-def _powers(unit: float, *, printed: bool = False) -> Callable[[Setting], Callable[[], Motion]]:
+def _powers(unit: float, *, printed: bool = False) -> Callable[[Setting], Callable[[], TimedLaw]]:
     """In powers of t / unit."""
 
-    def prepare(setting: Setting) -> Callable[[], Motion]:
+    def prepare(setting: Setting) -> Callable[[], TimedLaw]:
         asked = _all(setting[0])
 
-        def run() -> Motion:
+        def run() -> TimedLaw:
             identity = np.eye(round(setting[0]))
             rows = [
                 polynomial.polyval(one.time / unit, polynomial.polyder(identity, order)) / unit**order
@@ -97,7 +98,7 @@ def _powers(unit: float, *, printed: bool = False) -> Callable[[Setting], Callab
                 slope = polynomial.polyder(series, order) / unit**order
                 return np.asarray(polynomial.polyval(np.asarray(t, dtype=float) / unit, slope))
 
-            return Motion(law, _instants(setting))
+            return TimedLaw(law, _instants(setting))
 
         return run
 
@@ -109,41 +110,41 @@ def _printed(series: Array) -> Array:
     return np.array([float(f"{value:.{PRINTED - 1}e}") for value in series])
 
 
-def _newton(setting: Setting) -> Callable[[], Motion]:
+def _newton(setting: Setting) -> Callable[[], TimedLaw]:
     asked = _all(setting[0])
     times = np.array([one.time for one in asked for _ in one.values])
     values = np.array([value for one in asked for value in one.values])
 
-    def run() -> Motion:
+    def run() -> TimedLaw:
         through = KroghInterpolator(times, values)
-        return Motion(lambda t, order: np.asarray(through.derivative(t, order)), _instants(setting))
+        return TimedLaw(lambda t, order: np.asarray(through.derivative(t, order)), _instants(setting))
 
     return run
 
 
-def _chebyshev(setting: Setting, *, printed: bool = False) -> Callable[[], Motion]:
+def _chebyshev(setting: Setting, *, printed: bool = False) -> Callable[[], TimedLaw]:
     inner = [
         Condition(one.time, order, value)
         for one in crossings(setting[0])
         for order, value in enumerate(one.values)
     ]
 
-    def run() -> Motion:
+    def run() -> TimedLaw:
         law = Law.rest_to_rest(T, SMOOTHNESS, inner)
-        return Motion(Law(_printed(law.coefficients), T) if printed else law, _instants(setting))
+        return TimedLaw(Law(_printed(law.coefficients), T) if printed else law, _instants(setting))
 
     return run
 
 
-def _optimal(setting: Setting) -> Callable[[], Motion]:
+def _optimal(setting: Setting) -> Callable[[], TimedLaw]:
     """The law of least peak of s" that passes the same places with the same s"."""
     asked = crossings(setting[0])
     degree = OPTIMAL_DEGREES[len(asked) > MANY]
     step, stretch = Smoothstep(SMOOTHNESS), Stretch()
     places = np.array([one.values[0] for one in asked])
-    wish = Wish("peak_torque", T, None, np.array([np.inf]), np.array([np.inf]), SMOOTHNESS)
+    specification = Specification("peak_torque", T, None, np.array([np.inf]), np.array([np.inf]), SMOOTHNESS)
 
-    def run() -> Motion:
+    def run() -> TimedLaw:
         inside = step.inverse(places) if len(places) else np.empty(0)
         sigma = points_of(degree, inside, stretch)
         demand = Demand(
@@ -152,13 +153,15 @@ def _optimal(setting: Setting) -> Callable[[], Motion]:
         )
         wanted = np.array([one.values[2] for one in asked])
         conditions = np.column_stack([-wanted, step(inside, 2), step(inside, 1)])
-        program = Program(OnPath(sigma, demand, inside, conditions), wish, degree, Units(T, np.array([4.0])))
+        program = Program(
+            OnPath(sigma, demand, inside, conditions), specification, degree, Units(T, np.array([4.0]))
+        )
         start = program.program()
         found = program.solved(start)
-        best = program.held(start, found) if isinstance(found, Optimum) else found
+        best = program.within_limits(start, found) if isinstance(found, Optimum) else found
         if not isinstance(best, Best):
             raise NoLaw(f"no optimal law of degree {degree}: {best}")
-        return Motion(best.law, tuple(float(t) for t in best.law.time(inside)))
+        return TimedLaw(best.law, tuple(float(t) for t in best.law.time(inside)))
 
     return run
 
@@ -174,11 +177,11 @@ def _exact(conditions: float) -> Array:
         powers = closed_form.polynomial(
             [(Decimal(one.time), [Decimal(value) for value in one.values]) for one in _all(conditions)]
         )
-        motion = closed_form.Motion(powers, Decimal(0), Decimal(0))
+        motion = closed_form.ExactMotion(powers, Decimal(0), Decimal(0))
         return np.array([float(motion.law(Decimal(float(t)), 2)) for t in BETWEEN])
 
 
-def judge(method: Method, setting: Setting, result: Motion) -> Judged:
+def judge(method: Method, setting: Setting, result: TimedLaw) -> Judged:
     """How far s and s" are from what is asked at the crossings and at the ends, and from the polynomial."""
     conditions = 6 + 3 * len(result.instants)
     asked, largest = _all(conditions), 2 * np.pi / T**2

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from framework.catalogue import robot_file
 from framework.chart import closed_form
-from framework.chart.closed_form import Motion
+from framework.chart.closed_form import ExactMotion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch, track_path
 from framework.motion.law import Condition, Law
@@ -43,7 +43,7 @@ def _branch(name: str) -> Branch:
     return track_path(robot(name), path())
 
 
-def exact(name: str = "five_bar", *, offset: float = 0.0) -> Motion:
+def exact(name: str = "five_bar", *, offset: float = 0.0) -> ExactMotion:
     """The reference for a robot of the catalogue, condition (8) imposed `offset` off the singular point."""
     return closed_form.motion(MASSES[name], offset=offset)
 

@@ -18,7 +18,7 @@ from framework.arrays import Array, ArrayLike
 from framework.chart import robot as given
 from framework.chart.measure import Judged, Method, Row, Setting, Stage, singles
 from framework.chart.reading import best_within, error_at_best, gain, short
-from framework.dynamics.elasticity import settle
+from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.forces import motor_torque, tree_forces
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
@@ -132,7 +132,7 @@ def _chebyshev(setting: Setting) -> Callable[[], Torques]:
 
     def run() -> Torques:
         grid = TimeGrid.clear_of(np.array([T_C]), ENDS, round(setting[0]))
-        state = settle(branch, grid, lambda *_: law, "rigid", None, law)
+        state = solve_deflections(branch, grid, lambda *_: law, "rigid", None, law)
         series = grid.fit(motor_torque(branch.robot, state.motion, state.forces.joint_torque))
         return Torques(series, series)
 
