@@ -19,11 +19,11 @@ FLOORS = (
     ("errors", "interruption"),
     ("input",),
     ("output", "linalg", "motion"),
-    ("model",),
+    ("model", "parallel"),  # parallel knows no robot
     ("kinematics",),
     ("singularity", "simulation", "catalogue"),  # neither knows the other: simulation is the witness
     ("dynamics",),
-    ("crossing",),
+    ("crossing", "atlas"),
     ("control", "export"),
     ("chart",),  # measures methods of all parts below
     ("show", "public"),  # the public face: `import framework` draws nothing
