@@ -3,6 +3,7 @@
 They stand here and not there, so that the command line can hear Ctrl-C before they are imported.
 """
 
+from framework.crossing.fidelity import FidelityStudy, fidelity_study
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import load_plan
@@ -47,6 +48,7 @@ __all__ = [
     "Arc",
     "Condition",
     "CrossingPlan",
+    "FidelityStudy",
     "FrameworkError",
     "InvalidInput",
     "InverseDynamics",
@@ -78,6 +80,7 @@ __all__ = [
     "assemble",
     "check_robot",
     "dynamics_at",
+    "fidelity_study",
     "forward_kinematics",
     "inverse_dynamics",
     "load_plan",
