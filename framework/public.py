@@ -42,10 +42,12 @@ from framework.kinematics.velocity_matrices import velocity_matrices
 from framework.motion.law import Condition, Law
 from framework.motion.path import Arc, Line, Spline
 from framework.simulation import Simulation, simulate
+from framework.singularity.classify import Classification, classify
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
 
 __all__ = [
     "Arc",
+    "Classification",
     "Condition",
     "CrossingPlan",
     "FidelityStudy",
@@ -79,6 +81,7 @@ __all__ = [
     "UncontrolledMotions",
     "assemble",
     "check_robot",
+    "classify",
     "dynamics_at",
     "fidelity_study",
     "forward_kinematics",

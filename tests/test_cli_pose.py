@@ -42,6 +42,14 @@ def test_motor_angles_are_gear_ratio_times_the_joint(capsys):
         assert there["joints"][joint] == angle
 
 
+def test_a_pose_says_what_it_is_singular_for(capsys):
+    found = posed(capsys, "five_bar", "--platform", 0, np.sqrt(0.06))["singularity"]
+    assert (found["regular"], found["kinds"], found["torque_norm"]) == (False, ["type_2"], None)
+    assert main(["pose", "five_bar", "--platform", "0", str(np.sqrt(0.06))]) == 0
+    assert "Type 2 singularity\n  t_s               x 0, y " in capsys.readouterr().out
+    assert posed(capsys, "agile_eye", "--platform", 0, 0, 0)["singularity"]["regular"]
+
+
 def test_limits_that_a_pose_leaves_are_named(capsys):
     assert main(["pose", "five_bar", "--motors", "1.3", "1.2"]) == 0
     assert "limits" not in capsys.readouterr().out

@@ -124,7 +124,7 @@ def _best(plan: CrossingPlan) -> list[str]:
     if best is None or plan.optimality is None:
         return []
     peak = np.array(list(plan.peak_torque.values())) / plan.optimality.reference
-    quickest = plan.optimality.wish.goal == "time"
+    quickest = plan.optimality.specification.goal == "time"
     over = (plan.duration if quickest else float(peak.max())) / best - 1.0
     least = f"{best:.4g} s" if quickest else f"a peak of {best * plan.optimality.reference.max():.4g} N m"
     return [f"  estimate          any law needs about {least} at least, this one {100 * over:.1f} % more"]

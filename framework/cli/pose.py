@@ -6,12 +6,16 @@ import argparse
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_robot, command
 from framework.errors import InvalidInput
 from framework.kinematics.forward_kinematics import forward_kinematics
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
 from framework.kinematics.tracking import assemble
+from framework.singularity.classify import Classification, classify
 
 
 def add(commands: Any) -> None:
@@ -40,7 +44,7 @@ def run(options: argparse.Namespace) -> Report:
     robot = arguments.load(options)
     given = options.motor_joints
     closed = assemble(robot, options.point) if given is None else forward_kinematics(robot, given)
-    pose = describe_pose(robot, closed.q)
+    pose, found = describe_pose(robot, closed.q), classify(robot, closed.q)
     lines = [
         f"{pose.robot}, {pose.flexibility}",
         f"  platform          {_listed(pose.platform)}",
@@ -48,11 +52,55 @@ def run(options: argparse.Namespace) -> Report:
         f"  motor angles      {_listed(pose.motor_angles)} (motor side)",
         f"  joints            {_listed(pose.joints)}",
         f"  mode              working {pose.working_mode:+d}, assembly {pose.assembly_mode:+d}",
+        f"  singularity       {found.sentence}",
+        *(
+            f"  t_s               {_listed(dict(zip(robot.axis_names, twist, strict=True)), 6)}"
+            for twist in found.twists
+        ),
+        f"  distances         g {found.g:.3g}, sigma_A {found.sigma_A:.3g} (length {found.length:.3g} m)"
+        + _angles(robot, found),
+        *_worst_torques(robot, found),
         f"  closures          closed to {pose.closure_error:.1e} m or rad",
         *(f"  warning           {joint} exceeds its limits: {what}" for joint, what in pose.exceeded.items()),
     ]
-    return asdict(pose), "\n".join(lines)
+    return asdict(pose) | {"singularity": _document(found)}, "\n".join(lines)
 
 
-def _listed(values: dict[str, float]) -> str:
-    return ", ".join(f"{name} {round(value, 12) + 0.0:.9g}" for name, value in values.items())
+def _document(found: Classification) -> dict[str, Any]:
+    """A classification in JSON: null for what is undefined, or has no bound at a Type 2 singularity."""
+    given = {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in vars(found).items()
+    }
+    return {"regular": found.regular} | {name: _finite(value) for name, value in given.items()}
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return _finite(value.tolist())
+    if isinstance(value, list):
+        return [_finite(part) for part in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _angles(robot: ParallelRobot, found: Classification) -> str:
+    """The transmission angles, where they are defined."""
+    if not np.isfinite(found.transmission_angle).all():
+        return ""
+    degrees = np.rad2deg(found.transmission_angle)
+    return ", transmission " + _listed(dict(zip(robot.actuator_names, degrees, strict=True)), 4) + " degrees"
+
+
+def _worst_torques(robot: ParallelRobot, found: Classification) -> list[str]:
+    """The line about the worst torques per newton; none for a platform that only turns."""
+    if np.isnan(found.torque_norm):
+        return []
+    units = " or ".join(sorted({f"{unit}/N" for unit in robot.torque_units}))
+    return [
+        f"  worst torque      {found.motor_torque_largest:.3g} {units} of one motor, norm "
+        f"{found.motor_torque_norm:.3g} (motor side), to hold a unit force in any direction"
+    ]
+
+
+def _listed(values: dict[str, float], digits: int = 9) -> str:
+    return ", ".join(f"{name} {round(value, 12) + 0.0:.{digits}g}" for name, value in values.items())

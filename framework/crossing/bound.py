@@ -15,9 +15,10 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint, crossing_point
-from framework.crossing.optimal import OnPath, Units, Wish
+from framework.crossing.optimal import OnPath, Units
 from framework.crossing.phase_plane import crossing_row, demand
 from framework.crossing.result import CrossingPlan
+from framework.crossing.specification import Specification
 from framework.errors import NotConverged
 from framework.kinematics.tracking import Branch, track_path
 from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve
@@ -36,21 +37,21 @@ def estimated_best(plan: CrossingPlan, cells: int = CELLS) -> float | None:
     Raises:
         NotConverged: the solver finds no optimum.
     """
-    if plan.optimality is None or plan.optimality.wish.goal == "energy":
+    if plan.optimality is None or plan.optimality.specification.goal == "energy":
         return None
-    wish = plan.optimality.wish
+    specification = plan.optimality.specification
     branch = track_path(plan.robot, plan.path)
     points = locate_singularities(plan.robot, plan.path, branch=branch)
     places = [crossing_point(branch, at, None, at.s) for at in points]
     edges = _edges(np.array([place.s for place in places]), cells)
     on_path = _on_path(branch, places, edges)
-    torque = np.where(wish.limited_motors, wish.torque_limit, plan.optimality.reference)
+    torque = np.where(specification.limited_motors, specification.torque_limit, plan.optimality.reference)
     for factor in AGAIN:
         units = Units(factor * plan.duration, torque)
-        most = None if wish.most is None else wish.most / units.time
-        found = solve(_program(on_path, edges, wish, units), wish.goal, longest=most)
+        most = None if specification.most is None else specification.most / units.time
+        found = solve(_program(on_path, edges, specification, units), specification.goal, longest=most)
         if isinstance(found, Optimum):
-            if wish.goal == "time":
+            if specification.goal == "time":
                 return found.duration * units.time
             return max(found.peak, float((_at_rest(branch) / units.torque).max()))
     why = found.status if isinstance(found, Unsolved) else "its limits contradict each other"
@@ -83,7 +84,7 @@ def _on_path(branch: Branch, places: Sequence[CrossingPoint], edges: Array) -> O
     return OnPath(middle, asked, crossings, np.array([row for _, row in rows]).reshape(-1, 3))
 
 
-def _program(on_path: OnPath, edges: Array, wish: Wish, units: Units) -> ConeProgram:
+def _program(on_path: OnPath, edges: Array, specification: Specification, units: Units) -> ConeProgram:
     """The program on the values of z at the inner edges of the cells."""
     width = np.diff(edges)
     cells, n = len(width), len(edges) - 2
@@ -95,8 +96,8 @@ def _program(on_path: OnPath, edges: Array, wish: Wish, units: Units) -> ConePro
     own = np.setdiff1d(np.arange(cells), at)  # in a crossing's cell condition (8) stands instead
     by_z, by_u = (values[own, :, None] for values in (torque.per_z, torque.per_u))
     matrix = scale * (by_z * mean[own, None] + by_u * slope[own, None])
-    limited = np.isfinite(wish.speed_limit)
-    squared = scale * (on_path.demand.speed[:, limited] / wish.speed_limit[limited]) ** 2
+    limited = np.isfinite(specification.speed_limit)
+    squared = scale * (on_path.demand.speed[:, limited] / specification.speed_limit[limited]) ** 2
     constant, per_z, per_u = on_path.conditions.T[:, :, None]
     return ConeProgram(
         speeds=np.eye(n),
@@ -106,7 +107,7 @@ def _program(on_path: OnPath, edges: Array, wish: Wish, units: Units) -> ConePro
         torque=Affine(
             (matrix / units.torque[:, None]).reshape(-1, n), (torque.constant[own] / units.torque).ravel()
         ),
-        bounded=np.tile(wish.limited_motors, len(own)),
+        bounded=np.tile(specification.limited_motors, len(own)),
         below_one=(squared[:, :, None] * mean[:, None]).reshape(-1, n),
         power=Affine(np.empty((0, n)), np.empty(0)),
         equalities=Affine(scale * (per_z * mean[at] + per_u * slope[at]), constant[:, 0]),

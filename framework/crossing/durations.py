@@ -22,10 +22,10 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.feasibility import Feasibility, feasibility_on_path
-from framework.crossing.limits import optimal_wish
 from framework.crossing.optimal_motion import Task, best_undeformed
 from framework.crossing.request import Request
-from framework.crossing.targets import END, Ground
+from framework.crossing.specification import specification_of
+from framework.crossing.targets import END, TargetedPath
 from framework.errors import NoLaw, NotConverged
 from framework.motion.law import Condition, Law
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
@@ -117,12 +117,14 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
     if request.smoothness > HIGHEST_SMOOTHNESS or _crossable(searched) is None:
         return None
     robot = searched.branch.robot
-    wish = replace(optimal_wish(robot, request), goal="time", duration=None, longest=None)
-    if not (wish.limited or np.isfinite(wish.speed_limit).any()):
+    specification = replace(specification_of(robot, request), goal="time", duration=None, longest=None)
+    if not (specification.limited or np.isfinite(specification.speed_limit).any()):
         return OptimalDurations(0.0)
     try:
-        ground = Ground(searched, searched.points)
-        best = best_undeformed(Task(ground, replace(request, times=None, speeds=None, at=None), wish))
+        targeted = TargetedPath(searched, searched.points)
+        best = best_undeformed(
+            Task(targeted, replace(request, times=None, speeds=None, at=None), specification)
+        )
     except (NoLaw, NotConverged) as refusal:
         return OptimalDurations(None, str(refusal))
     return OptimalDurations(best.law.duration)

@@ -16,7 +16,7 @@ from framework.crossing.condition import (
 )
 from framework.crossing.request import Request
 from framework.crossing.result import Crossing, CrossingPlan, Optimality
-from framework.crossing.targets import Ground
+from framework.crossing.targets import TargetedPath
 from framework.crossing.timing import CrossingTime
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.motion.law import PlannedLaw
@@ -27,7 +27,7 @@ SAME_PLACE = 1e-9  # in s: an imposed place this near to a singular point is tha
 
 
 def finished_plan(
-    ground: Ground,
+    targeted: TargetedPath,
     request: Request,
     dynamics: InverseDynamics,
     law: PlannedLaw,
@@ -44,11 +44,11 @@ def finished_plan(
             numbers, any other its own.
         seconds, reason, optimality: of the plan.
     """
-    asked = _asked(ground, dynamics.crossings)
+    asked = _asked(targeted, dynamics.crossings)
     crossings = []
     for found, target in zip(dynamics.crossings, asked, strict=True):
         time, speed = _timing(found.time, law, timing)
-        condition = None if target is None else _condition(ground, request, dynamics, target, time)
+        condition = None if target is None else _condition(targeted, request, dynamics, target, time)
         crossings.append(
             Crossing(
                 s=found.s,
@@ -86,19 +86,21 @@ def _timing(found: float, law: PlannedLaw, timing: Sequence[CrossingTime]) -> Cr
 
 
 def _asked(
-    ground: Ground, found: Sequence[SingularityCrossing]
+    targeted: TargetedPath, found: Sequence[SingularityCrossing]
 ) -> list[SingularPoint | CrossingPoint | None]:
     """What was asked for where the motion crosses; None where nothing was."""
-    if len(ground.targets) == len(found) and all(isinstance(one, SingularPoint) for one in ground.targets):
-        return list(ground.targets)  # both in the order of the path; springs may have moved the crossings
+    if len(targeted.targets) == len(found) and all(
+        isinstance(one, SingularPoint) for one in targeted.targets
+    ):
+        return list(targeted.targets)  # both in the order of the path; springs may have moved the crossings
     return [
-        next((target for target in ground.targets if abs(target.s - one.s) < SAME_PLACE), None)
+        next((target for target in targeted.targets if abs(target.s - one.s) < SAME_PLACE), None)
         for one in found
     ]
 
 
 def _condition(
-    ground: Ground,
+    targeted: TargetedPath,
     request: Request,
     dynamics: InverseDynamics,
     target: SingularPoint | CrossingPoint,
@@ -109,8 +111,8 @@ def _condition(
     if request.geometry == "deformed" and dynamics.robot.n_e:
         here = Deflection(*(dynamics.deflection(time, order) for order in range(3)))
     place = (
-        crossing_point(ground.branch, target, here, float(dynamics.law(np.array(time))))
+        crossing_point(targeted.branch, target, here, float(dynamics.law(np.array(time))))
         if isinstance(target, SingularPoint)
         else target
     )
-    return coefficients_at(ground.branch, place, here)[0]
+    return coefficients_at(targeted.branch, place, here)[0]

@@ -64,8 +64,8 @@ def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
     own = np.full(plan.robot.n_a, max(plan.peak_torque.values()))
     if plan.optimality is None:
         return own, np.full(plan.robot.n_a, np.inf)
-    wish = plan.optimality.wish
-    return (wish.torque_limit if wish.limited else own), wish.speed_limit
+    specification = plan.optimality.specification
+    return (specification.torque_limit if specification.limited else own), specification.speed_limit
 
 
 def _instants(plan: CrossingPlan) -> Array:

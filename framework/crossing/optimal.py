@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
 
-from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
+from framework.arrays import Array, BoolArray, IntArray
 from framework.crossing.phase_plane import Demand
+from framework.crossing.specification import Specification
 from framework.errors import InvalidInput
 from framework.motion.chebyshev import coefficients as series_through
 from framework.motion.chebyshev import derivative_matrix, evaluate, nodes
@@ -40,44 +41,6 @@ LAXER = (1.002, 1.005, 1.01, 1.02, 1.05, 1.2, 1.5, 2.0, 4.0)
 SLOWER = 8  # steps from the quickest towards the slowest law
 SLOWEST = 0.02  # least z of such a law, over the mean speed squared
 COMPARABLE = 4.0  # factor between the guessed and the found scale that needs no second solution
-
-
-@dataclass(frozen=True, eq=False)
-class Wish(ReadOnlyArrays):
-    """What a law is to be best at, and within which limits.
-
-    goal: "time", "peak_torque": the largest torque over its limit, or "energy": the integral of the sum of
-        (torque over limit)^2. There motors without a limit are weighed with the largest of the others, or,
-        if there is none, all with the same number; that does not bound them.
-    duration: to be met exactly [s]; `longest`: not to be exceeded [s].
-    torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite where there is none.
-    """
-
-    goal: str
-    duration: float | None
-    longest: float | None
-    torque_limit: Array
-    speed_limit: Array
-    smoothness: int
-
-    def tightened(self, share: float) -> Wish:
-        """The same with limits multiplied by `share`."""
-        return replace(self, torque_limit=self.torque_limit * share, speed_limit=self.speed_limit * share)
-
-    @property
-    def limited(self) -> bool:
-        """Whether any torque has a limit."""
-        return bool(self.limited_motors.any())
-
-    @property
-    def limited_motors(self) -> BoolArray:
-        """Which torques (n_a,) have a limit."""
-        return np.isfinite(self.torque_limit)
-
-    @property
-    def most(self) -> float | None:
-        """The duration not to be exceeded [s], if any."""
-        return self.duration if self.duration is not None else self.longest
 
 
 class OnPath(NamedTuple):
@@ -138,25 +101,28 @@ class Basis(NamedTuple):
         return Basis(values, slope * (values @ derivative_matrix(degree + 1)))  # u = z'/2
 
 
-def guessed_units(on_path: OnPath, wish: Wish) -> Units:
+def guessed_units(on_path: OnPath, specification: Specification) -> Units:
     """Units in which the solution may be near 1."""
-    demand, limit = on_path.demand, wish.torque_limit
-    time = wish.most
+    demand, limit = on_path.demand, specification.torque_limit
+    time = specification.most
     if time is None:  # what the limits allow at half of the points, z constant
         spare = np.maximum(limit - np.abs(demand.torque.constant), 0.1 * limit)
         by_torque = np.sqrt(np.abs(demand.torque.per_z) / spare).max(axis=1)
-        time = float(np.median(np.maximum(by_torque, (demand.speed / wish.speed_limit).max(axis=1)))) or 1.0
-    if wish.limited:
+        time = (
+            float(np.median(np.maximum(by_torque, (demand.speed / specification.speed_limit).max(axis=1))))
+            or 1.0
+        )
+    if specification.limited:
         return Units(time, np.where(np.isfinite(limit), limit, limit[np.isfinite(limit)].max()))
     steady = np.abs(demand.torque.constant + demand.torque.per_z / time**2).max(axis=1)
     size = float(np.median(steady)) or float(np.abs(demand.torque.per_u).max()) / time**2 or 1.0
     return Units(time, np.full(len(limit), size))
 
 
-def better_units(units: Units, wish: Wish, found: Optimum) -> Units:
+def better_units(units: Units, specification: Specification, found: Optimum) -> Units:
     """The units that the solution turned out to have; the same object if they were near enough."""
-    longer = found.duration if wish.most is None else 1.0
-    heavier = 1.0 if wish.limited else found.peak
+    longer = found.duration if specification.most is None else 1.0
+    heavier = 1.0 if specification.limited else found.peak
     if max(longer, 1 / longer, heavier, 1 / heavier) < COMPARABLE:
         return units
     return Units(units.time * longer, units.torque * heavier)
@@ -164,10 +130,10 @@ def better_units(units: Units, wish: Wish, found: Optimum) -> Units:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """The cone program of a wish for z of one degree, in units."""
+    """The cone program of a specification, for z of one degree, in units."""
 
     on_path: OnPath
-    wish: Wish
+    specification: Specification
     degree: int
     units: Units
     roughness: float = ROUGHNESS
@@ -215,16 +181,17 @@ class Setting:
 
     def program(self) -> ConeProgram:
         """The program with rows at every other point."""
-        wish, degree = self.wish, self.degree
+        specification, degree = self.specification, self.degree
         points, weights = legendre.leggauss(degree + degree // 2)
         every_other = np.eye(len(self.on_path.sigma))[::SPARSER]
-        limited = np.isfinite(wish.speed_limit)
+        limited = np.isfinite(specification.speed_limit)
         squared = (
-            self.scale * (self.on_path.demand.speed[::SPARSER, limited] / wish.speed_limit[limited]) ** 2
+            self.scale
+            * (self.on_path.demand.speed[::SPARSER, limited] / specification.speed_limit[limited]) ** 2
         )
         z = chebyshev.chebvander(nodes(len(self.on_path.sigma))[::SPARSER], degree)
         power = Affine(np.empty((0, degree + 1)), np.empty(0))
-        if wish.goal == "energy":
+        if specification.goal == "energy":
             power = self.torque_rows(evaluate(points, series_through(np.eye(len(self.on_path.sigma)))))
         return ConeProgram(
             speeds=np.asarray(chebyshev.chebvander(points, degree), dtype=float),
@@ -232,42 +199,48 @@ class Setting:
             weights=weights / self.on_path.stretch(self.on_path.stretch.inverse(points), 1),
             positive=np.empty((0, degree + 1)),
             torque=self.torque_rows(every_other),
-            bounded=np.tile(wish.limited_motors, len(every_other)),
+            bounded=np.tile(specification.limited_motors, len(every_other)),
             below_one=(squared[:, :, None] * z[:, None]).reshape(-1, degree + 1),
             power=power,
             equalities=self.conditions(),
-            roughness=self.roughness * 10.0 ** (wish.smoothness - 2) * np.diag(np.arange(degree + 1.0) ** 2),
+            roughness=self.roughness
+            * 10.0 ** (specification.smoothness - 2)
+            * np.diag(np.arange(degree + 1.0) ** 2),
             floor=FLOOR,
-            kept=KEPT if wish.limited else 0.0,
+            kept=KEPT if specification.limited else 0.0,
         )
 
     def solved(self, program: ConeProgram) -> Optimum | Infeasible | Unsolved:
         """The optimum of the program, or why there is none."""
-        most = self.wish.most
+        most = self.specification.most
         longest = None if most is None else most / self.units.time
-        return solve(program, self.wish.goal, longest=longest)
+        return solve(program, self.specification.goal, longest=longest)
 
     def off_limits(self) -> tuple[float | None, float | None]:
         """The least peak of torque over its limit in the duration asked, and the least duration [s] within
         all limits, by laws of this degree; None where none was found."""
-        wish = self.wish
-        free = replace(wish, goal="peak_torque", torque_limit=np.full(len(wish.torque_limit), np.inf))
-        quickest = replace(wish, goal="time", duration=None, longest=None)
-        # a motor without a limit counts for nothing in a peak over the limits
-        units = self.units._replace(torque=np.where(wish.limited_motors, self.units.torque, np.inf))
-        gentle = (
-            replace(self, wish=free, units=units)._best() if wish.limited and wish.most is not None else None
+        specification = self.specification
+        free = replace(
+            specification, goal="peak_torque", torque_limit=np.full(len(specification.torque_limit), np.inf)
         )
-        quick = replace(self, wish=quickest)._best() if wish.limited else None
+        quickest = replace(specification, goal="time", duration=None, longest=None)
+        # a motor without a limit counts for nothing in a peak over the limits
+        units = self.units._replace(torque=np.where(specification.limited_motors, self.units.torque, np.inf))
+        gentle = (
+            replace(self, specification=free, units=units)._best()
+            if specification.limited and specification.most is not None
+            else None
+        )
+        quick = replace(self, specification=quickest)._best() if specification.limited else None
         return (None if gentle is None else gentle.peak, None if quick is None else quick.law.duration)
 
     def _best(self) -> Best | None:
         program = self.program()
         found = self.solved(program)
-        best = self.held(program, found) if isinstance(found, Optimum) else None
+        best = self.within_limits(program, found) if isinstance(found, Optimum) else None
         return best if isinstance(best, Best) else None
 
-    def held(self, program: ConeProgram, found: Optimum) -> Best | Infeasible | Unsolved:
+    def within_limits(self, program: ConeProgram, found: Optimum) -> Best | Infeasible | Unsolved:
         """The law of an optimum, solved again with rows where a limit does not hold between the points.
 
         Rows that are far from their limit are left out of that; where they are needed they come back.
@@ -276,22 +249,25 @@ class Setting:
         near = np.abs(program.torque(found.y)) > NEAR * _allowed(program.bounded, found.peak)
         rows = Affine(program.torque.matrix[near], program.torque.offset[near])
         program = replace(program, torque=rows, bounded=program.bounded[near])
-        limited = self.wish.limited_motors
+        limited = self.specification.limited_motors
         for _ in range(ROUNDS):
             allowed = np.where(limited, 1.0, np.inf)
-            if self.wish.goal == "peak_torque" or not self.wish.limited:
+            if self.specification.goal == "peak_torque" or not self.specification.limited:
                 allowed = _allowed(limited, found.peak) * (1.0 + 2.0 * KEPT)
-            mended = self._mended(program, found.y, allowed)
-            if mended is None:
+            extended = self._with_rows_where_exceeded(program, found.y, allowed)
+            if extended is None:
                 break
-            again = self.solved(mended)
+            again = self.solved(extended)
             if not isinstance(again, Optimum):
                 return again
-            program, found = mended, again
+            program, found = extended, again
         try:
-            y = found.y if self.wish.duration is None else self._lasting(program, found)
+            y = found.y if self.specification.duration is None else self._lasting(program, found)
             law = OptimalLaw(
-                y * self.scale, self.wish.smoothness, self.wish.duration or 0.0, self.on_path.stretch.at
+                y * self.scale,
+                self.specification.smoothness,
+                self.specification.duration or 0.0,
+                self.on_path.stretch.at,
             )
         except InvalidInput as problem:
             return Unsolved(str(problem))
@@ -301,11 +277,15 @@ class Setting:
 
     def _cost(self, found: Optimum) -> float:
         time, torque = self.units.time, float(self.units.torque.max())
-        if self.wish.goal == "time":
+        if self.specification.goal == "time":
             return found.duration * time
-        return found.peak * torque if self.wish.goal == "peak_torque" else found.value * torque**2 * time
+        return (
+            found.peak * torque
+            if self.specification.goal == "peak_torque"
+            else found.value * torque**2 * time
+        )
 
-    def _mended(self, program: ConeProgram, y: Array, allowed: Array) -> ConeProgram | None:
+    def _with_rows_where_exceeded(self, program: ConeProgram, y: Array, allowed: Array) -> ConeProgram | None:
         """The program with rows where torques of y exceed what is allowed (n_a,) or z is low, if it does."""
         over = _peaks((self.torques(y) / allowed).max(axis=1), 1.0)
         low = _peaks(-(self._speeds_between @ y), -0.5 * program.floor)
@@ -314,12 +294,12 @@ class Setting:
         return replace(
             program,
             torque=_both(program.torque, self.torque_rows(self._between[over])),
-            bounded=np.append(program.bounded, np.tile(self.wish.limited_motors, len(over))),
+            bounded=np.append(program.bounded, np.tile(self.specification.limited_motors, len(over))),
             positive=np.concatenate([program.positive, self._speeds_between[low]]),
         )
 
     def _lasting(self, program: ConeProgram, quick: Optimum) -> Array:
-        """Coefficients of a law of the wish's duration: between the quick one and a slow one.
+        """Coefficients of a law of the duration asked for: between the quick one and a slow one.
 
         Admissible z are a convex set, and the duration is continuous along a blend of two. The slow law keeps
         to the same peak of the torques but for a small share, grown as far as it must, and to the limits at
@@ -332,23 +312,23 @@ class Setting:
         Raises:
             InvalidInput: none of this degree was found.
         """
-        duration = (self.wish.duration or 0.0) / self.units.time
+        duration = (self.specification.duration or 0.0) / self.units.time
         stretch = self.on_path.stretch
         if duration_of(quick.y, stretch) > duration * (1.0 - 1e-6):  # a rounding away, or nearly so
             return adjusted(quick.y, program.equalities, duration, stretch)
         everywhere = self._speeds_between[:: SPARSER * BETWEEN]
         slower = replace(program, positive=np.concatenate([program.positive, everywhere]), floor=SLOWEST)
         for lax in LAXER:
-            before, allowed = quick.y, _allowed(self.wish.limited_motors, lax * quick.peak)
+            before, allowed = quick.y, _allowed(self.specification.limited_motors, lax * quick.peak)
             for _ in range(SLOWER):
                 rows = _scaled(slower.torque, _allowed(slower.bounded, lax * quick.peak))
                 everything = replace(slower, torque=rows, bounded=np.ones_like(slower.bounded))
                 slow = solve(everything, "slowest", about=before)
                 if not isinstance(slow, Optimum):
                     break
-                mended = self._mended(slower, slow.y, allowed * (1.0 + 2.0 * KEPT))
-                if mended is not None:
-                    slower = mended
+                extended = self._with_rows_where_exceeded(slower, slow.y, allowed * (1.0 + 2.0 * KEPT))
+                if extended is not None:
+                    slower = extended
                 elif duration_of(slow.y, stretch) > duration:
                     blend = blended(before, slow.y, duration, stretch)
                     return adjusted(blend, program.equalities, duration, stretch)

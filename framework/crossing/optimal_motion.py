@@ -23,7 +23,6 @@ from framework.crossing.optimal import (
     OnPath,
     Setting,
     Units,
-    Wish,
     better_units,
     conditions_on_speed,
     guessed_units,
@@ -33,7 +32,8 @@ from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, cross
 from framework.crossing.polynomial import check_contacts
 from framework.crossing.refusal_proofs import HoldingTorque, NoAdmissibleSpeed, UnmetCondition
 from framework.crossing.request import Request
-from framework.crossing.targets import Ground
+from framework.crossing.specification import Specification
+from framework.crossing.targets import TargetedPath
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw, NotConverged
@@ -57,9 +57,9 @@ ROOM = 1e-5  # share of a limit that is left free when it was exceeded
 class Task(NamedTuple):
     """Where a law is to pass, and what it is to be best at."""
 
-    ground: Ground
+    targeted: TargetedPath
     request: Request
-    wish: Wish
+    specification: Specification
 
     @property
     def geometry(self) -> str:
@@ -73,16 +73,16 @@ class Task(NamedTuple):
     @property
     def branch(self) -> Branch:
         """The path as it was followed."""
-        return self.ground.branch
+        return self.targeted.branch
 
     @property
     def targets(self) -> Sequence[SingularPoint | CrossingPoint]:
         """Where condition (8) is to hold."""
-        return self.ground.targets
+        return self.targeted.targets
 
     @property
     def phi(self) -> Smoothstep:
-        return Smoothstep(self.wish.smoothness)
+        return Smoothstep(self.specification.smoothness)
 
     @property
     def stretch(self) -> Stretch:
@@ -106,10 +106,10 @@ def optimal_motion(task: Task) -> OptimalMotion:
         NotConverged: deflections and law do not settle together, or the solver gave up.
         As `resolve`.
     """
-    check_contacts(task.ground)
+    check_contacts(task.targeted)
     deflections: Deflections | None = None
     places = _places(task, None, None)
-    wish = task.wish
+    specification = task.specification
     elastic = task.branch.robot.n_e > 0
     _check_speeds(task, places)
     setting, best = _first(task, places)
@@ -118,7 +118,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
     for k in range(MOST_PASSES):
         try:
             if k > 0:
-                again = _setting(task, places, deflections, wish, degree, units)
+                again = _setting(task, places, deflections, specification, degree, units)
                 best = _solved(replace(again, roughness=roughness), task)
         except NotConverged:
             higher = [more for more in DEGREES if more > degree]
@@ -133,7 +133,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
                 raise
             roughness *= SMOOTHER
             continue
-        excess = _excess(dynamics, task.wish)
+        excess = _excess(dynamics, task.specification)
         settled = not elastic
         if elastic:
             settled = (
@@ -144,7 +144,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
         if settled and excess <= 1.0:
             return OptimalMotion(dynamics, law, best)
         if excess > 1.0 and settled:
-            wish = wish.tightened((1.0 - ROOM) / excess)
+            specification = specification.tightened((1.0 - ROOM) / excess)
     raise NotConverged(
         f"{task.branch.robot.name}: law and deflections do not settle together in {MOST_PASSES} passes; use "
         f"stiffer springs, law polynomial, or geometry rigid",
@@ -159,7 +159,7 @@ def best_undeformed(task: Task) -> Best:
         NoLaw: no law is admissible; says what stands against it.
         NotConverged: the solver gave up.
     """
-    check_contacts(task.ground)
+    check_contacts(task.targeted)
     places = _places(task, None, None)
     _check_speeds(task, places)
     return _first(task, places)[1]
@@ -219,8 +219,8 @@ def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[Setting, Best]:
     found: tuple[Setting, Best] | None = None
     failures: list[tuple[Setting, Infeasible | Unsolved]] = []
     for degree in DEGREES[len(task.targets) > MANY :]:
-        setting, optimum = _in_fitting_units(_setting(task, places, None, task.wish, degree, None))
-        best = setting.held(setting.program(), optimum) if isinstance(optimum, Optimum) else optimum
+        setting, optimum = _in_fitting_units(_setting(task, places, None, task.specification, degree, None))
+        best = setting.within_limits(setting.program(), optimum) if isinstance(optimum, Optimum) else optimum
         if not isinstance(best, Best):
             failures.append((setting, best))
             continue
@@ -238,7 +238,9 @@ def _in_fitting_units(setting: Setting) -> tuple[Setting, Optimum | Infeasible |
     """The setting in units near its own optimum, and that optimum."""
     found = setting.solved(setting.program())
     for _ in range(2):
-        better = better_units(setting.units, setting.wish, found) if isinstance(found, Optimum) else None
+        better = (
+            better_units(setting.units, setting.specification, found) if isinstance(found, Optimum) else None
+        )
         if better is None or better is setting.units:
             break
         setting = replace(setting, units=better)
@@ -250,7 +252,7 @@ def _setting(
     task: Task,
     places: Sequence[CrossingPoint],
     deflections: Deflections | None,
-    wish: Wish,
+    specification: Specification,
     degree: int,
     units: Units | None,
 ) -> Setting:
@@ -258,10 +260,10 @@ def _setting(
     sigma = points_of(degree, at, task.stretch)
     asked = demand(task.branch, task.phi, sigma, deflections, task.geometry)
     on_path = OnPath(sigma, asked, at, conditions, task.stretch)
-    guessed = guessed_units(on_path, wish)
+    guessed = guessed_units(on_path, specification)
     if units is not None:
-        guessed = Units(units.time, guessed.torque if wish.limited else units.torque)
-    return Setting(on_path, wish, degree, guessed)
+        guessed = Units(units.time, guessed.torque if specification.limited else units.torque)
+    return Setting(on_path, specification, degree, guessed)
 
 
 def _solved(setting: Setting, task: Task) -> Best:
@@ -272,7 +274,7 @@ def _solved(setting: Setting, task: Task) -> Best:
     """
     program = setting.program()
     found = setting.solved(program)
-    best = setting.held(program, found) if isinstance(found, Optimum) else found
+    best = setting.within_limits(program, found) if isinstance(found, Optimum) else found
     if not isinstance(best, Best):
         raise _refusal(task, setting, best, setting)
     return best
@@ -305,7 +307,7 @@ def _refusal(
 
 def _holding(task: Task, on_path: OnPath) -> HoldingTorque | None:
     """The motor that may not even hold the robot at an end of its path."""
-    limit = task.wish.torque_limit
+    limit = task.specification.torque_limit
     still = np.abs(on_path.demand.torque.constant)[[0, -1]]
     over = np.argwhere(still > limit)
     if not len(over):
@@ -324,7 +326,7 @@ def _resolved(
     task: Task, law: OptimalLaw, places: Sequence[CrossingPoint]
 ) -> tuple[InverseDynamics, OptimalLaw]:
     """The certified motion of this law, its speed moved with the conditions of the deflecting robot."""
-    branch, searched, tolerance = task.branch, task.ground.searched, task.request.tolerance
+    branch, searched, tolerance = task.branch, task.targeted.searched, task.request.tolerance
     at_rest = _places(task, None, None)
 
     def follow(
@@ -367,10 +369,10 @@ def _sampled(dynamics: InverseDynamics) -> tuple[Array, Array]:
     return np.abs(dynamics.torque(t)).max(axis=0), np.abs(dynamics.motor_angle(t, 1)).max(axis=0)
 
 
-def _excess(dynamics: InverseDynamics, wish: Wish) -> float:
+def _excess(dynamics: InverseDynamics, specification: Specification) -> float:
     """The largest torque or speed over its limit; 0 without limits."""
     torque, speed = _sampled(dynamics)
-    return float(max((torque / wish.torque_limit).max(), (speed / wish.speed_limit).max()))
+    return float(max((torque / specification.torque_limit).max(), (speed / specification.speed_limit).max()))
 
 
 def _peak(dynamics: InverseDynamics, reference: Array) -> float:

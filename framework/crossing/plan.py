@@ -9,12 +9,12 @@ from typing import NamedTuple
 from framework.crossing.durations import optimal_durations, polynomial_durations
 from framework.crossing.feasibility import feasibility_on_path
 from framework.crossing.finish import finished_plan
-from framework.crossing.limits import optimal_wish
 from framework.crossing.optimal_motion import Task, optimal_motion
 from framework.crossing.polynomial import polynomial_at_rest, polynomial_motion
 from framework.crossing.request import Limit, Request
 from framework.crossing.result import CrossingPlan, Optimality
-from framework.crossing.targets import Ground, ground_of
+from framework.crossing.specification import specification_of
+from framework.crossing.targets import TargetedPath, targeted_path
 from framework.dynamics.crossings import rigid_crossings
 from framework.dynamics.inverse_dynamics import TOLERANCE
 from framework.dynamics.result import SingularityCrossing
@@ -119,13 +119,15 @@ def plan_request(
     if searched is None:
         searched = search_path(robot, request.path)
     check_of(robot, request.path, searched.branch)
-    work = _Work(ground_of(searched, request), request, started)
+    work = _Work(targeted_path(searched, request), request, started)
     try:
         plan = _best(work)
     except UncontrolledMotions:
         raise
     except NoLaw as refusal:
-        raise NoLaw("; ".join([str(refusal), *_told(searched, request)]), proof=refusal.proof) from None
+        raise NoLaw(
+            "; ".join([str(refusal), *_explanations(searched, request)]), proof=refusal.proof
+        ) from None
     exceeded = plan.exceeded if request.keep_limits else {}
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
@@ -133,14 +135,14 @@ def plan_request(
     return plan
 
 
-def _told(searched: SearchedPath, request: Request) -> list[str]:
+def _explanations(searched: SearchedPath, request: Request) -> list[str]:
     """What condition (8) asks for at each singular point, and the durations of laws that were not refused."""
-    told = [found.sentence for found in feasibility_on_path(searched) if found is not None]
+    sentences = [found.sentence for found in feasibility_on_path(searched) if found is not None]
     polynomial = polynomial_durations(searched, request.smoothness)
     if polynomial is not None:
-        told.append(polynomial.sentence)
+        sentences.append(polynomial.sentence)
     optimal = None if request.may_be_optimal else optimal_durations(searched, request)
-    return told if optimal is None else [*told, optimal.sentence]
+    return sentences if optimal is None else [*sentences, optimal.sentence]
 
 
 def _best(work: _Work) -> CrossingPlan:
@@ -172,31 +174,31 @@ def _best(work: _Work) -> CrossingPlan:
 class _Work(NamedTuple):
     """What planning with either law needs to know."""
 
-    ground: Ground
+    targeted: TargetedPath
     request: Request
     started: float
 
 
 def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
     """The plan with the polynomial law, and how well that advances."""
-    ground, request, started = work
-    dynamics, law, timing = polynomial_motion(ground, request)
+    targeted, request, started = work
+    dynamics, law, timing = polynomial_motion(targeted, request)
     advance = law.advance(request.smoothness)
     reason = "the polynomial advances" if advance > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
     seconds = time.perf_counter() - started
-    return finished_plan(ground, request, dynamics, law, timing, seconds=seconds, reason=reason), advance
+    return finished_plan(targeted, request, dynamics, law, timing, seconds=seconds, reason=reason), advance
 
 
 def _optimal(work: _Work, reason: str) -> CrossingPlan:
     """The plan with the optimal law."""
-    ground, request, started = work
-    wish = optimal_wish(ground.branch.robot, request)
-    dynamics, law, best = optimal_motion(Task(ground, request, wish))
-    seconds, optimality = time.perf_counter() - started, Optimality(wish, best.reference)
+    targeted, request, started = work
+    specification = specification_of(targeted.branch.robot, request)
+    dynamics, law, best = optimal_motion(Task(targeted, request, specification))
+    seconds, optimality = time.perf_counter() - started, Optimality(specification, best.reference)
     return finished_plan(
-        ground, request, dynamics, law, (), seconds=seconds, reason=reason, optimality=optimality
+        targeted, request, dynamics, law, (), seconds=seconds, reason=reason, optimality=optimality
     )
 
 
@@ -229,5 +231,5 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
     Raises:
         As `uncertified_law`.
     """
-    law = polynomial_at_rest(ground_of(searched, request), request)
+    law = polynomial_at_rest(targeted_path(searched, request), request)
     return law, rigid_crossings(searched.branch, searched.points, law)

@@ -13,7 +13,7 @@ from framework.crossing.condition import (
     crossing_point,
 )
 from framework.crossing.request import Request
-from framework.crossing.targets import Ground
+from framework.crossing.targets import TargetedPath
 from framework.crossing.timing import CrossingTime, check_advance, choose_timing
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
@@ -36,14 +36,14 @@ class PolynomialMotion(NamedTuple):
     timing: tuple[CrossingTime, ...]
 
 
-def polynomial_motion(ground: Ground, request: Request) -> PolynomialMotion:
+def polynomial_motion(targeted: TargetedPath, request: Request) -> PolynomialMotion:
     """The certified motion with the polynomial of least degree; what is open of its timing is chosen.
 
     Raises:
         As `plan_crossing`.
     """
-    branch, points, targets = ground.branch, ground.points, ground.targets
-    robot, choice = branch.robot, timing_of(ground, request)
+    branch, points, targets = targeted.branch, targeted.points, targeted.targets
+    robot, choice = branch.robot, timing_of(targeted, request)
 
     def crossings(
         deflections: TimeFunction | None, before: MotionLaw | None
@@ -68,29 +68,31 @@ def polynomial_motion(ground: Ground, request: Request) -> PolynomialMotion:
 
     chosen: list[Law] = []
 
-    dynamics = resolve(ground.searched, choose_law, geometry=request.geometry, tolerance=request.tolerance)
+    dynamics = resolve(targeted.searched, choose_law, geometry=request.geometry, tolerance=request.tolerance)
     law = next(law for law in reversed(chosen) if law is dynamics.law)
     check_advance(law, [found.s for found in dynamics.crossings], robot.name)
     return PolynomialMotion(dynamics, law, choice)
 
 
-def polynomial_at_rest(ground: Ground, request: Request) -> Law:
+def polynomial_at_rest(targeted: TargetedPath, request: Request) -> Law:
     """The law of the undeformed robot before anything is proved.
 
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
-    crossings = [(place, condition_at(ground.branch, place, None)) for place in _at_rest(ground)]
-    law = _law(crossings, timing_of(ground, request), request)
-    check_advance(law, [point.s for point in ground.points], ground.branch.robot.name)
+    crossings = [(place, condition_at(targeted.branch, place, None)) for place in _at_rest(targeted)]
+    law = _law(crossings, timing_of(targeted, request), request)
+    check_advance(law, [point.s for point in targeted.points], targeted.branch.robot.name)
     return law
 
 
-def _at_rest(ground: Ground) -> list[CrossingPoint]:
+def _at_rest(targeted: TargetedPath) -> list[CrossingPoint]:
     """The crossing points of the undeformed robot."""
     return [
-        crossing_point(ground.branch, target, None, target.s) if isinstance(target, SingularPoint) else target
-        for target in ground.targets
+        crossing_point(targeted.branch, target, None, target.s)
+        if isinstance(target, SingularPoint)
+        else target
+        for target in targeted.targets
     ]
 
 
@@ -123,32 +125,32 @@ def _law(
         ) from None
 
 
-def timing_of(ground: Ground, request: Request) -> tuple[CrossingTime, ...]:
+def timing_of(targeted: TargetedPath, request: Request) -> tuple[CrossingTime, ...]:
     """Times and speeds of the crossings on the undeformed robot, those left open chosen."""
     duration = request.fixed_duration
-    if not ground.targets:
+    if not targeted.targets:
         return ()
-    check_contacts(ground)
+    check_contacts(targeted)
     for t in request.times or ():
         if not 0 < t < duration:
             raise InvalidInput(
                 f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
                 f"{OF_A_SCENE}"
             )
-    crossings = [(place, condition_at(ground.branch, place, None)) for place in _at_rest(ground)]
+    crossings = [(place, condition_at(targeted.branch, place, None)) for place in _at_rest(targeted)]
 
     def build(crossing_times: Sequence[CrossingTime]) -> Law:
         return _law(crossings, crossing_times, request)
 
-    return choose_timing([place.s for place, _ in crossings], request, build, ground.branch.robot.name)
+    return choose_timing([place.s for place, _ in crossings], request, build, targeted.branch.robot.name)
 
 
-def check_contacts(ground: Ground) -> None:
+def check_contacts(targeted: TargetedPath) -> None:
     """Raise NoLaw where the path touches the locus."""
-    for target in ground.targets:
+    for target in targeted.targets:
         if isinstance(target, SingularPoint) and target.contact == "tangential":
             raise NoLaw(
-                f"{ground.branch.robot.name}: at s = {target.s:.6g} the path touches the locus without "
+                f"{targeted.branch.robot.name}: at s = {target.s:.6g} the path touches the locus without "
                 f"crossing it; finite torques would ask for condition (8) and its time derivative at once: "
                 f"move the path off the locus or across it"
             )

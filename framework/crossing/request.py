@@ -35,7 +35,7 @@ class Request:
     robot file (`limits.motor_limits`).
 
     Raises:
-        InvalidInput: numbers or wishes that cannot be right, or that contradict each other.
+        InvalidInput: numbers or options that cannot be right, or that contradict each other.
     """
 
     path: Path

@@ -11,8 +11,8 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.crossing.condition import Condition8
 from framework.crossing.motion_table import MotionTable, motion_table
-from framework.crossing.optimal import Wish
 from framework.crossing.request import Request
+from framework.crossing.specification import Specification
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.joint_limits import positions_beyond_limits
@@ -45,7 +45,7 @@ class Crossing(ReadOnlyArrays):
 class Optimality(ReadOnlyArrays):
     """What an optimal law was made best at, and what its torques were measured against, (n_a,) [N m]."""
 
-    wish: Wish
+    specification: Specification
     reference: Array
 
 

@@ -21,11 +21,11 @@ from framework.arrays import Array
 from framework.catalogue import catalogue
 from framework.catalogue import robot_file as robot_file_of
 from framework.crossing.finish import finished_plan
-from framework.crossing.limits import optimal_wish
 from framework.crossing.request import Request
 from framework.crossing.result import Crossing, CrossingPlan, Optimality
 from framework.crossing.scenes import path_of
-from framework.crossing.targets import ground_of
+from framework.crossing.specification import specification_of
+from framework.crossing.targets import targeted_path
 from framework.crossing.timing import CrossingTime
 from framework.dynamics.inverse_dynamics import check_law, resolve
 from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from
@@ -64,7 +64,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[st
     """The content of plan.json, SI units.
 
     Args:
-        folder: where the file is to stand; the robot file is then told relative to it, where it can be.
+        folder: where the file is to stand; the robot file is then stated relative to it, where it can be.
 
     Raises:
         InvalidInput: the path or the law is of the user's own making, and cannot be written down.
@@ -85,7 +85,10 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[st
         "reason": plan.reason,
         "optimality": None
         if plan.optimality is None
-        else {"optimize": plan.optimality.wish.goal, "reference": plan.optimality.reference.tolist()},
+        else {
+            "optimize": plan.optimality.specification.goal,
+            "reference": plan.optimality.reference.tolist(),
+        },
         "seconds": plan.seconds,
     }
 
@@ -193,17 +196,19 @@ def restored_plan(
         optimality = None
         if isinstance(law, OptimalLaw):
             reference = _numbers("optimality.reference", saved["optimality"]["reference"], (robot.n_a,))
-            optimality = Optimality(optimal_wish(robot, request), reference)
-        timing = [CrossingTime(float(told["time"]), float(told["speed"])) for told in saved["crossings"]]
+            optimality = Optimality(specification_of(robot, request), reference)
+        timing = [
+            CrossingTime(float(stated["time"]), float(stated["speed"])) for stated in saved["crossings"]
+        ]
         reason, seconds = str(saved["reason"]), float(saved["seconds"])
         check_law(law)
     try:
-        ground = ground_of(search_path(robot, request.path), request)
+        targeted = targeted_path(search_path(robot, request.path), request)
         dynamics = resolve(
-            ground.searched, lambda *_: law, geometry=request.geometry, tolerance=request.tolerance
+            targeted.searched, lambda *_: law, geometry=request.geometry, tolerance=request.tolerance
         )
         plan = finished_plan(
-            ground, request, dynamics, law, timing, seconds=seconds, reason=reason, optimality=optimality
+            targeted, request, dynamics, law, timing, seconds=seconds, reason=reason, optimality=optimality
         )
     except (NoAnswer, InvalidInput) as error:
         raise InvalidInput(
@@ -251,8 +256,8 @@ def _robot(saved: dict[str, Any], file: FilePath, named: str | FilePath | None) 
     """The robot in the file that is named anew, or else in the one that the plan says."""
     if named is not None:
         return ParallelRobot.from_file(robot_file_of(str(named)), flexibility=saved["flexibility"])
-    known, told = catalogue(), str(saved["robot_file"])
-    place = known[told].file if told in known else file.parent / told
+    known, stated = catalogue(), str(saved["robot_file"])
+    place = known[stated].file if stated in known else file.parent / stated
     if not os.path.exists(place):
         raise RobotFileError(
             f"{file}: robot_file: there is no {place}; if it has moved, name it again (--robot-file, or "
@@ -305,31 +310,33 @@ def _check_same(saved: dict[str, Any], plan: CrossingPlan) -> None:
         raise _changed("crossings", len(saved["crossings"]), len(plan.crossings))
     pace = 1.0 / plan.duration
     sizes = {"s": 1.0, "time": plan.duration, "speed": pace, "acceleration": pace**2}
-    for k, (told, crossing) in enumerate(zip(saved["crossings"], plan.crossings, strict=True)):
+    for k, (stated, crossing) in enumerate(zip(saved["crossings"], plan.crossings, strict=True)):
         where = f"crossings[{k}]"
-        if told["kind"] != crossing.kind:
-            raise _changed(f"{where}.kind", told["kind"], crossing.kind)
+        if stated["kind"] != crossing.kind:
+            raise _changed(f"{where}.kind", stated["kind"], crossing.kind)
         for key, size in sizes.items():
             now = getattr(crossing, key)
-            _check_number(f"{where}.{key}", told[key], now, max(size, abs(now)))
-        _check_number(f"{where}.twist", told["twist"], crossing.twist, 1.0)
-        _check_number(f"{where}.platform", told["platform"], crossing.platform, plan.robot.length)
-        if (told["condition"] is None) != (crossing.condition is None):
-            raise _changed(f"{where}.condition", told["condition"], crossing.condition)
+            _check_number(f"{where}.{key}", stated[key], now, max(size, abs(now)))
+        _check_number(f"{where}.twist", stated["twist"], crossing.twist, 1.0)
+        _check_number(f"{where}.platform", stated["platform"], crossing.platform, plan.robot.length)
+        if (stated["condition"] is None) != (crossing.condition is None):
+            raise _changed(f"{where}.condition", stated["condition"], crossing.condition)
         for key, now in ({} if crossing.condition is None else crossing.condition._asdict()).items():
-            _check_number(f"{where}.condition.{key}", told["condition"][key], now, told["condition"]["scale"])
+            _check_number(
+                f"{where}.condition.{key}", stated["condition"][key], now, stated["condition"]["scale"]
+            )
     if saved["certificate"]["monotone"] is not plan.certificate.monotone:
         raise _changed("certificate.monotone", saved["certificate"]["monotone"], plan.certificate.monotone)
 
 
-def _check_number(key: str, told: Any, now: ArrayLike, size: float) -> None:
+def _check_number(key: str, stated: Any, now: ArrayLike, size: float) -> None:
     """Raise InvalidInput unless what the file says is within SAME of its size."""
-    values = np.array(np.nan if told is None else told, dtype=float)
+    values = np.array(np.nan if stated is None else stated, dtype=float)
     if values.shape != np.shape(now) or not np.all(np.abs(values - now) <= SAME * size):
-        raise _changed(key, told, now)
+        raise _changed(key, stated, now)
 
 
-def _changed(key: str, told: object, now: object) -> InvalidInput:
+def _changed(key: str, stated: object, now: object) -> InvalidInput:
     return InvalidInput(
-        f"{key}: the file says {told}, the robot now needs {now}: the robot has changed since; plan again"
+        f"{key}: the file says {stated}, the robot now needs {now}: the robot has changed since; plan again"
     )

@@ -22,7 +22,7 @@ from framework.singularity.points_on_path import SearchedPath, SingularPoint
 END = 1e-9  # of the path: a singular point this near to an end is at it
 
 
-class Ground(NamedTuple):
+class TargetedPath(NamedTuple):
     """The path followed, its singular points, and where on it condition (8) is to hold."""
 
     searched: SearchedPath
@@ -39,14 +39,14 @@ class Ground(NamedTuple):
         return self.searched.points
 
 
-def ground_of(searched: SearchedPath, request: Request) -> Ground:
+def targeted_path(searched: SearchedPath, request: Request) -> TargetedPath:
     """A path that has been searched, with the places that a request is about.
 
     Raises:
         InvalidInput: times or speeds are not as many as these places.
         NoLaw, UncontrolledMotions: no law can cross at one of them.
     """
-    return Ground(searched, _targets(searched.branch, searched.points, request))
+    return TargetedPath(searched, _targets(searched.branch, searched.points, request))
 
 
 def _targets(

@@ -49,8 +49,8 @@ WEAK = 1e-5  # share of the size of I - dG below which a direction is a free vib
 MOST_DIRECTIONS = 50  # of GMRES; dG is nearly nilpotent on few coefficients, and hopeless where it takes more
 SHORTEST = 1 / 64  # of a step of Newton's method
 NEAR, STALLED = 1e-6, 0.5  # a change below the first that a step leaves more of than the second is rounding
-MOST_PASSES, FEW_PASSES = 200, 8  # on one grid: of few nodes, of very many
-MOST_WORK = 8_000  # passes times nodes on one grid, seconds for a Delta: what takes more is nearly hopeless
+MOST_PASSES, FEW_PASSES = 200, 12  # on one grid: of few nodes, of very many
+MOST_WORK = 200 * 128  # passes times nodes on one grid: what costs more is nearly hopeless
 FEWEST, MORE = 1.2, 1.5  # times the coefficients, when some are to be added
 LARGEST = 1.0  # [rad, robot lengths] deflection beyond which a linear spring means nothing
 # The law to use when the robot deflects like this, after this law; None before the first pass.
@@ -73,7 +73,7 @@ class Deflected:
     obstacle: str = ""  # what ended the iteration; empty if the grid can tell no more, or need not
 
 
-def settle(
+def solve_deflections(
     branch: Branch,
     grid: TimeGrid,
     choose_law: LawChoice,

@@ -22,7 +22,7 @@ from framework.dynamics.crossings import (
     panel_edges,
     rigid_crossings,
 )
-from framework.dynamics.elasticity import Deflected, LawChoice, settle
+from framework.dynamics.elasticity import Deflected, LawChoice, solve_deflections
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.near_misses import unseen_near_miss
 from framework.dynamics.neglected import check_idle_joints, measure_neglected
@@ -50,6 +50,7 @@ FEW = 32  # nodes of a panel that the law itself asks for, tried first
 # |t_s . W_p| at a crossing over the largest sum of its terms:
 PROVED = 1e-11  # no more than this is rounding, and condition (8) holds
 UNSETTLED = 1e-2  # change of the deflections, over the largest one, of which nothing can be told
+STALLED = 0.5  # share of the change of the deflections that a finer grid leaves at least if it is no help
 POLE = 1e-6  # more than this is a pole for sure, resolved or not
 SAME_DERIVATIVE = 1e-4  # of its largest value; differentiating values twice loses up to ten digits
 CLOSED_BETWEEN = 1e-9  # loop equations between the nodes, in lengths of the robot and radians
@@ -119,12 +120,13 @@ def resolve(
     instants = np.array([crossing.time for crossing in crossings])
     start: TimeFunction | None = None
     at_rest, passes, obstacles, pole = law, 0, 0, POLE
+    changes: list[float] = []
     enough, unseen = np.inf, None
     own_panels = isinstance(law, PlannedLaw) and len(law.edges) > 0
     for size in (FEW, *SIZES) if own_panels else SIZES:
         grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law), size)
         try:
-            state = settle(
+            state = solve_deflections(
                 branch, grid, choose_law, geometry, start, law, tolerance=min(tolerance, TOLERANCE)
             )
         except NotAssembled as failure:
@@ -153,7 +155,10 @@ def resolve(
             pole = max(POLE, certificate.change)
         left = max(certificate.tail, certificate.change)
         enough = min(enough, left)
+        changes.append(certificate.change)
         if left > tolerance and size < SIZES[-1]:
+            if certificate.change > tolerance and stalled(changes):
+                break
             continue
         result = _with_neglected(branch, state, result)
         closed = result.certificate.max_closure_error <= CLOSED_BETWEEN * max(branch.robot.length, 1.0)
@@ -169,6 +174,11 @@ def resolve(
     if state.change > LOOSEST < enough:
         raise not_settled(branch.robot, state)
     raise not_resolved(searched, result, tolerance, size=grid.size, enough=enough, unseen=unseen)
+
+
+def stalled(changes: list[float]) -> bool:
+    """Whether the last two grids left as much of the change as the one before them: so will a finer one."""
+    return len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3]
 
 
 def check_law(law: MotionLaw) -> None:

@@ -1,4 +1,7 @@
-"""How quickly a robot vibrates on its springs, motors free to turn."""
+"""How quickly a robot vibrates on its springs, motors free to turn: regular at Type 2 too.
+
+With locked motors, as in `dynamics.stiffness`, the first frequency vanishes there.
+"""
 
 from __future__ import annotations
 

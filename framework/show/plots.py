@@ -49,7 +49,7 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     for k, (joint, torque) in enumerate(zip(plan.robot.actuator_names, plan.torque(times).T, strict=True)):
         ax.plot(times, torque, label=joint.replace("_", " "), **line_style(k))
     _torque_axes(ax, plan.robot)
-    limits = np.empty(0) if plan.optimality is None else plan.optimality.wish.torque_limit
+    limits = np.empty(0) if plan.optimality is None else plan.optimality.specification.torque_limit
     for limit in np.unique(limits[np.isfinite(limits)]):
         for side in (-limit, limit):
             ax.axhline(side, color="0.4", linewidth=0.6, linestyle=(0, (1, 2)))

@@ -47,26 +47,73 @@ def uncontrolled_motion(robot: ParallelRobot, system: System) -> Uncontrolled:
     type_2: the platform moves along t_s. leg_passive: only passive joints inside a leg move. In the
     other two the loop equations themselves lose rank, whatever the motors do. constraint: the platform
     gains freedoms beyond its n (Zlatanov, Bonev and Gosselin 2002). closure: it does not, other bodies do.
+    `classify` names all kinds of a configuration, and says whether it is singular at all.
+    """
+    escaping = escaping_motions(robot, system, at_least=1)
+    kind = next(kind for kind in PRECEDENCE if kind in escaping.kinds)
+    twists = escaping.motions @ system.platform[0].T  # (corank, n)
+    motion, twist = escaping.motions[-1], twists[-1]
+    if kind != "type_2":
+        return Uncontrolled(kind, 0 * twist, motion, escaping.corank)
+    if _rank(twists[-1:]) == 0:  # it moves no platform, another one does
+        most = int(np.argmax(np.linalg.norm(twists, axis=1)))
+        motion, twist = escaping.motions[most], twists[most]
+    scale = unit_twist(robot, twist)
+    return Uncontrolled(kind, twist / scale, motion / scale, escaping.corank)
+
+
+# Where several kinds meet, what no law can cross comes first.
+PRECEDENCE = ("closure", "constraint", "type_2", "leg_passive")
+
+
+class EscapingMotions(NamedTuple):
+    """All motions that locked motors do not hold, at one configuration."""
+
+    kinds: frozenset[str]  # of PRECEDENCE
+    motions: Array  # (c, nv) independent joint rates, the least held one last
+    corank: int  # c, at least `at_least`
+    freedoms: int  # instantaneous ones of the loops, motors free; more than usual where the loops lose rank
+
+
+def escaping_motions(robot: ParallelRobot, system: System, *, at_least: int = 0) -> EscapingMotions:
+    """The null space of P of one configuration (T = 1), and what kinds of singularity are in it.
+
+    Args:
+        at_least: so many motions are taken for uncontrolled however large their singular values are.
     """
     P = passive_matrix(robot, system)[0]
-    values, right = np.linalg.svd(P)[1:]
-    corank = max(int(np.sum(values < VANISHED * max(values[0], 1.0))), 1)
-    motion = passive_motion(robot, right[-1])
-    six = system.frames.jacobian[0, 0] @ motion  # the whole twist of the platform
-    size = np.concatenate([six[:3] / robot.length, six[3:]])
-    twist = six[robot.platform.axes]
+    values, right = np.linalg.svd(P)[1:] if P.shape[1] else (np.zeros(0), np.zeros((0, 0)))
+    corank = max(int(np.sum(values < VANISHED * max(values.max(initial=0.0), 1.0))), at_least)
+    motions = passive_motion(robot, right[len(right) - corank :])
     freedoms = instantaneous_motions(robot, system)
-    if freedoms.shape[1] > robot.n:
-        moved = system.frames.jacobian[0, 0][:, robot.moving] @ freedoms
-        moved[:3] /= robot.length
-        rank = int(np.sum(np.linalg.svd(moved, compute_uv=False) > VANISHED))
-        return Uncontrolled("constraint" if rank > robot.n else "closure", 0 * twist, motion, corank)
-    if np.abs(size).max() < VANISHED:
-        return Uncontrolled("leg_passive", 0 * twist, motion, corank)
-    if np.abs(size[robot.platform.axes]).max() < VANISHED:
-        return Uncontrolled("constraint", 0 * twist, motion, corank)
-    scale = unit_twist(robot, twist)
-    return Uncontrolled("type_2", twist / scale, motion / scale, corank)
+    usual = len(robot.moving) - len(robot.loops.names)
+    moved = motions @ _platform_twists(robot, system)  # (c, 6)
+    told = motions @ (system.platform[0] / np.where(robot.translations, robot.length, 1.0)[:, None]).T
+    rank, on_axes = _rank(moved), _rank(told)
+    gained = freedoms.shape[1] - usual
+    kinds = set()
+    if gained > 0:
+        whole = freedoms.T @ _platform_twists(robot, system)[robot.moving]
+        kinds.add("constraint" if _rank(whole) > robot.n else "closure")
+    elif rank > on_axes:
+        kinds.add("constraint")
+    if corank > gained:  # beyond what the loops have lost
+        if on_axes > (0 if "closure" in kinds else gained):
+            kinds.add("type_2")
+        if corank > max(rank, gained):
+            kinds.add("leg_passive")
+    return EscapingMotions(frozenset(kinds), motions, corank, freedoms.shape[1])
+
+
+def _platform_twists(robot: ParallelRobot, system: System) -> Array:
+    """The platform's twist (nv, 6) for unit rates of all joints (T = 1), in lengths and radians."""
+    twists = system.frames.jacobian[0, 0].T.copy()
+    twists[:, :3] /= robot.length
+    return twists
+
+
+def _rank(rows: Array) -> int:
+    return int(np.sum(np.linalg.svd(rows, compute_uv=False) > VANISHED)) if rows.size else 0
 
 
 def unit_twist(robot: ParallelRobot, twist: Array) -> float:

@@ -18,7 +18,7 @@ import pytest
 
 from framework import Law, ParallelRobot, inverse_dynamics
 from framework.crossing.scenes import scene_path
-from framework.dynamics.elasticity import settle
+from framework.dynamics.elasticity import solve_deflections
 from framework.kinematics.tracking import track_path
 from framework.motion.chebyshev import TimeGrid
 from robots.generators import n_four_bar as generator
@@ -48,11 +48,11 @@ def test_growth_with_the_number_of_loops(tmp_path, capsys):
         robot = ParallelRobot.from_file(generator.write(tmp_path / str(loops), loops))
         path = scene_path(robot.description.scenes["swing"])
         branch = track_path(robot, path)
-        motion = settle(branch, grid, lambda *_: law, "rigid", None, law).motion
+        motion = solve_deflections(branch, grid, lambda *_: law, "rigid", None, law).motion
         model, data = robot.model, robot.model.createData()
 
         def nodes(branch=branch) -> object:
-            return settle(branch, grid, lambda *_: law, "rigid", None, law)
+            return solve_deflections(branch, grid, lambda *_: law, "rigid", None, law)
 
         def bare(model=model, data=data, motion=motion) -> None:
             for q, v, a in zip(motion.q, motion.v, motion.a, strict=True):

@@ -76,9 +76,9 @@ def test_an_optimal_law_comes_back_with_what_it_was_best_at(tmp_path):
     np.testing.assert_allclose(again.torque(times), plan.torque(times), atol=1e-11)  # N m
     assert again.reason == plan.reason
     assert again.request == plan.request
-    assert again.optimality.wish.goal == "time"
+    assert again.optimality.specification.goal == "time"
     np.testing.assert_array_equal(again.optimality.reference, plan.optimality.reference)
-    np.testing.assert_allclose(again.optimality.wish.torque_limit, 0.9 * 0.165)
+    np.testing.assert_allclose(again.optimality.specification.torque_limit, 0.9 * 0.165)
 
 
 def test_an_optimal_law_on_springs_comes_back(tmp_path):

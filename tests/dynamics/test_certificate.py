@@ -19,7 +19,7 @@ from framework import (
     locate_singularities,
     plan_crossing,
 )
-from framework.dynamics.elasticity import settle
+from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.forces import motor_torque
 from framework.errors import InvalidInput, NoLaw, NotConverged
@@ -42,7 +42,7 @@ def tails(robot, law) -> list[float]:
     found = []
     for size in (64, 128, 256):
         grid = TimeGrid.clear_of(np.array([1.0]), np.array([0.0, 1.5]), size)
-        state = settle(branch, grid, lambda *_: law, "rigid", None, law)
+        state = solve_deflections(branch, grid, lambda *_: law, "rigid", None, law)
         found.append(grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque)).tail)
     return found
 

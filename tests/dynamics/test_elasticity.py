@@ -46,13 +46,13 @@ def test_a_tolerance_that_is_said_to_do_does():
 def test_the_last_change_is_part_of_the_verdict(monkeypatch):
     """Deflections that are off refuse a plan, however smooth its torques."""
     robot = robots.load("five_bar", flexibility="flexible_links")
-    honest = elasticity.settle
+    honest = elasticity.solve_deflections
 
     def unsettled(*arguments, **options):
         state = honest(*arguments, **options)
         return elasticity.replace(state, change=5.5e-8)
 
-    monkeypatch.setattr("framework.dynamics.inverse_dynamics.settle", unsettled)
+    monkeypatch.setattr("framework.dynamics.inverse_dynamics.solve_deflections", unsettled)
     with pytest.raises(NotConverged, match=r"one more pass would change them by 5\.5e-08"):
         plan_scene(robot, "C")
 
@@ -62,12 +62,12 @@ def test_passes_of_all_grids_count():
     grids = []
 
     def counted(branch, grid, *arguments, **options):
-        state = elasticity.settle(branch, grid, *arguments, **options)
+        state = elasticity.solve_deflections(branch, grid, *arguments, **options)
         grids.append((grid.size, state.passes))
         return state
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("framework.dynamics.inverse_dynamics.settle", counted)
+        patch.setattr("framework.dynamics.inverse_dynamics.solve_deflections", counted)
         again = plan_scene(robots.load("four_bar", flexibility="flexible_links"), "dead_point")
     assert len(grids) > 1
     assert again.certificate.passes == sum(passes for _, passes in grids) == plan.certificate.passes

@@ -88,7 +88,7 @@ def assert_same(again: CrossingPlan, plan: CrossingPlan) -> None:
     assert (again.optimality is None) == (plan.optimality is None)
     if again.optimality is not None:
         np.testing.assert_array_equal(again.optimality.reference, plan.optimality.reference)
-        one, other = asdict(again.optimality.wish), asdict(plan.optimality.wish)
+        one, other = asdict(again.optimality.specification), asdict(plan.optimality.specification)
         for key in one:
             np.testing.assert_array_equal(one[key], other[key])
     # what is saved once more is what was saved, but for the numbers that are computed anew

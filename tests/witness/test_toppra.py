@@ -95,8 +95,8 @@ def test_the_estimate_of_the_least_time_is_toppras():
 @pytest.mark.slow
 def test_at_rest_at_the_ends_and_no_smoother_the_least_time_is_toppras(monkeypatch):
     monkeypatch.setattr(optimal_motion, "DEGREES", (80,))  # its torques switch, which a series only nears
-    wish = Request(path=CLEAR, optimize="time", torque_limit=(LIMIT,), smoothness=1)
-    plan = plan_request(robots.load("five_bar"), wish)
+    request = Request(path=CLEAR, optimize="time", torque_limit=(LIMIT,), smoothness=1)
+    plan = plan_request(robots.load("five_bar"), request)
     assert 1.0 < plan.duration / toppra_profile(CLEAR).duration < 1.0 + 1e-3
 
 

@@ -1,0 +1,105 @@
+"""How far robots are from their singularities, by measures that a designer reads, pose by pose.
+
+All but g are functions of A v = B dq_a without dimension: twists and joint rates in radians and lengths, the
+characteristic length being `robot.length`. There the rows of A are part of an orthonormal basis, so that the
+singular values of A are cosines: 1 where nothing is lost, 0 at a Type 2 singularity, the same for a robot
+drawn in millimetres.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.kinematics.inverse_kinematics import System
+from framework.kinematics.loop_matrices import VANISHED
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.velocity_matrices import dimensionless_matrices
+from framework.singularity.classification import singularity_measure
+
+LEAST = 1e-30  # in place of a singular value that is zero to the last bit: its inverse is a number
+
+
+class Distances(NamedTuple):
+    """Distances from singularities at T configurations.
+
+    Torques are those that hold a unit force [1 N] on the platform, in the worst direction among its
+    translations, without a moment [N m/N for hinges, N/N for slides]; of redundant motors the least ones.
+    Infinite where the motors do not hold such a force (Type 2), not a number for a platform that only turns.
+
+    A pressure angle is that between the force which one motor exerts on the platform and the velocity which
+    it gives the platform while all other motors are locked; for the 5R its complement is the transmission
+    angle between the two distal rods. It is defined where twists have an angle without a choice of length,
+    for two or three translations alone, or turns alone, and as many motors; else it is not a number.
+    """
+
+    g: Array  # (T,) smallest singular value of P with the sign of det P, see `singularity_measure`
+    sigma_A: Array  # (T,) smallest singular value of A, without dimension, 0 .. 1
+    torque_norm: Array  # (T,) largest 2-norm of all motor torques, joint side
+    torque_largest: Array  # (T,) largest torque of a single motor, joint side
+    motor_torque_norm: Array  # (T,) the same on the motor side of the gears
+    motor_torque_largest: Array  # (T,)
+    pressure_angle: Array  # (T, n_a) [rad], 0 best, pi/2 at a Type 2 singularity
+
+    @property
+    def transmission_angle(self) -> Array:
+        """Complement of the pressure angle (T, n_a) [rad]."""
+        return np.pi / 2 - self.pressure_angle
+
+
+def singularity_distances(robot: ParallelRobot, system: System) -> Distances:
+    """The distances of T assembled configurations of a robot whose platform determines its joints."""
+    A, B, _ = dimensionless_matrices(robot, system)
+    if robot.n_a > robot.n:  # least torques: of dq_a = G v, the pseudoinverse
+        A, B = np.linalg.pinv(B) @ A, np.broadcast_to(np.eye(robot.n_a), B.shape)
+        sigma_A = np.linalg.svd(dimensionless_matrices(robot, system).A, compute_uv=False)[:, -1]
+        left, values, right = np.linalg.svd(A, full_matrices=False)
+    else:
+        left, values, right = np.linalg.svd(A)
+        sigma_A = values[:, -1]
+    inverse = 1.0 / np.maximum(values, LEAST)
+    moved = left.swapaxes(1, 2) @ B  # (T, n, n_a): what the motors feel of each singular direction
+    J = right.swapaxes(1, 2) @ (inverse[:, :, None] * moved)  # (T, n, n_a): v = J dq_a, without dimension
+    joint_side = _worst_torques(robot, J, right, values, np.ones(robot.n_a))
+    motor_side = _worst_torques(robot, J, right, values, robot.gear_ratio)
+    return Distances(
+        g=singularity_measure(robot, system).g,
+        sigma_A=np.asarray(sigma_A),
+        torque_norm=joint_side[0],
+        torque_largest=joint_side[1],
+        motor_torque_norm=motor_side[0],
+        motor_torque_largest=motor_side[1],
+        pressure_angle=_pressure_angles(robot, J),
+    )
+
+
+def _worst_torques(
+    robot: ParallelRobot, J: Array, right: Array, values: Array, gear: Array
+) -> tuple[Array, Array]:
+    """Largest 2-norm (T,) and largest single torque (T,) against a unit force, behind gears (n_a,)."""
+    sliding = robot.translations
+    if not sliding.any():
+        return np.full(len(J), np.nan), np.full(len(J), np.nan)
+    # W' v = tau' dq_a: tau = J' W, back in metres and radians
+    units = robot.length / (robot.column_scale[robot.actuated] * gear)
+    held = J[:, sliding] * units  # (T, translations, n_a)
+    lost = (values < VANISHED) & (np.abs(right[:, :, sliding]).max(axis=2) > VANISHED)  # t_s moves the point
+    norm = np.linalg.svd(held, compute_uv=False)[:, 0]
+    largest = np.linalg.norm(held, axis=1).max(axis=1)
+    unheld = lost.any(axis=1)
+    return np.where(unheld, np.inf, norm), np.where(unheld, np.inf, largest)
+
+
+def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:
+    """Pressure angles (T, n_a): between each column of J and the normal of all others."""
+    one_unit = robot.translations.all() or not robot.translations.any()
+    if not one_unit or robot.n < 2 or robot.n_a != robot.n:
+        return np.full((len(J), robot.n_a), np.nan)
+    size = np.linalg.norm(J, axis=1, keepdims=True)  # 0 where a motor does not move the platform: Type 1
+    unit = J / np.where(size > 0, size, 1.0)
+    left, values, right = np.linalg.svd(unit)
+    normals = (right.swapaxes(1, 2) / np.maximum(values, LEAST)[:, None]) @ left.swapaxes(1, 2)
+    angle = np.arccos(np.minimum(1.0 / np.linalg.norm(normals, axis=2), 1.0))
+    return np.where(size[:, 0] > 0, angle, np.nan)
