@@ -19,11 +19,11 @@ FLOORS = (
     ("errors", "interruption"),
     ("input",),
     ("output", "linalg", "motion"),
-    ("model",),
+    ("model", "parallel"),  # parallel knows no robot
     ("kinematics",),
     ("singularity", "simulation", "catalogue"),  # neither knows the other: simulation is the witness
     ("dynamics",),
-    ("crossing",),
+    ("crossing", "atlas"),
     ("control", "export"),
     ("show", "public"),  # the public face: `import framework` draws nothing
     ("__init__", "cli"),
@@ -50,9 +50,11 @@ QUESTIONS = {
     "framework.kinematics.mobility": None,
     "framework.kinematics.parallel_robot": {"ParallelRobot"},
     "framework.kinematics.placements": None,
+    "framework.kinematics.platform": {"FramePlatform"},
     "framework.kinematics.pose": None,
     "framework.kinematics.tracking": {"assemble"},
     "framework.kinematics.velocity_matrices": None,
+    "framework.dynamics.action_lines": None,
     "framework.singularity.classification": {"moves_point"},
     "framework.singularity.classify": None,
     "framework.singularity.jogging": None,

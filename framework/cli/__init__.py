@@ -32,6 +32,7 @@ from framework.cli import (
     robustness,
     show,
     simulate,
+    workspace_map,
 )
 from framework.cli.console import complain, one_line, tell
 from framework.cli.parser import Misuse, OneLineParser
@@ -43,6 +44,7 @@ COMMANDS = (
     check,
     convert,
     locate,
+    workspace_map,
     pose,
     plan,
     simulate,

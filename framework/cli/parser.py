@@ -12,6 +12,7 @@ from framework.crossing.request import LAWS
 from framework.model.description import FLEXIBILITIES
 from framework.motion.cone_program import GOALS
 
+MOST_WORKERS = 1000
 Report = tuple[dict[str, Any], str]  # for machines, for people
 
 
@@ -134,6 +135,14 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
         "--speed-limit", type=float, nargs="+", metavar="N", help="of all motors, or of each [rad/s]"
     )
     parser.add_argument("--margin", metavar="P", help="share of the limits left free, such as 10%% or 0.1")
+
+
+def add_executor(parser: argparse.ArgumentParser) -> None:
+    """--workers and --dask, for `executor_of`."""
+    parser.add_argument(
+        "--workers", type=whole(1, MOST_WORKERS), default=1, metavar="N", help="processes (default: 1)"
+    )
+    parser.add_argument("--dask", metavar="ADDRESS", help="of a dask scheduler, instead of --workers")
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
-from framework.control.estimation import Controller, Measurement, State
+from framework.control.estimation import Controller, Measurement, RobotState
 from framework.control.reference import Reference
 from framework.control.variation import Spread, Variation, noise_of, varied
 from framework.errors import InvalidInput, NotAssembled, choose_from
@@ -152,7 +152,7 @@ def _measured(
     return Measurement(
         angle,
         speed,
-        State(integrate(robot, q, turned), seen, x, ref.dx[k] + matvec(back, seen - ref.motion.v[k])),
+        RobotState(integrate(robot, q, turned), seen, x, ref.dx[k] + matvec(back, seen - ref.motion.v[k])),
     )
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.control.estimation import Measurement, State, consistent_solution, estimated_state
+from framework.control.estimation import Measurement, RobotState, consistent_solution, estimated_state
 from framework.control.reference import Reference
 from framework.dynamics.forces import tree_forces
 from framework.errors import InvalidInput
@@ -87,7 +87,7 @@ class _Motion(NamedTuple):
     loops: Array  # (R, m, nv)
 
 
-def _constrained_motion(robot: ParallelRobot, state: State, ddx: Array) -> _Motion:
+def _constrained_motion(robot: ParallelRobot, state: RobotState, ddx: Array) -> _Motion:
     """Joint velocities and accelerations for platform rates of the states and ddx (R, n).
 
     As `motion_at`, but run by run where that factors all instants as one band matrix: there the length of
@@ -101,7 +101,7 @@ def _constrained_motion(robot: ParallelRobot, state: State, ddx: Array) -> _Moti
     v, a = np.zeros((2, len(state.q), robot.model.nv))
     v[:, columns] = solve(whole, np.concatenate([twist, np.zeros((len(twist), len(rows.names)))], axis=1))
     motions = frame_motions(robot, at, state.q, v)
-    platform_drift = motions.drift[:, 0, robot.platform.axes]
+    platform_drift = robot.platform.drift(at, motions)
     drift = np.concatenate([dtwist - platform_drift, -closure_drift(rows, at, motions)], axis=1)
     a[:, columns] = solve(whole, drift)
     return _Motion(state.q, v, a, loops)

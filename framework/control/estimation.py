@@ -19,7 +19,7 @@ from framework.linalg.ordered_sums import matvec
 NEAR = 0.1  # singular values below this share of the largest count as near the singularity
 
 
-class State(NamedTuple):
+class RobotState(NamedTuple):
     """Configuration and platform of R runs, measured or concluded."""
 
     q: Array  # (R, nq)
@@ -33,7 +33,7 @@ class Measurement(NamedTuple):
 
     motor_angle: Array  # (R, n_a) [rad], motor side
     motor_speed: Array  # (R, n_a)
-    state: State | None
+    state: RobotState | None
 
 
 class Controller(Protocol):
@@ -47,7 +47,7 @@ class Controller(Protocol):
         ...
 
 
-def estimated_state(reference: Reference, k: int, seen: Measurement, *, aware: bool) -> State:
+def estimated_state(reference: Reference, k: int, seen: Measurement, *, aware: bool) -> RobotState:
     """The state at sampling instant k: as measured, or by one Newton step from the plan."""
     if seen.state is not None:
         return seen.state
@@ -56,7 +56,7 @@ def estimated_state(reference: Reference, k: int, seen: Measurement, *, aware: b
     angle, speed = seen.motor_angle - reference.motor_angle[k], seen.motor_speed - reference.motor_speed[k]
     turned = np.stack([angle, speed])
     step, rate = consistent_solution(G[None], turned) if aware else matvec(_inverse(G), turned)
-    return State(
+    return RobotState(
         q=integrate(robot, reference.motion.q[k], matvec(N, step)),
         v=reference.motion.v[k] + matvec(N, rate),
         x=reference.x[k] + step,

@@ -22,9 +22,9 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.feasibility import Feasibility, feasibility_on_path
-from framework.crossing.limits import specification_of
 from framework.crossing.optimal_motion import Task, best_undeformed
 from framework.crossing.request import Request
+from framework.crossing.specification import specification_of
 from framework.crossing.targets import END, TargetedPath
 from framework.errors import NoLaw, NotConverged
 from framework.motion.law import Condition, Law

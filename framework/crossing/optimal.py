@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
 
-from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
+from framework.arrays import Array, BoolArray, IntArray
 from framework.crossing.phase_plane import Demand
+from framework.crossing.specification import Specification
 from framework.errors import InvalidInput
 from framework.motion.chebyshev import coefficients as series_through
 from framework.motion.chebyshev import derivative_matrix, evaluate, nodes
@@ -40,44 +41,6 @@ LAXER = (1.002, 1.005, 1.01, 1.02, 1.05, 1.2, 1.5, 2.0, 4.0)
 SLOWER = 8  # steps from the quickest towards the slowest law
 SLOWEST = 0.02  # least z of such a law, over the mean speed squared
 COMPARABLE = 4.0  # factor between the guessed and the found scale that needs no second solution
-
-
-@dataclass(frozen=True, eq=False)
-class Specification(ReadOnlyArrays):
-    """What a law is to be best at, and within which limits.
-
-    goal: "time", "peak_torque": the largest torque over its limit, or "energy": the integral of the sum of
-        (torque over limit)^2. There motors without a limit are weighed with the largest of the others, or,
-        if there is none, all with the same number; that does not bound them.
-    duration: to be met exactly [s]; `longest`: not to be exceeded [s].
-    torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite where there is none.
-    """
-
-    goal: str
-    duration: float | None
-    longest: float | None
-    torque_limit: Array
-    speed_limit: Array
-    smoothness: int
-
-    def tightened(self, share: float) -> Specification:
-        """The same with limits multiplied by `share`."""
-        return replace(self, torque_limit=self.torque_limit * share, speed_limit=self.speed_limit * share)
-
-    @property
-    def limited(self) -> bool:
-        """Whether any torque has a limit."""
-        return bool(self.limited_motors.any())
-
-    @property
-    def limited_motors(self) -> BoolArray:
-        """Which torques (n_a,) have a limit."""
-        return np.isfinite(self.torque_limit)
-
-    @property
-    def most(self) -> float | None:
-        """The duration not to be exceeded [s], if any."""
-        return self.duration if self.duration is not None else self.longest
 
 
 class OnPath(NamedTuple):

@@ -22,7 +22,6 @@ from framework.crossing.optimal import (
     Best,
     OnPath,
     Setting,
-    Specification,
     Units,
     better_units,
     conditions_on_speed,
@@ -33,6 +32,7 @@ from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, cross
 from framework.crossing.polynomial import check_contacts
 from framework.crossing.refusal_proofs import HoldingTorque, NoAdmissibleSpeed, UnmetCondition
 from framework.crossing.request import Request
+from framework.crossing.specification import Specification
 from framework.crossing.targets import TargetedPath
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics

@@ -11,8 +11,8 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.crossing.condition import Condition8
 from framework.crossing.motion_table import MotionTable, motion_table
-from framework.crossing.optimal import Specification
 from framework.crossing.request import Request
+from framework.crossing.specification import Specification
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.joint_limits import positions_beyond_limits

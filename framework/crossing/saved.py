@@ -21,10 +21,10 @@ from framework.arrays import Array
 from framework.catalogue import catalogue
 from framework.catalogue import robot_file as robot_file_of
 from framework.crossing.finish import finished_plan
-from framework.crossing.limits import specification_of
 from framework.crossing.request import Request
 from framework.crossing.result import Crossing, CrossingPlan, Optimality
 from framework.crossing.scenes import path_of
+from framework.crossing.specification import specification_of
 from framework.crossing.targets import targeted_path
 from framework.crossing.timing import CrossingTime
 from framework.dynamics.inverse_dynamics import check_law, resolve

@@ -153,7 +153,7 @@ def _improve(
     build: Callable[[Sequence[CrossingTime]], Law],
 ) -> tuple[tuple[CrossingTime, ...], float]:
     """Nelder-Mead on what is open, until the law advances comfortably."""
-    from scipy.optimize import minimize
+    from scipy.optimize import OptimizeResult, minimize
 
     count, duration = len(first), request.fixed_duration
     open_times, open_speeds = request.times is None, request.speeds is None
@@ -170,12 +170,17 @@ def _improve(
         score = _advance(build, crossing_times(free), request)
         return 1e6 if np.isneginf(score) else -min(score, COMFORTABLE)
 
+    def stop_when_comfortable(intermediate_result: OptimizeResult) -> None:
+        if intermediate_result.fun <= -COMFORTABLE:
+            raise StopIteration
+
     unknowns = count * (open_times + open_speeds)
     simplex = np.vstack([np.zeros(unknowns), 0.1 * np.eye(unknowns)])
     found = minimize(
         cost,
         np.zeros(unknowns),
         method="Nelder-Mead",
+        callback=stop_when_comfortable,
         options={
             "initial_simplex": simplex,
             "maxfev": min(400 * unknowns, TRIALS),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, IntArray, ReadOnlyArrays
+from framework.arrays import IntArray, ReadOnlyArrays
 from framework.kinematics.frames import scratch_of
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
@@ -21,7 +21,7 @@ class Equations(ReadOnlyArrays):
 
     loops: LoopRows  # the m independent ones
     bodies: IntArray  # (n + m,) the frame that the wrench of each equation acts on
-    platform: Array  # (n, 6) unit forces and couples along the platform's axes
+    n: int  # of the platform's equations, which come first
     pattern: Sparsity  # (n + m, nv)
     columns: IntArray  # those that follow when x and q_e are given: actuated, then passive
     moving: Part  # all rows, these columns: square if planning is possible
@@ -35,8 +35,8 @@ class Equations(ReadOnlyArrays):
         mechanism: Mechanism, platform: PlatformCoordinates, loops: LoopRows, columns: IntArray, n_a: int
     ) -> Equations:
         """The table for these loop equations and `columns`, of which the first n_a have motors."""
-        carried, n = scratch_of(mechanism).carried, len(platform.axes)
-        own = np.repeat(carried[:1], n, axis=0)
+        carried, n = scratch_of(mechanism).carried, platform.n
+        own = platform.felt_by(carried[0])
         pattern = Sparsity.of(np.concatenate([own, carried[loops.second] - carried[loops.first]]))
         rows = np.arange(pattern.shape[0])
         moving = pattern.part(rows, columns)
@@ -48,7 +48,7 @@ class Equations(ReadOnlyArrays):
         return Equations(
             loops=loops,
             bodies=np.concatenate([np.zeros(n, dtype=np.intp), loops.second]),
-            platform=np.eye(6)[platform.axes],
+            n=n,
             pattern=pattern,
             columns=columns,
             moving=moving,

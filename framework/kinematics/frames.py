@@ -47,11 +47,14 @@ class FrameStack(NamedTuple):
         Array  # (T, nv, 6) twist, at the base's origin, of what a joint carries when it moves at unit rate
     )
     carried: Array  # (F, nv) 1 where the joint carries the frame, else 0
+    q: Array  # (T, nq) the configurations
 
     def at(self, k: int) -> FrameStack:
         """The frames of one configuration, T = 1."""
         here = slice(k, k + 1)
-        return FrameStack(self.position[here], self.rotation[here], self.screws[here], self.carried)
+        return FrameStack(
+            self.position[here], self.rotation[here], self.screws[here], self.carried, self.q[here]
+        )
 
     @property
     def jacobian(self) -> Array:
@@ -84,7 +87,7 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
         screws[k] = columns
     poses = poses[:, scratch.frames]
     rotation = poses[:, :, :9].reshape(*poses.shape[:2], 3, 3).swapaxes(2, 3)
-    return FrameStack(poses[:, :, 9:], rotation, screws, scratch.carried)
+    return FrameStack(poses[:, :, 9:], rotation, screws, scratch.carried, q)
 
 
 def frame_motions(mechanism: Mechanism, at: FrameStack, q: Array, v: Array) -> FrameMotions:

@@ -17,7 +17,7 @@ from framework.errors import InvalidInput, NotAssembled, point
 from framework.kinematics.closures import closure_drift, loop_equations, loop_wrenches, scaled
 from framework.kinematics.equations import Equations
 from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at
-from framework.kinematics.newton import ITERATIONS, Closing, Linear, Which, newton
+from framework.kinematics.newton import ITERATIONS, Linear, NewtonResult, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.placements import configuration
 from framework.linalg.banded_lu import Factors
@@ -49,12 +49,12 @@ class System:
     @property
     def platform(self) -> Array:
         """The platform's rows of dF/dq, (T, n, nv)."""
-        return self.jacobian[:, : len(self.equations.platform)]
+        return self.jacobian[:, : self.equations.n]
 
     @property
     def closures(self) -> Array:
         """The loop equations' rows of dF/dq, (T, m, nv)."""
-        return self.jacobian[:, len(self.equations.platform) :]
+        return self.jacobian[:, self.equations.n :]
 
     @cached_property
     def factors(self) -> Factors:
@@ -125,7 +125,7 @@ def system_at(robot: ParallelRobot, q: Array, x: Array) -> System:
     equations, at = robot.equations, frames_at(robot, q)
     loops = loop_wrenches(equations.loops, at)
     wrench = np.empty((len(q), len(equations.bodies), 6))
-    wrench[:, : robot.n] = equations.platform
+    wrench[:, : robot.n] = robot.platform.wrenches(at)
     wrench[:, robot.n :] = loops.wrench
     wrench[..., 3:] += cross(at.position[:, equations.bodies], wrench[..., :3])  # about the base's origin
     residual = np.concatenate([robot.platform.residual(at, x), loops.residual], axis=1)
@@ -180,7 +180,7 @@ def close_each(
     *,
     iterations: int = ITERATIONS,
     farthest: float = np.inf,
-) -> Closing[System]:
+) -> NewtonResult[System]:
     """Close the loops wherever they close, as `close_loops` does, and tell where; options of `newton`."""
 
     def evaluate(q: Array, which: Which) -> System:
@@ -234,7 +234,7 @@ def motion_at(
     v = joint_rates(robot, system, twist, dq_e)
     motions = frame_motions(robot, system.frames, closed.q, v)
     drift = closure_drift(system.equations.loops, system.frames, motions)
-    platform_drift = motions.drift[:, 0, robot.platform.axes]
+    platform_drift = robot.platform.drift(system.frames, motions)
     right = np.concatenate([dtwist - platform_drift, -drift], axis=1)
     return Motion(closed.q, v, _solve_rates(robot, system, right, ddq_e), system)
 

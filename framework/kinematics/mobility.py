@@ -21,6 +21,7 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.assembly import loop_matrix, nearby_configurations
+from framework.kinematics.closures import scaled
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
@@ -70,12 +71,12 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
 def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     """Examine the platform's axes near the assembled reference; `freedoms` is how many axes are needed."""
     q = robot.reference.q
-    own, twists = robot.platform.axes, [_frame_twists(robot, q)]
-    here = _null_space(twists[0][own].T)  # (n, k) combinations of axes that stay at rest
+    here = _stuck(robot, q)
     if not here.shape[1] and robot.n == freedoms:
         return PlatformAxes("", "", freedoms, ())
-    twists += [_frame_twists(robot, pose) for pose in nearby_configurations(robot, q)]
-    stuck = min((_null_space(matrix[own].T) for matrix in twists), key=lambda held: held.shape[1])
+    poses = [q, *nearby_configurations(robot, q)]
+    twists = [_frame_twists(robot, pose) for pose in poses]
+    stuck = min((_stuck(robot, pose) for pose in poses), key=lambda held: held.shape[1])
     velocities = max(np.linalg.matrix_rank(matrix, tol=AT_REST) for matrix in twists)
     names = robot.axis_names
     proposals = _proposals(twists, freedoms) if velocities == freedoms else ()
@@ -87,7 +88,7 @@ def _proposals(twists: list[Array], freedoms: int) -> tuple[tuple[str, ...], ...
     found = []
     for axes in combinations(range(6), freedoms):
         turning = sum(axis >= 3 for axis in axes)
-        if not axes or turning == 2:  # a platform turns about none, one or all three
+        if not axes:
             continue
         least = max(np.linalg.svd(matrix[list(axes)], compute_uv=False)[-1] for matrix in twists)
         if least > WELL:
@@ -107,8 +108,18 @@ def _motions(robot: ParallelRobot, q: Array) -> Array:
 def _hidden_motions(robot: ParallelRobot, q: Array) -> Array:
     """Orthonormal motions (nv, k) at q (nq,) in which no motor and no platform coordinate takes part."""
     motions = _motions(robot, q)
-    felt = [_platform_twists(robot, q)[robot.platform.axes], np.eye(robot.model.nv)[robot.actuated]]
+    felt = [_platform_rates(robot, q), np.eye(robot.model.nv)[robot.actuated]]
     return np.asarray(motions @ _null_space(np.concatenate(felt) @ motions))
+
+
+def _stuck(robot: ParallelRobot, q: Array) -> Array:
+    """Combinations (n, k) of the platform's coordinates that the motions at q (nq,) leave at rest."""
+    return _null_space((_platform_rates(robot, q) @ _motions(robot, q)).T)
+
+
+def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
+    """Rates (n, nv) of the platform's coordinates, in radians and lengths of the robot."""
+    return scaled(robot, robot.platform.jacobian(frames_at(robot, q[None])), ~robot.translations)[0]
 
 
 def _frame_twists(robot: ParallelRobot, q: Array) -> Array:

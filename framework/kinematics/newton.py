@@ -35,7 +35,7 @@ class Linear(NamedTuple):
     factors: Factors  # k x k
 
 
-class Closing(NamedTuple, Generic[S]):
+class NewtonResult(NamedTuple, Generic[S]):
     """Where Newton's method has led."""
 
     q: Array  # (T, nq)
@@ -52,7 +52,7 @@ def newton(
     *,
     iterations: int = ITERATIONS,
     farthest: float = np.inf,
-) -> Closing[S]:
+) -> NewtonResult[S]:
     """Configurations q (T, nq) near the guess (T, nq) that meet the equations; only `columns` (k,) move.
 
     Steps are bounded. What has no solution is told by `closed` and leaves the others alone.
@@ -105,4 +105,4 @@ def newton(
     closed[live] = size < LAST_STEP
     if len(size) < len(guess):
         system = evaluate(q, slice(None))
-    return Closing(q, system, closed)
+    return NewtonResult(q, system, closed)

@@ -64,7 +64,7 @@ class ParallelRobot(Mechanism):
             SingularReference: the reference is on a singularity of the loops, see `singular_reference`.
         """
         numbers, description = vars(Mechanism.of(mechanism)), mechanism.description
-        platform = PlatformCoordinates.of(description.platform.axes)
+        platform = PlatformCoordinates.of(description.platform, mechanism.model)
         actuated = columns_of(mechanism.model, (actuator.joint for actuator in description.actuators))
         passive = np.setdiff1d(mechanism.joints, actuated)
         closed = close_reference(mechanism)
@@ -73,7 +73,7 @@ class ParallelRobot(Mechanism):
         singular = singular_reference(mechanism, passive, poses, matrices)
         if singular is not None:
             raise singular
-        here = matrices[0][len(platform.axes) :]
+        here = matrices[0][platform.n :]
         independent = independent_rows(here[:, mechanism.joints])
         idle = idle_columns(matrices[0][:, passive], passive)
         moving = np.concatenate([actuated, np.setdiff1d(passive, idle)])
@@ -97,7 +97,7 @@ class ParallelRobot(Mechanism):
     @property
     def n(self) -> int:
         """Number of platform coordinates."""
-        return len(self.platform.axes)
+        return self.platform.n
 
     @property
     def n_a(self) -> int:
@@ -142,8 +142,8 @@ class ParallelRobot(Mechanism):
 
     @property
     def axis_names(self) -> tuple[str, ...]:
-        """Names of the platform coordinates, e.g. ("x", "y")."""
-        return self.description.platform.axes
+        """Names of the platform coordinates, e.g. ("x", "y"), or those of joints."""
+        return self.description.platform.names
 
     def actuated_coordinates(self, q: Array) -> Array:
         """The motors' joints q_a (T, n_a) at q (T, nq), joint side of the gears [rad, m]."""

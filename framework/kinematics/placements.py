@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.errors import finite_numbers
+from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 
@@ -42,6 +43,16 @@ def joint_poses(robot: ParallelRobot, q: Array) -> Array:
 def platform_positions(robot: ParallelRobot, poses: Array) -> Array:
     """Origin (F, 3) of the platform's frame, for poses of `joint_poses`."""
     return frame_origins(robot, poses, robot.frames[0])
+
+
+def platform_twists(robot: ParallelRobot, q: Array, v: Array) -> Array:
+    """Twists (F, 6) of the platform's frame in base axes for its velocities v (F, n) at q (F, nq)."""
+    return robot.platform.frame_twist(frames_at(robot, q), v)
+
+
+def platform_wrenches(robot: ParallelRobot, q: Array, W: Array) -> Array:
+    """Wrenches (F, 6) at the platform's origin in base axes with components W (F, n) at q (F, nq)."""
+    return robot.platform.frame_wrench(frames_at(robot, q), W)
 
 
 def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:

@@ -1,165 +1,232 @@
-"""The platform's coordinates x, its twist v, and how the rates of one make the other.
+"""The platform's coordinates x, its velocity v, and how the rates of one make the other.
 
-Translations are the coordinates of the frame's origin in the base frame [m]. A platform that turns about one
-axis has the twist angle about that base axis as coordinate [rad], counted on through full turns. One that
-turns about all three has the rotation vector of its frame with respect to the base: smooth, without an
-order of angles, singular only at a whole turn. v is (linear, angular) at the frame's origin on base axes,
-so v = T(x) dx with T the left Jacobian of SO(3) in the last case and the identity in all others.
+v (n,) is what n wrenches of unit size yield on the motion of the mechanism, and v = E(x) dx. Everything
+else stands on v: A v = B dq_a + C dq_e, the twist t_s, and the wrench W_p, whose power is W_p . v. So a
+platform is these wrenches, and the way in which x makes v:
+
+    a frame on base axes    translations of its origin [m]: unit forces, v = dx; turns: the couples of a
+                            chart (`attitude`) [rad]
+    joints of the tree      their positions [rad, m]: the couple about the joint's axis or the force
+                            along it, which only that joint feels; v = dx
+
+With translations and none or three turns, v is (linear, angular) of the frame at its origin on base axes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+import pinocchio as pin
 
-from framework.arrays import Array, IntArray, ReadOnlyArrays
-from framework.kinematics.frames import FrameStack, cross
-from framework.linalg.ordered_sums import dot
-from framework.model.description import AXES
+from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
+from framework.kinematics.attitude import Attitude, attitude_about
+from framework.kinematics.frames import FrameMotions, FrameStack
+from framework.linalg.ordered_sums import matmul, matvec
+from framework.model.description import AXES, Platform
 from framework.motion.path import Path
 
 
 @dataclass(frozen=True, eq=False)
-class PlatformCoordinates(ReadOnlyArrays):
-    """The coordinates x (n,) of a platform by kind: their places in x, and their axes 0..2."""
+class PlatformCoordinates(ReadOnlyArrays, ABC):
+    """The coordinates x (n,) of a platform; its frame is the first of the mechanism's."""
 
-    axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
-    translations: NDArray[np.bool_]  # (n,) the others are turns
-    sliding: IntArray
-    along: IntArray
-    turning: IntArray
-    about: IntArray
+    translations: BoolArray  # (n,) [m]; the others are turns [rad]
+    sliding: IntArray  # places in x of translations of the frame's origin along base axes
+    along: IntArray  # those axes, 0..2
 
     @staticmethod
-    def of(names: Sequence[str]) -> PlatformCoordinates:
+    def of(platform: Platform, model: pin.Model) -> PlatformCoordinates:
+        """The coordinates that a robot file asks for."""
+        if platform.joints:
+            return JointPlatform.of_joints(platform.joints, model)
+        return FramePlatform.on_axes(platform.axes)
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.translations)
+
+    @property
+    def is_point(self) -> bool:
+        """Whether all coordinates are translations of the frame's origin."""
+        return len(self.sliding) == self.n
+
+    @abstractmethod
+    def coordinates(self, at: FrameStack) -> Array:
+        """Coordinates x (T, n) [m, rad]."""
+
+    @abstractmethod
+    def residual(self, at: FrameStack, x: Array) -> Array:
+        """How far the platform is from x, (T, n), turns taken the short way; its rate is v."""
+
+    @abstractmethod
+    def unwrap(self, x: Array, near: Array) -> Array:
+        """Coordinates x (T, n) with turns counted on through full ones, next to `near` (n,) or (T, n)."""
+
+    @abstractmethod
+    def wrenches(self, at: FrameStack) -> Array:
+        """The wrenches (T, n, 6), or (n, 6) if constant, at the frame's origin: v is what they yield."""
+
+    @abstractmethod
+    def felt_by(self, carried: Array) -> Array:
+        """1 where a joint (nv) takes part in a coordinate (n), else 0; `carried` (nv,) of the frame."""
+
+    @abstractmethod
+    def jacobian(self, at: FrameStack) -> Array:
+        """Derivative (T, n, nv) of v along pinocchio's velocity vector."""
+
+    @abstractmethod
+    def drift(self, at: FrameStack, motions: FrameMotions) -> Array:
+        """dv/dt (T, n) when all joint accelerations are zero."""
+
+    @abstractmethod
+    def frame_twist(self, at: FrameStack, v: Array) -> Array:
+        """A twist (T, 6) of the frame with this v (T, n), without what no coordinate tells: to be drawn."""
+
+    def frame_wrench(self, at: FrameStack, W: Array) -> Array:
+        """The wrench (T, 6) at the frame's origin with components W (T, n), so that its power is W . v."""
+        return matvec(np.swapaxes(np.broadcast_to(self.wrenches(at), (len(W), self.n, 6)), 1, 2), W)
+
+    def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
+        """v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
+        return dx, np.zeros_like(dx) if ddx is None else ddx
+
+    def path_twist(self, path: Path, s: float) -> Array:
+        """v (n,) of the platform for ds/dt = 1 at path coordinate s."""
+        here = np.array([s])
+        return self.twist(path(here), path(here, 1))[0][0]
+
+
+@dataclass(frozen=True, eq=False)
+class FramePlatform(PlatformCoordinates):
+    """Translations of a frame's origin along base axes, and its attitude."""
+
+    axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
+    turning: IntArray  # places in x of the turns
+    attitude: Attitude | None  # None: it does not turn
+
+    @staticmethod
+    def on_axes(names: tuple[str, ...]) -> FramePlatform:
         """The coordinates on axes out of x, y, z, rx, ry, rz."""
         axes = np.array([AXES.index(name) for name in names])
         translations = axes < 3
         sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)
-        return PlatformCoordinates(axes, translations, sliding, axes[sliding], turning, axes[turning] - 3)
+        attitude = attitude_about(axes[turning] - 3) if len(turning) else None
+        return FramePlatform(translations, sliding, axes[sliding], axes, turning, attitude)
+
+    @property
+    def constant(self) -> bool:
+        """Whether the wrenches are the same at every pose."""
+        return self.attitude is None or self.attitude.constant
 
     def coordinates(self, at: FrameStack) -> Array:
-        """Coordinates x (T, n) of the platform on its axes, in the base frame [m, rad]."""
-        sliding, along, turning, about = self.sliding, self.along, self.turning, self.about
-        x = np.empty((len(at.position), len(self.axes)))
-        x[:, sliding] = at.position[:, 0, along]
-        if len(turning) == 1:
-            x[:, turning] = _twist_angle(at.rotation[:, 0], int(about[0]))[:, None]
-        elif len(turning):
-            x[:, turning] = _logarithm(at.rotation[:, 0])[:, about]
+        x = np.empty((len(at.position), self.n))
+        x[:, self.sliding] = at.position[:, 0, self.along]
+        if self.attitude is not None:
+            x[:, self.turning] = self.attitude.coordinates(at.rotation[:, 0])
         return x
 
     def residual(self, at: FrameStack, x: Array) -> Array:
-        """How far the platform is from x, (T, n); turns are taken the short way round."""
-        sliding, along, turning, about = self.sliding, self.along, self.turning, self.about
-        if not len(turning):
-            return at.position[:, 0, along] - x
-        if len(turning) == 1:
-            difference = self.coordinates(at) - x
-            difference[:, turning] = np.mod(difference[:, turning] + np.pi, 2 * np.pi) - np.pi
-            return difference
-        difference = np.empty((len(x), len(self.axes)))
-        difference[:, sliding] = at.position[:, 0, along] - x[:, sliding]
-        target = rotation_matrix(self._rotation_vector(x))
-        difference[:, turning] = _logarithm(at.rotation[:, 0] @ target.transpose(0, 2, 1))[:, about]
-        return difference
+        if self.attitude is None:
+            return at.position[:, 0, self.along] - x
+        off = np.empty((len(x), self.n))
+        off[:, self.sliding] = at.position[:, 0, self.along] - x[:, self.sliding]
+        off[:, self.turning] = self.attitude.residual(at.rotation[:, 0], x[:, self.turning])
+        return off
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Coordinates x (T, n) with turns counted on through full ones, next to `near` (n,) or (T, n)."""
-        turning = self.turning
-        vector = x[:, turning]
-        angle = np.sqrt(dot(vector, vector))[:, None]
-        about = vector / np.where(angle > 0, angle, 1.0)
-        missing = dot(about, near[..., turning])[:, None] - angle
         x = x.copy()
-        x[:, turning] = vector + 2 * np.pi * np.round(missing / (2 * np.pi)) * about
+        if self.attitude is not None:
+            x[:, self.turning] = self.attitude.unwrap(x[:, self.turning], near[..., self.turning])
         return x
 
+    def wrenches(self, at: FrameStack) -> Array:
+        constant = np.eye(6)[self.axes]
+        if self.attitude is None or self.attitude.constant:
+            return constant
+        wrenches = np.repeat(constant[None], len(at.position), axis=0)
+        wrenches[:, self.turning, 3:] = self.attitude.couples(at.rotation[:, 0])
+        return wrenches
+
+    def felt_by(self, carried: Array) -> Array:
+        return np.repeat(carried[None], self.n, axis=0)
+
     def jacobian(self, at: FrameStack) -> Array:
-        """Derivative (T, n, nv) of the platform's twist on its axes along pinocchio's velocity vector."""
         only = at._replace(position=at.position[:, :1], carried=at.carried[:1])
-        return only.jacobian[:, 0, self.axes]
+        return self._yield(at, only.jacobian[:, 0])
+
+    def drift(self, at: FrameStack, motions: FrameMotions) -> Array:
+        drift = self._yield(at, motions.drift[:, 0, :, None])[..., 0]
+        if self.attitude is not None and not self.attitude.constant:
+            w = motions.twist[:, 0, 3:]
+            drift[:, self.turning] += matvec(self.attitude.couple_rates(at.rotation[:, 0], w), w)
+        return drift
+
+    def frame_twist(self, at: FrameStack, v: Array) -> Array:
+        six = np.zeros((len(v), 6))
+        six[:, self.along] = v[:, self.sliding]
+        if self.attitude is not None:
+            six[:, 3:] = self.attitude.turning(at.rotation[:, 0], v[:, self.turning])
+        return six
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
-        """Twist v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
         ddx = np.zeros_like(dx) if ddx is None else ddx
-        turning, order = self.turning, self.about
-        if len(turning) < 2:
+        if self.attitude is None:
             return dx, ddx
-        r, dr, ddr = (self._rotation_vector(part) for part in (x, dx, ddx))
-        a, da, b, db = _left_jacobian_series(dot(r, r), dot(r, dr))
-        swept, swept_twice = cross(r, dr), cross(r, cross(r, dr))
-        omega = dr + a * swept + b * swept_twice
-        alpha = (
-            ddr
-            + a * cross(r, ddr)
-            + da * swept
-            + b * (cross(dr, swept) + cross(r, cross(r, ddr)))
-            + db * swept_twice
-        )
-        v, dv = dx.copy(), ddx.copy()
-        v[:, turning], dv[:, turning] = omega[:, order], alpha[:, order]
+        v, dv, turning = dx.copy(), ddx.copy(), self.turning
+        v[:, turning], dv[:, turning] = self.attitude.rates(*(part[:, turning] for part in (x, dx, ddx)))
         return v, dv
 
-    def path_twist(self, path: Path, s: float) -> Array:
-        """Twist (n,) of the platform for ds/dt = 1 at path coordinate s."""
-        here = np.array([s])
-        return self.twist(path(here), path(here, 1))[0][0]
-
-    def _rotation_vector(self, x: Array) -> Array:
-        """The rotation vector (T, 3) among coordinates (T, n)."""
-        vector = np.zeros((len(x), 3))
-        vector[:, self.about] = x[:, self.turning]
-        return vector
+    def _yield(self, at: FrameStack, twists: Array) -> Array:
+        """What the wrenches yield (T, n, k) on twists (T, 6, k) of the frame."""
+        return twists[:, self.axes] if self.constant else matmul(self.wrenches(at), twists)
 
 
-def rotation_matrix(vector: Array) -> Array:
-    """Rotation matrices (T, 3, 3) of rotation vectors (T, 3) [rad]."""
-    from scipy.spatial.transform import Rotation
+@dataclass(frozen=True, eq=False)
+class JointPlatform(PlatformCoordinates):
+    """Positions of joints of the tree."""
 
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+    columns: IntArray  # (n,) entries of pinocchio's velocity vector
+    places: IntArray  # (n,) entries of q
 
+    @staticmethod
+    def of_joints(names: tuple[str, ...], model: pin.Model) -> JointPlatform:
+        """The coordinates on joints of one degree of freedom."""
+        joints = [model.joints[model.getJointId(name)] for name in names]
+        slides = np.array([joint.shortname().startswith("JointModelP") for joint in joints])
+        nothing = np.empty(0, dtype=np.intp)
+        columns, places = (np.array([getattr(j, key) for j in joints]) for key in ("idx_v", "idx_q"))
+        return JointPlatform(slides, nothing, nothing, columns, places)
 
-def _logarithm(rotation: Array) -> Array:
-    """Rotation vectors (T, 3) of rotations (T, 3, 3), NaN where one is not finite."""
-    from scipy.spatial.transform import Rotation
+    def coordinates(self, at: FrameStack) -> Array:
+        return at.q[:, self.places]
 
-    finite = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
-    if not finite.all():
-        rotation = np.where(finite[:, None, None], rotation, np.eye(3))
-    return np.where(finite[:, None], Rotation.from_matrix(rotation).as_rotvec(), np.nan)
+    def residual(self, at: FrameStack, x: Array) -> Array:
+        off = at.q[:, self.places] - x
+        return np.where(self.translations, off, np.mod(off + np.pi, 2 * np.pi) - np.pi)
 
+    def unwrap(self, x: Array, near: Array) -> Array:
+        turns = np.round((near - x) / (2 * np.pi))
+        return np.where(self.translations, x, x + 2 * np.pi * turns)
 
-def _left_jacobian_series(square: Array, half_rate: Array) -> tuple[Array, Array, Array, Array]:
-    """a = (1 - cos t) / t^2, b = (t - sin t) / t^3 and their time derivatives, each (T, 1).
+    def wrenches(self, at: FrameStack) -> Array:
+        wrenches = at.screws[:, self.columns].copy()
+        wrenches[:, ~self.translations, :3] = 0.0
+        return wrenches
 
-    `square` is t^2, `half_rate` half its time derivative. Below one radian by their series, which the
-    closed forms lose to cancellation.
-    """
-    small = square < 1.0
-    t = np.sqrt(np.where(small, 1.0, square))
-    a_series, b_series, da_series, db_series = (np.zeros_like(square) for _ in range(4))
-    term_a, term_b = 0.5, 1.0 / 6.0
-    for k in range(12):  # the last term is below 1e-17 for t < 1
-        power = square**k
-        a_series += term_a * power
-        b_series += term_b * power
-        term_a /= -(2 * k + 3) * (2 * k + 4)
-        term_b /= -(2 * k + 4) * (2 * k + 5)
-        da_series += term_a * (k + 1) * power  # derivative with respect to t^2
-        db_series += term_b * (k + 1) * power
-    a = np.where(small, a_series, (1 - np.cos(t)) / t**2)
-    b = np.where(small, b_series, (t - np.sin(t)) / t**3)
-    da = np.where(small, da_series, (t * np.sin(t) - 2 * (1 - np.cos(t))) / (2 * t**4))
-    db = np.where(small, db_series, (t * (1 - np.cos(t)) - 3 * (t - np.sin(t))) / (2 * t**5))
-    rate = (2 * half_rate)[:, None]
-    return a[:, None], da[:, None] * rate, b[:, None], db[:, None] * rate
+    def felt_by(self, carried: Array) -> Array:
+        return np.eye(len(carried))[self.columns]
 
+    def jacobian(self, at: FrameStack) -> Array:
+        return np.repeat(np.eye(at.screws.shape[1])[None, self.columns], len(at.q), axis=0)
 
-def _twist_angle(rotation: Array, axis: int) -> Array:
-    """Angle (T,) about one base axis in the swing-twist decomposition of rotations (T, 3, 3)."""
-    j, k = (axis + 1) % 3, (axis + 2) % 3
-    return np.arctan2(rotation[:, k, j] - rotation[:, j, k], rotation[:, j, j] + rotation[:, k, k])
+    def drift(self, at: FrameStack, motions: FrameMotions) -> Array:
+        return np.zeros((len(at.q), self.n))
+
+    def frame_twist(self, at: FrameStack, v: Array) -> Array:
+        screws = at.screws[:, self.columns]
+        twist = matvec(np.swapaxes(screws, 1, 2), v)  # at the base's origin
+        twist[:, :3] += np.cross(twist[:, 3:], at.position[:, 0])
+        return twist

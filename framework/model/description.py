@@ -48,10 +48,19 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Platform:
-    """The frame whose motion is prescribed, on these axes of the base frame."""
+    """What is prescribed: the motion of a frame on these axes of the base frame, or positions of joints.
+
+    Of two turns the order counts, see `framework.kinematics.attitude`.
+    """
 
     frame: str
-    axes: tuple[str, ...]
+    axes: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()  # given instead of axes; the frame then says what is drawn
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self.joints or self.axes
 
 
 @dataclass(frozen=True)

@@ -149,8 +149,8 @@ def _moments(where: str, given: Any) -> tuple[float, float, float]:
 
 
 def _check_scenes(description: RobotDescription) -> None:
-    """A point of a path has one number for each axis of the platform."""
-    axes = description.platform.axes
+    """A point of a path has one number for each coordinate of the platform."""
+    axes = description.platform.names
     for name, scene in description.scenes.items():
         for i, point in enumerate(scene.points):
             if len(point) != len(axes):

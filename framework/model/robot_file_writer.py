@@ -13,6 +13,7 @@ from framework.errors import OutputError, RobotFileError
 from framework.model.description import (
     Actuator,
     Closure,
+    Platform,
     RobotDescription,
     Scene,
     Spring,
@@ -67,7 +68,7 @@ def robot_document(description: RobotDescription) -> dict[str, Any]:
         "version": VERSION,
         "urdf": f"{description.name}.urdf",
         "gravity": list(description.gravity),
-        "platform": {"frame": description.platform.frame, "axes": list(description.platform.axes)},
+        "platform": _platform(description.platform),
         "actuators": [_actuator(actuator) for actuator in description.actuators],
         "closures": [_closure(closure) for closure in description.closures],
     }
@@ -83,6 +84,11 @@ def robot_document(description: RobotDescription) -> dict[str, Any]:
     if description.scenes:
         document["scenes"] = {name: _scene(scene) for name, scene in description.scenes.items()}
     return document
+
+
+def _platform(platform: Platform) -> dict[str, Any]:
+    what = {"joints": list(platform.joints)} if platform.joints else {"axes": list(platform.axes)}
+    return {"frame": platform.frame, **what}
 
 
 def _actuator(actuator: Actuator) -> dict[str, Any]:

@@ -75,16 +75,27 @@ def _frame(urdf: Urdf) -> Reader[str]:
 
 
 def _platform(urdf: Urdf) -> Reader[Platform]:
-    def axes(where: str, given: Any) -> tuple[str, ...]:
-        found = _axes(where, given)
-        if sum(axis.startswith("r") for axis in found) == 2:
-            raise RobotFileError(
-                f"{where}: got {list(found)}; a platform turns about none, one or all three of rx, ry, rz"
-            )
-        return found
+    """A frame with its axes, or joints; their frame is the link behind the last one if none is given."""
+    movable = [name for name, kind in urdf.joints.items() if kind in MOVING]
+    on_axes = {"frame": required(_frame(urdf)), "axes": required(_axes)}
+    of_joints = {
+        "joints": required(one_or_list_of(one_of("joint", movable))),
+        "frame": optional(_frame(urdf)),
+    }
 
-    table = {"frame": required(_frame(urdf)), "axes": required(axes)}
-    return record(table, lambda _, values: Platform(**values))
+    def read(where: str, given: Any) -> Platform:
+        content = mapping(where, given)
+        if "joints" not in content:
+            return Platform(**read_table(where, given, on_axes))
+        if "axes" in content:
+            raise RobotFileError(f"{where}: needs either axes or joints, and not both")
+        values = read_table(where, given, of_joints)
+        joints = values["joints"]
+        if not joints or len(set(joints)) < len(joints):
+            raise RobotFileError(f"{below(where, 'joints')}: needs different joints, got {list(joints)}")
+        return Platform(values["frame"] or urdf.children[joints[-1]], joints=joints)
+
+    return read
 
 
 def _actuator(urdf: Urdf) -> Reader[Actuator]:

@@ -7,6 +7,7 @@ end of the motion from s = 1 to s = 1.77.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -37,6 +38,8 @@ def check_duration(duration: float) -> None:
 
 def is_number(value: object) -> bool:
     """Whether a value is one finite real number, of Python or numpy."""
+    if type(value) is float:
+        return math.isfinite(value)
     if isinstance(value, bool):
         return False
     return isinstance(value, int | float | np.integer | np.floating) and bool(np.isfinite(value))
@@ -112,8 +115,8 @@ class Law(ReadOnlyArrays):
         if not np.all(np.abs(local) <= 1.0 + SLACK):
             raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
         series = self.coefficients
-        for _ in range(order):
-            series = scale * (derivative_matrix(len(series)) @ series)
+        if order:
+            series = scale**order * (derivative_matrix(len(series), order) @ series)
         return np.asarray(chebyshev.chebval(local, series))
 
     @staticmethod
@@ -132,12 +135,14 @@ class Law(ReadOnlyArrays):
                     f"[0, {duration:g}] s"
                 )
         scale = 2.0 / duration
-        rows, sizes = _condition_rows(tuple((time * scale - 1.0, order) for time, order, _ in conditions))
+        rows, inverse, sizes = _condition_rows(
+            tuple((time * scale - 1.0, order) for time, order, _ in conditions)
+        )
         orders = np.array([order for _, order, _ in conditions])
         values = np.array([value for *_, value in conditions]) / scale**orders / sizes
-        solution = np.linalg.solve(rows, values)
-        for _ in range(2):  # the rows are of very different slope: refine away what elimination lost
-            solution += np.linalg.solve(rows, values - rows @ solution)
+        solution = inverse @ values
+        for _ in range(2):  # the rows are of very different slope: refine away what the inverse lost
+            solution += inverse @ (values - rows @ solution)
         return Law(np.asarray(solution, dtype=float), duration)
 
     @staticmethod
@@ -169,30 +174,40 @@ class Law(ReadOnlyArrays):
         The zeros that the ends force on s' are divided out first, so that the sign near the ends is
         decided by the law and not by rounding.
         """
-        degree = max(self.degree - 1 - 2 * smoothness, 0)
-        x = 0.5 * (nodes(2 * degree + 6) + 1)[1:-1]  # inner points of [0, 1], more than unknowns
-        slope = self(x * self.duration, 1) / (x * (1 - x)) ** smoothness
-        local = 2 * x - 1
-        series = np.asarray(chebyshev.chebfit(local, slope, degree), dtype=float)
-        turning = extrema(series)
-        lowest = chebyshev.chebval(np.concatenate(([-1.0, 1.0], turning)), series).min()
-        return float(lowest / np.mean(np.abs(slope)))
+        to_slope, to_series = _without_ends(self.degree, smoothness)
+        slope = to_slope @ self.coefficients
+        series = to_series @ slope
+        ends = np.sum(series), np.sum(series[::2]) - np.sum(series[1::2])
+        turning = chebyshev.chebval(extrema(series), series)
+        return float(min(*ends, turning.min(initial=np.inf)) / np.mean(np.abs(slope)))
 
 
 @lru_cache(maxsize=64)
-def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array]:
-    """Rows (k, k) of derivatives of the Chebyshev polynomials at (x, order), and what divided them.
+def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array, Array]:
+    """Rows (k, k) of derivatives of the Chebyshev polynomials at (x, order), their inverse, their divisors.
 
     Raises:
         InvalidInput: two rows repeat each other.
     """
     count = len(places)
-    identity = np.eye(count)
-    rows = np.array([chebyshev.chebval(x, chebyshev.chebder(identity, m)) for x, m in places])
+    at, orders = np.array([x for x, _ in places]), [order for _, order in places]
+    derivatives = np.array([derivative_matrix(count, order) for order in orders])
+    rows = np.einsum("ij,ijk->ik", chebyshev.chebvander(at, count - 1), derivatives)
     sizes = np.abs(rows).max(axis=1)
     rows /= np.where(sizes > 0, sizes, 1.0)[:, None]
-    if np.linalg.matrix_rank(rows, tol=1e-13) < count:
+    left, values, right = np.linalg.svd(rows)
+    if not values[-1] > 1e-13:
         raise InvalidInput(
             "the conditions on the law repeat or contradict each other, or are too near to each other in time"
         )
-    return rows, sizes
+    return rows, (right.T / values) @ left.T, sizes
+
+
+@lru_cache(maxsize=64)
+def _without_ends(degree: int, smoothness: int) -> tuple[Array, Array]:
+    """From coefficients to s'(x) / (x (1 - x))^smoothness at points x of [0, 1], and on to its series."""
+    kept = max(degree - 1 - 2 * smoothness, 0)
+    local = nodes(2 * kept + 6)[1:-1]  # inner points, more than unknowns
+    slopes = 2.0 * chebyshev.chebvander(local, degree) @ derivative_matrix(degree + 1)
+    divided = slopes / (0.25 * (1 - local**2)[:, None]) ** smoothness
+    return divided, np.asarray(np.linalg.pinv(chebyshev.chebvander(local, kept)), dtype=float)

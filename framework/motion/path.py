@@ -106,11 +106,10 @@ class Line(PointPath):
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         check_order(order)
-        flat = np.atleast_1d(np.asarray(s, dtype=float)).reshape(-1, 1)
-        direction = self.end - self.start
+        along, direction = np.asarray(s, dtype=float)[..., None], self.end - self.start
         if order == 0:
-            return _stack(s, self.start + flat * direction)
-        return _stack(s, np.broadcast_to(direction if order == 1 else 0.0 * direction, (len(flat), self.n)))
+            return np.asarray(self.start + along * direction)
+        return np.asarray(np.zeros_like(along) + (direction if order == 1 else 0.0 * direction))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,7 +9,7 @@ from framework.catalogue import catalogue
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene_path
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.show.film import Film, Instant
+from framework.show.film import Film, FilmInstant
 
 NOTHING = 1e-3  # share of its largest value below which a force or an acceleration counts as zero here
 
@@ -91,7 +91,7 @@ def about(robot: ParallelRobot) -> str:
     return f"{entry.summary}. Source: {entry.source}." if entry is not None and known else ""
 
 
-def how(film: Film, instant: Instant) -> str:
+def how(film: Film, instant: FilmInstant) -> str:
     """How a proven motion comes to ask for nothing along t_s at a singular instant."""
     if film.plan is None:
         return ""
@@ -108,7 +108,7 @@ def how(film: Film, instant: Instant) -> str:
     )
 
 
-def coasts(film: Film, instant: Instant) -> bool:
+def coasts(film: Film, instant: FilmInstant) -> bool:
     """Whether neither force nor acceleration along the path is asked for at that instant."""
     speeding = np.abs(film.law(film.time, 2)).max()
     there = abs(float(film.law(np.array([instant.time]), 2)[0]))
@@ -141,7 +141,7 @@ def _peak(film: Film) -> str:
     return f"Peak torque {peaks[most]:.3g} {film.robot.torque_units[most]} ({parts(film)})."
 
 
-def _share(film: Film, instant: Instant) -> float:
+def _share(film: Film, instant: FilmInstant) -> float:
     """|W_p| at an instant over its largest value of the film."""
     size = np.linalg.norm(film.W_p, axis=1)
     return float(size[int(np.argmin(np.abs(film.time - instant.time)))] / (size.max() or 1.0))

@@ -28,7 +28,7 @@ FRAMES = 481
 
 
 @dataclass(frozen=True, eq=False)
-class Instant:
+class FilmInstant:
     """A singular instant of a film: `wrench` is t_s . W_p there [N, or N m for a pure turn]."""
 
     time: float
@@ -61,7 +61,7 @@ class Film:
     t_s: Array  # (F, n)
     W_p: Array  # (F, n)
     motors: PlatformWrench  # what the motors can give, (F, ...)
-    instants: tuple[Instant, ...]
+    instants: tuple[FilmInstant, ...]
     drawn_rigid: bool = False  # asked for with springs, which an unproved law would tear
 
     @property
@@ -132,8 +132,8 @@ def _film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
     )
 
 
-def _instants(crossings: Sequence[SingularityCrossing]) -> tuple[Instant, ...]:
-    return tuple(Instant(found.time, found.s, found.platform, found.wrench) for found in crossings)
+def _instants(crossings: Sequence[SingularityCrossing]) -> tuple[FilmInstant, ...]:
+    return tuple(FilmInstant(found.time, found.s, found.platform, found.wrench) for found in crossings)
 
 
 def _frame_times(duration: float, instants: list[float]) -> Array:

@@ -6,15 +6,26 @@ from typing import Any
 
 import numpy as np
 
+from framework.dynamics.action_lines import action_lines
 from framework.dynamics.platform_wrench import hold_at
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import joint_poses, platform_positions
+from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
 from framework.show.captions import about, unit
 from framework.show.captions import asked as kind_of_hold
+from framework.show.forces import drawn_sides, why_no_figure
 from framework.show.scene import drawn_locus, floats, robot_document
-from framework.singularity.jogging import CLASSES, Pose, drag_platform, move_motor, move_platform, pose_at
+from framework.singularity.jogging import (
+    CLASSES,
+    JoggedPose,
+    LooseMotion,
+    drag_platform,
+    loose_motion,
+    move_motor,
+    move_platform,
+    pose_at,
+)
 from framework.singularity.locus import locus_curves
 
 PUSH = 10.0  # [N, or N m on a platform that only turns] along t_s, that the motors are to hold
@@ -29,7 +40,9 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
         "kind": "hand",
         "about": about(robot),
         "push": f"{PUSH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",
-        "drag": bool(robot.platform.translations.any()),
+        "flat": robot.n == 2,
+        "no_figure": (why_no_figure(robot) or "") if len(robot.passive) else "",
+        "drag": bool(len(robot.platform.sliding)),
         "poses": floats(poses),
         "locus": drawn_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
         "free_motors": motors_are_free(robot),
@@ -63,7 +76,7 @@ def move_by_hand(robot: ParallelRobot, asked: dict[str, Any]) -> dict[str, Any]:
     return _told(robot, pose)
 
 
-def _words(pose: Pose) -> str:
+def _words(pose: JoggedPose) -> str:
     """A pose in a sentence or two, the first of them short."""
     where = {"near": "Near", "singular": "On"}.get(pose.level)
     if where is None:
@@ -75,7 +88,7 @@ def _words(pose: Pose) -> str:
         told = (
             "The arrow is the motion of the platform that the motors hold least."
             if pose.level == "near"
-            else "With the motors locked, the platform can still move along the arrow."
+            else "Motors that are locked do not resist a small motion along the arrow."
         )
         return f"{where} a Type 2 singularity. {told}"
     name, meaning = CLASSES[pose.kind]
@@ -83,8 +96,8 @@ def _words(pose: Pose) -> str:
     return f"{where} a {name}. {there} {meaning}."
 
 
-def _hold(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
-    """What the motors can give here: torques against a push along t_s, and on planar robots the polygon.
+def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
+    """What the motors can give: torques against a push along t_s, all forces together, the line of each.
 
     A platform that both shifts and turns has no push of one unit: it gets none.
     """
@@ -92,25 +105,56 @@ def _hold(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
     try:
         held = hold_at(robot, pose.q, PUSH * pose.twist)
     except NotAssembled:  # a Type 1 singularity: the platform does not determine the motors
-        return {"torques": None, "sides": None}
+        return {"torques": None, "sides": None, "lines": None}
     pushed = (
         pose.g is not None and pose.level != "singular" and (translations.all() or not translations.any())
     )
     torques = held.torque if pushed else None
-    sides = None
-    if robot.n == 2 and translations.all():
-        sides = np.zeros((robot.n_a, 3))
-        sides[:, robot.platform.axes] = held.motor_speed
+    sides = drawn_sides(robot, held.motor_speed[None], np.ones(robot.n_a)) if pose.g is not None else None
+    near = pose.kind == "type_2"
+    lines = action_lines(robot, held.motor_speed[None]) if near else None
     return {
         "torques": None if torques is None else np.abs(torques).tolist(),
-        "sides": None if sides is None else sides.tolist(),
+        "sides": None if sides is None else sides[0].tolist(),
+        "lines": None if lines is None else np.stack([lines.place[0], lines.way[0]], axis=1).tolist(),
     }
 
 
-def _told(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
+def _wobble(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any] | None:
+    """How the platform moves along t_s with its loops closed, on the locus; and how little the motors do."""
+    if pose.kind != "type_2" or pose.level != "singular":
+        return None
+    loose = loose_motion(robot, pose)
+    if loose is None:
+        return None
+    poses = joint_poses(robot, loose.q)
+    places = platform_positions(robot, poses)
+    return {
+        "poses": floats(poses),
+        "places": floats(places),
+        "count": len(places),
+        "words": _told_loose(robot, loose),
+    }
+
+
+def _told_loose(robot: ParallelRobot, loose: LooseMotion) -> str:
+    """How far the platform moves, and how little the motors do."""
+    slides = robot.sliding[robot.actuated]
+    moved = [f"{1e3 * loose.shift:.3g} mm"] * (loose.shift > 0) + [f"{loose.turn:.2g} rad"] * (loose.turn > 0)
+    motors = [
+        f"{scale * loose.motors[kind].max():.2g} {unit}"
+        for kind, scale, unit in ((slides, 1e3, "mm"), (~slides, 1.0, "rad"))
+        if kind.any()
+    ]
+    return (
+        f"It wobbles: {' with '.join(moved)} of the platform to either side take no more than "
+        f"{' or '.join(motors)} of a motor."
+    )
+
+
+def _told(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
     poses = joint_poses(robot, pose.q[None])
-    twist = np.zeros(6)
-    twist[robot.platform.axes] = pose.twist
+    twist = platform_twists(robot, pose.q[None], pose.twist[None])[0]
     return _hold(robot, pose) | {
         "q": pose.q.tolist(),
         "poses": floats(poses),
@@ -125,10 +169,11 @@ def _told(robot: ParallelRobot, pose: Pose) -> dict[str, Any]:
         "verdict": pose.verdict,
         "t_s": [twist[:3].tolist(), twist[3:].tolist()],
         "stopped": pose.stopped,
+        "wobble": _wobble(robot, pose),
     }
 
 
-def _sliders(robot: ParallelRobot, start: Pose) -> dict[str, list[dict[str, Any]]]:
+def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[dict[str, Any]]]:
     """Names, units and ranges: about a robot's length to either side, or what a turn allows."""
 
     def slider(name: str, unit: str, value: float, reach: float) -> dict[str, Any]:

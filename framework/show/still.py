@@ -9,7 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from framework.arrays import Array
-from framework.kinematics.placements import joint_poses, platform_positions
+from framework.kinematics.placements import (
+    joint_poses,
+    platform_positions,
+    platform_twists,
+    platform_wrenches,
+)
 from framework.show.drawing import draw, hull
 from framework.show.film import Film
 from framework.show.scene import locus_lines
@@ -48,11 +53,13 @@ def plot_still(
     for instant in film.instants:
         at = way[int(np.argmin(np.abs(film.time - instant.time)))]
         ax.plot(*at, "o", color=LOCUS if film.proved else ALARM, markersize=4, zorder=6)
-    if limit is not None and robot.n == 2 and robot.platform.translations.all():
+    if limit is not None and robot.n == 2 and robot.platform.is_point:
         _polygons(film, ax, way, limit, [k] if alone else None)
-    for values, color, both, size in ((film.t_s, TWIST, True, ARROW), (film.W_p, WRENCH, False, ARROW)):
-        six = np.zeros((len(values), 6))
-        six[:, robot.platform.axes] = values
+    arrows = (
+        (platform_twists(robot, film.q, film.t_s), TWIST, True, ARROW),
+        (platform_wrenches(robot, film.q, film.W_p), WRENCH, False, ARROW),
+    )
+    for six, color, both, size in arrows:
         largest = np.linalg.norm(six[:, :3], axis=1).max()
         if largest > 0 and not np.isnan(film.g).any():
             tip = six[k, :3] * size * robot.length / (np.linalg.norm(six[k, :3]) or 1.0 if both else largest)
@@ -64,7 +71,7 @@ def plot_still(
 def locus_of(film: Film) -> list[Array]:
     """Curves (m, 3) of the locus, of a platform that moves in a plane."""
     robot = film.robot
-    if np.isnan(film.g).any() or not robot.platform.translations.all():
+    if np.isnan(film.g).any() or not robot.platform.is_point:
         return []
     platform = platform_positions(robot, joint_poses(robot, film.q))
     return locus_lines(robot, locus_curves(robot, film.q[0], film.x[0]), platform)

@@ -13,7 +13,7 @@ from framework.simulation.collocation import Collocation, radau
 from framework.simulation.collocation_step import Failure, Step, solve_step
 from framework.simulation.consistent import allowed_velocity
 from framework.simulation.drive import Drive
-from framework.simulation.equations import Equations
+from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.pace import FAILED, Pace
 
 ROUNDING = 1e-15  # of a joint's move in a step: less cannot be resolved
@@ -24,7 +24,7 @@ GUESSED = 4  # Legendre coefficients of a step that guess the next one
 
 
 def collocate(
-    equations: Equations,
+    equations: EquationsOfMotion,
     drive: Drive,
     q: Array,
     v: Array,
@@ -84,12 +84,12 @@ def collocate(
                 raise _given_up(equations, time, pace.length, f"and even they fail: {reason}")
 
 
-def _largest_move(equations: Equations, step: Step) -> float:
+def _largest_move(equations: EquationsOfMotion, step: Step) -> float:
     """Of a joint during a step [rad, robot lengths]."""
     return step.length * float(np.abs(step.slope / equations.robot.column_scale).max(initial=0.0))
 
 
-def _given_up(equations: Equations, time: float, length: float, why: str) -> NotConverged:
+def _given_up(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
     return NotConverged(
         f"{equations.robot.name}: the simulation stops at t = {time:.9g} s, where it needs steps of "
         f"{length:.1e} s {why}. Either the loops lock or branch there, or the torque jumps: instants "
@@ -98,7 +98,7 @@ def _given_up(equations: Equations, time: float, length: float, why: str) -> Not
     )
 
 
-def end_state(equations: Equations, step: Step) -> tuple[Array, Array]:
+def end_state(equations: EquationsOfMotion, step: Step) -> tuple[Array, Array]:
     """Where a step ends, its velocity as the loops allow it."""
     rest = np.zeros((1, equations.robot.model.nv))
     at = equations.tangent(step.q[-1:], rest, rest)
@@ -106,7 +106,7 @@ def end_state(equations: Equations, step: Step) -> tuple[Array, Array]:
 
 
 def _guess(
-    equations: Equations, table: Collocation, before: Step | None, length: float
+    equations: EquationsOfMotion, table: Collocation, before: Step | None, length: float
 ) -> tuple[Array, Array]:
     """Accelerations and multipliers at the nodes: nothing, or what the step before lets expect."""
     if before is None:

@@ -23,7 +23,7 @@ from framework.kinematics.frames import integrate
 from framework.simulation.collocation import Collocation
 from framework.simulation.curvature import loop_curvature
 from framework.simulation.drive import Drive, Gains
-from framework.simulation.equations import Equations, Tangent
+from framework.simulation.equations import EquationsOfMotion, Tangent
 
 ITERATIONS = 12
 FRESH = 0.02  # a contraction better than this keeps the factorised matrix
@@ -63,7 +63,7 @@ class Failure:
 
 
 def solve_step(
-    equations: Equations,
+    equations: EquationsOfMotion,
     drive: Drive,
     table: Collocation,
     *,
@@ -122,7 +122,9 @@ def solve_step(
     return Failure("Newton does not converge", moved)
 
 
-def _slope(equations: Equations, table: Collocation, h: float, *, q0: Array, v: Array, near: Array) -> Array:
+def _slope(
+    equations: EquationsOfMotion, table: Collocation, h: float, *, q0: Array, v: Array, near: Array
+) -> Array:
     """Rate (s, nv) of the tangent offset from q0 for velocities v at the nodes."""
     model = equations.robot.model
     if model.nq == model.nv:
@@ -139,7 +141,7 @@ def _slope(equations: Equations, table: Collocation, h: float, *, q0: Array, v: 
 
 
 def _matrix(
-    equations: Equations,
+    equations: EquationsOfMotion,
     table: Collocation,
     h: float,
     at: Tangent,
@@ -166,7 +168,7 @@ def _matrix(
     return whole.reshape(s * (nv + m), s * (nv + m))
 
 
-def _unresolved(equations: Equations, table: Collocation, h: float, slope: Array) -> float:
+def _unresolved(equations: EquationsOfMotion, table: Collocation, h: float, slope: Array) -> float:
     """Size of the first Legendre coefficient that the step leaves out [rad, robot lengths].
 
     Guessed from the fall of the last four, two by two, since a motion may be even or odd.

@@ -14,14 +14,14 @@ from framework.errors import InvalidInput, NotAssembled, NotConverged
 from framework.kinematics.closures import loop_wrenches, scaled
 from framework.kinematics.frames import integrate
 from framework.simulation.curvature import loop_curvature
-from framework.simulation.equations import Equations, Tangent
+from framework.simulation.equations import EquationsOfMotion, Tangent
 
 MASSLESS = 1e-11  # inertia of a motion over the largest one, lengths of the robot as unit: less is rounding
 SLACK = 1e-12  # stiffness of such a motion over the largest one: less holds nothing
 PASSES = 60
 
 
-def free_motions(equations: Equations, at: Tangent) -> tuple[Array, Array]:
+def free_motions(equations: EquationsOfMotion, at: Tangent) -> tuple[Array, Array]:
     """Bases (nv, d) of the motions with mass, and (nv, k) of those without, that the loops allow."""
     robot = equations.robot
     scale = robot.column_scale
@@ -35,7 +35,7 @@ def free_motions(equations: Equations, at: Tangent) -> tuple[Array, Array]:
     return basis[:, ~light], basis[:, light]
 
 
-def consistent_state(equations: Equations, q: Array, v: Array, torque: Array) -> tuple[Array, Array]:
+def consistent_state(equations: EquationsOfMotion, q: Array, v: Array, torque: Array) -> tuple[Array, Array]:
     """The state (q, v) next to the given one on which the loops close and massless parts are in balance.
 
     Raises:
@@ -78,7 +78,9 @@ def consistent_state(equations: Equations, q: Array, v: Array, torque: Array) ->
     return q, allowed_velocity(equations, at, v)
 
 
-def _balancing(equations: Equations, at: Tangent, massive: Array, light: Array, unbalanced: Array) -> Array:
+def _balancing(
+    equations: EquationsOfMotion, at: Tangent, massive: Array, light: Array, unbalanced: Array
+) -> Array:
     """Step along the massless motions towards the balance of their springs."""
     multipliers = np.linalg.lstsq(at.jacobian[0].T, unbalanced, rcond=None)[0]
     curved = loop_curvature(equations.rows, at.frames, equations.geometry.before, multipliers[None])[0]
@@ -102,7 +104,7 @@ def _balancing(equations: Equations, at: Tangent, massive: Array, light: Array, 
     return -np.linalg.lstsq(slope, light.T @ unbalanced, rcond=None)[0]
 
 
-def allowed_velocity(equations: Equations, at: Tangent, v: Array) -> Array:
+def allowed_velocity(equations: EquationsOfMotion, at: Tangent, v: Array) -> Array:
     """The velocity next to v (nv,) that the loops allow, with the same momentum along what they allow."""
     nv, rows = equations.robot.model.nv, len(equations.rows.names)
     if not rows:

@@ -19,7 +19,7 @@ import pinocchio as pin
 from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.model.description import AXES
-from framework.simulation.equations import Equations
+from framework.simulation.equations import EquationsOfMotion
 
 CONTACTS = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CONTACT_6D}
 DEFINITE = 1e-9  # smallest over largest inertia of the tree's joints, lengths of the robot as unit
@@ -53,7 +53,7 @@ class ContactDynamics:
         )
 
     @staticmethod
-    def of(equations: Equations, closing: float) -> ContactDynamics:
+    def of(equations: EquationsOfMotion, closing: float) -> ContactDynamics:
         """The robot's contact dynamics; open loops close, critically damped, in `closing` seconds.
 
         Raises:
@@ -100,7 +100,7 @@ class ContactDynamics:
         )
 
 
-def _check(equations: Equations) -> None:
+def _check(equations: EquationsOfMotion) -> None:
     """Refuse what pinocchio's solver cannot do."""
     robot = equations.robot
     others = [c.name for c in robot.description.closures if c.axes not in CONTACTS]

@@ -40,7 +40,7 @@ class Tangent(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class EquationsOfMotion:
     """A robot made ready for simulation; `damping` [N m s/rad, N s/m] acts on every joint rate."""
 
     robot: ParallelRobot
@@ -52,7 +52,7 @@ class Equations:
     scratch: pin.Data  # working memory of pinocchio: one object does not serve two threads at once
 
     @staticmethod
-    def of(robot: ParallelRobot, damping: ArrayLike | None = None) -> Equations:
+    def of(robot: ParallelRobot, damping: ArrayLike | None = None) -> EquationsOfMotion:
         """The equations of a robot.
 
         Raises:
@@ -76,7 +76,7 @@ class Equations:
         rotors, stiffness = np.zeros(nv), robot.joint_stiffness.copy()
         rotors[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
         stiffness[robot.elastic] += robot.stiffness
-        plain = Equations(
+        plain = EquationsOfMotion(
             robot=robot,
             damping=damping * np.ones(nv),
             rows=robot.loops,
@@ -87,7 +87,7 @@ class Equations:
         )
         return plain._holding_idle_joints()
 
-    def _holding_idle_joints(self) -> Equations:
+    def _holding_idle_joints(self) -> EquationsOfMotion:
         """Give a unit inertia to idle joints that carry no mass: nothing drives them, so they stay still."""
         idle = self.robot.idle
         if not len(idle):
@@ -132,7 +132,7 @@ class Equations:
         by_q[:, range(nv), range(nv)] += self.stiffness
         by_v[:, range(nv), range(nv)] += self.damping
         force += self.rotors * a + self.damping * v + self.spring_force(q)
-        frames = self.geometry.frames(placed, tree)
+        frames = self.geometry.frames(q, placed, tree)
         loops = loop_equations(self.rows, frames)
         return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
 

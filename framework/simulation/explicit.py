@@ -19,7 +19,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive
-from framework.simulation.equations import Equations
+from framework.simulation.equations import EquationsOfMotion
 
 STAGES = 12
 CLOSING = 50.0  # steps in which open loops close: quicker, and it shows in the error estimate
@@ -55,7 +55,7 @@ class ExplicitStep:
 
 
 def explicit_steps(
-    equations: Equations, dynamics: ContactDynamics, drive: Drive, start: Array, edges: Array
+    equations: EquationsOfMotion, dynamics: ContactDynamics, drive: Drive, start: Array, edges: Array
 ) -> Iterator[ExplicitStep]:
     """Steps between the instants `edges` (K + 1,) from the state (2 nv,); infinite once it runs away."""
     robot, nv = equations.robot, equations.robot.model.nv
@@ -82,7 +82,7 @@ def explicit_steps(
 Forces = Callable[[int, int, Array, Array], tuple[Array, Array]]
 
 
-def _forces(equations: Equations, drive: Drive, edges: Array) -> Forces:
+def _forces(equations: EquationsOfMotion, drive: Drive, edges: Array) -> Forces:
     """Generalised forces (nv,) of the motors and their torques (n_a,) at stage i of step k."""
     robot, count = equations.robot, len(edges) - 1
     times = edges[:-1, None] + np.diff(edges)[:, None] * _table().nodes

@@ -45,9 +45,9 @@ class FrameGeometry(NamedTuple):
             before=np.array([[i in supports[j] for j in owner] for i in owner]),
         )
 
-    def frames(self, placed: Array, tree: Array) -> FrameStack:
-        """Frames out of joint placements (T, joints, 4, 4) and the tree's world Jacobian (T, 6, nv)."""
+    def frames(self, q: Array, placed: Array, tree: Array) -> FrameStack:
+        """Frames at q (T, nq) out of joint placements (T, joints, 4, 4) and the tree's world Jacobian."""
         placed = placed[:, self.joint]
         rotation = placed[..., :3, :3]
         position = placed[..., :3, 3] + matvec(rotation, self.translation)
-        return FrameStack(position, matmul(rotation, self.rotation), tree.swapaxes(1, 2), self.carried)
+        return FrameStack(position, matmul(rotation, self.rotation), tree.swapaxes(1, 2), self.carried, q)

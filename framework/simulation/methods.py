@@ -15,7 +15,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.simulation.collocate import collocate
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive
-from framework.simulation.equations import Equations
+from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.events import Event, Occurrence, occurrences
 from framework.simulation.explicit import CLOSING, explicit_steps
 from framework.simulation.schemes import State
@@ -28,7 +28,7 @@ FEWEST_STEPS = 4  # of method fast: fewer show nothing of what they leave out
 COARSEST = 0.05  # [rad, robot lengths] that fixed steps may leave out of a motion: more is another motion
 
 
-class Settings(NamedTuple):
+class MethodSettings(NamedTuple):
     """Numbers of a method; those that do not concern it are ignored."""
 
     stages: int = 0  # of collocation
@@ -37,10 +37,10 @@ class Settings(NamedTuple):
     looks: int = 1  # how often a step is looked at for events
 
 
-class Task(NamedTuple):
+class IntegrationTask(NamedTuple):
     """What to simulate, made ready."""
 
-    equations: Equations
+    equations: EquationsOfMotion
     drive: Drive
     start: State
     duration: float
@@ -49,7 +49,7 @@ class Task(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Integration:
     """What a method gives: the motion and the energy balance at the ends of its steps."""
 
     trajectory: Trajectory
@@ -60,7 +60,7 @@ class Run:
     iterations: int
 
 
-def by_collocation(task: Task, settings: Settings) -> Run:
+def by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Radau IIA steps of variable length; see `collocate`."""
     equations, steps, found, supplied, exchanged = task.equations, [], [], [0.0], 0.0
     weights, seen = equations.damping, dict[Event, float]()
@@ -84,7 +84,7 @@ def by_collocation(task: Task, settings: Settings) -> Run:
             found += occurrences(task.events, piece, (step.time, float(step.times[-1])), settings.looks, seen)
             if found and found[-1].terminal:
                 break
-    return Run(
+    return Integration(
         Polynomials(equations.robot, tuple(steps)),
         np.array(supplied),
         exchanged,
@@ -94,7 +94,7 @@ def by_collocation(task: Task, settings: Settings) -> Run:
     )
 
 
-def by_fixed_steps(task: Task, settings: Settings) -> Run:
+def by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Steps of one length with the torque of their middle; see `Stepper`."""
     equations, drive = task.equations, task.drive
     robot = equations.robot
@@ -139,7 +139,7 @@ def by_fixed_steps(task: Task, settings: Settings) -> Run:
             residual=missed,
         )
     trajectory = Cubics(robot, edges[: len(q)], q, v)
-    return Run(trajectory, np.array(work), exchanged, tuple(found), missed, len(q) - 1)
+    return Integration(trajectory, np.array(work), exchanged, tuple(found), missed, len(q) - 1)
 
 
 def _left_out(robot: ParallelRobot, v: Array, h: float) -> float:
@@ -152,7 +152,7 @@ def _left_out(robot: ParallelRobot, v: Array, h: float) -> float:
     return float(h / 12 * bends.sum(axis=0).max(initial=0.0))
 
 
-def by_explicit_steps(task: Task, settings: Settings) -> Run:
+def by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Steps of one length, of order 8; see `explicit`. Breaks of the torque end a step."""
     robot = task.equations.robot
     edges = _edges(task, settings.step or task.duration / EXPLICIT_STEPS)
@@ -179,12 +179,12 @@ def by_explicit_steps(task: Task, settings: Settings) -> Run:
             if task.advanced is not None:
                 task.advanced((step.time + step.length) / task.duration)
     q, v = np.split(np.array(states), 2, axis=1)
-    return Run(
+    return Integration(
         Cubics(robot, edges[: len(q)], q, v), np.array(work), exchanged, tuple(found), missed, len(q) - 1
     )
 
 
-def _edges(task: Task, step: float) -> Array:
+def _edges(task: IntegrationTask, step: float) -> Array:
     """Ends of steps no longer than `step`, with one on every break."""
     marks = [0.0, *(t for t in task.drive.breaks if 0 < t < task.duration), task.duration]
     pieces = [np.linspace(a, b, _count(b - a, step) + 1) for a, b in pairwise(marks)]
@@ -214,13 +214,13 @@ def _runaway(robot: ParallelRobot, time: float, step: float) -> NotConverged:
 class Method(NamedTuple):
     """An integrator with the settings that it has by default."""
 
-    run: Callable[[Task, Settings], Run]
-    settings: Settings
+    run: Callable[[IntegrationTask, MethodSettings], Integration]
+    settings: MethodSettings
 
 
 METHODS: dict[str, Method] = {
-    "reference": Method(by_collocation, Settings(stages=16, tolerance=1e-12, looks=32)),
-    "fast": Method(by_fixed_steps, Settings(step=1e-3)),
-    "explicit": Method(by_explicit_steps, Settings(looks=4)),
-    "stiff": Method(by_collocation, Settings(stages=5, tolerance=1e-7, looks=10)),
+    "reference": Method(by_collocation, MethodSettings(stages=16, tolerance=1e-12, looks=32)),
+    "fast": Method(by_fixed_steps, MethodSettings(step=1e-3)),
+    "explicit": Method(by_explicit_steps, MethodSettings(looks=4)),
+    "stiff": Method(by_collocation, MethodSettings(stages=5, tolerance=1e-7, looks=10)),
 }

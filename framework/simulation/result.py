@@ -13,9 +13,9 @@ from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.simulation.drive import PlannedMotion
-from framework.simulation.equations import Equations
+from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.events import Occurrence
-from framework.simulation.methods import Run
+from framework.simulation.methods import Integration
 from framework.simulation.trajectory import Cubics, Trajectory
 
 TORN = 1e-6  # [rad, lengths of the robot] that a loop equation may open that was not integrated
@@ -102,9 +102,9 @@ class Simulation(ReadOnlyArrays):
 
 
 def summary(
-    equations: Equations,
+    equations: EquationsOfMotion,
     method: str,
-    run: Run,
+    run: Integration,
     planned: PlannedMotion | None,
     *,
     samples: int,

@@ -28,9 +28,9 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tracking import assemble
 from framework.simulation.consistent import consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
-from framework.simulation.equations import Equations
+from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.events import Event
-from framework.simulation.methods import METHODS, Method, Settings, Task
+from framework.simulation.methods import METHODS, IntegrationTask, Method, MethodSettings
 from framework.simulation.result import Simulation, summary
 from framework.simulation.schemes import State
 
@@ -90,12 +90,12 @@ def simulate(
     chosen = _method(method)
     settings = _settings(chosen, method, tolerance, step, stages)
     samples = whole_number("samples", samples, *SAMPLED)
-    equations = Equations.of(robot, None if damping is None else damping)
+    equations = EquationsOfMotion.of(robot, None if damping is None else damping)
     source = Drive.of(robot, drive, breaks)
     planned = planned_motion(drive)
     span = _duration(duration, planned)
     state = _start(equations, source, planned, start, start_velocity)
-    run = chosen.run(Task(equations, source, state, span, tuple(events), progress), settings)
+    run = chosen.run(IntegrationTask(equations, source, state, span, tuple(events), progress), settings)
     return summary(equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began)
 
 
@@ -115,7 +115,7 @@ def _method(name: str) -> Method:
 
 def _settings(
     method: Method, name: str, tolerance: float | None, step: float | None, stages: int | None
-) -> Settings:
+) -> MethodSettings:
     """The method's settings with what the caller says."""
     settings = method.settings
     if tolerance is not None:
@@ -150,7 +150,7 @@ def _duration(given: float | None, planned: PlannedMotion | None) -> float:
 
 
 def _start(
-    equations: Equations,
+    equations: EquationsOfMotion,
     drive: Drive,
     planned: PlannedMotion | None,
     start: ArrayLike | None,

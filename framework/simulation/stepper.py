@@ -16,7 +16,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matvec
 from framework.simulation.consistent import consistent_state, free_motions
 from framework.simulation.contacts import ContactDynamics
-from framework.simulation.equations import Equations
+from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.schemes import SCHEMES, State
 from framework.simulation.terms import RobotStack
 
@@ -101,7 +101,7 @@ class Stepper:
         return robot.platform.coordinates(frames), matvec(robot.platform.jacobian(frames), v)
 
 
-def _has_massless_motions(equations: Equations) -> bool:
+def _has_massless_motions(equations: EquationsOfMotion) -> bool:
     robot = equations.robot
     rest = np.zeros((1, robot.model.nv))
     at = equations.tangent(robot.reference.q[None], rest, rest)

@@ -22,7 +22,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matmul
 from framework.model.loop_rows import LoopRows
 from framework.simulation.contacts import ContactDynamics
-from framework.simulation.equations import Equations
+from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.frame_geometry import FrameGeometry
 
 
@@ -42,7 +42,7 @@ class RobotStack:
     """R robots of one structure, with their numbers stacked; one robot may serve any number of runs."""
 
     robots: tuple[ParallelRobot, ...]
-    first: Equations  # of the robot on which the structure is found
+    first: EquationsOfMotion  # of the robot on which the structure is found
     rows: LoopRows
     geometry: FrameGeometry  # rotation (R, F, 3, 3) and translation (R, F, 3)
     actuated: IntArray
@@ -62,13 +62,13 @@ class RobotStack:
         """Stack one robot or several; which loop equations count and which joints idle is found on `like`.
 
         Raises:
-            InvalidInput: no robot, or joints, motors, springs or loops differ; see `Equations.of`.
+            InvalidInput: no robot, or joints, motors, springs or loops differ; see `EquationsOfMotion.of`.
         """
         robots = (robots,) if isinstance(robots, ParallelRobot) else tuple(robots)
         if not robots:
             raise InvalidInput("robots: needs at least one robot")
         like = robots[0] if like is None else like
-        first = Equations.of(like)
+        first = EquationsOfMotion.of(like)
         for robot in robots:
             _check_same_structure(like, robot)
         geometries = [FrameGeometry.of(robot) for robot in robots]
@@ -98,7 +98,7 @@ class RobotStack:
             damping=np.broadcast_to(given, shape),
         )
 
-    def equations(self, run: int) -> Equations:
+    def equations(self, run: int) -> EquationsOfMotion:
         """The equations of one run; what all robots share is not looked for again."""
         k = run if len(self.robots) > 1 else 0
         place = self.geometry
@@ -138,7 +138,7 @@ class RobotStack:
         placed = np.zeros((runs, poses.shape[1], 4, 4))
         placed[..., :3, :3] = poses[..., :9].reshape(runs, -1, 3, 3).swapaxes(2, 3)
         placed[..., :3, 3] = poses[..., 9:]
-        frames = self.geometry.frames(placed, J)
+        frames = self.geometry.frames(q, placed, J)
         loops = loop_equations(self.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 

@@ -51,7 +51,7 @@ def uncontrolled_motion(robot: ParallelRobot, system: System) -> Uncontrolled:
     """
     escaping = escaping_motions(robot, system, at_least=1)
     kind = next(kind for kind in PRECEDENCE if kind in escaping.kinds)
-    twists = escaping.motions @ system.frames.jacobian[0, 0, robot.platform.axes].T  # (corank, n)
+    twists = escaping.motions @ system.platform[0].T  # (corank, n)
     motion, twist = escaping.motions[-1], twists[-1]
     if kind != "type_2":
         return Uncontrolled(kind, 0 * twist, motion, escaping.corank)
@@ -88,7 +88,8 @@ def escaping_motions(robot: ParallelRobot, system: System, *, at_least: int = 0)
     freedoms = instantaneous_motions(robot, system)
     usual = len(robot.moving) - len(robot.loops.names)
     moved = motions @ _platform_twists(robot, system)  # (c, 6)
-    rank, on_axes = _rank(moved), _rank(moved[:, robot.platform.axes])
+    told = motions @ (system.platform[0] / np.where(robot.translations, robot.length, 1.0)[:, None]).T
+    rank, on_axes = _rank(moved), _rank(told)
     gained = freedoms.shape[1] - usual
     kinds = set()
     if gained > 0:

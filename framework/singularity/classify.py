@@ -146,7 +146,7 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
                 f"singularity, or of its loops), so no path is followed"
             )
         contact = _contact(robot, closed, along, escaping.corank)
-    twists = escaping.motions @ system.frames.jacobian[0, 0, robot.platform.axes].T
+    twists = escaping.motions @ system.platform[0].T
     distances = singularity_distances(robot, system)
     return Classification(
         kinds=tuple(kind for kind in NAMES if kind in found),

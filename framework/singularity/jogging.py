@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from framework.kinematics.forward_kinematics import forward_kinematics
 from framework.kinematics.inverse_kinematics import (
     ClosedStack,
     assembled_at,
+    close_each,
     reference_system,
     require_square,
 )
@@ -29,6 +31,11 @@ from framework.motion.path import Line
 from framework.singularity.classification import singularity_measure, uncontrolled_motion, unit_twist
 
 HALVINGS = 8  # of a way that ends at the limit of a joint: the last 0.4 % of it are not gone
+WAY, TURN = (
+    0.03,
+    0.1,
+)  # [robot lengths], [rad]: how far the platform is moved along t_s to show that it can be
+SHARES = np.linspace(-1.0, 1.0, 9)  # of that way
 NEAR, ON = 0.3, 0.01  # of the reference's smallest singular value: near a singularity, on it
 
 # What a singularity is called, and what it means.
@@ -46,7 +53,7 @@ _MOTORS_END = (
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class JoggedPose:
     """Where the hand has brought the robot, and how near that is to a singularity."""
 
     q: Array  # (nq,)
@@ -61,7 +68,7 @@ class Pose:
     stopped: str  # why it went no further, or ""
 
 
-def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> Pose:
+def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
     """What there is to know about an assembled configuration q (nq,).
 
     Raises:
@@ -81,7 +88,7 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> Pose:
             f"{'nearly ' if level == 'near' else ''}stretched or folded"
         )
     if not len(robot.following):
-        return Pose(q, x[0], motors, None, None, level, kind, verdict, np.zeros(robot.n), stopped)
+        return JoggedPose(q, x[0], motors, None, None, level, kind, verdict, np.zeros(robot.n), stopped)
     smallest = _smallest(passive_matrix(robot, system)[0])
     measure = singularity_measure(robot, system)
     twist = system.platform[0] @ measure.motion[0]
@@ -91,10 +98,41 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> Pose:
         kind = uncontrolled_motion(robot, system).kind
         name, meaning = CLASSES[kind]
         verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
-    return Pose(q, x[0], motors, float(measure.g[0]), smallest, level, kind, verdict, twist, stopped)
+    return JoggedPose(q, x[0], motors, float(measure.g[0]), smallest, level, kind, verdict, twist, stopped)
 
 
-def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> Pose:
+class LooseMotion(NamedTuple):
+    """The platform moved along t_s, to either side of a singular pose, its loops closed."""
+
+    q: Array  # (9, nq) from one end to the other, the pose itself in the middle
+    shift: float  # [m] how far the platform's point goes to either side
+    turn: float  # [rad] how far the platform turns
+    motors: Array  # (n_a,) joint side [rad, m], the most that each motor moves: of second order on the locus
+
+
+def loose_motion(robot: ParallelRobot, pose: JoggedPose) -> LooseMotion | None:
+    """The motion along t_s that the motors hardly notice; None where the loops do not close all along it.
+
+    With the motors locked the loops allow it to first order. It is made with the loops closed exactly; then
+    the motors move, by the square of what the platform does.
+    """
+    linear = float(np.linalg.norm(pose.twist[robot.translations]))
+    angular = float(np.linalg.norm(pose.twist[~robot.translations]))
+    size = max(linear / (WAY * robot.length), angular / TURN)
+    # rates of the coordinates with v = t_s: coordinates of an attitude turn it on other axes than their own
+    unit = np.eye(robot.n)
+    of_rates = robot.platform.twist(np.repeat(pose.x[None], robot.n, axis=0), unit)[0].T
+    if size == 0 or np.linalg.matrix_rank(of_rates) < robot.n:
+        return None
+    x = pose.x + SHARES[:, None] * np.linalg.solve(of_rates, pose.twist / size)
+    found = close_each(robot, x, np.repeat(pose.q[None], len(x), axis=0), farthest=0.5)
+    if not found.closed.all():
+        return None
+    motors = robot.actuated_coordinates(found.q)
+    return LooseMotion(found.q, linear / size, angular / size, np.abs(motors - pose.motors).max(axis=0))
+
+
+def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
     """Bring one platform coordinate to `value`, the others held, as far as the working mode goes.
 
     Raises:
@@ -107,7 +145,7 @@ def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> P
     return lead_platform(robot, q, target)
 
 
-def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> Pose:
+def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> JoggedPose:
     """Bring the platform's origin towards a place (3,) of the base [m], as far as its coordinates allow.
 
     Raises:
@@ -120,7 +158,7 @@ def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> Pose:
     return lead_platform(robot, q, target)
 
 
-def lead_platform(robot: ParallelRobot, q: Array, target: Array) -> Pose:
+def lead_platform(robot: ParallelRobot, q: Array, target: Array) -> JoggedPose:
     """Bring the platform straight to coordinates (n,), as far as working mode and joint limits go.
 
     Raises:
@@ -132,7 +170,7 @@ def lead_platform(robot: ParallelRobot, q: Array, target: Array) -> Pose:
     return _within_limits(robot, start.q[0], lambda part: _led(robot, start, x + part * (target - x)))
 
 
-def _within_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], Pose]) -> Pose:
+def _within_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], JoggedPose]) -> JoggedPose:
     """The end of a way from q that `reach` goes, or the last part of it where no joint leaves its limits."""
     pose = reach(1.0)
     beyond = positions_beyond_limits(robot.limits, pose.q[None])
@@ -150,7 +188,7 @@ def _within_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], Pose
     return replace(kept, stopped=f"A joint stops at its limit in the URDF (asked for: {told}).")
 
 
-def _led(robot: ParallelRobot, start: ClosedStack, target: Array) -> Pose:
+def _led(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
     """As far as the working mode goes."""
     q = start.q[0]
     if np.array_equal(target, start.x[0]):
@@ -170,7 +208,7 @@ def _led(robot: ParallelRobot, start: ClosedStack, target: Array) -> Pose:
     )
 
 
-def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Pose:
+def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
     """Turn one motor's joint to `value` [rad, m], the other motors held, as far as the assembly mode goes.
 
     Raises:
@@ -180,7 +218,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Pose
     _check(index, robot.n_a, value)
     motors = robot.actuated_coordinates(start.q)[0]
 
-    def turned(part: float) -> Pose:
+    def turned(part: float) -> JoggedPose:
         target = motors.copy()
         target[index] += part * (value - motors[index])
         try:

@@ -93,8 +93,8 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
 
 
 def _straight(robot: ParallelRobot) -> list[int]:
-    """Which platform coordinates are translations."""
-    return np.flatnonzero(robot.translations).tolist()
+    """Which platform coordinates are translations along base axes."""
+    return robot.platform.sliding.tolist()
 
 
 def _has_signed_measure(robot: ParallelRobot) -> bool:

@@ -22,9 +22,9 @@ from framework.kinematics.frames import frames_at
 from framework.simulation.consistent import consistent_state
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive
-from framework.simulation.equations import Equations
+from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.explicit import explicit_steps
-from framework.simulation.methods import Settings, Task, by_collocation
+from framework.simulation.methods import IntegrationTask, MethodSettings, by_collocation
 from framework.simulation.schemes import State
 from framework.simulation.stepper import Stepper
 
@@ -65,21 +65,21 @@ def _off(plan: CrossingPlan, times: np.ndarray, q: np.ndarray) -> float:
     return float(np.linalg.norm(place - plan.platform(times), axis=1).max())
 
 
-def _start(plan: CrossingPlan) -> tuple[Equations, State]:
-    equations = Equations.of(plan.robot)
+def _start(plan: CrossingPlan) -> tuple[EquationsOfMotion, State]:
+    equations = EquationsOfMotion.of(plan.robot)
     q, v = plan.dynamics.configuration(0.0)[0], plan.dynamics.velocity(0.0)[0]
     return equations, State(*consistent_state(equations, q, v, plan.torque(0.0)))
 
 
 def _collocation(plan: CrossingPlan, stages: int) -> Callable[[float], tuple[float, float]]:
     equations, start = _start(plan)
-    task = Task(equations, Drive.of(plan.robot, plan), start, plan.duration, (), None)
+    task = IntegrationTask(equations, Drive.of(plan.robot, plan), start, plan.duration, (), None)
     times = np.linspace(0.0, plan.duration, LOOKS)
 
     def run(tolerance: float) -> tuple[float, float]:
         began = time.perf_counter()
         try:
-            found = by_collocation(task, Settings(stages=stages, tolerance=tolerance))
+            found = by_collocation(task, MethodSettings(stages=stages, tolerance=tolerance))
         except NotConverged:
             return np.nan, np.inf
         return time.perf_counter() - began, _off(plan, times, found.trajectory(times)[0])

@@ -12,7 +12,7 @@ import robots
 from framework import InvalidInput, plan_scene
 from framework.control.computed_torque import ComputedTorque
 from framework.control.controllers import CONTROLLERS, tuned_controller
-from framework.control.estimation import Measurement, State, consistent_solution, estimated_state
+from framework.control.estimation import Measurement, RobotState, consistent_solution, estimated_state
 from framework.control.lqr import riccati
 from framework.control.platform_dynamics import platform_dynamics
 from framework.control.reference import reference_of
@@ -27,7 +27,7 @@ def reference(name, scene, period=PERIOD):
 
 
 def on_the_plan(ref, k, sensors="joints"):
-    state = State(ref.motion.q[k][None], ref.motion.v[k][None], ref.x[k][None], ref.dx[k][None])
+    state = RobotState(ref.motion.q[k][None], ref.motion.v[k][None], ref.x[k][None], ref.dx[k][None])
     return Measurement(
         ref.motor_angle[k][None], ref.motor_speed[k][None], state if sensors == "joints" else None
     )

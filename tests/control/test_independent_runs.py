@@ -12,7 +12,7 @@ import robots
 from framework import plan_scene
 from framework.control.closed_loop import ControlLoop, run_closed_loop
 from framework.control.controllers import CONTROLLERS, tuned_controller
-from framework.control.estimation import Measurement, State
+from framework.control.estimation import Measurement, RobotState
 from framework.control.reference import reference_of
 from framework.control.variation import Spread, draw, varied
 from framework.kinematics.frames import integrate
@@ -53,7 +53,7 @@ def seen_by(name, k):
     def around(value, size):
         return value + size * random.standard_normal((max(LENGTHS), *value.shape))
 
-    state = State(
+    state = RobotState(
         integrate(ref.robot, ref.motion.q[k], around(np.zeros(ref.robot.model.nv), 1e-3)),
         around(ref.motion.v[k], 1e-2),
         around(ref.x[k], 1e-3),
@@ -73,7 +73,7 @@ def test_the_torque_of_a_run_does_not_depend_on_the_others(name, controller, sen
             everyone = everyone._replace(state=None)
         together = law.torque(k, everyone)
         for runs in stacks(len(together)):
-            state = everyone.state and State(*(part[runs] for part in everyone.state))
+            state = everyone.state and RobotState(*(part[runs] for part in everyone.state))
             some = Measurement(everyone.motor_angle[runs], everyone.motor_speed[runs], state)
             np.testing.assert_array_equal(law.torque(k, some), together[runs])
 

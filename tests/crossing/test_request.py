@@ -11,9 +11,9 @@ import robots
 from framework import Arc, InvalidInput, Line, Spline, plan_crossing, plan_scene
 from framework.cli import arguments
 from framework.cli.parser import OneLineParser, add_motion, add_path
-from framework.crossing.limits import motor_limits
 from framework.crossing.request import Request
 from framework.crossing.scenes import scene_request
+from framework.crossing.specification import motor_limits
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 ASKED = {"duration": 1.5, "times": [1.0], "speeds": [1.5]}

@@ -11,6 +11,7 @@ import pytest
 import robots
 from framework import ParallelRobot, assemble
 from framework.errors import NotAssembled
+from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from tests.oracles.closure_rows import closure_errors, closure_rows
 from tests.oracles.forward_simulation import kinematics
@@ -37,8 +38,8 @@ def test_at_the_reference_the_loops_are_closed(name):
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, reference.q)
     place = data.oMf[robot.frames[0]].translation
-    moves = robot.translations
-    np.testing.assert_allclose(reference.x[moves], place[robot.platform.axes[moves]], atol=1e-14)
+    moves = robot.platform.sliding
+    np.testing.assert_allclose(reference.x[moves], place[robot.platform.along], atol=1e-14)
 
 
 def test_what_the_file_gives_is_held_while_the_rest_closes_the_loops():
@@ -81,9 +82,8 @@ def test_idle_joints_are_as_many_as_passive_motions_that_nothing_feels(name):
     robot = robots.load(name)
     q = robot.reference.q
     _, rows = opened(robot, q)
-    data = robot.model.createData()
-    frame = pin.computeFrameJacobian(robot.model, data, q, robot.frames[0], pin.LOCAL_WORLD_ALIGNED)
-    felt = np.vstack([rows, frame.reshape(6, -1)[robot.platform.axes]]) * robot.column_scale
+    frame = robot.platform.jacobian(frames_at(robot, q[None]))[0]
+    felt = np.vstack([rows, frame]) * robot.column_scale
     passive = felt[:, robot.passive]
     rank = np.linalg.matrix_rank(passive, tol=RANK * np.linalg.norm(felt, 2))
     idle = robot.idle

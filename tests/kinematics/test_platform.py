@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+from functools import lru_cache
+from itertools import permutations
+from types import SimpleNamespace
+
 import mpmath as mp
 import numpy as np
 import pinocchio as pin
@@ -10,13 +15,47 @@ from scipy.spatial.transform import Rotation
 
 import robots
 from framework import Line
-from framework.kinematics.frames import frames_at
-from framework.kinematics.platform import (
-    rotation_matrix,
-)
+from framework.kinematics.attitude import attitude_about, rotation_matrix
+from framework.kinematics.frames import frame_motions, frames_at
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.platform import PlatformCoordinates
+from framework.model.description import Platform
 
-# two translations; one turn; both; a rotation vector; with translations
-NAMES = ["five_bar", "four_bar", "three_rrr", "agile_eye", "gough_stewart"]
+JOINTS = "joints"
+
+# two translations; one turn; both; a rotation vector; with translations; two angles, either hand; with a
+# translation; joints that turn; with one that slides
+PLATFORMS = {
+    "five_bar": None,
+    "four_bar": None,
+    "three_rrr": None,
+    "agile_eye": None,
+    "gough_stewart": None,
+    "spherical_rrr": ("ry", "rx"),
+    "three_rpr": ("rz", "ry"),
+    "delta": ("rx", "z", "ry"),
+    "two_arms": JOINTS,
+    "three_upu": JOINTS,
+}
+NAMES = list(PLATFORMS)
+
+
+@lru_cache
+def made(name: str) -> SimpleNamespace:
+    """A robot of the catalogue, or its mechanism with another platform."""
+    robot, asked = robots.load(name), PLATFORMS[name]
+    if asked is None:
+        return robot
+    movable = [robot.joint_of(k) for k in (0, 2, robot.model.nv - 1)]
+    new = Platform("", joints=tuple(movable)) if asked is JOINTS else Platform("", asked)
+    coordinates = PlatformCoordinates.of(new, robot.model)
+    return SimpleNamespace(
+        **{field.name: getattr(robot, field.name) for field in fields(Mechanism)},
+        column_scale=robot.column_scale,
+        platform=coordinates,
+        n=coordinates.n,
+        translations=coordinates.translations,
+    )
 
 
 def nearby(robot, seed: int, size: float = 0.3):
@@ -32,7 +71,7 @@ def coordinates(robot, q):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("seed", range(3))
 def test_the_twist_is_the_derivative_of_the_coordinates(name, seed):
-    robot = robots.load(name)
+    robot = made(name)
     q, v = nearby(robot, seed)
     h = 1e-5
     steps = np.array([pin.integrate(robot.model, q, t * v) for t in (-h, 0.0, h)])
@@ -44,7 +83,7 @@ def test_the_twist_is_the_derivative_of_the_coordinates(name, seed):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_derivative_of_the_twist_is_its_second_answer(name):
-    robot = robots.load(name)
+    robot = made(name)
     rng = np.random.default_rng(5)
     x, dx, ddx = rng.uniform(-1.0, 1.0, (3, robot.n))
     h = 1e-4
@@ -58,7 +97,7 @@ def test_the_derivative_of_the_twist_is_its_second_answer(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_residual_is_zero_at_the_coordinates_and_grows_by_the_twist(name):
-    robot = robots.load(name)
+    robot = made(name)
     q, _ = nearby(robot, 4)
     at, x = frames_at(robot, q[None]), coordinates(robot, q)
     np.testing.assert_allclose(robot.platform.residual(at, x), 0.0, atol=1e-15)
@@ -69,7 +108,7 @@ def test_the_residual_is_zero_at_the_coordinates_and_grows_by_the_twist(name):
 
 @pytest.mark.parametrize(("name", "turns"), [("four_bar", 3), ("three_rrr", -2), ("agile_eye", 1)])
 def test_unwrapped_coordinates_are_the_same_attitude_next_to_the_last_one(name, turns):
-    robot = robots.load(name)
+    robot = made(name)
     q, _ = nearby(robot, 7)
     at, x = frames_at(robot, q[None]), coordinates(robot, q)
     turning = ~robot.translations
@@ -122,3 +161,45 @@ def test_rotation_vectors_make_scipy_s_matrices_and_paths_their_twists():
     h = 1e-6
     turned = Rotation.from_rotvec(path(0.6 + h)) * Rotation.from_rotvec(path(0.6 - h)).inv()
     np.testing.assert_allclose(robot.platform.path_twist(path, 0.6), turned.as_rotvec() / (2 * h), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_jacobian_and_drift_are_derivatives_along_the_motion(name):
+    """v = J q', dv/dt = J q'' + drift: the drift by differences of J along a motion with constant rates."""
+    robot = made(name)
+    q, v = nearby(robot, 9)
+    h = 1e-5
+    ahead, back = (frames_at(robot, pin.integrate(robot.model, q, t * v)[None]) for t in (h, -h))
+    change = robot.platform.jacobian(ahead)[0] @ v - robot.platform.jacobian(back)[0] @ v
+    at = frames_at(robot, q[None])
+    drift = robot.platform.drift(at, frame_motions(robot, at, q[None], v[None]))[0]
+    np.testing.assert_allclose(drift, change / (2 * h), rtol=0, atol=1e-7 * max(1.0, np.abs(drift).max()))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_wrench_of_the_platform_and_its_motion_have_one_power(name):
+    """W . v = (force, moment) . twist for the twist that is drawn, and v is what the wrenches yield on it."""
+    robot = made(name)
+    q, _ = nearby(robot, 10)
+    at = frames_at(robot, q[None])
+    W, v = np.random.default_rng(11).standard_normal((2, 1, robot.n))
+    wrench, twist = robot.platform.frame_wrench(at, W), robot.platform.frame_twist(at, v)
+    if PLATFORMS[name] is not JOINTS:  # each of whose wrenches is felt by one joint alone
+        assert np.sum(wrench * twist) == pytest.approx(np.sum(W * v), abs=1e-13)
+    loads = np.broadcast_to(robot.platform.wrenches(at), (1, robot.n, 6)).copy()
+    loads[..., 3:] += np.cross(at.position[:, :1], loads[..., :3])  # about the base's origin
+    felt = robot.platform.felt_by(at.carried[0])
+    yielded = loads[0] @ at.screws[0].T * felt
+    np.testing.assert_allclose(yielded, robot.platform.jacobian(at)[0], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("axes", list(permutations("xyz", 2)))
+def test_two_angles_are_two_hinges_in_series_and_a_turn_that_follows(axes):
+    """R = R_1(x_1) R_2(x_2) R_3(free), as scipy composes it."""
+    third = next(axis for axis in "xyz" if axis not in axes)
+    chart = attitude_about(np.array(["xyz".index(axis) for axis in axes]))
+    rng = np.random.default_rng(12)
+    angles = rng.uniform([-3, -1.5, -3], [3, 1.5, 3], (20, 3))
+    R = Rotation.from_euler("".join((*axes, third)).upper(), angles).as_matrix()
+    np.testing.assert_allclose(chart.coordinates(R), angles[:, :2], atol=1e-13)
+    np.testing.assert_allclose(chart.residual(R, angles[:, :2] + [2 * np.pi, 0]), 0, atol=1e-13)

@@ -55,7 +55,9 @@ def pair(relative: Rotation, apart, *, first: Rotation | None = None) -> FrameSt
             for p in position
         ]
     )
-    return FrameStack(position[None], rotation[None], screws[None], np.repeat(np.eye(2), 6, axis=1))
+    return FrameStack(
+        position[None], rotation[None], screws[None], np.repeat(np.eye(2), 6, axis=1), np.empty((1, 0))
+    )
 
 
 def turn(axis: str, angle: float) -> Rotation:

@@ -17,6 +17,7 @@ from tests.conftest import FIVE_BAR, REMOVED
 PATHS = [[0.1, 0.345], [-0.05, 0.195]]
 ROD = {"name": "rod", "part": "link", "after": "left_rod_tip", "motion": "x", "stiffness": 350000}
 TIPS = ("left_tip", "right_tip")
+ELBOWS = {"joints": ["left_elbow", "right_elbow"]}
 ROD_OF = {"name": "rod", "frames": [*TIPS], "kind": "distance", "length": 0.25}
 DISTANCE = {"name": "bar", "frames": ["left_tip", "right_tip"], "kind": "distance", "length": 0.1}
 SOFT = {**ROD, "name": "soft", "motion": ["x", "rz"], "stiffness": [2, 3]}
@@ -48,6 +49,12 @@ def test_the_robot_file_of_the_5r_becomes_records():
     [
         ("gravity", [0, -9.81, 0], lambda d: d.gravity == (0.0, -9.81, 0.0)),
         ("platform.axes", ["y", "x"], lambda d: d.platform.axes == ("y", "x")),
+        ("platform.axes", ["ry", "rx"], lambda d: d.platform.axes == ("ry", "rx")),
+        (
+            "platform",
+            ELBOWS,
+            lambda d: d.platform == Platform("right_rod", (), ("left_elbow", "right_elbow")),
+        ),
         ("actuators.0", {"joint": "left_motor"}, lambda d: d.actuators[0] == Actuator("left_motor", 1, 0)),
         ("actuators.0.torque_limit", 2, lambda d: d.actuators[0].torque_limit == 2.0),
         ("actuators.0.speed_limit", "3e2", lambda d: d.actuators[0].speed_limit == 300.0),  # text in YAML 1.1
@@ -115,7 +122,11 @@ MALFORMED = [
     ("platform.axes", ["x", "w"], ["platform.axes[1]", "unknown axis 'w'", "rx, ry, rz, x, y, z"]),
     ("platform.axes", ["x", "x"], ["platform.axes", "different axes"]),
     ("platform.axes", [], ["platform.axes", "[]"]),
-    ("platform.axes", ["rx", "ry"], ["platform.axes", "none, one or all three", "rx"]),
+    ("platform.joints", ["left_elbow"], ["platform", "either axes or joints"]),
+    ("platform", {"joints": ["elbow"]}, ["platform.joints", "unknown joint 'elbow'", "left_elbow"]),
+    ("platform", {"joints": ["left_elbow", "left_elbow"]}, ["platform.joints", "different joints"]),
+    ("platform", {"joints": []}, ["platform.joints", "different joints", "[]"]),
+    ("platform", {"joints": ["left_elbow"], "frame": "leg"}, ["platform.frame", "unknown frame 'leg'"]),
     ("platform.axis", "x", ["platform.axis", "did you mean 'axes'"]),
     ("actuators", [], ["actuators", "at least one"]),
     ("actuators", {"joint": "left_motor"}, ["actuators", "needs a list"]),

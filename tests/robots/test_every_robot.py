@@ -99,7 +99,7 @@ def test_null_vector_of_A_is_the_twist_of_the_passive_columns(name, scene):
         null *= np.sign(null @ point.twist)
         assert values[-1] < 1e-12 * max(values[0], np.abs(B).max())  # A is a number when n = 1
         np.testing.assert_allclose(null, point.twist / np.linalg.norm(point.twist), atol=1e-12)
-        moved = frames_at(robot, point.q[None]).jacobian[0, 0, robot.platform.axes] @ point.motion
+        moved = robot.platform.jacobian(frames_at(robot, point.q[None]))[0] @ point.motion
         np.testing.assert_allclose(moved, point.twist, atol=1e-12)
         assert np.abs(point.motion[robot.actuated]).max() == 0.0
 

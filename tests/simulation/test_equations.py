@@ -11,7 +11,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at
 from framework.simulation.curvature import loop_curvature
-from framework.simulation.equations import Equations
+from framework.simulation.equations import EquationsOfMotion
 
 # points, hinges with turned axes, a weld, cardan joints; springs on, in and behind joints
 CASES = [
@@ -24,10 +24,10 @@ CASES = [
 
 
 @pytest.fixture(params=CASES, ids="-".join, scope="module")
-def equations(request) -> Equations:
+def equations(request) -> EquationsOfMotion:
     name, flexibility = request.param
     robot = robots.load(name, flexibility=flexibility)
-    return Equations.of(robot, 0.1 + np.arange(robot.model.nv))
+    return EquationsOfMotion.of(robot, 0.1 + np.arange(robot.model.nv))
 
 
 def state(equations, seed=1):
@@ -83,4 +83,4 @@ def test_loop_curvature_is_the_derivative_of_the_loop_forces(equations):
 @pytest.mark.parametrize("damping", [-1.0, np.nan, [1.0, 2.0]])
 def test_damping_that_cannot_be_is_refused(damping):
     with pytest.raises(InvalidInput, match="damping"):
-        Equations.of(robots.load("five_bar"), np.asarray(damping))
+        EquationsOfMotion.of(robots.load("five_bar"), np.asarray(damping))

@@ -12,7 +12,7 @@ from framework import ParallelRobot, plan_scene
 from framework.errors import InvalidInput, NotAssembled
 from framework.simulation import simulate
 from framework.simulation.consistent import consistent_state, free_motions
-from framework.simulation.equations import Equations
+from framework.simulation.equations import EquationsOfMotion
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def plan(robot):
 
 
 def motions(robot, q):
-    equations = Equations.of(robot)
+    equations = EquationsOfMotion.of(robot)
     rest = np.zeros((1, robot.model.nv))
     at = equations.tangent(np.asarray(q)[None], rest, rest)
     return at, free_motions(equations, at)
@@ -46,7 +46,7 @@ def test_two_motions_of_the_5R_with_massless_legs_move_no_mass(robot, plan):
 
 
 def test_a_planned_state_is_in_balance(robot, plan):
-    equations = Equations.of(robot)
+    equations = EquationsOfMotion.of(robot)
     for t in (0.0, 0.5, 1.0):
         q, v = plan.dynamics.configuration(t)[0], plan.dynamics.velocity(t)[0]
         new_q, new_v = consistent_state(equations, q, v, plan.torque(t))
@@ -58,7 +58,9 @@ def test_a_start_out_of_balance_moves_nothing_that_has_mass(robot, plan):
     q = plan.dynamics.configuration(0.5)[0]
     at, (_, light) = motions(robot, q)
     pushed = q + light @ np.array([1e-4, -2e-4])
-    back, _ = consistent_state(Equations.of(robot), pushed, np.zeros(robot.model.nv), plan.torque(0.5))
+    back, _ = consistent_state(
+        EquationsOfMotion.of(robot), pushed, np.zeros(robot.model.nv), plan.torque(0.5)
+    )
     # along the massless motions only, up to their curvature
     np.testing.assert_allclose(at.mass[0] @ (back - pushed), 0, atol=1e-6)
     assert np.abs(back - q).max() < 1e-6

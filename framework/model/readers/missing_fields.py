@@ -49,6 +49,7 @@ def resolve(
             option is not valid.
     """
     frame = options.platform or (platform.frame if platform else None)
+    joint_coordinates = platform.joints if platform and not options.axes else ()
     axes = options.axes or (platform.axes if platform else None)
     missing = []
     if frame is None:
@@ -66,11 +67,7 @@ def resolve(
             raise RobotFileError(f"--axes: {choose_from('axis', axis, AXES)}")
     if len(set(axes)) < len(axes):
         raise RobotFileError(f"--axes: needs different axes, got {' '.join(axes)}")
-    if sum(axis.startswith("r") for axis in axes) == 2:
-        raise RobotFileError(
-            f"--axes: got {' '.join(axes)}; a platform turns about none, one or all three of rx, ry, rz"
-        )
-    return Resolved(Platform(frame, axes), _actuators(options.motors, joints, actuators))
+    return Resolved(Platform(frame, axes, joint_coordinates), _actuators(options.motors, joints, actuators))
 
 
 def _actuators(

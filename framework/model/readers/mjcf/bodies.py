@@ -12,7 +12,7 @@ from framework.errors import RobotFileError, choose_from
 from framework.model.description import JointSpring
 from framework.model.placement import placement
 from framework.model.readers.mjcf.geoms import inertial_element, visual_element
-from framework.model.readers.mjcf.settings import DEEPEST, TURNS, Settings, known
+from framework.model.readers.mjcf.settings import DEEPEST, TURNS, CompilerSettings, known
 from framework.model.urdf_writing import AXIS, joint_element, origin_element, vector_text
 from framework.model.xml_reading import numbers
 
@@ -41,7 +41,7 @@ class Coordinate:
 class Bodies:
     """The URDF that grows, and what the equalities need to know."""
 
-    settings: Settings
+    settings: CompilerSettings
     root: ElementTree.Element = field(default_factory=lambda: ElementTree.Element("robot", name="mjcf"))
     bodies: list[str] = field(default_factory=lambda: [WORLD])
     sites: dict[str, tuple[str, Array]] = field(default_factory=dict)

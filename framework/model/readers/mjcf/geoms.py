@@ -14,7 +14,7 @@ from framework.errors import RobotFileError, choose_from
 from framework.model.description import SHORTEST
 from framework.model.inertia import check_inertia, symmetric
 from framework.model.placement import placement
-from framework.model.readers.mjcf.settings import TURNS, Settings, known, least_turn
+from framework.model.readers.mjcf.settings import TURNS, CompilerSettings, known, least_turn
 from framework.model.urdf_writing import origin_element
 from framework.model.xml_reading import numbers
 
@@ -32,7 +32,7 @@ class _Inertia(NamedTuple):
 
 
 def inertial_element(
-    settings: Settings, element: ElementTree.Element, link: str, childclass: str | None
+    settings: CompilerSettings, element: ElementTree.Element, link: str, childclass: str | None
 ) -> ElementTree.Element | None:
     """The URDF's `<inertial>` of a body: its own, else that of its geoms; None for a body without mass."""
     found = element.findall("inertial")
@@ -64,7 +64,7 @@ def inertial_element(
     return inertial
 
 
-def _given_inertia(settings: Settings, element: ElementTree.Element, where: str) -> _Inertia:
+def _given_inertia(settings: CompilerSettings, element: ElementTree.Element, where: str) -> _Inertia:
     """What an `<inertial>` gives."""
     if "mass" not in element.attrib:
         raise RobotFileError(f"{where}: mass is missing")
@@ -88,7 +88,7 @@ def _given_inertia(settings: Settings, element: ElementTree.Element, where: str)
 
 
 def _geom_inertia(
-    settings: Settings, element: ElementTree.Element, link: str, childclass: str | None
+    settings: CompilerSettings, element: ElementTree.Element, link: str, childclass: str | None
 ) -> _Inertia | None:
     """The inertia of a geom; None for one without mass."""
     where = f"body {link!r}: <geom>"
@@ -109,7 +109,7 @@ def _geom_inertia(
 
 
 def _geometry(
-    settings: Settings, attributes: Mapping[str, str], where: str
+    settings: CompilerSettings, attributes: Mapping[str, str], where: str
 ) -> tuple[str, tuple[float, ...], Array]:
     """Type, sizes and placement of a geom."""
     kind = attributes.get("type", "mesh" if "mesh" in attributes else "sphere")
@@ -133,7 +133,7 @@ def _geometry(
 
 
 def visual_element(
-    settings: Settings, element: ElementTree.Element, link: str, childclass: str | None
+    settings: CompilerSettings, element: ElementTree.Element, link: str, childclass: str | None
 ) -> ElementTree.Element | None:
     """The URDF's `<visual>` of a primitive geom; a capsule is drawn as a cylinder. None for other shapes."""
     where = f"body {link!r}: <geom>"

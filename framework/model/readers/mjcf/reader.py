@@ -21,7 +21,7 @@ from framework.model.readers.missing_fields import Options
 from framework.model.readers.mjcf.bodies import WORLD, Bodies
 from framework.model.readers.mjcf.equalities import closures_of
 from framework.model.readers.mjcf.motors import actuators_of, reference_of
-from framework.model.readers.mjcf.settings import Settings
+from framework.model.readers.mjcf.settings import CompilerSettings
 from framework.model.readers.urdf_tree import MOST_LOOPS, UrdfTree
 
 _SECTIONS_LEFT_OUT = ("asset", "contact", "sensor", "visual", "statistic", "size", "custom")
@@ -39,7 +39,7 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
             continue
         if section.tag not in (*_SECTIONS, *_SECTIONS_LEFT_OUT):
             raise RobotFileError(choose_from("or unsupported section", f"<{section.tag}>", _SECTIONS))
-    bodies = Bodies(Settings(root))
+    bodies = Bodies(CompilerSettings(root))
     worlds = root.findall("worldbody")
     if not worlds:
         raise RobotFileError("<worldbody> is missing")

@@ -19,7 +19,7 @@ DEEPEST = 200  # bodies in bodies, defaults in defaults
 TURNS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 
 
-class Settings:
+class CompilerSettings:
     """Units, Euler sequence, gravity, defaults."""
 
     def __init__(self, root: ElementTree.Element) -> None:

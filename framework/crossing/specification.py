@@ -1,0 +1,73 @@
+"""What an optimal law is to be best at, within the limits asked for or the robot file's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.crossing.request import Request
+from framework.kinematics.parallel_robot import ParallelRobot
+
+
+@dataclass(frozen=True, eq=False)
+class Specification(ReadOnlyArrays):
+    """What a law is to be best at, and within which limits.
+
+    goal: "time", "peak_torque": the largest torque over its limit, or "energy": the integral of the sum of
+        (torque over limit)^2. There motors without a limit are weighed with the largest of the others, or,
+        if there is none, all with the same number; that does not bound them.
+    duration: to be met exactly [s]; `longest`: not to be exceeded [s].
+    torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite where there is none.
+    """
+
+    goal: str
+    duration: float | None
+    longest: float | None
+    torque_limit: Array
+    speed_limit: Array
+    smoothness: int
+
+    def tightened(self, share: float) -> Specification:
+        """The same with limits multiplied by `share`."""
+        return replace(self, torque_limit=self.torque_limit * share, speed_limit=self.speed_limit * share)
+
+    @property
+    def limited(self) -> bool:
+        """Whether any torque has a limit."""
+        return bool(self.limited_motors.any())
+
+    @property
+    def limited_motors(self) -> BoolArray:
+        """Which torques (n_a,) have a limit."""
+        return np.isfinite(self.torque_limit)
+
+    @property
+    def most(self) -> float | None:
+        """The duration not to be exceeded [s], if any."""
+        return self.duration if self.duration is not None else self.longest
+
+
+def motor_limits(robot: ParallelRobot, request: Request) -> tuple[Array, Array]:
+    """Largest torques [N m] and speeds [rad/s] (n_a,) of the motors, motor side, the margin taken off.
+
+    Infinite where neither the request nor the robot file has a limit.
+    """
+    motors, share = robot.description.actuators, 1.0 - request.margin
+    torque = _limits(request.torque_limit, [motor.torque_limit for motor in motors])
+    speed = _limits(request.speed_limit, [motor.speed_limit for motor in motors])
+    return torque * share, speed * share
+
+
+def _limits(asked: Sequence[float] | None, in_file: Sequence[float | None]) -> Array:
+    if asked is not None:
+        return np.broadcast_to(np.array(asked), (len(in_file),)).copy()
+    return np.array([np.inf if limit is None else limit for limit in in_file])
+
+
+def specification_of(robot: ParallelRobot, request: Request) -> Specification:
+    """What an optimal law for this request is to be best at, with the limits of this robot's motors."""
+    limits = motor_limits(robot, request)
+    return Specification(request.goal, request.duration, request.longest, *limits, request.smoothness)

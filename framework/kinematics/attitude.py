@@ -1,0 +1,272 @@
+"""How a platform that turns is described by one, two or three coordinates: charts of SO(3).
+
+A chart turns the attitude R of the platform's frame into coordinates. To first order their rates are what
+k couples yield on the angular velocity w of the frame,
+
+    v = couples(R) w = E(x) dx,
+
+and every one of A, B, C, t_s and W_p of the robot stands on this v; so W_p . v is a power in every chart.
+
+    one axis      the twist angle about that base axis [rad], counted on through full turns: v = dx
+    two axes      R = R_1(x_1) R_2(x_2) R_3(free): two hinges in series, the axis named first next to the
+                  base, and whatever turn about the platform's third axis follows: v = dx. Which way the
+                  third axis points depends on x alone. Singular where the second angle is a right one.
+    three axes    the rotation vector: smooth, without an order of angles, singular only at a whole turn.
+                  v = w = E(x) dx with E the left Jacobian of SO(3)
+
+The attitude of a humanoid's ankle is R = Ry(pitch) Rx(roll): axes [ry, rx]. The parasitic turn of a
+3-PRS is the free one: with R = Ry(t) Rx(p) Rz it is atan(sin p sin t / (cos p + cos t)), J. A. Carretero et
+al., Kinematic analysis and optimization of a new three degree-of-freedom spatial parallel manipulator,
+Journal of Mechanical Design 122, 2000.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from framework.arrays import Array, IntArray, ReadOnlyArrays
+from framework.kinematics.frames import cross
+from framework.linalg.ordered_sums import dot
+
+
+class Attitude(Protocol):
+    """A chart of k coordinates; T attitudes are rotations R (T, 3, 3), columns the frame's axes."""
+
+    constant: bool  # whether the couples are the same at every attitude
+
+    def coordinates(self, rotation: Array) -> Array:
+        """Coordinates x (T, k) [rad]."""
+        ...
+
+    def residual(self, rotation: Array, x: Array) -> Array:
+        """How far R is from the attitude of x, (T, k), turns taken the short way: it grows with v."""
+        ...
+
+    def couples(self, rotation: Array) -> Array:
+        """The couples (T, k, 3), or (k, 3) if constant, in base axes: v = couples w."""
+        ...
+
+    def couple_rates(self, rotation: Array, w: Array) -> Array:
+        """Their time derivatives (T, k, 3) at angular velocities w (T, 3)."""
+        ...
+
+    def turning(self, rotation: Array, v: Array) -> Array:
+        """An angular velocity w (T, 3) with couples w = v (T, k), without a turn that no coordinate tells."""
+        ...
+
+    def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
+        """v = E(x) dx and its time derivative, (T, k)."""
+        ...
+
+    def unwrap(self, x: Array, near: Array) -> Array:
+        """Coordinates (T, k) of the same attitudes next to `near` (k,) or (T, k)."""
+        ...
+
+
+def attitude_about(axes: IntArray) -> Attitude:
+    """The chart of one, two or three different axes 0..2 in the stated order."""
+    if len(axes) == 2:
+        return TwoAngles.about(axes)
+    return TwistAngle(axes) if len(axes) == 1 else RotationVector(axes)
+
+
+@dataclass(frozen=True, eq=False)
+class TwistAngle(ReadOnlyArrays):
+    """One axis: of all turns about it the one that leaves the least (swing-twist decomposition)."""
+
+    axes: IntArray  # (1,)
+    constant = True
+
+    def coordinates(self, rotation: Array) -> Array:
+        i = int(self.axes[0])
+        j, k = (i + 1) % 3, (i + 2) % 3
+        sine = rotation[:, k, j] - rotation[:, j, k]
+        return np.arctan2(sine, rotation[:, j, j] + rotation[:, k, k])[:, None]
+
+    def residual(self, rotation: Array, x: Array) -> Array:
+        return _short_way(self.coordinates(rotation) - x)
+
+    def couples(self, rotation: Array) -> Array:
+        return np.eye(3)[self.axes]
+
+    def couple_rates(self, rotation: Array, w: Array) -> Array:
+        return np.zeros((len(w), 1, 3))
+
+    def turning(self, rotation: Array, v: Array) -> Array:
+        return v @ np.eye(3)[self.axes]
+
+    def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
+        return dx, ddx
+
+    def unwrap(self, x: Array, near: Array) -> Array:
+        return _by_full_turns(x, near)
+
+
+@dataclass(frozen=True, eq=False)
+class TwoAngles(ReadOnlyArrays):
+    """Two axes a, b of the base: R = R_a(x_1) R_b(x_2) R_c(free), x_2 within a right angle.
+
+    The angular velocity is w = dx_1 a + dx_2 R_a b + (free rate) R c; the couples are the two that
+    yield dx_1 and dx_2 on it and nothing on the free turn.
+    """
+
+    axes: IntArray  # (2,)
+    basis: Array  # (3, 3) rows a, b and c, a right-handed or a left-handed set
+    hand: float  # a x b = hand c
+    constant = False
+
+    @staticmethod
+    def about(axes: IntArray) -> TwoAngles:
+        """The chart of two different axes 0..2."""
+        order = [*axes, 3 - int(axes.sum())]
+        basis = np.eye(3)[order]
+        return TwoAngles(axes, basis, float(np.linalg.det(basis)))
+
+    def coordinates(self, rotation: Array) -> Array:
+        along = rotation @ self.basis[2] @ self.basis.T  # R c on a, b, c: (T, 3)
+        first = np.arctan2(-self.hand * along[:, 1], along[:, 2])
+        second = np.arctan2(self.hand * along[:, 0], np.hypot(along[:, 1], along[:, 2]))
+        return np.stack([first, second], axis=1)
+
+    def residual(self, rotation: Array, x: Array) -> Array:
+        return _short_way(self.coordinates(rotation) - x)
+
+    def couples(self, rotation: Array) -> Array:
+        sine, cosine, tangent = self._parts(rotation)
+        a, b, c = self.basis
+        first = a + self.hand * tangent * (self.hand * sine * b - cosine * c)
+        return np.stack([first, cosine * b + self.hand * sine * c], axis=1)
+
+    def couple_rates(self, rotation: Array, w: Array) -> Array:
+        sine, cosine, tangent = self._parts(rotation)
+        _, b, c = self.basis
+        rates = np.sum(self.couples(rotation) * w[:, None], axis=2)
+        first, second = rates[:, :1], (1 + tangent**2) * rates[:, 1:]
+        across, along = self.hand * sine * b - cosine * c, cosine * b + self.hand * sine * c
+        return np.stack(
+            [
+                self.hand * (second * across + self.hand * tangent * first * along),
+                -self.hand * first * across,
+            ],
+            axis=1,
+        )
+
+    def turning(self, rotation: Array, v: Array) -> Array:
+        sine, cosine, _ = self._parts(rotation)
+        a, b, c = self.basis
+        return v[:, :1] * a + v[:, 1:] * (cosine * b + self.hand * sine * c)
+
+    def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
+        return dx, ddx
+
+    def unwrap(self, x: Array, near: Array) -> Array:
+        return _by_full_turns(x, near)
+
+    def _parts(self, rotation: Array) -> tuple[Array, Array, Array]:
+        """Sine and cosine of the first angle and tangent of the second, each (T, 1)."""
+        first, second = np.split(self.coordinates(rotation), 2, axis=1)
+        return np.sin(first), np.cos(first), np.tan(second)
+
+
+@dataclass(frozen=True, eq=False)
+class RotationVector(ReadOnlyArrays):
+    """Three axes: the rotation vector, its components in the stated order."""
+
+    axes: IntArray  # (3,) a permutation
+    constant = True
+
+    def coordinates(self, rotation: Array) -> Array:
+        return _logarithm(rotation)[:, self.axes]
+
+    def residual(self, rotation: Array, x: Array) -> Array:
+        target = rotation_matrix(self._vector(x))
+        return _logarithm(rotation @ target.transpose(0, 2, 1))[:, self.axes]
+
+    def couples(self, rotation: Array) -> Array:
+        return np.eye(3)[self.axes]
+
+    def couple_rates(self, rotation: Array, w: Array) -> Array:
+        return np.zeros((len(w), 3, 3))
+
+    def turning(self, rotation: Array, v: Array) -> Array:
+        return self._vector(v)
+
+    def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
+        r, dr, ddr = (self._vector(part) for part in (x, dx, ddx))
+        a, da, b, db = _left_jacobian_series(dot(r, r), dot(r, dr))
+        swept, swept_twice = cross(r, dr), cross(r, cross(r, dr))
+        omega = dr + a * swept + b * swept_twice
+        alpha = (
+            ddr
+            + a * cross(r, ddr)
+            + da * swept
+            + b * (cross(dr, swept) + cross(r, cross(r, ddr)))
+            + db * swept_twice
+        )
+        return omega[:, self.axes], alpha[:, self.axes]
+
+    def unwrap(self, x: Array, near: Array) -> Array:
+        angle = np.sqrt(dot(x, x))[:, None]
+        about = x / np.where(angle > 0, angle, 1.0)
+        missing = dot(about, near)[:, None] - angle
+        return x + 2 * np.pi * np.round(missing / (2 * np.pi)) * about
+
+    def _vector(self, x: Array) -> Array:
+        """Vectors (T, 3) on the base's axes of components (T, 3) in the stated order."""
+        vector = np.empty_like(x)
+        vector[:, self.axes] = x
+        return vector
+
+
+def rotation_matrix(vector: Array) -> Array:
+    """Rotation matrices (T, 3, 3) of rotation vectors (T, 3) [rad]."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+
+
+def _short_way(difference: Array) -> Array:
+    return np.mod(difference + np.pi, 2 * np.pi) - np.pi
+
+
+def _by_full_turns(x: Array, near: Array) -> Array:
+    return x + 2 * np.pi * np.round((near - x) / (2 * np.pi))
+
+
+def _logarithm(rotation: Array) -> Array:
+    """Rotation vectors (T, 3) of rotations (T, 3, 3), NaN where one is not finite."""
+    from scipy.spatial.transform import Rotation
+
+    finite = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
+    if not finite.all():
+        rotation = np.where(finite[:, None, None], rotation, np.eye(3))
+    return np.where(finite[:, None], Rotation.from_matrix(rotation).as_rotvec(), np.nan)
+
+
+def _left_jacobian_series(square: Array, half_rate: Array) -> tuple[Array, Array, Array, Array]:
+    """a = (1 - cos t) / t^2, b = (t - sin t) / t^3 and their time derivatives, each (T, 1).
+
+    `square` is t^2, `half_rate` half its time derivative. Below one radian by their series, which the
+    closed forms lose to cancellation.
+    """
+    small = square < 1.0
+    t = np.sqrt(np.where(small, 1.0, square))
+    a_series, b_series, da_series, db_series = (np.zeros_like(square) for _ in range(4))
+    term_a, term_b = 0.5, 1.0 / 6.0
+    for k in range(12):  # the last term is below 1e-17 for t < 1
+        power = square**k
+        a_series += term_a * power
+        b_series += term_b * power
+        term_a /= -(2 * k + 3) * (2 * k + 4)
+        term_b /= -(2 * k + 4) * (2 * k + 5)
+        da_series += term_a * (k + 1) * power  # derivative with respect to t^2
+        db_series += term_b * (k + 1) * power
+    a = np.where(small, a_series, (1 - np.cos(t)) / t**2)
+    b = np.where(small, b_series, (t - np.sin(t)) / t**3)
+    da = np.where(small, da_series, (t * np.sin(t) - 2 * (1 - np.cos(t))) / (2 * t**4))
+    db = np.where(small, db_series, (t * (1 - np.cos(t)) - 3 * (t - np.sin(t))) / (2 * t**5))
+    rate = (2 * half_rate)[:, None]
+    return a[:, None], da[:, None] * rate, b[:, None], db[:, None] * rate
