@@ -156,9 +156,8 @@ class _Region:
         """Which configurations (T, nq) are in the region, (T,)."""
         robot = self.equations.robot
         x = robot.platform.coordinates(frames_at(robot, q))
-        inside = np.linalg.norm(x[:, ~robot.translations], axis=1) < LARGEST_TURN
-        if robot.platform.turning.size < 2:
-            inside = np.ones(len(q), dtype=bool)
+        turns = x[:, ~robot.translations]
+        inside = (turns.shape[1] < 3) | (np.linalg.norm(turns, axis=1) < LARGEST_TURN)
         off = (x - self.x)[:, robot.translations]
         if self.equations.in_motors:
             moving = self.equations.robot.actuated[list(self.equations.free)]
