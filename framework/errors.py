@@ -136,8 +136,8 @@ def whole_number(what: str, given: object, least: int, most: int) -> int:
     return int(given)  # type: ignore[call-overload]
 
 
-def finite_numbers(what: str, given: ArrayLike, count: int) -> Array:
-    """The given numbers as an array (count,).
+def finite_numbers(what: str, given: ArrayLike, count: int, *, stacks: bool = False) -> Array:
+    """The given numbers as an array (count,), or (T, count) where `stacks` of them are allowed.
 
     Raises:
         InvalidInput: they are not numbers, not finite, or not as many.
@@ -146,7 +146,8 @@ def finite_numbers(what: str, given: ArrayLike, count: int) -> Array:
         values = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
         values = np.empty(0)
-    if values.shape != (count,) or not np.all(np.isfinite(values)):
+    fits = values.shape[-1:] == (count,) and (values.ndim == 1 or (stacks and values.ndim == 2))
+    if not fits or not np.isfinite(values).all():
         shown = given.tolist() if isinstance(given, np.ndarray) else given
         raise InvalidInput(f"{what} must be {count} finite numbers, got {shown!r}")
     return values
