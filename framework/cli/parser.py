@@ -84,10 +84,13 @@ def add_moved_robot(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_flexibility(parser: argparse.ArgumentParser) -> None:
-    """--flexibility."""
+def add_flexibility(parser: argparse.ArgumentParser, *, auto: str = "") -> None:
+    """--flexibility; `auto`: the help of that choice, where the command has it."""
     parser.add_argument(
-        "--flexibility", choices=FLEXIBILITIES, default="rigid", help="which springs exist (default: rigid)"
+        "--flexibility",
+        choices=(*FLEXIBILITIES, "auto") if auto else FLEXIBILITIES,
+        default="rigid",
+        help=f"which springs exist{f'; auto: {auto}' if auto else ''} (default: rigid)",
     )
 
 
