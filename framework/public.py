@@ -3,6 +3,7 @@
 They stand here and not there, so that the command line can hear Ctrl-C before they are imported.
 """
 
+from framework.crossing.fidelity import FidelityStudy, fidelity_study
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import load_plan
@@ -42,14 +43,15 @@ from framework.kinematics.velocity_matrices import velocity_matrices
 from framework.motion.law import Condition, Law
 from framework.motion.path import Arc, Line, Spline
 from framework.simulation import Simulation, simulate
-from framework.singularity.classify import Classification, classify
+from framework.singularity.classify import classify
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
+from framework.singularity.traced_locus import trace_locus
 
 __all__ = [
     "Arc",
-    "Classification",
     "Condition",
     "CrossingPlan",
+    "FidelityStudy",
     "FrameworkError",
     "InvalidInput",
     "InverseDynamics",
@@ -83,6 +85,7 @@ __all__ = [
     "check_robot",
     "classify",
     "dynamics_at",
+    "fidelity_study",
     "forward_kinematics",
     "inverse_dynamics",
     "load_plan",
@@ -91,6 +94,7 @@ __all__ = [
     "plan_scene",
     "platform_limits",
     "simulate",
+    "trace_locus",
     "track_path",
     "velocity_matrices",
 ]
