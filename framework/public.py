@@ -10,7 +10,7 @@ from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene
 from framework.dynamics.instant import dynamics_at
 from framework.dynamics.inverse_dynamics import inverse_dynamics
-from framework.dynamics.platform_limits import PlatformLimits, platform_limits
+from framework.dynamics.platform_limits import platform_limits
 from framework.dynamics.result import InverseDynamics
 from framework.errors import (
     FrameworkError,
@@ -69,7 +69,6 @@ __all__ = [
     "OutOfReach",
     "OutputError",
     "ParallelRobot",
-    "PlatformLimits",
     "RobotFileError",
     "Simulation",
     "SingularPath",
