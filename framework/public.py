@@ -41,12 +41,12 @@ from framework.kinematics.velocity_matrices import velocity_matrices
 from framework.motion.law import Condition, Law
 from framework.motion.path import Arc, Line, Spline
 from framework.simulation import Simulation, simulate
-from framework.singularity.classify import Classification, classify
+from framework.singularity.classify import classify
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
+from framework.singularity.traced_locus import trace_locus
 
 __all__ = [
     "Arc",
-    "Classification",
     "Condition",
     "CrossingPlan",
     "FrameworkError",
@@ -88,6 +88,7 @@ __all__ = [
     "plan_crossing",
     "plan_scene",
     "simulate",
+    "trace_locus",
     "track_path",
     "velocity_matrices",
 ]

@@ -66,6 +66,7 @@ QUESTIONS = {
         "search_path",
     },
     "framework.singularity.spring_shift": None,
+    "framework.singularity.traced_locus": None,
     "framework.dynamics.finite_differences": None,
     "framework.dynamics.measure_along_path": None,
     "framework.dynamics.platform_wrench": None,

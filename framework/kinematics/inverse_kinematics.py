@@ -14,7 +14,8 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, NotAssembled, point
-from framework.kinematics.closures import closure_drift, loop_equations, loop_wrenches, scaled
+from framework.kinematics.assembly import Configuration
+from framework.kinematics.closures import closure_drift, loop_wrenches, scaled
 from framework.kinematics.equations import Equations
 from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at
 from framework.kinematics.newton import ITERATIONS, Linear, NewtonResult, Which, newton
@@ -120,35 +121,43 @@ def require_square(robot: ParallelRobot) -> None:
         )
 
 
-def system_at(robot: ParallelRobot, q: Array, x: Array) -> System:
-    """F, its rows and their derivatives at q (T, nq) for the platform at x (T, n)."""
-    equations, at = robot.equations, frames_at(robot, q)
+def system_at(robot: ParallelRobot, q: Array, x: Array | None) -> System:
+    """F, its rows and their derivatives at q (T, nq) for the platform at x (T, n); None: where it is."""
+    return _system_of(robot, frames_at(robot, q), x)
+
+
+def _system_of(robot: ParallelRobot, at: FrameStack, x: Array | None) -> System:
+    equations, count = robot.equations, len(at.position)
     loops = loop_wrenches(equations.loops, at)
-    wrench = np.empty((len(q), len(equations.bodies), 6))
+    wrench = np.empty((count, len(equations.bodies), 6))
     wrench[:, : robot.n] = robot.platform.wrenches(at)
     wrench[:, robot.n :] = loops.wrench
     wrench[..., 3:] += cross(at.position[:, equations.bodies], wrench[..., :3])  # about the base's origin
-    residual = np.concatenate([robot.platform.residual(at, x), loops.residual], axis=1)
+    off = np.zeros((count, robot.n)) if x is None else robot.platform.residual(at, x)
+    residual = np.concatenate([off, loops.residual], axis=1)
     return System(equations, at, residual, equations.pattern.entries(wrench, at.screws))
 
 
-def assembled_at(robot: ParallelRobot, q: ArrayLike) -> ClosedStack:
+def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False) -> ClosedStack:
     """A configuration q (nq,), or a `Configuration`, whose loops are closed, with its equations (T = 1).
 
+    Args:
+        stacks: whether T configurations (T, nq) will do as well.
+
     Raises:
-        InvalidInput: q has the wrong length, is not finite, or leaves a loop open.
+        InvalidInput: q has the wrong shape, is not finite, or leaves a loop open.
     """
     expect_robot(robot)
-    q = configuration(robot, q)[None]
+    q = np.atleast_2d(configuration(robot, q, stacks=stacks))
     at = frames_at(robot, q)
-    residual = np.abs(loop_equations(robot.rows, at).residual[0])
-    gap = float((residual / np.where(robot.rows.rotation, 1.0, robot.length)).max(initial=0.0))
-    if gap > OPEN:
+    residual = np.abs(loop_wrenches(robot.rows, at).residual)
+    gaps = (residual / np.where(robot.rows.rotation, 1.0, robot.length)).max(axis=1, initial=0.0)
+    if gaps.max(initial=0.0) > OPEN:
         raise InvalidInput(
-            f"q: the loops of {robot.name} are open by {residual.max():.3g} m or rad there; see `assemble`"
+            f"q: the loops of {robot.name} are open by {residual[np.argmax(gaps)].max():.3g} m or rad there; "
+            f"see `assemble`"
         )
-    x = robot.platform.coordinates(at)
-    return ClosedStack(q, x, system_at(robot, q, x))
+    return ClosedStack(q, robot.platform.coordinates(at), _system_of(robot, at, None))
 
 
 def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
@@ -194,19 +203,19 @@ def close_each(
 
 
 def joint_rates(robot: ParallelRobot, system: System, platform: Array, elastic: Array) -> Array:
-    """All joint rates (T, nv) for platform twists (T, n) and deflection rates (T, n_e)."""
-    right = np.zeros((len(platform), system.residual.shape[1]))
-    right[:, : platform.shape[1]] = platform
+    """All joint rates (..., T, nv) for platform twists (..., T, n) and deflection rates (T, n_e)."""
+    right = np.zeros((*platform.shape[:-1], system.residual.shape[1]))
+    right[..., : platform.shape[-1]] = platform
     return _solve_rates(robot, system, right, elastic)
 
 
 def _solve_rates(robot: ParallelRobot, system: System, right: Array, elastic: Array) -> Array:
-    rates = np.zeros((len(right), robot.model.nv))
-    rates[:, robot.elastic] = elastic
+    rates = np.zeros((*right.shape[:-1], robot.model.nv))
+    rates[..., robot.elastic] = elastic
     if np.count_nonzero(elastic):
         right = right - system.equations.elastic.times(system.entries, elastic)
     try:
-        rates[:, robot.moving] = system.factors.solve(right)
+        rates[..., robot.moving] = system.factors.solve(right)
     except np.linalg.LinAlgError:
         raise NotAssembled(
             f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
