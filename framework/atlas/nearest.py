@@ -69,14 +69,14 @@ def nearest_singular_pose(
             lengths and rad], half a robot length or 0.5 rad by default.
 
     Raises:
-        InvalidInput: q leaves the loops open; redundant motors, whose g has no sign, or no passive joints.
+        InvalidInput: q leaves the loops open; redundant motors, whose g has no sign; no passive joints.
     """
     expect_robot(robot)
     require_square(robot)
     if robot.n_a != robot.n or not len(robot.following):
         raise InvalidInput(
-            f"{robot.name}: a margin needs a measure g with a sign: passive joints, and a motor for each axis "
-            f"of the platform"
+            f"{robot.name}: a margin needs a measure g with a sign: passive joints, and a motor for each "
+            f"axis of the platform"
         )
     if within is not None and not 0 < within < np.inf:
         raise InvalidInput(f"within: needs a positive number, got {within!r}")
