@@ -70,6 +70,7 @@ QUESTIONS = {
     "framework.singularity.traced_locus": None,
     "framework.dynamics.finite_differences": None,
     "framework.dynamics.measure_along_path": None,
+    "framework.dynamics.platform_limits": None,
     "framework.dynamics.platform_wrench": None,
     "framework.dynamics.result": None,
     "framework.dynamics.wrench": None,
