@@ -248,11 +248,15 @@ class UnboundedTorque(NoAnswer):
 
 
 class SingularPose(NoAnswer):
-    """A question about forces at one pose, `platform` (n,), at which the motors do not hold the robot."""
+    """A question about forces at one pose, `platform` (n,), at which the motors do not hold the robot.
 
-    def __init__(self, message: str, *, platform: Array) -> None:
+    `wrench` is t_s . W_p where it is what forbids an answer [N, or N m for a pure turn].
+    """
+
+    def __init__(self, message: str, *, platform: Array, wrench: float | None = None) -> None:
         super().__init__(message)
         self.platform = platform
+        self.wrench = wrench
 
 
 class LoadedJoint(NoAnswer):

@@ -254,3 +254,14 @@ def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
     if model.nq == model.nv:
         return q - start
     return np.array([pin.difference(model, start, np.ascontiguousarray(row)) for row in q])
+
+
+def between(mechanism: Mechanism, start: Array, q: Array) -> Array:
+    """Tangent vectors (..., nv) from configurations start (..., nq) to q (..., nq), broadcast."""
+    model = mechanism.model
+    if model.nq == model.nv:
+        return np.asarray(q - start)
+    pairs = np.broadcast_arrays(start, q)
+    flat = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
+    ways = [pin.difference(model, one, two) for one, two in zip(*flat, strict=True)]
+    return np.array(ways).reshape(*pairs[0].shape[:-1], model.nv)
