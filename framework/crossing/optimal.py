@@ -358,7 +358,7 @@ def _allowed(limited: BoolArray, peak: float) -> Array:
 def conditions_on_speed(
     sigma: Array, conditions: Array, degree: int, stretch: Stretch, scale: float = 1.0
 ) -> Affine:
-    """constant + per_z z + per_u u + per_du u' at sigma (k,), for z of this degree in multiples of `scale`."""
+    """constant + per_z z + per_u u + per_du u' at sigma (k,), z of this degree in multiples of `scale`."""
     at = Basis.at(sigma, degree, stretch)
     constant, per_z, per_u, per_du = conditions.T[:, :, None]
     rows = per_z * at.z + per_u * at.u

@@ -220,7 +220,7 @@ def _check_speeds(task: Task, places: Sequence[CrossingPoint]) -> None:
 
 
 def _check_common_speed(task: Task, place: CrossingPoint, rows: Array) -> None:
-    """Raise UncontrolledMotions unless some s'^2 > 0 and s" meet the conditions (8) of all motions that escape together."""
+    """Raise UncontrolledMotions unless an s'^2 > 0 and an s" meet all conditions (8) at a place."""
     size = np.abs(rows).max()
     left, values, right = np.linalg.svd(rows[:, 1:3])
     rank = int(np.sum(values > NO_HOLD * size))

@@ -9,8 +9,8 @@ so three evaluations of the inverse dynamics a point, at (z, u) = (0, 0), (1, 0)
 (after toppra, which recovers its constraint coefficients from such calls). Friction that grows with speed
 would add a term in sqrt(z) and break this.
 
-Torques are finite where condition (8) vanishes as often as the measure g of the singularity does. Where the path
-touches the locus without crossing it that is the condition and its derivative along the path,
+Torques are finite where condition (8) vanishes as often as the measure g of the singularity does. Where the
+path touches the locus without crossing it that is the condition and its derivative along the path,
 
     c0' + cz' z + cz z' + cu' u + cu u' = 0,     z' = 2 u,
 

@@ -1,7 +1,7 @@
 """A path that meets the locus in its very middle, to the last digit.
 
-What goes wrong: the law is resolved on panels, cut in halves where it must be; the middle of the path is where
-two of them meet. An end of a panel is a node, and a node on the singular instant divides 0 by 0.
+What goes wrong: the law is resolved on panels, cut in halves where it must be; two of them meet in the middle
+of the path. An end of a panel is a node, and a node on the singular instant divides 0 by 0.
 Why: symmetric paths are what people draw first.
 What we do: panels of a smooth law end beside the crossing.
 """
