@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 from typing import Any
 
 from framework.cli.parser import Report, add_moved_robot, command
-from framework.crossing.saved import load_plan
+from framework.crossing.saved import FILE, load_plan
 from framework.errors import InvalidInput
+from framework.input import read_text
 from framework.output import write_file
 
 
@@ -29,7 +31,8 @@ def run(options: argparse.Namespace) -> Report:
     if options.html == "":
         raise InvalidInput("--html: needs the name of a file, got an empty text")
     plan = load_plan(options.folder, robot_file=options.robot_file)
-    page = report_page(plan, name=plan_name(plan, Path(options.folder).resolve().name))
+    planned = json.loads(read_text(Path(options.folder) / FILE, FILE))["certificate"]
+    page = report_page(plan, planned=planned, name=plan_name(plan, Path(options.folder).resolve().name))
     path = Path(options.html or Path(options.folder) / "report.html")
     write_file(path, page)
     size = path.stat().st_size

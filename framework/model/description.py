@@ -139,12 +139,20 @@ class JointSpring:
 
 
 @dataclass(frozen=True)
+class KeptRung:
+    """The least rung of the fidelity ladder that was found enough for a scene, to a tolerance (a share)."""
+
+    rung: str
+    tolerance: float
+
+
+@dataclass(frozen=True)
 class Scene:
     """A path and a duration [s], and what is asked at the crossings.
 
     `kind` is line, arc or spline, through `points`. `times` [s] and `speeds` [1/s] are None when left
     open; empty `times` ask for a law without crossing conditions. `at` imposes path coordinates
-    instead of locating the singular points.
+    instead of locating the singular points. `fidelity` is what a study of the scene has found.
     """
 
     name: str
@@ -154,6 +162,7 @@ class Scene:
     times: tuple[float, ...] | None = None
     speeds: tuple[float, ...] | None = None
     at: tuple[float, ...] | None = None
+    fidelity: KeptRung | None = None
 
 
 @dataclass(frozen=True)

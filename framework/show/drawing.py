@@ -12,7 +12,7 @@ from framework.arrays import Array
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import configuration, joint_poses, planar_normal, rotated
 from framework.model.visuals import Shape
-from framework.show.scene import motor_shapes
+from framework.show.motors import motor_shapes
 from framework.show.shapes import body_shapes
 from framework.show.sight import Projection, projection
 from framework.show.style import figure

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from framework.dynamics.action_lines import action_lines
 from framework.dynamics.platform_wrench import hold_at
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.forward_kinematics import motors_are_free
@@ -13,11 +14,14 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
 from framework.show.captions import about, unit
 from framework.show.captions import asked as kind_of_hold
+from framework.show.forces import drawn_sides, why_no_figure
 from framework.show.scene import drawn_locus, floats, robot_document
 from framework.singularity.jogging import (
     CLASSES,
     JoggedPose,
+    LooseMotion,
     drag_platform,
+    loose_motion,
     move_motor,
     move_platform,
     pose_at,
@@ -36,6 +40,8 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
         "kind": "hand",
         "about": about(robot),
         "push": f"{PUSH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",
+        "flat": robot.n == 2,
+        "no_figure": (why_no_figure(robot) or "") if len(robot.passive) else "",
         "drag": bool(len(robot.platform.sliding)),
         "poses": floats(poses),
         "locus": drawn_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
@@ -82,7 +88,7 @@ def _words(pose: JoggedPose) -> str:
         told = (
             "The arrow is the motion of the platform that the motors hold least."
             if pose.level == "near"
-            else "With the motors locked, the platform can still move along the arrow."
+            else "Motors that are locked do not resist a small motion along the arrow."
         )
         return f"{where} a Type 2 singularity. {told}"
     name, meaning = CLASSES[pose.kind]
@@ -91,7 +97,7 @@ def _words(pose: JoggedPose) -> str:
 
 
 def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
-    """What the motors can give here: torques against a push along t_s, and on planar robots the polygon.
+    """What the motors can give: torques against a push along t_s, all forces together, the line of each.
 
     A platform that both shifts and turns has no push of one unit: it gets none.
     """
@@ -99,19 +105,51 @@ def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
     try:
         held = hold_at(robot, pose.q, PUSH * pose.twist)
     except NotAssembled:  # a Type 1 singularity: the platform does not determine the motors
-        return {"torques": None, "sides": None}
+        return {"torques": None, "sides": None, "lines": None}
     pushed = (
         pose.g is not None and pose.level != "singular" and (translations.all() or not translations.any())
     )
     torques = held.torque if pushed else None
-    sides = None
-    if robot.n == 2 and robot.platform.is_point:
-        sides = np.zeros((robot.n_a, 3))
-        sides[:, robot.platform.along] = held.motor_speed
+    sides = drawn_sides(robot, held.motor_speed[None], np.ones(robot.n_a)) if pose.g is not None else None
+    near = pose.kind == "type_2"
+    lines = action_lines(robot, held.motor_speed[None]) if near else None
     return {
         "torques": None if torques is None else np.abs(torques).tolist(),
-        "sides": None if sides is None else sides.tolist(),
+        "sides": None if sides is None else sides[0].tolist(),
+        "lines": None if lines is None else np.stack([lines.place[0], lines.way[0]], axis=1).tolist(),
     }
+
+
+def _wobble(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any] | None:
+    """How the platform moves along t_s with its loops closed, on the locus; and how little the motors do."""
+    if pose.kind != "type_2" or pose.level != "singular":
+        return None
+    loose = loose_motion(robot, pose)
+    if loose is None:
+        return None
+    poses = joint_poses(robot, loose.q)
+    places = platform_positions(robot, poses)
+    return {
+        "poses": floats(poses),
+        "places": floats(places),
+        "count": len(places),
+        "words": _told_loose(robot, loose),
+    }
+
+
+def _told_loose(robot: ParallelRobot, loose: LooseMotion) -> str:
+    """How far the platform moves, and how little the motors do."""
+    slides = robot.sliding[robot.actuated]
+    moved = [f"{1e3 * loose.shift:.3g} mm"] * (loose.shift > 0) + [f"{loose.turn:.2g} rad"] * (loose.turn > 0)
+    motors = [
+        f"{scale * loose.motors[kind].max():.2g} {unit}"
+        for kind, scale, unit in ((slides, 1e3, "mm"), (~slides, 1.0, "rad"))
+        if kind.any()
+    ]
+    return (
+        f"It wobbles: {' with '.join(moved)} of the platform to either side take no more than "
+        f"{' or '.join(motors)} of a motor."
+    )
 
 
 def _told(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
@@ -131,6 +169,7 @@ def _told(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
         "verdict": pose.verdict,
         "t_s": [twist[:3].tolist(), twist[3:].tolist()],
         "stopped": pose.stopped,
+        "wobble": _wobble(robot, pose),
     }
 
 

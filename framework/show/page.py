@@ -22,7 +22,17 @@ from framework.show.film import Film
 from framework.show.jogging import hand_document
 from framework.show.scene import film_documents
 
-SCRIPTS = ("shapes.js", "view.js", "curves.js", "words.js", "vectors.js", "film.js", "jogging.js", "main.js")
+SCRIPTS = (
+    "shapes.js",
+    "forces.js",
+    "view.js",
+    "curves.js",
+    "words.js",
+    "vectors.js",
+    "film.js",
+    "jogging.js",
+    "main.js",
+)
 
 FILM_LEAD = (
     "The motors of a parallel robot move its <b>platform</b> together. At a <b>Type 2 singularity</b> "

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 
@@ -23,8 +24,14 @@ from framework.show.scene import film_documents
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
 
 
-def report_page(plan: CrossingPlan, *, name: str = "") -> str:
-    """The report of a plan, HTML, complete in one file."""
+def report_page(plan: CrossingPlan, *, name: str = "", planned: Mapping[str, float] | None = None) -> str:
+    """The report of a plan, HTML, complete in one file.
+
+    Args:
+        name: what stands above the scene.
+        planned: the certificate in plan.json, shown beside that of `plan`, which was computed from the law
+            read back: what is mere rounding may differ in it.
+    """
     film = film_plan(plan, name=name)
     heading = f"{said(plan.robot.name)}: {_what(plan)}"
     body = "\n".join(
@@ -34,7 +41,9 @@ def report_page(plan: CrossingPlan, *, name: str = "") -> str:
             _section("What happens", _crossings(plan, film)),
             _section("Figures", figures_with_captions(plan, film, _marked)),
             _section("The law", _law(plan)),
-            _section("The certificate, in words", _certificate(plan, film)),
+            _section(
+                "The certificate, in words", _certificate(plan, film) + _both_certificates(plan, planned)
+            ),
             _section("Parameters", _parameters(plan)),
             _section("How to reproduce it", _reproduction(plan)),
             "</div>",
@@ -181,7 +190,38 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
                 f"motion."
             )
     items = "".join(f"<li>{_marked(text)}</li>" for text in said_of)
-    return f"<ul>{items}</ul><p>All of it was computed from the law when this page was written.</p>"
+    return (
+        f"<ul>{items}</ul><p>All of it was computed from the law when this page was "
+        "written: numbers near 1e-15 are rounding, and not the same twice.</p>"
+    )
+
+
+_CERTIFIED = (
+    ("nodes", "nodes of the series"),
+    ("tail", "what the series leaves out"),
+    ("max_closure_error", "loops open by [m, rad]"),
+    ("max_residual_torque", "joints out of balance by [N m, N]"),
+    ("change", "change of the deflections"),
+    ("end_speed", "speed at the ends"),
+)
+
+
+def _both_certificates(plan: CrossingPlan, planned: Mapping[str, float] | None) -> str:
+    """The certificate's numbers as plan.json has them, and as they were computed anew from its law."""
+    if planned is None:
+        return ""
+    anew = asdict(plan.certificate)
+    rows = [
+        (
+            text,
+            *(
+                f"{numbers[key]:g}" if key == "nodes" else f"{numbers[key]:.1e}"
+                for numbers in (planned, anew)
+            ),
+        )
+        for key, text in _CERTIFIED
+    ]
+    return _table(rows, ("", "plan.json", "computed anew"))
 
 
 def _condition(crossing: Crossing) -> str:

@@ -7,6 +7,7 @@ import html
 import io
 from collections.abc import Callable
 
+import numpy as np
 from matplotlib.axes import Axes
 
 from framework.crossing.result import CrossingPlan
@@ -35,6 +36,16 @@ def figures_with_captions(plan: CrossingPlan, film: Film, marked: Callable[[str]
     return f'<div class="figures">{"".join(figures)}</div>'
 
 
+def _own(plan: CrossingPlan) -> str:
+    """Why the curve of the eye is larger or smaller than that of t_s . W_p, where it is."""
+    if not np.any(plan.robot.rotor_inertia):
+        return ""
+    return (
+        " It is drawn with the rotors of the motors, along the t_s of that instant; the figure of t_s · W_p "
+        "has the bodies alone, and the t_s of each instant."
+    )
+
+
 def _drawings(plan: CrossingPlan, film: Film) -> list[Drawing]:
     where = "at the singular instant" if film.instants else "halfway"
     locus = ", singular locus (purple)" if plan.robot.platform.translations.all() else ""
@@ -47,7 +58,7 @@ def _drawings(plan: CrossingPlan, film: Film) -> list[Drawing]:
     ]
     if plan.crossings:
         told = "The eye of the needle: at the singular instant the motors give nothing along t_s."
-        drawn.append((f"{told} The motion asks for nothing there.", lambda: plot_eye(plan)))
+        drawn.append((f"{told} The motion asks for nothing there.{_own(plan)}", lambda: plot_eye(plan)))
     drawn += [
         (f"Motor torques, with {parts(film)}.{dashed}", lambda: plots.plot_torques(plan)),
         (f"The law s(t) and its derivatives.{dashed}", lambda: plots.plot_law(plan)[0]),

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
+from framework.dynamics.action_lines import action_lines
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import (
-    carried_axis,
     frame_positions,
     joint_axis,
     joint_poses,
@@ -30,13 +30,13 @@ from framework.model.visuals import Shape
 from framework.show.captions import asked, how, proof, said, stated, subtitle, summary, unit, why
 from framework.show.eye import shown_limit
 from framework.show.film import Film
-from framework.show.shapes import body_shapes, turned_onto
+from framework.show.forces import drawn_sides, figure_vectors, why_no_figure
+from framework.show.motors import motor_shapes, placed
+from framework.show.shapes import body_shapes
 from framework.show.sight import seen_from
 from framework.singularity.locus import LocusCurves, locus_curves, locus_patch
 
 CLIPPED = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
-MOTOR = 0.06  # radius of a motor, over the radius of the picture
-GREY = (0.83, 0.84, 0.86, 1.0)  # of a motor without torque, as on the page
 COIL = 0.18  # length of a spring's coil, over the `length` of the document
 SHOWN = 0.35  # of the coil's length, or in radians: the largest deflection on the screen
 BESIDE = 0.9  # how far from the path the locus is drawn, in lengths of the robot
@@ -103,7 +103,9 @@ def _film_document(film: Film, curves_about: CurvesAbout, limit: Array) -> dict[
         "power": floats(power),
         "stated": stated(robot, limit),
         "band": floats(film.motors.band(film.t_s, limit)),
-        "polygon": _polygon(film, limit),
+        "polytope": _polytope(film, limit),
+        "no_figure": why_no_figure(robot) or "",
+        "lines": _action_lines(film),
         "t_s": _arrows(platform_twists(robot, film.q, film.t_s)),
         "W_p": _arrows(platform_wrenches(robot, film.q, film.W_p)),
         "instants": [
@@ -133,21 +135,7 @@ def robot_document(robot: ParallelRobot, poses: Array) -> dict[str, Any]:
         "turning": (~robot.platform.translations).tolist(),
         "joints": robot.model.njoints,
         "length": 1.2 * view["radius"],
-        "shapes": [
-            {
-                "node": shape.node,
-                "kind": shape.kind,
-                "size": list(shape.size),
-                "placement": shape.placement.T.ravel().round(9).tolist(),
-                "color": list(shape.color),
-                **(
-                    {"vertices": floats(shape.vertices), "faces": _integers(shape.faces)}
-                    if shape.vertices is not None
-                    else {}
-                ),
-            }
-            for shape in shapes
-        ],
+        "shapes": [_solid(shape) for shape in shapes],
         "motors": _motors(robot, shapes, view["radius"]),
         "view": view,
     }
@@ -157,60 +145,30 @@ def _integers(values: Any) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<u4").tobytes()).decode("ascii")
 
 
-def _placed(place: Array, axis: Array) -> list[float]:
-    """A placement with z along `axis`, column after column."""
-    placement = np.eye(4)
-    placement[:3, :3], placement[:3, 3] = turned_onto(axis), place
+def _columns(placement: Array) -> list[float]:
+    """A placement (4, 4), column after column."""
     return [float(value) for value in placement.T.ravel().round(9)]
 
 
+def _solid(shape: Shape) -> dict[str, Any]:
+    mesh = (
+        {"vertices": floats(shape.vertices), "faces": _integers(shape.faces)}
+        if shape.vertices is not None
+        else {}
+    )
+    return {
+        "node": shape.node,
+        "kind": shape.kind,
+        "size": list(shape.size),
+        "placement": _columns(shape.placement),
+        "color": list(shape.color),
+        **mesh,
+    }
+
+
 def _motors(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[dict[str, Any]]:
-    """Where the motors are drawn: at their joints, a slide's on its carriage."""
-    axes = [joint_axis(robot, int(column)) for column in robot.actuated]
-    motors = []
-    for k, (node, place, axis) in enumerate(axes):
-        radius = MOTOR * size
-        slides = bool(robot.sliding[robot.actuated[k]])
-        if slides:
-            node, place, axis = carried_axis(robot, int(robot.actuated[k]))
-        elif any(
-            j != k and np.linalg.norm(place - other.place) < 0.01 * size for j, other in enumerate(axes)
-        ):
-            place, radius = _housing(place, axis, [shape for shape in shapes if shape.node == node], size)
-        motors.append(
-            {
-                "name": robot.actuator_names[k],
-                "unit": robot.torque_units[k],
-                "node": node,
-                "placement": _placed(place, axis),
-                "slides": slides,
-                "radius": radius,
-            }
-        )
-    return motors
-
-
-def motor_shapes(robot: ParallelRobot) -> list[Shape]:
-    """The motors as solids, at rest: round ones on turning joints, blocks on slides."""
-    shapes = []
-    for motor in _motors(robot, body_shapes(robot), 0.7 * robot.length):
-        placement, radius = np.array(motor["placement"]).reshape(4, 4).T, motor["radius"]
-        kind = "box" if motor["slides"] else "cylinder"
-        size = (1.1 * radius, 1.1 * radius, 1.8 * radius) if motor["slides"] else (radius, 1.3 * radius)
-        shapes.append(Shape(motor["node"], kind, size, placement, GREY))
-    return shapes
-
-
-def _housing(place: Array, axis: Array, shapes: list[Shape], size: float) -> tuple[Array, float]:
-    """Place and radius of a motor whose axis meets others: about the farthest cylinder on it of its node."""
-    farthest, radius = 0.0, MOTOR * size
-    for shape in shapes:
-        offset = shape.placement[:3, 3] - place
-        along = float(offset @ axis)
-        beside = np.linalg.norm(offset - along * axis)
-        if shape.kind == "cylinder" and beside < 0.05 * size and abs(along) > abs(farthest):
-            farthest, radius = along, 1.15 * shape.size[0]
-    return place + farthest * axis, radius
+    named = zip(motor_shapes(robot, shapes, size), robot.actuator_names, robot.torque_units, strict=True)
+    return [_solid(shape) | {"name": name, "unit": unit} for shape, name, unit in named]
 
 
 def _springs(film: Film, size: float) -> dict[str, Any] | None:
@@ -225,7 +183,7 @@ def _springs(film: Film, size: float) -> dict[str, Any] | None:
             {
                 "name": robot.elastic_names[k],
                 "node": node,
-                "placement": _placed(place, axis),
+                "placement": _columns(placed(place, axis)),
                 "slides": bool(robot.sliding[column]),
                 "column": k,
             }
@@ -254,18 +212,25 @@ def _arrows(six: Array) -> dict[str, Any]:
     return {"linear": floats(six[:, :3]), "angular": floats(six[:, 3:]), "largest": largest}
 
 
-def _polygon(film: Film, limit: Array) -> dict[str, Any] | None:
-    """The forces that motors within limits (n_a,) can give, on a platform that moves in a plane.
+def _polytope(film: Film, limit: Array) -> dict[str, Any] | None:
+    """The forces that motors within limits (n_a,) can give, or the torques of a platform that only turns.
 
     Around `center` (F, 3) the sums of plus or minus the `sides` (F, n_a, 3), one of each motor.
     """
     robot = film.robot
-    if robot.n != 2 or not robot.platform.is_point:
+    sides = drawn_sides(robot, film.motors.motor_speed, limit)
+    if sides is None or not len(robot.passive):
         return None
-    center, sides = np.zeros((len(film.time), 3)), np.zeros((len(film.time), robot.n_a, 3))
-    center[:, robot.platform.along] = -film.motors.rotors
-    sides[:, :, robot.platform.along] = limit[:, None] * film.motors.motor_speed
-    return {"center": floats(center), "sides": floats(sides), "count": robot.n_a}
+    center = -figure_vectors(robot, film.motors.rotors)
+    return {"center": floats(center), "sides": floats(sides), "count": robot.n_a, "flat": robot.n == 2}
+
+
+def _action_lines(film: Film) -> dict[str, Any] | None:
+    """The lines of action of the motors, of a film that becomes singular."""
+    lines = action_lines(film.robot, film.motors.motor_speed) if film.instants else None
+    if lines is None:
+        return None
+    return {"place": floats(lines.place), "way": floats(lines.way), "count": film.robot.n_a}
 
 
 def _torque_limit(film: Film) -> float:

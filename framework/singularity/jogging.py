@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from framework.kinematics.forward_kinematics import forward_kinematics
 from framework.kinematics.inverse_kinematics import (
     ClosedStack,
     assembled_at,
+    close_each,
     reference_system,
     require_square,
 )
@@ -29,6 +31,11 @@ from framework.motion.path import Line
 from framework.singularity.classification import singularity_measure, uncontrolled_motion, unit_twist
 
 HALVINGS = 8  # of a way that ends at the limit of a joint: the last 0.4 % of it are not gone
+WAY, TURN = (
+    0.03,
+    0.1,
+)  # [robot lengths], [rad]: how far the platform is moved along t_s to show that it can be
+SHARES = np.linspace(-1.0, 1.0, 9)  # of that way
 NEAR, ON = 0.3, 0.01  # of the reference's smallest singular value: near a singularity, on it
 
 # What a singularity is called, and what it means.
@@ -92,6 +99,37 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
         name, meaning = CLASSES[kind]
         verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
     return JoggedPose(q, x[0], motors, float(measure.g[0]), smallest, level, kind, verdict, twist, stopped)
+
+
+class LooseMotion(NamedTuple):
+    """The platform moved along t_s, to either side of a singular pose, its loops closed."""
+
+    q: Array  # (9, nq) from one end to the other, the pose itself in the middle
+    shift: float  # [m] how far the platform's point goes to either side
+    turn: float  # [rad] how far the platform turns
+    motors: Array  # (n_a,) joint side [rad, m], the most that each motor moves: of second order on the locus
+
+
+def loose_motion(robot: ParallelRobot, pose: JoggedPose) -> LooseMotion | None:
+    """The motion along t_s that the motors hardly notice; None where the loops do not close all along it.
+
+    With the motors locked the loops allow it to first order. It is made with the loops closed exactly; then
+    the motors move, by the square of what the platform does.
+    """
+    linear = float(np.linalg.norm(pose.twist[robot.translations]))
+    angular = float(np.linalg.norm(pose.twist[~robot.translations]))
+    size = max(linear / (WAY * robot.length), angular / TURN)
+    # rates of the coordinates with v = t_s: coordinates of an attitude turn it on other axes than their own
+    unit = np.eye(robot.n)
+    of_rates = robot.platform.twist(np.repeat(pose.x[None], robot.n, axis=0), unit)[0].T
+    if size == 0 or np.linalg.matrix_rank(of_rates) < robot.n:
+        return None
+    x = pose.x + SHARES[:, None] * np.linalg.solve(of_rates, pose.twist / size)
+    found = close_each(robot, x, np.repeat(pose.q[None], len(x), axis=0), farthest=0.5)
+    if not found.closed.all():
+        return None
+    motors = robot.actuated_coordinates(found.q)
+    return LooseMotion(found.q, linear / size, angular / size, np.abs(motors - pose.motors).max(axis=0))
 
 
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:

@@ -37,6 +37,10 @@ CARRIAGE, COLUMN, CROSS, ROD, BAR, PLATFORM = 1.5, 0.5, 0.2, 0.12, 0.1, 2.5  # m
 EDGE = 0.06  # of a carriage [m]
 RADIUS, BEAM, POST = 0.007, 0.012, 0.015  # of rod, of cross and bar, of column [m]
 HEIGHT = 0.2  # of a column: so far the rail stands beside the leg [m]
+RAIL = 0.03  # width of a rail [m]
+AWAY = (
+    -HEIGHT - 0.035
+)  # of a rail from its leg's axis; from its end a beam runs to the corner of the frame, (AWAY, AWAY, AWAY)
 SPINDLE, SPINDLE_LENGTH = 0.025, 0.08  # radius and length [m]
 TURNED = ((0.0, 0.0, 0.0), (0.5 * pi, 0.0, 0.5 * pi), (-0.5 * pi, -0.5 * pi, 0.0))  # rpy of the legs
 ALONG_X, ALONG_Y = (0.0, 0.5 * pi, 0.0), (0.5 * pi, 0.0, 0.0)  # rpy of a cylinder
@@ -83,7 +87,15 @@ def leg(n: int) -> list[Element | str]:
     parts: list[Element | str] = [
         f"\n  <!-- Leg {n}: rail, carriage, column, cross, rods a and b, and the bar at their ends. -->",
         joint(f"rail_{n}_mount", "fixed", "base", f"rail_{n}", origin(ZERO, TURNED[n - 1])),
-        link(f"rail_{n}", shape(box((0.5, 0.03, 0.03)), origin((0.4, 0, -HEIGHT - 0.035)), "frame")),
+        link(
+            f"rail_{n}",
+            shape(
+                box((0.65 - AWAY + RAIL / 2, RAIL, RAIL)),
+                origin((0.5 * (0.65 + AWAY - RAIL / 2), 0, AWAY)),
+                "frame",
+            ),
+            shape(box((RAIL, -AWAY, RAIL)), origin((AWAY, 0.5 * (AWAY - RAIL), AWAY)), "frame"),
+        ),
         joint(
             f"slide_{n}",
             "prismatic",

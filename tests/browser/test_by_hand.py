@@ -162,7 +162,7 @@ def test_the_polygon_collapses_and_the_bars_grow_towards_the_locus(opened, by_ha
     thin, wide = [], []
     for y in (0.3, 0.27, 0.25, float(np.sqrt(0.06))):
         state = drag(tab, "platform", 1, y)
-        corners = np.array(tab.evaluate("crossing.hand.polygon.corners"))
+        corners = np.array(tab.evaluate("crossing.hand.polytope.corners"))
         sizes = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
         thin.append(sizes[1] / sizes[0])
         wide.append(tab.evaluate("parseFloat(document.querySelector('.hold b').style.width)"))

@@ -212,7 +212,7 @@ def test_the_polygon_of_forces_is_a_line_across_t_s_at_the_singular_instant(open
 
     def corners(t: float) -> np.ndarray:
         tab.evaluate("t => crossing.clock.seek(t)", t)
-        return np.array(tab.evaluate("crossing.films[0].vectors.polygon.corners"))
+        return np.array(tab.evaluate("crossing.films[0].vectors.polytope.corners"))
 
     def sizes(t: float) -> np.ndarray:
         found = corners(t)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, assemble
+from framework import InvalidInput, ParallelRobot, assemble
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.forward_kinematics import motors_are_free
 from framework.kinematics.frames import frames_at
-from framework.singularity.jogging import move_motor, move_platform, pose_at
+from framework.singularity import jogging
+from framework.singularity.jogging import drag_platform, loose_motion, move_motor, move_platform, pose_at
 from tests.singularity.test_locus import LINK, MOTORS, elbows
 
 
@@ -119,3 +120,42 @@ def test_only_closed_loops_are_moved(robot):
     for q in (open_loops, open_loops[:-1], open_loops * np.nan):
         with pytest.raises(InvalidInput, match=r"^q(: the loops|, all joints of five_bar, must be)"):
             move_platform(robot, q, 0, 0.1)
+
+
+def test_what_is_moved_by_hand_stays_within_the_limits_of_the_urdf(write_robot, robot):
+    column = robot.model.joints[robot.model.getJointId("left_elbow")].idx_q
+    start = pose_at(robot, assemble(robot).q)
+    low, high = start.q[column] - 0.1, start.q[column] + 0.1
+    any_turn = 'lower="-6.28" upper="6.28" effort="0"'  # the left elbow is the first without a motor
+    limited = ParallelRobot.from_file(
+        write_robot(urdf=((any_turn, f'lower="{low}" upper="{high}" effort="0"'),))
+    )
+    ways = [
+        *(move_platform(limited, start.q, 1, float(start.x[1]) + step) for step in (0.05, -0.05)),
+        drag_platform(limited, start.q, np.array([start.x[0] - 0.05, start.x[1] - 0.05, 0.0])),
+        *(move_motor(limited, start.q, 0, float(start.motors[0]) + turn) for turn in (0.4, -0.4)),
+    ]
+    for pose in ways:
+        assert low <= pose.q[column] <= high
+        assert gap(robot, pose.q) < 1e-9
+    stopped = [pose for pose in ways if "limit in the URDF" in pose.stopped]
+    assert len(stopped) >= 3
+    for pose in stopped:  # as far as it could: halving the way leaves less than a hundredth of it
+        assert min(pose.q[column] - low, high - pose.q[column]) < 0.01
+        assert "left_elbow" in pose.stopped
+
+
+def test_on_the_locus_the_platform_moves_along_t_s_and_the_motors_by_the_square_of_it(robot, monkeypatch):
+    middle = move_platform(robot, assemble(robot).q, 0, 0.0)
+    on = move_platform(robot, middle.q, 1, float(np.sqrt(0.06)))
+    travel = []
+    for way in (0.04, 0.02, 0.01):
+        monkeypatch.setattr(jogging, "WAY", way)
+        loose = loose_motion(robot, on)
+        assert loose.shift == pytest.approx(way * robot.length)
+        np.testing.assert_allclose(loose.q[4], on.q, atol=1e-12)
+        assert max(gap(robot, q) for q in loose.q) < 1e-9
+        for share, q in zip((-1.0, 1.0), (loose.q[0], loose.q[-1]), strict=True):
+            assert pose_at(robot, q).x[1] == pytest.approx(np.sqrt(0.06) + share * loose.shift * on.twist[1])
+        travel.append(loose.motors.max())
+    np.testing.assert_allclose(np.diff(np.log2(travel)), -2.0, atol=0.05)

@@ -101,7 +101,11 @@ class Film {
     else if (content.instants.length) key("var(--locus)", "singular place");
     if (this.g) key("var(--twist)", "t<sub>s</sub>: direction without hold");
     key("var(--wrench)", "W<sub>p</sub>: force asked for");
-    if (this.g) lines.push(`<div><span class="key given" style="background:var(--given)"></span>what ${plain(content.stated)} can give</div>`);
+    if (this.g) {
+      const solid = content.polytope && !content.polytope.flat ? " (solid: its own scale)" : "", none = content.no_figure ? ` (${plain(content.no_figure)})` : "";
+      lines.push(`<div><span class="key given" style="background:var(--given)"></span>what ${plain(content.stated)} can give${solid}${none}</div>`);
+    }
+    if (content.lines) key("var(--given)", content.turning.every(Boolean) ? "axes of the motors’ torques" : "lines of the motors’ forces");
     if (this.trace) {
       lines.push('<div><span class="key" style="background:linear-gradient(90deg, var(--trace) 50%, var(--path) 50%)"></span>way gone, and to go</div>');
     }

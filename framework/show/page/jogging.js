@@ -4,7 +4,7 @@ class Hand {
   constructor(section, content) {
     this.content = content;
     section.innerHTML = `<h2>${plain(content.robot).replace(/_/g, " ")}, moved by hand<span class="subtitle">${plain(content.about)}</span></h2>
-      <div class="inside"><div class="left"><div class="view"></div><div class="now"></div></div><div class="side sliders"></div></div>`;
+      <div class="inside"><div class="left"><div class="legend"></div><div class="view"></div><div class="now"></div></div><div class="side sliders"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
     this.view.name(`${content.robot.replace(/_/g, " ")}, moved by hand`);
     this.now = section.querySelector(".now");
@@ -21,12 +21,28 @@ class Hand {
       const { linear, angular } = this.arrows;
       return linear.object.visible ? linear.tip : angular.object.visible ? angular.tip : null;
     });
+    this.lines = new Lines(COLORS.given, 0.6 * L, content.motors.length);
+    this.view.add(this.lines.object);
+    section.querySelector(".legend").innerHTML = this.legend();
     this.build();
     if (content.drag) this.takePlatform();
     this.waiting = null;
     this.busy = false;
     this.usual = Math.abs(content.start.g || 1);
     this.put(content.start);
+  }
+
+  legend() {
+    const { locus, start, turning, no_figure } = this.content, turns = turning.every(Boolean);
+    if (start.g === null) return "";
+    const key = (color, text) => `<div><span class="key" style="background:${color}"></span>${text}</div>`;
+    const given = `<div><span class="key given" style="background:var(--given)"></span>${turns ? "torques" : "forces"} that equal motors can give</div>`;
+    return [
+      locus ? key("var(--locus)", `singular locus${locus.whole ? "" : " (platform not turned)"}`) : "",
+      key("var(--twist)", "t<sub>s</sub>: direction least held"),
+      start.sides ? given : no_figure ? `<div>what motors can give: ${plain(no_figure)}</div>` : "",
+      start.lines !== undefined && this.content.motors.length > 1 ? key("var(--given)", `${turns ? "axes of the motors’ torques" : "lines of the motors’ forces"}, near a Type 2 singularity`) : "",
+    ].join("");
   }
 
   build() {
@@ -71,15 +87,41 @@ class Hand {
       });
       box.innerHTML = `<h3>Motor torque against ${symbols(push)}</h3>${rows.join("")}`;
     }
-    if (!state.sides) { if (this.polygon) this.polygon.object.visible = false; return; }
-    if (!this.polygon) {
-      this.polygon = new Polygon(COLORS.given, 0.5 * L, motors.length);
-      this.view.add(this.polygon.object);
-      this.reach = (0.3 * L) / Math.max(...state.sides.map((side) => Math.hypot(...side)));
+    this.lines.object.visible = Boolean(state.lines);
+    if (state.lines) this.lines.set(state.lines.map(([place, way]) => [new THREE.Vector3(...place).add(this.spot.position), new THREE.Vector3(...way)]), 1);
+    if (!state.sides) { if (this.polytope) this.polytope.object.visible = false; return; }
+    if (!this.polytope) {
+      this.polytope = this.content.flat ? new Polygon(COLORS.given, 0.5 * L, motors.length) : new Parallelepiped(COLORS.given);
+      this.view.add(this.polytope.object);
+      const edges = state.sides.map((side) => new THREE.Vector3(...side));
+      this.reach = (0.3 * L) / (this.content.flat ? Math.max(...edges.map((edge) => edge.length())) : farthestCorner(edges));
     }
-    this.polygon.object.visible = true;
+    this.polytope.object.visible = true;
     const sides = state.sides.map((side) => new THREE.Vector3(...side).multiplyScalar(this.reach));
-    this.polygon.set(this.spot.position, new THREE.Vector3(), sides);
+    this.polytope.set(this.spot.position, new THREE.Vector3(), sides);
+  }
+
+  // On the locus the platform wobbles along t_s: from one end of the way to the other and back, all the time.
+  wobble() {
+    const { wobble } = this.state;
+    if (!wobble || this.wobbling || matchMedia("(prefers-reduced-motion: reduce)").matches) return;
+    this.wobbling = true;
+    const step = (now) => {
+      const { wobble: way } = this.state;
+      if (!way || this.held) { this.wobbling = false; this.stand(); return; }
+      if (this.told !== way) [this.told, this.from, this.loose] = [way, now, { poses: decoded(way.poses), places: decoded(way.places) }];
+      const at = (way.count - 1) * (0.5 + 0.5 * Math.sin((now - this.from) / 250)), k = Math.min(way.count - 2, Math.floor(at));
+      this.view.setPoses(this.loose.poses, k, at - k);
+      this.spot.position.copy(vectorAt(this.loose.places, k, at - k));
+      requestAnimationFrame(step);
+    };
+    requestAnimationFrame(step);
+  }
+
+  // Where it was brought.
+  stand() {
+    this.view.setPoses(this.view.poses, 0);
+    this.spot.position.set(...this.state.origin);
   }
 
   // The platform in the mouse: it is led in its own plane, or across the sight.
@@ -108,6 +150,8 @@ class Hand {
       const flat = shifts.filter(Boolean).length === 2;
       const across = new THREE.Vector3(...shifts.map((free) => (flat && !free ? 1 : 0)));
       if (!flat) camera.getWorldDirection(across).applyMatrix4(new THREE.Matrix4().extractRotation(scene.matrixWorld.clone().invert()));
+      this.held = true;
+      this.stand();
       held = { plane: new THREE.Plane().setFromNormalAndCoplanarPoint(across.normalize(), this.spot.position) };
       view.pane.setPointerCapture(event.pointerId);
       view.element.classList.add("held");
@@ -121,6 +165,7 @@ class Hand {
     const release = () => {
       if (!held) return;
       held = null;
+      this.held = false;
       this.settle = true;
       if (!this.busy) this.put(this.state);
     };
@@ -182,7 +227,9 @@ class Hand {
     this.side.querySelector(".stop").textContent = state.stopped;
     this.view.element.className = `view ${state.level}`;
     const end = state.words.indexOf(".") + 1;
-    this.now.innerHTML = `<b>${plain(state.words.slice(0, end))}</b>${symbols(state.words.slice(end))}`;
+    const loose = state.wobble ? ` ${state.wobble.words}` : "";
+    this.now.innerHTML = `<b>${plain(state.words.slice(0, end))}</b>${symbols(state.words.slice(end) + loose)}`;
     this.view.viewer.set_dirty();
+    if (!this.held) this.wobble();
   }
 }

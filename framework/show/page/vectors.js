@@ -1,5 +1,5 @@
 // t_s and W_p at the platform: arrows for their forces and shifts, ringed ones for their moments and turns;
-// and the forces that the motors can give, to the scale of W_p.
+// and what the motors can give: all their forces, and near the locus the line of each.
 
 const RIGHT = Math.sin((0.5 * Math.PI) / 180); // within half a degree
 
@@ -9,6 +9,15 @@ function vectorAt(values, k, part) {
     const a = values[3 * k + i];
     return part > 0 ? a + part * (values[3 * k + 3 + i] - a) : a;
   }));
+}
+
+// Of all parallelepipeds with these edges, three each, the farthest corner from the middle.
+function farthestCorner(sides) {
+  let farthest = 1e-12;
+  for (let k = 0; k + 2 < sides.length; k += 3) for (const [b, c] of [[1, 1], [1, -1], [-1, 1], [-1, -1]]) {
+    farthest = Math.max(farthest, sides[k].clone().addScaledVector(sides[k + 1], b).addScaledVector(sides[k + 2], c).length());
+  }
+  return farthest;
 }
 
 class Vectors {
@@ -34,11 +43,18 @@ class Vectors {
         return [(13 * across) / size, (13 * down) / size];
       });
     }
-    if (content.polygon) {
-      const { center, sides, count } = content.polygon;
+    if (content.polytope) {
+      const { center, sides, count, flat } = content.polytope;
       this.given = { center: decoded(center), sides: decoded(sides), count };
-      this.polygon = new Polygon(COLORS.given, 0.5 * L, count);
-      view.add(this.polygon.object);
+      this.polytope = flat ? new Polygon(COLORS.given, 0.5 * L, count) : new Parallelepiped(COLORS.given);
+      // a polygon is to the scale of W_p, cut off by a disc; a parallelepiped is drawn whole, to its own
+      this.given.scale = flat ? (0.45 * L) / (this.values.W_p.largest[0] || 1) : (0.35 * L) / farthestCorner(points(this.given.sides));
+      view.add(this.polytope.object);
+    }
+    if (content.lines) {
+      const { place, way, count } = content.lines;
+      this.lines = { place: decoded(place), way: decoded(way), count, drawn: new Lines(COLORS.given, 0.6 * L, count) };
+      view.add(this.lines.drawn.object);
     }
     this.corner = new RightAngle(0x1d2530, 0.004 * L, 0.06 * L);
     view.add(this.corner.object);
@@ -59,13 +75,17 @@ class Vectors {
       this.arrows[name].linear.set(origin, this.at(name, "linear", k, part).multiplyScalar(scale(largest[0])), opacity);
       this.arrows[name].angular.set(origin, this.at(name, "angular", k, part).multiplyScalar(0.8 * scale(largest[1])), opacity);
     }
-    if (this.polygon) {
-      const { center, sides, count } = this.given, scale = (0.45 * this.length) / (this.values.W_p.largest[0] || 1);
-      const side = (m) => { // of motor m; between two frames as all vectors are
-        const [a, b] = [vectorAt(sides, count * k + m, 0), part > 0 ? vectorAt(sides, count * (k + 1) + m, 0) : null];
-        return (b ? a.lerp(b, part) : a).multiplyScalar(scale);
-      };
-      this.polygon.set(origin, vectorAt(center, k, part).multiplyScalar(scale), Array.from({ length: count }, (_, m) => side(m)));
+    const entry = (values, count, m) => { // of motor m; between two frames as all vectors are
+      const at = vectorAt(values, count * k + m, 0);
+      return part > 0 ? at.lerp(vectorAt(values, count * (k + 1) + m, 0), part) : at;
+    };
+    if (this.polytope) {
+      const { center, sides, count, scale } = this.given;
+      this.polytope.set(origin, vectorAt(center, k, part).multiplyScalar(scale), Array.from({ length: count }, (_, m) => entry(sides, count, m).multiplyScalar(scale)));
+    }
+    if (this.lines) {
+      const { place, way, count, drawn } = this.lines;
+      drawn.set(Array.from({ length: count }, (_, m) => [entry(place, count, m).add(origin), entry(way, count, m)]), Math.max(0, 4 * near - 3));
     }
     this.square(crossing);
   }
@@ -82,9 +102,10 @@ class Vectors {
     this.corner.set(this.origin, twist, wrench);
   }
 
-  // Both ends of all arrows that are seen.
+  // Both ends of all arrows that are seen, and the corners of a parallelepiped.
   get ends() {
-    return Object.values(this.arrows).flatMap((pair) => Object.values(pair)).filter(({ object }) => object.visible).flatMap(({ tip, bothWays }) =>
-      (bothWays ? [tip.clone(), this.origin.clone().multiplyScalar(2).sub(tip)] : [tip.clone()]));
+    const corners = this.polytope instanceof Parallelepiped ? this.polytope.corners.map((corner) => new THREE.Vector3(...corner).add(this.origin)) : [];
+    return corners.concat(Object.values(this.arrows).flatMap((pair) => Object.values(pair)).filter(({ object }) => object.visible).flatMap(({ tip, bothWays }) =>
+      (bothWays ? [tip.clone(), this.origin.clone().multiplyScalar(2).sub(tip)] : [tip.clone()])));
   }
 }

@@ -136,12 +136,8 @@ class View {
   }
 
   motor(motor) {
-    const size = motor.radius;
-    const geometry = motor.slides
-      ? new THREE.BoxGeometry(1.1 * size, 1.1 * size, 1.8 * size)
-      : new THREE.CylinderGeometry(size, size, 1.3 * size, 40).rotateX(Math.PI / 2);
     const material = new THREE.MeshPhongMaterial({ color: 0xd4d7db, shininess: 15 });
-    const mesh = new THREE.Mesh(geometry, material);
+    const mesh = new THREE.Mesh(solidGeometry(motor), material);
     mesh.applyMatrix4(matrix(motor.placement));
     this.nodes[motor.node].add(mesh);
     return material;
@@ -153,13 +149,13 @@ class View {
 
   // Poses of frame k, and of the way to the next one.
   setPoses(poses, k, part = 0) {
-    const row = 7 * this.content.joints, turn = new THREE.Quaternion();
+    const row = 7 * this.content.joints;
     this.nodes.forEach((node, j) => {
       const a = k * row + 7 * j, b = part > 0 ? a + row : a;
       const mix = (i) => poses[a + i] + part * (poses[b + i] - poses[a + i]);
       node.position.set(mix(0), mix(1), mix(2));
-      node.quaternion.set(poses[a + 3], poses[a + 4], poses[a + 5], poses[a + 6]);
-      if (part > 0) node.quaternion.slerp(turn.set(poses[b + 3], poses[b + 4], poses[b + 5], poses[b + 6]), part);
+      // along the chord: of frames this near the arc differs by less, and slerp() gives up below 1e-3 rad in single precision
+      node.quaternion.set(mix(3), mix(4), mix(5), mix(6)).normalize();
     });
     this.viewer.set_dirty();
   }
@@ -174,7 +170,12 @@ class View {
     if (locus.kind === "patch") {
       this.add(patch(decoded(locus.points), locus.count, COLORS.locus));
     } else {
-      for (const curve of locus.curves) this.add(tube(points(decoded(curve)), 0.0075 * this.length, COLORS.locus));
+      for (const curve of locus.curves) {
+        const line = points(decoded(curve));
+        this.add(tube(line, 0.0075 * this.length, COLORS.locus));
+        const hidden = this.add(tube(line, 0.004 * this.length, COLORS.locus, 0.45)); // seen through the bodies before it
+        if (hidden) hidden.material.depthTest = hidden.material.depthWrite = false;
+      }
     }
   }
 

@@ -1,0 +1,66 @@
+"""Where the motors are drawn: drums on turning joints and on legs that stretch, blocks on rails."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.placements import carried_axis, joint_axis
+from framework.model.visuals import Shape
+from framework.show.shapes import body_shapes, turned_onto
+
+MOTOR = 0.06  # radius of a motor, over the radius of the picture
+GREY = (0.83, 0.84, 0.86, 1.0)  # of a motor without torque, as on the page
+FOOT = 1.2  # from the foot of a leg that stretches to the middle of its drum, in lengths of the drum
+
+
+def motor_shapes(robot: ParallelRobot, shapes: list[Shape] | None = None, size: float = 0.0) -> list[Shape]:
+    """One solid for each motor, on its node; `shapes` are the bodies and `size` the radius of the picture."""
+    shapes = body_shapes(robot) if shapes is None else shapes
+    size = size or 0.7 * robot.length
+    axes = [joint_axis(robot, int(column)) for column in robot.actuated]
+    motors = []
+    for k, (node, place, axis) in enumerate(axes):
+        radius = MOTOR * size
+        if robot.sliding[robot.actuated[k]] and node:
+            motors.append(
+                _drum_on_leg(node, place, axis, [shape for shape in shapes if shape.node == node], size)
+            )
+            continue
+        if robot.sliding[robot.actuated[k]]:
+            node, place, axis = carried_axis(robot, int(robot.actuated[k]))
+            block = (1.1 * radius, 1.1 * radius, 1.8 * radius)
+            motors.append(Shape(node, "box", block, placed(place, axis), GREY))
+            continue
+        if any(j != k and np.linalg.norm(place - other.place) < 0.01 * size for j, other in enumerate(axes)):
+            place, radius = _housing(place, axis, [shape for shape in shapes if shape.node == node], size)
+        motors.append(Shape(node, "cylinder", (radius, 1.3 * radius), placed(place, axis), GREY))
+    return motors
+
+
+def placed(place: Array, axis: Array) -> Array:
+    """A placement (4, 4) with z along `axis`."""
+    placement = np.eye(4)
+    placement[:3, :3], placement[:3, 3] = turned_onto(axis), place
+    return placement
+
+
+def _drum_on_leg(node: int, foot: Array, axis: Array, shapes: list[Shape], size: float) -> Shape:
+    """The drum about the tube of a leg that stretches, near its foot: wider than the tube."""
+    tube = max((shape.size[0] for shape in shapes if shape.kind == "cylinder"), default=0.0)
+    radius = max(0.6 * MOTOR * size, 1.5 * tube)
+    length = 3.0 * radius
+    return Shape(node, "cylinder", (radius, length), placed(foot + FOOT * length * axis, axis), GREY)
+
+
+def _housing(place: Array, axis: Array, shapes: list[Shape], size: float) -> tuple[Array, float]:
+    """Place and radius of a motor whose axis meets others: about the farthest cylinder on it of its node."""
+    farthest, radius = 0.0, MOTOR * size
+    for shape in shapes:
+        offset = shape.placement[:3, 3] - place
+        along = float(offset @ axis)
+        beside = np.linalg.norm(offset - along * axis)
+        if shape.kind == "cylinder" and beside < 0.05 * size and abs(along) > abs(farthest):
+            farthest, radius = along, 1.15 * shape.size[0]
+    return place + farthest * axis, radius
