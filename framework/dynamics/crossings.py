@@ -115,7 +115,7 @@ def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, at: SingularPoint)
     parts = forces[:, None] * escape  # (T, corank, nv)
     scale = np.maximum(np.abs(parts).sum(axis=2).max(axis=0), least)
     wrench = parts[0].sum(axis=1)
-    worst = int(np.argmax(np.abs(wrench) / scale))
+    worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
     return SingularityCrossing(
         t, at.s, at.platform, at.twist, at.kind, float(wrench[worst]), float(scale[worst])
     )
