@@ -21,9 +21,11 @@ from typing import Any
 import numpy as np
 
 from framework.cli import (
+    chart,
     check,
     convert,
     export,
+    fidelity,
     locate,
     plan,
     pose,
@@ -47,11 +49,13 @@ COMMANDS = (
     workspace_map,
     pose,
     plan,
+    fidelity,
     simulate,
     robustness,
     show,
     report,
     export,
+    chart,
 )  # in the order of --help
 UNEXPECTED = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback

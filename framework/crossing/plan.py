@@ -11,12 +11,13 @@ from framework.crossing.feasibility import feasibility_on_path
 from framework.crossing.finish import finished_plan
 from framework.crossing.optimal_motion import Task, optimal_motion
 from framework.crossing.polynomial import polynomial_at_rest, polynomial_motion
-from framework.crossing.request import Limit, Request
+from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan, Optimality
 from framework.crossing.specification import specification_of
 from framework.crossing.targets import TargetedPath, targeted_path
 from framework.dynamics.crossings import rigid_crossings
 from framework.dynamics.inverse_dynamics import TOLERANCE
+from framework.dynamics.motor_limits import Limit
 from framework.dynamics.result import SingularityCrossing
 from framework.errors import LimitsExceeded, NoLaw, NotConverged, UncontrolledMotions
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -77,9 +78,9 @@ def plan_crossing(
 
     Raises:
         InvalidInput: an argument that cannot be right; says what is valid.
-        NoLaw: no law can cross (a stop on the locus, a tangential touch, a path orthogonal to t_s,
-            a singularity that is not of Type 2), or none that always advances was found.
-        UncontrolledMotions: two motions or more are uncontrolled at once.
+        NoLaw: no law can cross (a stop on the locus, a path orthogonal to t_s that no speed crosses, a
+            singularity that is not of Type 2), or none that always advances was found.
+        UncontrolledMotions: several motions are uncontrolled at once, and no law meets what each asks for.
         UnboundedTorque: the law meets a singularity without condition (8); no torque is returned.
         LimitsExceeded: only with `keep_limits`.
         NotConverged, OutOfReach, Type1Singularity, SingularPath: see `inverse_dynamics`.
@@ -152,13 +153,13 @@ def _best(work: _Work) -> CrossingPlan:
         return _optimal(work, "it was asked for")
     try:
         plan, advance = _polynomial(work)
-    except UncontrolledMotions:
-        raise
     except NoLaw as refusal:
         if not request.may_be_optimal:
             raise
         try:
             return _optimal(work, f"there is no polynomial: {refusal}")
+        except UncontrolledMotions:
+            raise
         except (NoLaw, NotConverged) as second:
             proof = refusal.proof or getattr(second, "proof", None)
             raise NoLaw(f"{refusal}; nor does the optimal law help: {second}", proof=proof) from None

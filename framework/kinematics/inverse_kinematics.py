@@ -238,14 +238,30 @@ def motion_at(
     nothing = np.zeros((len(dx), robot.n_e))
     dq_e = nothing if dq_e is None else dq_e
     ddq_e = nothing if ddq_e is None else ddq_e
-    system = closed.system
     twist, dtwist = robot.platform.twist(closed.x, dx, ddx)
-    v = joint_rates(robot, system, twist, dq_e)
-    motions = frame_motions(robot, system.frames, closed.q, v)
+    return _motion_of_twist(robot, closed.q, closed.system, (twist, dtwist), (dq_e, ddq_e))
+
+
+def without_elastic_rates(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
+    """The motion of the same platform at the same deflections, as if these did not change."""
+    at = frames_at(robot, q)
+    system = system_at(robot, q, robot.platform.coordinates(at))
+    drift = robot.platform.drift(at, frame_motions(robot, at, q, v))
+    twist, dtwist = (np.einsum("tnv,tv->tn", system.platform, rates) for rates in (v, a))
+    still = np.zeros((len(q), robot.n_e))
+    return _motion_of_twist(robot, q, system, (twist, dtwist + drift), (still, still))
+
+
+def _motion_of_twist(
+    robot: ParallelRobot, q: Array, system: System, twist: tuple[Array, Array], elastic: tuple[Array, Array]
+) -> Motion:
+    """Rates and accelerations of all joints for those of the platform's twist and of the deflections."""
+    v = joint_rates(robot, system, twist[0], elastic[0])
+    motions = frame_motions(robot, system.frames, q, v)
     drift = closure_drift(system.equations.loops, system.frames, motions)
     platform_drift = robot.platform.drift(system.frames, motions)
-    right = np.concatenate([dtwist - platform_drift, -drift], axis=1)
-    return Motion(closed.q, v, _solve_rates(robot, system, right, ddq_e), system)
+    right = np.concatenate([twist[1] - platform_drift, -drift], axis=1)
+    return Motion(q, v, _solve_rates(robot, system, right, elastic[1]), system)
 
 
 def mode_signs(robot: ParallelRobot, system: System) -> tuple[Array, Array]:
