@@ -80,7 +80,7 @@ def _words(pose: JoggedPose) -> str:
     """A pose in a sentence or two, the first of them short."""
     where = {"near": "Near", "singular": "On"}.get(pose.level)
     if where is None:
-        return "The motors hold the platform. Lead it towards the purple curve, if there is one."
+        return "The motors hold the platform. Lead it to where g is 0: the purple curve, where one is drawn."
     if pose.kind == "type_1":
         how = "nearly stretched or folded" if pose.level == "near" else "stretched or folded"
         return f"A leg is {how}. It is {where.lower()} its end, a Type 1 singularity, and follows no further."

@@ -81,7 +81,7 @@ class Hand {
     if (start.torques) {
       this.full = this.full || 6 * Math.max(...start.torques, 1e-9);
       const rows = motors.map(({ name, unit }, k) => {
-        const value = state.torques ? state.torques[k] : Infinity, share = Math.min(1, value / this.full);
+        const value = state.torques ? (state.torques[k] < 1e-9 * Math.max(...state.torques) ? 0 : state.torques[k]) : Infinity, share = Math.min(1, value / this.full);
         const text = isFinite(value) ? `${Number(value.toPrecision(3))} ${unit}` : "no bound";
         return `<div><span>${plain(name).replace(/_/g, " ")}</span><i><b style="width:${100 * share}%"></b></i><output>${text}</output></div>`;
       });
