@@ -222,7 +222,7 @@ class Hand {
     const badge = this.side.querySelector(".class");
     badge.className = `class ${state.level}`;
     badge.innerHTML = symbols(state.verdict);
-    this.side.querySelector(".g").textContent = state.g === null ? "none: every joint has a motor" : state.g.toPrecision(4);
+    this.side.querySelector(".g").textContent = state.g === null ? "none" : state.g.toPrecision(4);
     this.side.querySelector(".smallest").textContent = state.smallest === null ? "none" : state.smallest.toPrecision(4);
     this.side.querySelector(".stop").textContent = state.stopped;
     this.view.element.className = `view ${state.level}`;
