@@ -7,6 +7,7 @@ Bring a robot (`ParallelRobot.from_file`, or `robots.load` for the catalogue) an
 * `assemble`, `forward_kinematics`, `track_path`: where its joints are;
 * `velocity_matrices`: A, B and C of A v = B dq_a + C dq_e; `locate_singularities`: singular points of a path;
 * `plan_crossing`, `plan_scene`: a motion law that passes, its torques and their proof, a `CrossingPlan`;
+* `fidelity_study`: the least model of a robot that is enough for a motion, a `FidelityStudy`;
 * `inverse_dynamics`: the torques of a law of one's own; `dynamics_at`: what is carried at one instant;
   `simulate`: where torques bring the robot.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import is_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,6 +22,18 @@ def read_only(array: _Any) -> _Any:
     return array
 
 
+def freeze(value: object) -> None:
+    """Let nobody write to the arrays of a tuple or a dataclass of our own making, and of those within."""
+    if isinstance(value, np.ndarray):
+        value.flags.writeable = False
+    elif isinstance(value, tuple):
+        for item in value:
+            freeze(item)
+    elif is_dataclass(value) and not isinstance(value, ReadOnlyArrays):
+        for item in vars(value).values():
+            freeze(item)
+
+
 class ReadOnlyArrays:
     """Base of frozen dataclasses that hold their arrays read-only.
 
@@ -35,10 +47,9 @@ class ReadOnlyArrays:
             self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
 
     def __post_init__(self) -> None:
-        for field in fields(self):  # type: ignore[arg-type]  # a subclass is a dataclass
-            value = getattr(self, field.name, None)
+        for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
-                object.__setattr__(self, field.name, read_only(value))
+                self.__dict__[name] = read_only(value)
 
 
-__all__ = ["Array", "ArrayLike", "BoolArray", "IntArray", "ReadOnlyArrays", "read_only"]
+__all__ = ["Array", "ArrayLike", "BoolArray", "IntArray", "ReadOnlyArrays", "freeze", "read_only"]

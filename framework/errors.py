@@ -136,8 +136,8 @@ def whole_number(what: str, given: object, least: int, most: int) -> int:
     return int(given)  # type: ignore[call-overload]
 
 
-def finite_numbers(what: str, given: ArrayLike, count: int) -> Array:
-    """The given numbers as an array (count,).
+def finite_numbers(what: str, given: ArrayLike, count: int, *, stacks: bool = False) -> Array:
+    """The given numbers as an array (count,), or (T, count) where `stacks` of them are allowed.
 
     Raises:
         InvalidInput: they are not numbers, not finite, or not as many.
@@ -146,7 +146,8 @@ def finite_numbers(what: str, given: ArrayLike, count: int) -> Array:
         values = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
         values = np.empty(0)
-    if values.shape != (count,) or not np.all(np.isfinite(values)):
+    fits = values.shape[-1:] == (count,) and (values.ndim == 1 or (stacks and values.ndim == 2))
+    if not fits or not np.isfinite(values).all():
         shown = given.tolist() if isinstance(given, np.ndarray) else given
         raise InvalidInput(f"{what} must be {count} finite numbers, got {shown!r}")
     return values
@@ -247,11 +248,15 @@ class UnboundedTorque(NoAnswer):
 
 
 class SingularPose(NoAnswer):
-    """A question about forces at one pose, `platform` (n,), at which the motors do not hold the robot."""
+    """A question about forces at one pose, `platform` (n,), at which the motors do not hold the robot.
 
-    def __init__(self, message: str, *, platform: Array) -> None:
+    `wrench` is t_s . W_p where it is what forbids an answer [N, or N m for a pure turn].
+    """
+
+    def __init__(self, message: str, *, platform: Array, wrench: float | None = None) -> None:
         super().__init__(message)
         self.platform = platform
+        self.wrench = wrench
 
 
 class LoadedJoint(NoAnswer):

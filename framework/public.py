@@ -3,12 +3,14 @@
 They stand here and not there, so that the command line can hear Ctrl-C before they are imported.
 """
 
+from framework.crossing.fidelity import FidelityStudy, fidelity_study
 from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene
 from framework.dynamics.instant import dynamics_at
 from framework.dynamics.inverse_dynamics import inverse_dynamics
+from framework.dynamics.platform_limits import platform_limits
 from framework.dynamics.result import InverseDynamics
 from framework.errors import (
     FrameworkError,
@@ -41,14 +43,15 @@ from framework.kinematics.velocity_matrices import velocity_matrices
 from framework.motion.law import Condition, Law
 from framework.motion.path import Arc, Line, Spline
 from framework.simulation import Simulation, simulate
-from framework.singularity.classify import Classification, classify
+from framework.singularity.classify import classify
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
+from framework.singularity.traced_locus import trace_locus
 
 __all__ = [
     "Arc",
-    "Classification",
     "Condition",
     "CrossingPlan",
+    "FidelityStudy",
     "FrameworkError",
     "InvalidInput",
     "InverseDynamics",
@@ -81,13 +84,16 @@ __all__ = [
     "check_robot",
     "classify",
     "dynamics_at",
+    "fidelity_study",
     "forward_kinematics",
     "inverse_dynamics",
     "load_plan",
     "locate_singularities",
     "plan_crossing",
     "plan_scene",
+    "platform_limits",
     "simulate",
+    "trace_locus",
     "track_path",
     "velocity_matrices",
 ]

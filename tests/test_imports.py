@@ -1,7 +1,7 @@
 """Imports run one way.
 
 errors <- input <- output, linalg, motion <- model <- kinematics <- singularity | simulation <- dynamics <-
-crossing <- control <- show, cli <- robots <- tests
+crossing <- control <- chart <- show, cli <- robots <- tests
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ FLOORS = (
     ("errors", "interruption"),
     ("input",),
     ("output", "linalg", "motion"),
-    ("model",),
+    ("model", "parallel"),  # parallel knows no robot
     ("kinematics",),
     ("singularity", "simulation", "catalogue"),  # neither knows the other: simulation is the witness
     ("dynamics",),
-    ("crossing",),
+    ("crossing", "atlas"),
     ("control", "export"),
+    ("chart",),  # measures methods of all parts below
     ("show", "public"),  # the public face: `import framework` draws nothing
     ("__init__", "cli"),
     ("__main__",),
@@ -66,8 +67,10 @@ QUESTIONS = {
         "search_path",
     },
     "framework.singularity.spring_shift": None,
+    "framework.singularity.traced_locus": None,
     "framework.dynamics.finite_differences": None,
     "framework.dynamics.measure_along_path": None,
+    "framework.dynamics.platform_limits": None,
     "framework.dynamics.platform_wrench": None,
     "framework.dynamics.result": None,
     "framework.dynamics.wrench": None,

@@ -79,12 +79,20 @@ def an_optimal_plan() -> Any:
     return plan_crossing(ROBOT, Arc([0.1, 0.345], [0.03, 0.26], [-0.05, 0.195]), duration=1.5, law="optimal")
 
 
+def an_instant() -> Any:
+    found = dynamics_at(ROBOT, assemble(ROBOT).q, wrenches={"left_tip": [1.0, 0, 0, 0, 0, 0]})
+    assert found.indeterminate  # looks at what is computed when it is asked for
+    assert found.motor_inertia.shape == found.velocity_matrix_rates.B.shape
+    return found
+
+
 OBJECTS: dict[str, Callable[[], Any]] = {
     "plan": whole_plan,
     "optimal plan": an_optimal_plan,
     "robot": lambda: robots.load("delta", flexibility="flexible_links"),
     "configuration": lambda: assemble(ROBOT, [0.0, 0.3]),
     "pose": lambda: forward_kinematics(ROBOT, assemble(ROBOT).q[ROBOT.actuated] + 0.01),
+    "instant": an_instant,
     "branch": lambda: track_path(ROBOT, PATH),
     "points": lambda: locate_singularities(ROBOT, PATH),
     "matrices": lambda: velocity_matrices(ROBOT, assemble(ROBOT).q),

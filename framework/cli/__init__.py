@@ -21,9 +21,11 @@ from typing import Any
 import numpy as np
 
 from framework.cli import (
+    chart,
     check,
     convert,
     export,
+    fidelity,
     locate,
     plan,
     pose,
@@ -32,6 +34,7 @@ from framework.cli import (
     robustness,
     show,
     simulate,
+    workspace_map,
 )
 from framework.cli.console import complain, one_line, tell
 from framework.cli.parser import Misuse, OneLineParser
@@ -43,13 +46,16 @@ COMMANDS = (
     check,
     convert,
     locate,
+    workspace_map,
     pose,
     plan,
+    fidelity,
     simulate,
     robustness,
     show,
     report,
     export,
+    chart,
 )  # in the order of --help
 UNEXPECTED = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback

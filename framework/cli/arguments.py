@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from framework.catalogue import robot_file
+from framework.crossing.fidelity import kept_options
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
@@ -17,14 +18,37 @@ from framework.crossing.scenes import scene, scene_path, scene_request
 from framework.errors import InvalidInput
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import LARGEST, ParsedRobot
+from framework.model.description import LARGEST, KeptRung, ParsedRobot
 from framework.model.readers.recognise import parse_any
 from framework.motion.path import Line, Path
 
+AUTO = "auto"
 OF_THE_MOTION = (  # arguments of `plan_crossing` that can be typed
     *("duration", "times", "speeds", "geometry", "smoothness"),
     *("law", "optimize", "longest", "torque_limit", "speed_limit", "margin", "keep_limits"),
 )
+
+
+def take_kept_rung(options: argparse.Namespace) -> KeptRung | None:
+    """Put what the scene keeps of a fidelity study where --flexibility is auto; None where it is not.
+
+    Raises:
+        InvalidInput: the options are for another motion than that of the scene, or it keeps nothing.
+    """
+    if options.flexibility != AUTO:
+        return None
+    if options.scene is None:
+        raise InvalidInput("--flexibility auto: is kept by a scene of the robot file; give --scene")
+    other = [key for key in _typed(options) if key != "keep_limits"]
+    if other:
+        raise InvalidInput(
+            f"--{other[0].replace('_', '-')}: the rung of --flexibility auto was found for the motion of the "
+            f"scene as it is in the robot file; leave one of them out"
+        )
+    description = parsed(options).description
+    for key, value in kept_options(description, options.scene).items():
+        setattr(options, key, value)
+    return description.scenes[options.scene].fidelity
 
 
 def load(options: argparse.Namespace) -> ParallelRobot:
@@ -106,6 +130,12 @@ def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
     return Request.of(robot, along, **typed)
 
 
+def path_and_motion(options: argparse.Namespace, robot: ParallelRobot) -> tuple[Path | str, dict[str, Any]]:
+    """The name of the scene or the path, and what has been typed of the motion."""
+    along, typed = path(options, robot), _typed(options)
+    return along if options.scene is None else options.scene, typed
+
+
 def request_of_any_duration(options: argparse.Namespace, robot: ParallelRobot, along: Path) -> Request:
     """What the options ask for along a path, whatever its duration."""
     return Request.of(robot, along, **{"duration": 1.0, **_typed(options)})
@@ -116,11 +146,11 @@ def _typed(options: argparse.Namespace) -> dict[str, Any]:
     given = vars(options)
     typed = {key: given[key] for key in OF_THE_MOTION if given.get(key) is not None}
     if "margin" in typed:
-        typed["margin"] = _share("--margin", typed["margin"])
+        typed["margin"] = share("--margin", typed["margin"])
     return typed
 
 
-def _share(name: str, text: str) -> float:
+def share(name: str, text: str) -> float:
     """A share out of 10% or 0.1."""
     try:
         return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)

@@ -21,8 +21,8 @@ from framework.cli.parser import (
 )
 from framework.crossing.saved import is_plan_folder
 from framework.errors import InvalidInput
-from framework.export.joint_trajectory import DEFAULT, SAMPLES, joint_trajectory
-from framework.export.mjcf import mjcf_text
+from framework.export.joint_trajectory import DEFAULT, SAMPLES, joint_trajectory, side_told
+from framework.export.mjcf import mjcf_text, ranges_left_out
 from framework.output import write_file
 
 SUFFIXES = {"mjcf": (".xml", ".mjcf"), "ros2_control": (".yaml", ".yml", ".json")}
@@ -55,20 +55,27 @@ def run(options: argparse.Namespace) -> Report:
     if file.suffix not in SUFFIXES[options.program]:
         valid = " or ".join(SUFFIXES[options.program])
         raise InvalidInput(f"--out: {options.program} is written to {valid}, got {options.out!r}")
+    lines: list[str] = []
     if options.program == "mjcf":
         if options.scene is not None or options.samples is not None:
             raise InvalidInput("--scene, --samples: a MuJoCo model has no motion; leave them out")
         saved = is_plan_folder(options.robot)
         robot = arguments.planned(options).robot if saved else arguments.load(options)
         text, what = mjcf_text(robot), "a MuJoCo model with its loops"
+        if left_out := ranges_left_out(robot):
+            lines.append(f"  without the ranges of {', '.join(left_out)}: the reference is outside")
     else:
         if not (is_plan_folder(options.robot) or options.scene):
             raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
         plan = arguments.planned(options)
         robot, message = plan.robot, joint_trajectory(plan, samples=options.samples or DEFAULT)
         as_json = file.suffix == ".json"
-        text = json.dumps(message, indent=2) + "\n" if as_json else yaml.safe_dump(message, sort_keys=False)
+        if as_json:
+            text = json.dumps(message, indent=2) + "\n"
+        else:
+            text = f"# {side_told(plan)}\n" + yaml.safe_dump(message, sort_keys=False)
         what = f"a joint trajectory of {len(message['points'])} points over {plan.duration:g} s"
+        lines.append(f"  {side_told(plan)}")
     write_file(file, text, option="--out")
     document = {
         "robot": robot.name,
@@ -76,4 +83,4 @@ def run(options: argparse.Namespace) -> Report:
         "format": options.program,
         "file": str(file),
     }
-    return document, f"{robot.name}, {robot.flexibility}: {what}, written to {file}"
+    return document, "\n".join([f"{robot.name}, {robot.flexibility}: {what}, written to {file}", *lines])

@@ -12,6 +12,7 @@ from framework.crossing.request import LAWS
 from framework.model.description import FLEXIBILITIES
 from framework.motion.cone_program import GOALS
 
+MOST_WORKERS = 1000
 Report = tuple[dict[str, Any], str]  # for machines, for people
 
 
@@ -83,10 +84,13 @@ def add_moved_robot(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_flexibility(parser: argparse.ArgumentParser) -> None:
-    """--flexibility."""
+def add_flexibility(parser: argparse.ArgumentParser, *, auto: str = "") -> None:
+    """--flexibility; `auto`: the help of that choice, where the command has it."""
     parser.add_argument(
-        "--flexibility", choices=FLEXIBILITIES, default="rigid", help="which springs exist (default: rigid)"
+        "--flexibility",
+        choices=(*FLEXIBILITIES, "auto") if auto else FLEXIBILITIES,
+        default="rigid",
+        help=f"which springs exist{f'; auto: {auto}' if auto else ''} (default: rigid)",
     )
 
 
@@ -127,13 +131,26 @@ def add_motion(parser: argparse.ArgumentParser) -> None:
 
 def add_limits(parser: argparse.ArgumentParser) -> None:
     """--torque-limit, --speed-limit and --margin."""
+    add_motor_limits(parser)
+    parser.add_argument("--margin", metavar="P", help="share of the limits left free, such as 10%% or 0.1")
+
+
+def add_motor_limits(parser: argparse.ArgumentParser) -> None:
+    """--torque-limit and --speed-limit."""
     parser.add_argument(
         "--torque-limit", type=float, nargs="+", metavar="N", help="of all motors, or of each, motor side"
     )
     parser.add_argument(
         "--speed-limit", type=float, nargs="+", metavar="N", help="of all motors, or of each [rad/s]"
     )
-    parser.add_argument("--margin", metavar="P", help="share of the limits left free, such as 10%% or 0.1")
+
+
+def add_executor(parser: argparse.ArgumentParser) -> None:
+    """--workers and --dask, for `executor_of`."""
+    parser.add_argument(
+        "--workers", type=whole(1, MOST_WORKERS), default=1, metavar="N", help="processes (default: 1)"
+    )
+    parser.add_argument("--dask", metavar="ADDRESS", help="of a dask scheduler, instead of --workers")
 
 
 @contextmanager

@@ -21,6 +21,7 @@ from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import FILE, plan_document
 from framework.errors import InvalidInput, NotConverged, point
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.description import KeptRung
 from framework.motion.law import Law, PlannedLaw
 from framework.output import written_together
 
@@ -34,7 +35,7 @@ def add(commands: Any) -> None:
     parser = command(commands, "plan", run, text)
     add_robot(parser)
     add_path(parser)
-    add_flexibility(parser)
+    add_flexibility(parser, auto="what `crossing fidelity` found enough and the scene keeps")
     add_motion(parser)
     parser.add_argument(
         "--keep-limits",
@@ -60,25 +61,30 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
+    kept = arguments.take_kept_rung(options)
     robot = arguments.load(options)
     request = arguments.request(options, robot)
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
+    if kept is not None and options.bend:
+        raise InvalidInput(
+            "--bend: the rung of --flexibility auto was found for the path as it is; leave one out"
+        )
     if options.bend and options.raw:
         raise InvalidInput("--bend: finds a plan with a proof; leave --raw out")
     out = None if options.out is None else FilePath(options.out)
     if out is None and options.raw:
         return report_raw(options, robot, request, None)
     if out is None:
-        plan, bend, told = _planned(robot, request, bend=options.bend)
-        return plan_document(plan) | bend, plan_text(plan) + told
+        plan, more, told = _planned(robot, request, kept, bend=options.bend)
+        return plan_document(plan) | more, plan_text(plan) + told
     with written_together(out, document="raw.json" if options.raw else FILE) as folder:
         if options.raw:
             return report_raw(options, robot, request, folder)
         from framework.show.plots import save_figures
 
-        plan, bend, told = _planned(robot, request, bend=options.bend)
-        document = plan_document(plan, out) | bend
+        plan, more, told = _planned(robot, request, kept, bend=options.bend)
+        document = plan_document(plan, out) | more
         (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
         motion = plan.samples(options.samples)
         (folder / MOTION).write_text(motion.as_csv(), encoding="utf-8")
@@ -88,9 +94,13 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _planned(
-    robot: ParallelRobot, request: Request, *, bend: bool
+    robot: ParallelRobot, request: Request, kept: KeptRung | None, *, bend: bool
 ) -> tuple[CrossingPlan, dict[str, Any], str]:
-    """The plan; with --bend how far its path was bent, for machines and for people."""
+    """The plan; for machines and people the rung that a scene keeps, or how far --bend has bent its path."""
+    if kept is not None:
+        told = f"{kept.rung} is enough for {100 * kept.tolerance:g} %, as the scene keeps"
+        document = {"fidelity": {"rung": kept.rung, "tolerance": kept.tolerance}}
+        return plan_request(robot, request), document, f"\n  fidelity          {told}"
     if not bend:
         return plan_request(robot, request), {}, ""
     found = plan_bent_request(robot, request)

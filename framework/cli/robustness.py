@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -16,6 +14,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import (
     Report,
+    add_executor,
     add_flexibility,
     add_motion,
     add_moved_robot,
@@ -28,20 +27,20 @@ from framework.cli.parser import (
 from framework.cli.replay import replayed
 from framework.control.closed_loop import SENSORS, ControlLoop
 from framework.control.controllers import CONTROLLERS
-from framework.control.kept_runs import KeptRuns, forget
+from framework.control.kept_runs import KeptRuns
 from framework.control.study import Study, run_study
 from framework.control.study_setup import FILE, StudySetup
 from framework.control.variation import Spread
-from framework.control.workers import Workers
 from framework.errors import InvalidInput
 from framework.output import written_together
+from framework.parallel.kept import forget
+from framework.parallel.tasks import executor_of
 
 COLUMNS = (
     *("controller", "study_seed", "run", "passed"),
     *("tracking_error", "end_error", "peak_torque", "payload", "why"),
 )
-MOST_RUNS, MOST_WORKERS = 1_000_000, 1000
-CONNECTING = "10s"  # patience with a dask scheduler
+MOST_RUNS = 1_000_000
 TEXT = "drive a planned crossing with a controller on many robots that differ from their model"
 
 
@@ -63,10 +62,7 @@ def add(commands: Any) -> None:
         "--runs", type=whole(1, MOST_RUNS), default=200, metavar="N", help="runs a controller (default: 200)"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="K", help="of the study (default: 0)")
-    parser.add_argument(
-        "--workers", type=whole(1, MOST_WORKERS), default=1, metavar="N", help="processes (default: 1)"
-    )
-    parser.add_argument("--dask", metavar="ADDRESS", help="of a dask scheduler, instead of --workers")
+    add_executor(parser)
     parser.add_argument(
         "--out",
         metavar="DIR",
@@ -179,7 +175,7 @@ def _studies(options: argparse.Namespace, setup: StudySetup, kept: dict[str, Kep
     studies: list[Study] = []
     chunk = None if options.dask else -(-options.runs // options.workers)
     with (
-        _executor(options) as executor,
+        executor_of(workers=options.workers, dask=options.dask) as executor,
         progress_bar(options.runs * len(names), "run", silent=options.json) as progress,
     ):
         for name, controller in controllers.items():
@@ -202,26 +198,6 @@ def _studies(options: argparse.Namespace, setup: StudySetup, kept: dict[str, Kep
 
 def _after(progress: Callable[[float], None], before: int) -> Callable[[int], None]:
     return lambda done: progress(before + done)
-
-
-@contextmanager
-def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
-    if options.dask is not None:
-        try:
-            from distributed import Client
-        except ImportError:
-            raise InvalidInput("--dask: needs dask.distributed: pip install distributed") from None
-        try:
-            client = Client(options.dask, timeout=CONNECTING)
-        except (OSError, ValueError) as error:
-            raise InvalidInput(f"--dask: no scheduler answers at {options.dask}: {error}") from None
-        with client:
-            yield client.get_executor()
-    elif options.workers == 1:
-        yield None
-    else:
-        with Workers(options.workers) as workers:
-            yield workers
 
 
 def _document(study: Study) -> dict[str, Any]:

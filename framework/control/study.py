@@ -7,8 +7,8 @@ can be kept for a study that is stopped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, wait
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
@@ -21,8 +21,8 @@ from framework.control.closed_loop import ControlLoop, Run, run_closed_loop
 from framework.control.estimation import Controller
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
+from framework.parallel.tasks import completed
 
-LISTENING = 0.1  # [s] between two looks whether Ctrl-C was pressed
 CHUNK = 250  # runs that are stacked; more do not make a run cheaper
 
 
@@ -115,8 +115,13 @@ def run_study(
         progress(sum(map(len, found)) + int(under_way))
 
     task = partial(run_chunk, controller, loop, spread, seed)
+
+    def watched(part: range) -> Run:
+        return task(part, partial(_part_of, tell, len(part)))
+
+    missing = _missing(found, runs, min(chunk or CHUNK, CHUNK))
     tell()
-    for part, run in _computed(task, _missing(found, runs, min(chunk or CHUNK, CHUNK)), executor, tell):
+    for part, run in completed(watched if executor is None else task, missing, executor):
         found[part] = run
         if keeper is not None:
             keeper.keep(part, run)
@@ -155,25 +160,6 @@ def _missing(found: Iterable[range], runs: int, chunk: int) -> list[range]:
         missing += [gap[first : first + chunk] for first in range(0, len(gap), chunk)]
         end = part.stop
     return missing
-
-
-def _computed(
-    task: Callable[..., Run], chunks: list[range], executor: Executor | None, tell: Callable[[float], None]
-) -> Iterator[tuple[range, Run]]:
-    """Chunks as they are finished; `tell` hears how many runs are under way in this process."""
-    if executor is None:
-        for chunk in chunks:
-            yield chunk, task(chunk, partial(_part_of, tell, len(chunk)))
-        return
-    waiting = {executor.submit(task, chunk): chunk for chunk in chunks}
-    try:
-        while waiting:
-            # a signal may wake another thread: this one has to look for it
-            for future in wait(waiting, LISTENING, FIRST_COMPLETED).done:
-                yield waiting.pop(future), future.result()
-    finally:
-        for future in waiting:
-            future.cancel()
 
 
 def _part_of(tell: Callable[[float], None], size: int, share: float) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.feasibility import feasibility_on_path
+from framework.crossing.path_length import coordinate_sizes, path_length
 from framework.crossing.plan import plan_request
 from framework.crossing.refusal_proofs import HoldingTorque, UnmetCondition
 from framework.crossing.request import Request
@@ -112,9 +113,8 @@ def _bend_at_crossing(robot: ParallelRobot, path: Path) -> _Bend | None:
     at = min(room, key=lambda pair: pair[0])[1]
     x = np.repeat(path(at.s)[None], robot.n, axis=0)
     along_twist = np.linalg.solve(robot.platform.twist(x, np.eye(robot.n))[0].T, at.twist)
-    size = np.where(robot.translations, 1.0, robot.length)
+    size, length = coordinate_sizes(robot), path_length(robot, path)
     fine = np.linspace(0.0, 1.0, 1001)
-    length = float(np.linalg.norm(np.diff(path(fine) * size, axis=0), axis=1).sum())
     largest = np.abs(_shape(fine, at.s)).max() * float(np.linalg.norm(along_twist * size))
     least = POINTS + 2 * len(path.knots)  # no point, and so no knot, at c: knots part the panels of time
     intervals = max(range(least - 1, least + 3), key=lambda m: -abs(at.s * m % 1.0 - 0.5))

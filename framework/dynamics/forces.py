@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.frames import difference, scratch_of
-from framework.kinematics.inverse_kinematics import Motion, System
+from framework.kinematics.inverse_kinematics import Motion, System, without_elastic_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import solve
 
@@ -43,7 +43,12 @@ class JointMotion(Protocol):
 
 
 def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
-    """RNEA of the open tree and the springs on its own joints, (T, nv)."""
+    """RNEA of the open tree and the springs on its own joints, (T, nv).
+
+    Of a robot without `elastic_inertia` at the rates that its platform's motion alone makes.
+    """
+    if robot.n_e and not robot.elastic_inertia:
+        motion = without_elastic_rates(robot, motion.q, motion.v, motion.a)
     model, data = robot.model, scratch_of(robot).data
     forces: Array = np.empty((len(motion.q), model.nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):

@@ -1,48 +1,59 @@
 """One instant of a robot: what its motors, loops and joints carry, and the inertia that is felt.
 
-No law and no path: a pose, rates and accelerations of the platform, wrenches of the world. With r the forces
-of the open tree (RNEA, less the wrenches), S the motors' columns, J the Jacobian of all loop equations,
-redundant ones too,
-
-    r = S tau_joint + J' lambda.
-
-Motor torques follow from the independent equations, as everywhere (`forces`). lambda is unique only where J'
-has no null space: what the null space can reach, in a loop or in a joint, is indeterminate in a rigid robot,
-and is not a number here instead of one choice of many.
+No law and no path: a pose, rates and accelerations of the platform, wrenches of the world. Motor torques
+follow from the independent loop equations, as everywhere (`forces`), and are computed at once, on a Type 2
+singularity as a limit (`singular_instant`); what loops and joints carry (`reactions`), inertia and velocity
+matrices are computed when they are asked for. `forward_dynamics` gives the same from torques.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
-from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only
+from framework.dynamics.forces import Forces, balanced_forces, motor_torque
 from framework.dynamics.platform_wrench import motor_speeds
-from framework.errors import InvalidInput, SingularPose, choose_from, finite_numbers, point, short
-from framework.kinematics.closures import loop_equations, loop_wrenches
-from framework.kinematics.frames import scratch_of
-from framework.kinematics.inverse_kinematics import Motion, assembled_at, motion_at, require_square
+from framework.dynamics.reactions import (
+    Load,
+    LoopLoads,
+    given_wrenches,
+    joint_reactions,
+    loaded_tree_forces,
+    loads_on,
+    loop_forces,
+    loop_loads,
+    stacked_rows,
+)
+from framework.dynamics.singular_instant import forces_through_singularity
+from framework.errors import SingularPose, point
+from framework.kinematics.frames import frame_motions, scratch_of
+from framework.kinematics.inverse_kinematics import (
+    ClosedStack,
+    Motion,
+    System,
+    assembled_at,
+    motion_at,
+    require_square,
+)
 from framework.kinematics.loop_matrices import passive_matrix
-from framework.kinematics.mechanism import frame_of
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.velocity_matrices import VelocityMatrices, matrices_and_rates
 
-HELD = 1e-7  # least singular value of P (radians, robot lengths) at which motors count as holding the robot
-REACHED = 1e-9  # [N, lengths] by which a unit of what may be added to lambda moves what is not rounding
+LEAST_CLEARANCE = 1e-7  # singular value of P (radians, robot lengths) above which motors hold the robot
 
 
 @dataclass(frozen=True, eq=False)
 class Instant(ReadOnlyArrays):
     """What a robot is and carries at one instant; wrenches are (force, moment) (6,) in base axes [N, N m].
 
-    `loop_forces` of a closure with frames [a, b]: BY b's body ON a's body, at a's origin. `reactions` of a
-    joint: BY the body before it ON the one behind it, at the joint's origin; the part along the joint's axis
-    is what a motor (rotor not included) or a spring gives. Components that the loops leave indeterminate are
-    NaN. Springs keep the deflections of q; `spring_force` is what they would have to give for that.
+    At a stack of T instants every array has them as its first axis. Springs keep the deflections of q;
+    `spring_force` is what they would have to give for that.
     """
 
     robot: ParallelRobot
@@ -52,23 +63,97 @@ class Instant(ReadOnlyArrays):
     torque: Array  # (n_a,) motor side [N m]: rotor inertia and joint torque through the gear
     joint_torque: Array  # (n_a,) joint side, rotors not included [N m, N]
     spring_force: Array  # (n_e,) [N, N m]
-    loop_forces: Mapping[str, Array]
-    reactions: Mapping[str, Array]
-    platform_inertia: Array  # (n, n) of all bodies and rotors, along the platform's twist on its axes
-    motor_inertia: Array  # (n_a, n_a) of the same, joint side; NaN with redundant motors
-    clearance: float  # least singular value of P (radians, robot lengths): 0 at Type 2
+    clearance: Array | float  # least singular value of P (radians, robot lengths): 0 at Type 2
+    _motion: Motion = field(repr=False)  # of T instants, T = 1 for one
+    _loads: tuple[Load, ...] = field(repr=False)
+    _forces: Array = field(repr=False)  # (T, nv) of the open tree, less the loads
+
+    @cached_property
+    def loop_forces(self) -> Mapping[str, Array]:
+        """By closure with frames [a, b]: BY b's body ON a's body, at a's origin; NaN where indeterminate."""
+        return self._by_name(loop_forces(self.robot, self._loops))
+
+    @cached_property
+    def reactions(self) -> Mapping[str, Array]:
+        """By joint: BY the body before it ON the one behind it, at its origin; NaN where indeterminate.
+
+        The part along the joint's axis is what a motor (rotor not included) or a spring gives.
+        """
+        return self._by_name(joint_reactions(self.robot, self._motion, self._loads, self._loops))
+
+    @cached_property
+    def platform_inertia(self) -> Array:
+        """Of all bodies and rotors, along the platform's twist on its axes, (n, n)."""
+        return self._shown(_platform_inertia(self.robot, self._motion))
+
+    @cached_property
+    def motor_inertia(self) -> Array:
+        """Of all bodies and rotors, along the motors' joints, (n_a, n_a).
+
+        NaN with redundant motors, and at Type 2, where some motion of the platform moves no motor.
+        """
+        robot = self.robot
+        found = np.full((len(self._motion.v), robot.n_a, robot.n_a), np.nan)
+        moving = np.atleast_1d(self.clearance) >= LEAST_CLEARANCE
+        if robot.n_a == robot.n:
+            speeds = motor_speeds(robot, self._motion.system)[1][:, robot.actuated]
+            to_platform = np.linalg.inv(speeds[moving])
+            along_platform = np.atleast_3d(self.platform_inertia.T).T[moving]
+            found[moving] = to_platform.swapaxes(1, 2) @ along_platform @ to_platform
+        return self._shown(found)
+
+    @cached_property
+    def platform_velocity(self) -> Array:
+        """v (n,), see `kinematics.platform`: (linear, angular) of a frame, and not dx if it turns freely."""
+        return self._shown(np.einsum("tnv,tv->tn", self._motion.system.platform, self._motion.v))
+
+    @cached_property
+    def platform_acceleration(self) -> Array:
+        """Time derivative (n,) of `platform_velocity`."""
+        motion = self._motion
+        motions = frame_motions(self.robot, motion.system.frames, motion.q, motion.v)
+        drift = self.robot.platform.drift(motion.system.frames, motions)
+        return self._shown(np.einsum("tnv,tv->tn", motion.system.platform, motion.a) + drift)
+
+    @property
+    def velocity_matrices(self) -> VelocityMatrices:
+        """A, B, C of A v = B dq_a + C dq_e, see `framework.velocity_matrices`."""
+        return self._matrices[0]
+
+    @property
+    def velocity_matrix_rates(self) -> VelocityMatrices:
+        """Time derivatives of A, B and C, see `matrices_and_rates`."""
+        return self._matrices[1]
 
     @property
     def indeterminate(self) -> tuple[str, ...]:
-        """Names of what cannot be told: `tip: force z`, `elbow: moment x`."""
+        """Names of what the loops leave open, at some instant: `tip: force z`, `elbow: moment x`."""
         parts = [f"{kind} {axis}" for kind in ("force", "moment") for axis in "xyz"]
         return tuple(
             f"{name}: {part}"
             for wrenches in (self.loop_forces, self.reactions)
             for name, wrench in wrenches.items()
-            for part, value in zip(parts, wrench, strict=True)
-            if np.isnan(value)
+            for part, values in zip(parts, wrench.T, strict=True)
+            if np.isnan(values).any()
         )
+
+    @cached_property
+    def _loops(self) -> LoopLoads:
+        torque = np.atleast_2d(self.joint_torque)
+        loads = loop_loads(self.robot, self._motion.system.frames, self._forces, torque)
+        freeze(loads)
+        return loads
+
+    @cached_property
+    def _matrices(self) -> tuple[VelocityMatrices, VelocityMatrices]:
+        here, rates = matrices_and_rates(self.robot, self._motion)
+        return VelocityMatrices(*map(self._shown, here)), VelocityMatrices(*map(self._shown, rates))
+
+    def _shown(self, stack: Array) -> Array:
+        return read_only(stack if self.q.ndim == 2 else stack[0])
+
+    def _by_name(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
+        return MappingProxyType({name: self._shown(stack) for name, stack in stacks.items()})
 
 
 def dynamics_at(
@@ -77,166 +162,100 @@ def dynamics_at(
     *,
     dx: ArrayLike | None = None,
     ddx: ArrayLike | None = None,
+    dddx: ArrayLike | None = None,
     wrenches: Mapping[str, ArrayLike] | None = None,
 ) -> Instant:
     """Motor torques, loop forces, joint reactions and inertia at an assembled configuration q (nq,).
 
     Args:
-        q: as `assemble` or `forward_kinematics` give it.
-        dx, ddx: rates (n,) and accelerations (n,) of the platform coordinates, 0 by default.
+        q: as `assemble` or `forward_kinematics` give it; or a stack of T instants (T, nq), and all that is
+            told of one then has T as its first axis.
+        dx, ddx: rates (n,) and accelerations (n,) of the platform coordinates, 0 by default; or (T, n).
         wrenches: of the world, by URDF link or joint: ON its body, at its origin, (force, moment) (6,) in
-            base axes [N, N m].
+            base axes [N, N m]; or (T, 6). They are taken for constant.
+        dddx: third derivatives (n,), or (T, n), which count on a Type 2 singularity alone.
 
     Raises:
-        InvalidInput: q leaves the loops open; an argument of the wrong length, or a frame that is not there;
+        InvalidInput: q leaves the loops open; an argument of the wrong shape, or a frame that is not there;
             a platform that does not determine the joints.
         NotAssembled: it does not at this pose (Type 1).
-        SingularPose: the motors do not hold the robot there (Type 2). The torque is then a limit that needs
-            the motion on both sides and condition (8): see `inverse_dynamics`.
+        SingularPose: the motors do not hold the robot there (Type 2). The torque is then a limit, which is
+            given where the motion is known to third order, dddx, crosses the locus and meets condition (8).
     """
     expect_robot(robot)
     require_square(robot)
-    closed = assembled_at(robot, q)
-    dx, ddx = (
-        np.zeros(robot.n) if given is None else finite_numbers(name, given, robot.n)
-        for name, given in (("dx", dx), ("ddx", ddx))
-    )
-    clearance = float(
-        np.linalg.svd(passive_matrix(robot, closed.system)[0], compute_uv=False).min(initial=np.inf)
-    )
-    if clearance < HELD:
-        raise SingularPose(
-            f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[0])} the motors do not hold "
-            f"the robot (Type 2): torque is a limit there that needs the motion on both sides; plan one",
-            platform=closed.x[0],
+    closed = assembled_at(robot, q, stacks=True)
+    count = len(closed.q)
+    rates = [_rows(*one, robot.n, count) for one in (("dx", dx), ("ddx", ddx), ("dddx", dddx))]
+    given = given_wrenches(robot, wrenches, count)
+    motion = motion_at(robot, closed, *rates[:2])
+    loads = loads_on(robot, motion, given)
+    r = loaded_tree_forces(robot, motion, loads)
+    forces, clearance = balanced_forces(robot, motion.system, r), clearance_of(robot, motion.system)
+    for k in map(int, np.flatnonzero(clearance < LEAST_CLEARANCE)):
+        if dddx is None:
+            raise SingularPose(
+                f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[k])} the motors do not "
+                f"hold the robot (Type 2): torque is a limit there that needs the motion to third order; "
+                f"give dddx, or plan the motion",
+                platform=closed.x[k],
+            )
+        limit = forces_through_singularity(
+            robot,
+            ClosedStack(closed.q[k : k + 1], closed.x[k : k + 1], closed.system.at(k)),
+            rates=(rates[0][k], rates[1][k], rates[2][k]),
+            wrenches={frame: wrench[k] for frame, wrench in given.items()},
         )
-    motion = motion_at(robot, closed, dx[None], ddx[None])
-    if not isinstance(wrenches, Mapping | None):
-        raise InvalidInput(f"wrenches: needs a wrench by frame, {{name: (6,)}}, got {short(wrenches)}")
-    loads = [_load(robot, motion.q[0], frame, wrench) for frame, wrench in (wrenches or {}).items()]
-    r = tree_forces(robot, motion)
-    for load in loads:
-        r = r - load.generalised
-    forces = balanced_forces(robot, motion.system, r)
-    loops = _balanced_loops(robot, motion, r[0], forces.joint_torque[0])
-    platform_inertia, motor_inertia = _inertia(robot, motion)
+        for stack, alone in zip(forces, limit, strict=True):
+            stack[k] = alone[0]
+    single = np.ndim(getattr(q, "q", q)) == 1
+    return instant_of(robot, motion, loads, r, forces, clearance=clearance, single=single)
+
+
+def instant_of(
+    robot: ParallelRobot,
+    motion: Motion,
+    loads: tuple[Load, ...],
+    r: Array,
+    forces: Forces,
+    *,
+    clearance: Array,
+    single: bool,
+) -> Instant:
+    """The instant, or the stack of instants, of a motion with its loads and forces."""
+    freeze((motion, loads, r))
+    here = 0 if single else slice(None)
     return Instant(
         robot=robot,
-        q=closed.q[0],
-        v=motion.v[0],
-        a=motion.a[0],
-        torque=motor_torque(robot, motion, forces.joint_torque)[0],
-        joint_torque=forces.joint_torque[0],
-        spring_force=forces.spring_force[0],
-        loop_forces=_loop_forces(robot, loops),
-        reactions=_reactions(robot, motion, loads, loops),
-        platform_inertia=platform_inertia,
-        motor_inertia=motor_inertia,
-        clearance=clearance,
+        q=motion.q[here],
+        v=motion.v[here],
+        a=motion.a[here],
+        torque=motor_torque(robot, motion, forces.joint_torque)[here],
+        joint_torque=forces.joint_torque[here],
+        spring_force=forces.spring_force[here],
+        clearance=clearance[here],
+        _motion=motion,
+        _loads=loads,
+        _forces=r,
     )
 
 
-class _Load(NamedTuple):
-    """A wrench of the world on the body that a joint carries."""
-
-    joint: int
-    about_base: pin.Force
-    generalised: Array  # (nv,)
+def clearance_of(robot: ParallelRobot, system: System) -> Array:
+    """Least singular values (T,) of P; infinite without passive joints."""
+    values = np.linalg.svd(passive_matrix(robot, system), compute_uv=False)
+    return np.asarray(values.min(axis=1, initial=np.inf))
 
 
-class _Loops(NamedTuple):
-    """All loop equations as wrenches, and how much of each acts."""
-
-    wrench: Array  # (rows, 6) on the second body, at the origin of the second frame
-    position: Array  # (rows, 3) of that origin
-    multipliers: Array  # (rows,) the smallest that balance the robot
-    free: Array  # (k, rows) what may be added to them, and no joint feels it
+def _rows(name: str, given: ArrayLike | None, width: int, count: int) -> Array:
+    """The given numbers (count, width), see `stacked_rows`; 0 where none are."""
+    return np.zeros((count, width)) if given is None else stacked_rows(name, given, width, count)
 
 
-def _load(robot: ParallelRobot, q: Array, frame: str, wrench: ArrayLike) -> _Load:
+def _platform_inertia(robot: ParallelRobot, motion: Motion) -> Array:
+    """Inertia (T, n, n) of bodies and rotors along the platform's twist."""
     model, data = robot.model, scratch_of(robot).data
-    names = [one.name for one in model.frames[1:]]  # not the universe
-    if frame not in names:
-        raise InvalidInput(f"wrenches: {choose_from('frame', frame, names)}")
-    index = frame_of(model, frame)
-    given = finite_numbers(f"wrenches: {frame}", wrench, 6)
-    jacobian = pin.computeFrameJacobian(model, data, q, index, pin.LOCAL_WORLD_ALIGNED)
-    pin.framesForwardKinematics(model, data, q)
-    at = pin.SE3(np.eye(3), data.oMf[index].translation)
-    return _Load(int(model.frames[index].parentJoint), at.act(pin.Force(given)), jacobian.T @ given)
-
-
-def _balanced_loops(robot: ParallelRobot, motion: Motion, r: Array, joint_torque: Array) -> _Loops:
-    """Solve r = S tau + J' lambda for all rows of J, along the joints that follow."""
-    at = motion.system.frames
-    loops = loop_wrenches(robot.rows, at)
-    lengths = np.where(robot.rows.rotation, 1.0, robot.length)  # rows in radians and robot lengths
-    columns = robot.column_scale[robot.moving]
-    jacobian = loop_equations(robot.rows, at).jacobian[0][:, robot.moving]
-    balanced = (jacobian * columns / lengths[:, None]).T
-    left = r[robot.moving]
-    left[: robot.n_a] -= joint_torque
-    multipliers = np.linalg.lstsq(balanced, left * columns, rcond=None)[0] / lengths
-    sizes, ways = np.linalg.svd(balanced)[1:]
-    free = ways[int(np.sum(sizes > REACHED * sizes.max(initial=0.0))) :] / lengths
-    return _Loops(loops.wrench[0], at.position[0, robot.rows.second], multipliers, free)
-
-
-def _loop_forces(robot: ParallelRobot, loops: _Loops) -> dict[str, Array]:
-    """BY b's body ON a's body: the opposite of what acts on b, closure by closure."""
-    found, first = {}, 0
-    for closure in robot.description.closures:
-        rows = slice(first, first + len(closure.axes))
-        first = rows.stop
-        wrench = -loops.multipliers[rows] @ loops.wrench[rows]
-        found[closure.name] = _told(robot, wrench, loops.free[:, rows] @ loops.wrench[rows])
-    return found
-
-
-def _reactions(robot: ParallelRobot, motion: Motion, loads: list[_Load], loops: _Loops) -> dict[str, Array]:
-    """By RNEA with the wrenches of the world and of the loops on the bodies."""
-    model, data = robot.model, scratch_of(robot).data
-    joints = range(1, model.njoints)
-    carriers = [int(model.frames[frame].parentJoint) for frame in robot.frames]
-
-    def reactions(multipliers: Array) -> Array:
-        """(joints, 6) at the joints' origins."""
-        pin.forwardKinematics(model, data, motion.q[0])
-        forces = [pin.Force.Zero() for _ in range(model.njoints)]
-        for load in loads:
-            forces[load.joint] += data.oMi[load.joint].actInv(load.about_base)
-        for k, (wrench, at) in enumerate(zip(loops.wrench, loops.position, strict=True)):
-            about_base = pin.SE3(np.eye(3), at).act(pin.Force(multipliers[k] * wrench))
-            second, first = carriers[robot.rows.second[k]], carriers[robot.rows.first[k]]
-            forces[second] += data.oMi[second].actInv(about_base)
-            forces[first] -= data.oMi[first].actInv(about_base)
-        pin.rnea(model, data, motion.q[0], motion.v[0], motion.a[0], pin.StdVec_Force(forces))
-        turned = [pin.SE3(data.oMi[j].rotation, np.zeros(3)).act(data.f[j]).vector for j in joints]
-        return np.array(turned)
-
-    told = reactions(loops.multipliers)
-    moved = np.array([reactions(loops.multipliers + one) - told for one in loops.free])
-    moved = moved.reshape(len(loops.free), *told.shape)
-    names = [str(model.names[j]) for j in joints]
-    return {name: _told(robot, told[j], moved[:, j]) for j, name in enumerate(names)}
-
-
-def _told(robot: ParallelRobot, wrench: Array, moved: Array) -> Array:
-    """A wrench (6,), NaN where what may be added to lambda, a unit force or so, moves it, moved (k, 6)."""
-    lever = np.repeat([1.0, robot.length], 3)
-    reached = np.abs(moved / lever).max(axis=0, initial=0.0) * robot.length
-    return read_only(np.where(reached > REACHED, np.nan, wrench))
-
-
-def _inertia(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]:
-    """Inertia matrices along the platform's twist (n, n), and along the motors' joints (n_a, n_a)."""
-    data = scratch_of(robot).data
-    upper = np.triu(pin.crba(robot.model, data, motion.q[0]))
-    mass = upper + np.triu(upper, 1).T
-    mass[robot.actuated, robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
-    rates = motor_speeds(robot, motion.system)[1][0]  # (nv, n)
-    along_platform = rates.T @ mass @ rates
-    if robot.n_a != robot.n:
-        return along_platform, np.full((robot.n_a, robot.n_a), np.nan)
-    to_platform = np.linalg.inv(rates[robot.actuated])
-    return along_platform, to_platform.T @ along_platform @ to_platform
+    upper = np.triu([pin.crba(model, data, q) for q in motion.q])
+    mass = upper + np.triu(upper, 1).swapaxes(1, 2)
+    mass[:, robot.actuated, robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
+    rates = motor_speeds(robot, motion.system)[1]  # (T, nv, n)
+    return np.asarray(rates.swapaxes(1, 2) @ mass @ rates)

@@ -63,13 +63,8 @@ def _applied(matrix: Array, twist: Array) -> Array:
 
 def motor_speeds(robot: ParallelRobot, system: System) -> tuple[Array, Array]:
     """G (T, n_a, n), and the joint rates (T, nv, n) for unit twists along the platform's axes."""
-    count = len(system.residual)
-    rates = np.empty((count, robot.model.nv, robot.n))
-    still = np.zeros((count, robot.n_e))
-    for k in range(robot.n):
-        unit = np.zeros((count, robot.n))
-        unit[:, k] = 1.0
-        rates[:, :, k] = joint_rates(robot, system, unit, still)
+    units = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, len(system.residual), robot.n))
+    rates = joint_rates(robot, system, units, np.zeros((len(system.residual), robot.n_e))).transpose(1, 2, 0)
     return robot.gear_ratio[:, None] * rates[:, robot.actuated], rates
 
 

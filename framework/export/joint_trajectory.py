@@ -1,9 +1,10 @@
 """A plan as the trajectory that ros2_control's joint_trajectory_controller takes.
 
 The layout is that of trajectory_msgs/JointTrajectory, joints in the order of the robot file's motors, all on
-the joint side of the gears: positions and their derivatives are those of the URDF's joints, effort is what a
-motor sends into its joint, gear ratio times motor torque. The rotor's share is in it: a simulator without
-rotor inertia needs less.
+the joint side of the gears: positions and their derivatives are those of the URDF's joints, motor angles over
+gear ratio; effort is what a motor sends into its joint, gear ratio times motor torque. The rotor's share is
+in it: a simulator without rotor inertia needs less. In a robot with springs a drive's spring is behind its
+joint, so that these are angles and torques before it, and the link stands aside by the deflection.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from framework.errors import whole_number
 FIELDS = ("positions", "velocities", "accelerations", "effort")
 SAMPLES, DEFAULT = (2, 1_000_000), 501
 NANOSECONDS = 1_000_000_000
+SIDE = "joint side of the gears: position = motor angle / gear ratio, effort = motor torque * gear ratio"
+BEFORE_SPRINGS = "; before the springs of drives and links"
 
 
 def joint_trajectory(plan: CrossingPlan, *, samples: int = DEFAULT) -> dict[str, Any]:
@@ -46,6 +49,11 @@ def joint_trajectory(plan: CrossingPlan, *, samples: int = DEFAULT) -> dict[str,
             for time, *rows in zip(times, *columns, strict=True)
         ],
     }
+
+
+def side_told(plan: CrossingPlan) -> str:
+    """Which side of gears and springs the trajectory is on, in a line."""
+    return SIDE + (BEFORE_SPRINGS if plan.robot.n_e else "")
 
 
 def _duration(seconds: float) -> dict[str, int]:

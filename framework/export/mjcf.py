@@ -2,9 +2,13 @@
 
 Joints keep their names, axes and zeros; the frames of the platform and of the loops become sites. A rotor is
 the armature gear ratio^2 times its inertia, a motor an actuator of that gear whose control is its torque, a
-spring a joint with stiffness. MuJoCo closes points and welded frames; a hinge is closed by two points on its
-axis, and a closure of another kind is refused by its name. MuJoCo wants mass in each body that moves: where
-the robot has none, MASS and INERTIA stand in. Bodies have no shape; limits are not written.
+spring a joint with stiffness. Loops are equalities, see `mjcf_loops`. MuJoCo wants mass in each body that
+moves: where the robot has none, MASS and INERTIA stand in. Bodies have no shape.
+
+A torque limit is the range of a motor's control and force, which MuJoCo keeps. The URDF's range of a joint is
+its range, which MuJoCo keeps, too, by forces of its own, and so a range that the reference is not in is left
+out (`ranges_left_out`). MuJoCo knows no speed limit: `<custom>` passes it on, `JOINT_speed_limit` [rad/s],
+motor side.
 
 Source: MuJoCo's documentation, chapter "XML Reference". Loops are as hard as the step allows.
 """
@@ -18,23 +22,21 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.errors import InvalidInput
+from framework.export.mjcf_loops import OFF_ORIGIN, equality_axes, frame_names
+from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import locked_axes
 
 MASS, INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of bodies without; MuJoCo refuses less than 1e-15
 STEP = 1e-3  # [s]
 HARD = "0.9999 0.9999 0.001 0.5 2"  # solimp: what is nearest to a rigid loop
-ALONG = 0.1  # robot lengths between the two points that close a hinge
-POINT, WELD = locked_axes("spherical"), locked_axes("fixed")
-HINGES = {locked_axes("revolute", axis): k for k, axis in enumerate("xyz")}  # and the axis that is free
+ALONG = 0.1  # robot lengths between the points that close a hinge or a weld
 
 
 def mjcf_text(robot: ParallelRobot) -> str:
     """The robot with its springs as MJCF; the keyframe `reference` is its assembled reference.
 
     Raises:
-        InvalidInput: a loop that MuJoCo has no equality for; names it.
+        InvalidInput: a loop that MuJoCo has no equality for, see `mjcf_loops.equality_axes`.
     """
     root = ElementTree.Element("mujoco", model=robot.name)
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="false")
@@ -51,19 +53,33 @@ def mjcf_text(robot: ParallelRobot) -> str:
     for j in range(1, robot.model.njoints):
         bodies.append(_body(robot, data, j, bodies[robot.model.parents[j]]))
     _add_loops(robot, root, bodies)
-    actuator = ElementTree.SubElement(root, "actuator")
-    for motor in robot.description.actuators:
-        ElementTree.SubElement(
-            actuator,
-            "motor",
-            name=f"{motor.joint}_torque",
-            joint=motor.joint,
-            gear=repr(float(motor.gear_ratio)),
-        )
+    _add_motors(robot, root)
     keys = ElementTree.SubElement(root, "keyframe")
     ElementTree.SubElement(keys, "key", name="reference", qpos=_numbers(q))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def ranges_left_out(robot: ParallelRobot) -> tuple[str, ...]:
+    """Joints whose range in the URDF is not written, since the reference is outside."""
+    return tuple(positions_beyond_limits(robot.limits, robot.reference.q[None]))
+
+
+def _add_motors(robot: ParallelRobot, root: ElementTree.Element) -> None:
+    """One for each motor, whose control is its torque [N m] on the motor side."""
+    actuator = ElementTree.SubElement(root, "actuator")
+    speeds = ElementTree.Element("custom")
+    for motor in robot.description.actuators:
+        words = {"name": f"{motor.joint}_torque", "joint": motor.joint, "gear": repr(float(motor.gear_ratio))}
+        if motor.torque_limit is not None:
+            limit = _numbers([-motor.torque_limit, motor.torque_limit])
+            words |= {"ctrllimited": "true", "ctrlrange": limit, "forcelimited": "true", "forcerange": limit}
+        ElementTree.SubElement(actuator, "motor", words)
+        if motor.speed_limit is not None:
+            words = {"name": f"{motor.joint}_speed_limit", "data": repr(float(motor.speed_limit))}
+            ElementTree.SubElement(speeds, "numeric", words)
+    if len(speeds):
+        root.append(speeds)
 
 
 def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Element) -> ElementTree.Element:
@@ -91,6 +107,9 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
     ):
         if value:
             joint[key] = repr(float(value))
+    for limit in robot.limits:
+        if limit.joint == name and name not in ranges_left_out(robot):
+            joint |= {"limited": "true", "range": _numbers([limit.lower, limit.upper])}
     ElementTree.SubElement(body, "joint", joint)
     inertia = model.inertias[j]
     moments = _accepted(np.asarray(inertia.inertia))
@@ -118,11 +137,9 @@ def _accepted(inertia: Array) -> Array:
 
 def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[ElementTree.Element]) -> None:
     """The equalities, and the sites that they and the platform stand on."""
-    closures = robot.description.closures
-    names = dict.fromkeys(
-        [robot.description.platform.frame, *(name for one in closures for name in one.frames)]
-    )
+    names = frame_names(robot)
     frames = dict(zip(names, robot.frames, strict=True))
+    axes = equality_axes(robot)
 
     def site(name: str, frame: str, offset: Array) -> None:
         at = robot.model.frames[frames[frame]]
@@ -133,25 +150,17 @@ def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[Ele
     hard = {"solref": f"{2 * STEP!r} 1", "solimp": HARD}
     for name in names:
         site(name, name, np.zeros(3))
-    for closure in closures:
-        first, second = closure.frames
-        if closure.axes == WELD:
-            joined = {"name": closure.name, "site1": first, "site2": second}
-            ElementTree.SubElement(equality, "weld", joined | hard)
-            continue
-        if closure.axes != POINT and closure.axes not in HINGES:
-            raise InvalidInput(
-                f"{robot.name}: MuJoCo has no equality for closure {closure.name!r}, which locks "
-                f"{', '.join(closure.axes)} (valid: kinds spherical, revolute and fixed)"
-            )
-        pairs = {closure.name: (first, second)}
-        if closure.axes in HINGES:
-            offset = ALONG * robot.length * np.eye(3)[HINGES[closure.axes]]
-            pairs[f"{closure.name}_axis"] = (f"{first}_{closure.name}_axis", f"{second}_{closure.name}_axis")
-            for name, frame in zip(pairs[f"{closure.name}_axis"], (first, second), strict=True):
-                site(name, frame, offset)
-        for name, (one, two) in pairs.items():
-            ElementTree.SubElement(equality, "connect", {"name": name, "site1": one, "site2": two} | hard)
+    for closure in robot.description.closures:
+        ends = closure.frames
+        for k in (None, *OFF_ORIGIN[axes[closure.name]]):
+            name, pair = closure.name, ends
+            if k is not None:
+                name = f"{closure.name}_{'xyz'[k]}"
+                pair = (f"{ends[0]}_{name}", f"{ends[1]}_{name}")
+                for point, frame in zip(pair, ends, strict=True):
+                    site(point, frame, ALONG * robot.length * np.eye(3)[k])
+            joined = {"name": name, "site1": pair[0], "site2": pair[1]}
+            ElementTree.SubElement(equality, "connect", joined | hard)
 
 
 def _placed(placement: pin.SE3) -> dict[str, str]:

@@ -238,6 +238,11 @@ def _by_full_turns(x: Array, near: Array) -> Array:
 
 def _logarithm(rotation: Array) -> Array:
     """Rotation vectors (T, 3) of rotations (T, 3, 3), NaN where one is not finite."""
+    trace = rotation[:, 0, 0] + rotation[:, 1, 1] + rotation[:, 2, 2]
+    if (trace > 0.0).all():  # by less than 120 degrees: what is not symmetric says it all
+        doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # 2 sin(t) times the axis
+        angle = np.arctan2(0.5 * np.sqrt(dot(doubled, doubled)), 0.5 * (trace - 1.0))
+        return np.asarray(0.5 * doubled / np.sinc(angle / np.pi)[:, None])
     from scipy.spatial.transform import Rotation
 
     finite = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))

@@ -68,6 +68,24 @@ def loop_wrenches(rows: LoopRows, at: FrameStack) -> LoopWrenches:
     return LoopWrenches(np.where(rows.distance, gap, along), wrench)
 
 
+def wrench_rates(rows: LoopRows, at: FrameStack, twists: Array) -> Array:
+    """Time derivative (T, m, 6) of the wrenches of `loop_wrenches`; twists (T, F, 6) of the frames."""
+    e, d = _first_axes(rows, at), _displacements(rows, at)
+    twist1, twist2 = twists[:, rows.first], twists[:, rows.second]
+    rate = np.zeros((*d.shape[:2], 6))
+    de = cross(twist1[..., 3:], e)
+    if rows.only_translations:
+        rate[..., :3] = de
+        return rate
+    w = _second_axes(rows, at) * rows.sign[:, None]
+    turning, distance = rows.rotation[:, None], rows.distance[:, None]
+    length = np.where(rows.distance, rows.length, 1.0)[:, None]
+    dd, dw = twist2[..., :3] - twist1[..., :3], cross(twist2[..., 3:], w)
+    rate[..., :3] = np.where(turning, 0.0, np.where(distance, dd / length, de))
+    rate[..., 3:] = np.where(turning, cross(dw, e) + cross(w, de), 0.0)
+    return rate
+
+
 def closure_drift(rows: LoopRows, at: FrameStack, motions: FrameMotions) -> Array:
     """Second time derivative (T, m) of the loop equations when joint accelerations are zero."""
     e, d = _first_axes(rows, at), _displacements(rows, at)

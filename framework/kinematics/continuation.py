@@ -31,15 +31,29 @@ class Place(NamedTuple):
     q: Array  # (1, nq)
     system: System
     rate: Array  # (1, nv) joint rates with respect to the parameter of the way
+    clearance: float = np.inf  # from where the branch ends, if its parameter knows one
 
 
 class Way(NamedTuple):
     """A branch as far as it could be followed, at K places."""
 
     at: Array  # (K,) parameter, from 0 ascending; the last one is 1 if the whole way could be followed
-    q: Array  # (K, nq)
-    rate: Array  # (K, nv)
-    last: Place
+    places: tuple[Place, ...]  # K
+
+    @property
+    def q(self) -> Array:
+        """The configurations (K, nq)."""
+        return np.concatenate([place.q for place in self.places])
+
+    @property
+    def rate(self) -> Array:
+        """The joint rates (K, nv) with respect to the parameter."""
+        return np.concatenate([place.rate for place in self.places])
+
+    @property
+    def last(self) -> Place:
+        """Where it ends."""
+        return self.places[-1]
 
     @property
     def complete(self) -> bool:
@@ -64,7 +78,7 @@ def follow(
         step: the first one, as a share of the way.
     """
     lengths = robot.column_scale
-    at, here, places = 0.0, start, [(0.0, start)]
+    at, here, parameters, places = 0.0, start, [0.0], [start]
     while at < 1.0:
         step = min(step, 1.0 - at)
         if step < SHORTEST_STEP:
@@ -83,12 +97,8 @@ def follow(
             step *= 0.5
             continue
         at, here = following, there
-        places.append((at, here))
+        parameters.append(at)
+        places.append(here)
         step *= 2.0 if correction < 0.2 * LARGEST_CORRECTION else 1.0
         step = min(step, 2 * FIRST_STEP)
-    return Way(
-        at=np.array([at for at, _ in places]),
-        q=np.concatenate([place.q for _, place in places]),
-        rate=np.concatenate([place.rate for _, place in places]),
-        last=here,
-    )
+    return Way(np.array(parameters), tuple(places))

@@ -10,18 +10,17 @@ platform or only joints inside a leg escape.)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
+from framework.arrays import Array, ArrayLike, freeze
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
 from framework.kinematics.assembly import Configuration
-from framework.kinematics.closures import loop_equations
+from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.continuation import FIRST_STEP, Place, Way, follow
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import (
-    ClosedStack,
     System,
     assembled_at,
     keeps_assembly_mode,
@@ -44,20 +43,25 @@ class ForwardPose(Configuration):
     `q` (nq,) and platform `x` (n,), its turns counted on from those at the start; `residual`, the largest of
     all loop equations [m or rad], those dropped as redundant included; `iterations`, the steps of the way;
     `clearance`, the least singular value of P met on the way (radians, robot lengths), which is 0 at a Type 2
-    singularity; infinite for a robot without passive joints.
+    singularity; infinite for a robot without passive joints. `robot` and `place` let the next pose of a
+    stream of motor angles start from here without a proof that this one is assembled.
     """
 
     clearance: float
+    robot: ParallelRobot = field(repr=False)
+    place: Place = field(repr=False)
 
 
-def forward_kinematics(robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike | None = None) -> ForwardPose:
+def forward_kinematics(
+    robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike | Configuration | None = None
+) -> ForwardPose:
     """All joints and the platform for given motor joints, in the assembly mode of a known pose.
 
     Args:
         q_a: actuated joints (n_a,), joint side of the gears [rad, m], in the order of the robot file. Hinges
             are taken by their word: a target one full turn away is a full turn.
-        near: an assembled configuration (nq,) to start from, the reference by default. Springs keep the
-            deflections that they have there.
+        near: an assembled configuration (nq,) to start from, the reference by default; that which this
+            function returned last, when angles come in a stream. Springs keep the deflections of it.
 
     Raises:
         InvalidInput: q_a or near has the wrong length or is not finite, the loops are open at near, or the
@@ -72,23 +76,28 @@ def forward_kinematics(robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike 
             f"{robot.name}: its {robot.n_a} motors drive {robot.n} degrees of freedom, so none of them can "
             f"move while all others rest; move the platform"
         )
-    start = assembled_at(robot, robot.reference.q if near is None else near)
+    if isinstance(near, ForwardPose) and near.robot is robot:
+        x, start = near.x[None], near.place
+    else:
+        closed = assembled_at(robot, robot.reference.q if near is None else near)
+        still = np.zeros((1, robot.model.nv))
+        x, start = closed.x, Place(closed.q, closed.system, still, _clearance(robot, closed.system))
     way = _follow_motors(robot, start, target)
-    on_the_way = system_at(robot, way.q, np.repeat(start.x, len(way.q), axis=0))
-    x = start.x
-    for there in robot.platform.coordinates(on_the_way.frames):
-        x = robot.platform.unwrap(there[None], x[0])
-    clearances = _clearances(robot, on_the_way)
+    for place in way.places[1:]:
+        x = robot.platform.unwrap(robot.platform.coordinates(place.system.frames), x[0])
     if not way.complete:
-        raise _stopped(robot, way, x[0], clearances, target)
-    q = way.q[-1].copy()
-    residual = loop_equations(robot.rows, way.last.system.frames).residual
+        raise _stopped(robot, way, x[0], target)
+    last = way.last
+    freeze(last)
+    residual = loop_wrenches(robot.rows, last.system.frames).residual
     return ForwardPose(
-        q=q,
+        q=last.q[0],
         x=x[0],
         residual=float(np.abs(residual).max(initial=0.0)),
         iterations=len(way.at) - 1,
-        clearance=float(clearances.min()),
+        clearance=min(place.clearance for place in way.places),
+        robot=robot,
+        place=last,
     )
 
 
@@ -97,26 +106,26 @@ def motors_are_free(robot: ParallelRobot) -> bool:
     return robot.n_a == robot.n and len(robot.following) == len(robot.loops.names)
 
 
-def _follow_motors(robot: ParallelRobot, start: ClosedStack, q_a: Array) -> Way:
-    """Turn the motors to q_a (n_a,) from an assembled configuration, as far as that goes."""
+def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
+    """Turn the motors to q_a (n_a,) from a place, as far as that goes."""
     columns = robot.following
     turn = np.zeros((1, robot.model.nv))
     turn[0, robot.actuated] = q_a - robot.actuated_coordinates(start.q)[0]
 
     def evaluate(q: Array, which: Which) -> System:
-        return system_at(robot, q, np.repeat(start.x, len(q), axis=0))
+        return system_at(robot, q, None)
 
     def linear(system: System) -> Linear:
         return Linear(system.residual[:, robot.n :], system.passive_factors)
 
-    def place(q: Array, system: System) -> Place | None:
+    def place(q: Array, system: System, clearance: float) -> Place | None:
         rate = turn.copy()
         if len(columns):
             try:
                 rate[:, columns] = -system.passive_factors.solve(system.closures @ turn[0])
             except np.linalg.LinAlgError:
                 return None
-        return Place(q, system, rate)
+        return Place(q, system, rate, clearance)
 
     def arrive(share: float, predicted: Array) -> Place | None:
         step = np.zeros_like(turn)  # what the rounding of many steps has left of the motors' angles
@@ -124,37 +133,36 @@ def _follow_motors(robot: ParallelRobot, start: ClosedStack, q_a: Array) -> Way:
         step[:, robot.actuated] = off[:, robot.actuated]
         guess = integrate(robot, predicted, step)
         if not len(columns):
-            return place(guess, evaluate(guess, slice(None)))
+            return place(guess, evaluate(guess, slice(None)), np.inf)
         q, system, closed = newton(robot, guess, columns, evaluate, linear)
-        return place(q, system) if closed.all() else None
+        return place(q, system, _clearance(robot, system)) if closed.all() else None
 
     def belongs(before: Place, after: Place, straight: bool) -> bool:
-        apart = straight or _clearances(robot, after.system)[0] > CROSSING
+        apart = straight or after.clearance > CROSSING
         return bool(apart) and keeps_assembly_mode(before.system, after.system)
 
-    here = place(start.q, start.system)
-    if here is None or _clearances(robot, start.system)[0] < VANISHED:  # on the meeting of two modes
-        here = Place(start.q, start.system, turn)
-        return Way(np.zeros(1), start.q, turn, here)
+    here = place(start.q, start.system, start.clearance)
+    if here is None or start.clearance < VANISHED:  # on the meeting of two modes
+        return Way(np.zeros(1), (start,))
     short = np.abs(here.rate / robot.column_scale).max() < SHORT
     return follow(robot, here, arrive, belongs, step=1.0 if short else FIRST_STEP)
 
 
-def _clearances(robot: ParallelRobot, system: System) -> Array:
-    """Least singular values (T,) of P; infinite without passive joints."""
-    values = np.linalg.svd(passive_matrix(robot, system), compute_uv=False)
-    return np.asarray(values.min(axis=1, initial=np.inf))
+def _clearance(robot: ParallelRobot, system: System) -> float:
+    """Least singular value of P of one configuration (T = 1); infinite without passive joints."""
+    return float(np.linalg.svd(passive_matrix(robot, system)[0], compute_uv=False).min(initial=np.inf))
 
 
-def _stopped(robot: ParallelRobot, way: Way, x: Array, clearances: Array, q_a: Array) -> NotAssembled:
+def _stopped(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembled:
     """What ends the way of the motors to q_a, at platform x."""
     where = (
         f"on the way to {', '.join(robot.actuator_names)} = {point(q_a)}, after {way.at[-1]:.6g} of it, at "
         f"{', '.join(robot.axis_names)} = {point(x)}"
     )
     residual = float(np.abs(way.last.system.residual[:, robot.n :]).max(initial=0.0))
-    usual = float(max(clearances.max(), _clearances(robot, reference_system(robot))[0]))
-    if clearances[-1] > NEAR_TYPE_2 * usual:
+    largest = max(place.clearance for place in way.places)
+    usual = max(largest, _clearance(robot, reference_system(robot)))
+    if way.last.clearance > NEAR_TYPE_2 * usual:
         return NotAssembled(
             f"{robot.name}: the loops cannot be followed {where}", q=way.q[-1], residual=residual
         )

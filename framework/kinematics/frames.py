@@ -86,8 +86,12 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
         poses[k] = placements
         screws[k] = columns
     poses = poses[:, scratch.frames]
-    rotation = poses[:, :, :9].reshape(*poses.shape[:2], 3, 3).swapaxes(2, 3)
-    return FrameStack(poses[:, :, 9:], rotation, screws, scratch.carried, q)
+    return FrameStack(poses[:, :, 9:], rotations(poses), screws, scratch.carried, q)
+
+
+def rotations(placements: Array) -> Array:
+    """Rotation matrices (..., 3, 3) of placements (..., 12) as `Scratch` has them."""
+    return placements[..., :9].reshape(*placements.shape[:-1], 3, 3).swapaxes(-1, -2)
 
 
 def frame_motions(mechanism: Mechanism, at: FrameStack, q: Array, v: Array) -> FrameMotions:
@@ -123,6 +127,7 @@ class Scratch(NamedTuple):
     velocities: Array  # (bodies of the model, 6) twists at the base's origin
     accelerations: Array  # (bodies of the model, 6) their time derivatives
     joints: Array  # (bodies of the model, 12) placements of the joints, as `placements`
+    forces: Array  # (bodies of the model, 6) (force, moment) through the joints on their own axes, by RNEA
     frames: IntArray  # (F,) rows of `placements`
     bodies: IntArray  # (F,) rows of `velocities` that carry the frames
     carried: Array  # (F, nv)
@@ -143,6 +148,7 @@ def _scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
     data = model.createData()
     moved = np.linspace(0.5, 1.0, model.nv)  # a motion in which most numbers differ from one another
     q = pin.integrate(model, pin.neutral(model), moved)
+    pin.rnea(model, data, q, moved, moved)
     pin.computeForwardKinematicsDerivatives(model, data, q, moved, moved)
     pin.updateFramePlacements(model, data)
     public, memory = _by_accessors(data), _by_memory(data)
@@ -161,15 +167,16 @@ def _scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
         velocities=arrays[2],
         accelerations=arrays[3],
         joints=arrays[4],
+        forces=arrays[5],
         frames=np.array(frames, dtype=np.intp),
         bodies=bodies,
-        carried=_carried(model, bodies),
+        carried=carriers(model, bodies),
         refresh=None if shown else refresh,
     )
 
 
 def _by_accessors(data: pin.Data) -> tuple[Array, ...]:
-    """The five arrays of `Scratch` by pinocchio's public accessors, element by element, as copies.
+    """The six arrays of `Scratch` by pinocchio's public accessors, element by element, as copies.
 
     It costs more than computing what they hold.
     """
@@ -179,17 +186,19 @@ def _by_accessors(data: pin.Data) -> tuple[Array, ...]:
         np.array([motion.vector for motion in data.ov]),
         np.array([motion.vector for motion in data.oa]),
         np.array([[*pose.rotation.T.ravel(), *pose.translation] for pose in data.oMi]),
+        np.array([force.vector for force in data.f]),
     )
 
 
 def _by_memory(data: pin.Data) -> tuple[Array, ...] | None:
-    """The five arrays of `Scratch` on pinocchio's own memory; None where that is not laid out as expected."""
+    """The six arrays of `Scratch` on pinocchio's own memory; None where that is not laid out as expected."""
     blocks = (
         _block([pose.rotation for pose in data.oMf], 12),
         None if data.J.flags.owndata else data.J.reshape(6, -1).T,
         _block([motion.linear for motion in data.ov], 6),
         _block([motion.linear for motion in data.oa], 6),
         _block([pose.rotation for pose in data.oMi], 12),
+        _block([force.linear for force in data.f], 6),
     )
     found = tuple(block for block in blocks if block is not None)
     return found if len(found) == len(blocks) else None
@@ -210,7 +219,7 @@ def _block(first_numbers: list[Array], width: int) -> Array | None:
     return as_strided(first_numbers[0], (len(addresses), width), (int(apart[0]), 8))
 
 
-def _carried(model: pin.Model, bodies: IntArray) -> Array:
+def carriers(model: pin.Model, bodies: IntArray) -> Array:
     """1 where a joint (a column) carries a body, else 0; (F, nv)."""
     carried = np.zeros((len(bodies), model.nv))
     for f, body in enumerate(bodies):
@@ -240,3 +249,14 @@ def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
     if model.nq == model.nv:
         return q - start
     return np.array([pin.difference(model, start, np.ascontiguousarray(row)) for row in q])
+
+
+def between(mechanism: Mechanism, start: Array, q: Array) -> Array:
+    """Tangent vectors (..., nv) from configurations start (..., nq) to q (..., nq), broadcast."""
+    model = mechanism.model
+    if model.nq == model.nv:
+        return np.asarray(q - start)
+    pairs = np.broadcast_arrays(start, q)
+    flat = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
+    ways = [pin.difference(model, one, two) for one, two in zip(*flat, strict=True)]
+    return np.array(ways).reshape(*pairs[0].shape[:-1], model.nv)

@@ -14,7 +14,8 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, NotAssembled, point
-from framework.kinematics.closures import closure_drift, loop_equations, loop_wrenches, scaled
+from framework.kinematics.assembly import Configuration
+from framework.kinematics.closures import closure_drift, loop_wrenches, scaled
 from framework.kinematics.equations import Equations
 from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at
 from framework.kinematics.newton import ITERATIONS, Linear, NewtonResult, Which, newton
@@ -120,35 +121,43 @@ def require_square(robot: ParallelRobot) -> None:
         )
 
 
-def system_at(robot: ParallelRobot, q: Array, x: Array) -> System:
-    """F, its rows and their derivatives at q (T, nq) for the platform at x (T, n)."""
-    equations, at = robot.equations, frames_at(robot, q)
+def system_at(robot: ParallelRobot, q: Array, x: Array | None) -> System:
+    """F, its rows and their derivatives at q (T, nq) for the platform at x (T, n); None: where it is."""
+    return _system_of(robot, frames_at(robot, q), x)
+
+
+def _system_of(robot: ParallelRobot, at: FrameStack, x: Array | None) -> System:
+    equations, count = robot.equations, len(at.position)
     loops = loop_wrenches(equations.loops, at)
-    wrench = np.empty((len(q), len(equations.bodies), 6))
+    wrench = np.empty((count, len(equations.bodies), 6))
     wrench[:, : robot.n] = robot.platform.wrenches(at)
     wrench[:, robot.n :] = loops.wrench
     wrench[..., 3:] += cross(at.position[:, equations.bodies], wrench[..., :3])  # about the base's origin
-    residual = np.concatenate([robot.platform.residual(at, x), loops.residual], axis=1)
+    off = np.zeros((count, robot.n)) if x is None else robot.platform.residual(at, x)
+    residual = np.concatenate([off, loops.residual], axis=1)
     return System(equations, at, residual, equations.pattern.entries(wrench, at.screws))
 
 
-def assembled_at(robot: ParallelRobot, q: ArrayLike) -> ClosedStack:
+def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False) -> ClosedStack:
     """A configuration q (nq,), or a `Configuration`, whose loops are closed, with its equations (T = 1).
 
+    Args:
+        stacks: whether T configurations (T, nq) will do as well.
+
     Raises:
-        InvalidInput: q has the wrong length, is not finite, or leaves a loop open.
+        InvalidInput: q has the wrong shape, is not finite, or leaves a loop open.
     """
     expect_robot(robot)
-    q = configuration(robot, q)[None]
+    q = np.atleast_2d(configuration(robot, q, stacks=stacks))
     at = frames_at(robot, q)
-    residual = np.abs(loop_equations(robot.rows, at).residual[0])
-    gap = float((residual / np.where(robot.rows.rotation, 1.0, robot.length)).max(initial=0.0))
-    if gap > OPEN:
+    residual = np.abs(loop_wrenches(robot.rows, at).residual)
+    gaps = (residual / np.where(robot.rows.rotation, 1.0, robot.length)).max(axis=1, initial=0.0)
+    if gaps.max(initial=0.0) > OPEN:
         raise InvalidInput(
-            f"q: the loops of {robot.name} are open by {residual.max():.3g} m or rad there; see `assemble`"
+            f"q: the loops of {robot.name} are open by {residual[np.argmax(gaps)].max():.3g} m or rad there; "
+            f"see `assemble`"
         )
-    x = robot.platform.coordinates(at)
-    return ClosedStack(q, x, system_at(robot, q, x))
+    return ClosedStack(q, robot.platform.coordinates(at), _system_of(robot, at, None))
 
 
 def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
@@ -194,19 +203,19 @@ def close_each(
 
 
 def joint_rates(robot: ParallelRobot, system: System, platform: Array, elastic: Array) -> Array:
-    """All joint rates (T, nv) for platform twists (T, n) and deflection rates (T, n_e)."""
-    right = np.zeros((len(platform), system.residual.shape[1]))
-    right[:, : platform.shape[1]] = platform
+    """All joint rates (..., T, nv) for platform twists (..., T, n) and deflection rates (T, n_e)."""
+    right = np.zeros((*platform.shape[:-1], system.residual.shape[1]))
+    right[..., : platform.shape[-1]] = platform
     return _solve_rates(robot, system, right, elastic)
 
 
 def _solve_rates(robot: ParallelRobot, system: System, right: Array, elastic: Array) -> Array:
-    rates = np.zeros((len(right), robot.model.nv))
-    rates[:, robot.elastic] = elastic
+    rates = np.zeros((*right.shape[:-1], robot.model.nv))
+    rates[..., robot.elastic] = elastic
     if np.count_nonzero(elastic):
         right = right - system.equations.elastic.times(system.entries, elastic)
     try:
-        rates[:, robot.moving] = system.factors.solve(right)
+        rates[..., robot.moving] = system.factors.solve(right)
     except np.linalg.LinAlgError:
         raise NotAssembled(
             f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
@@ -229,14 +238,30 @@ def motion_at(
     nothing = np.zeros((len(dx), robot.n_e))
     dq_e = nothing if dq_e is None else dq_e
     ddq_e = nothing if ddq_e is None else ddq_e
-    system = closed.system
     twist, dtwist = robot.platform.twist(closed.x, dx, ddx)
-    v = joint_rates(robot, system, twist, dq_e)
-    motions = frame_motions(robot, system.frames, closed.q, v)
+    return _motion_of_twist(robot, closed.q, closed.system, (twist, dtwist), (dq_e, ddq_e))
+
+
+def without_elastic_rates(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
+    """The motion of the same platform at the same deflections, as if these did not change."""
+    at = frames_at(robot, q)
+    system = system_at(robot, q, robot.platform.coordinates(at))
+    drift = robot.platform.drift(at, frame_motions(robot, at, q, v))
+    twist, dtwist = (np.einsum("tnv,tv->tn", system.platform, rates) for rates in (v, a))
+    still = np.zeros((len(q), robot.n_e))
+    return _motion_of_twist(robot, q, system, (twist, dtwist + drift), (still, still))
+
+
+def _motion_of_twist(
+    robot: ParallelRobot, q: Array, system: System, twist: tuple[Array, Array], elastic: tuple[Array, Array]
+) -> Motion:
+    """Rates and accelerations of all joints for those of the platform's twist and of the deflections."""
+    v = joint_rates(robot, system, twist[0], elastic[0])
+    motions = frame_motions(robot, system.frames, q, v)
     drift = closure_drift(system.equations.loops, system.frames, motions)
     platform_drift = robot.platform.drift(system.frames, motions)
-    right = np.concatenate([dtwist - platform_drift, -drift], axis=1)
-    return Motion(closed.q, v, _solve_rates(robot, system, right, ddq_e), system)
+    right = np.concatenate([twist[1] - platform_drift, -drift], axis=1)
+    return Motion(q, v, _solve_rates(robot, system, right, elastic[1]), system)
 
 
 def mode_signs(robot: ParallelRobot, system: System) -> tuple[Array, Array]:

@@ -54,6 +54,7 @@ class ParallelRobot(Mechanism):
     idle: IntArray  # passive joints to hold still because their motion moves nothing
     equations: Equations  # the independent loops and the platform, and where their Jacobian has entries
     row_sizes: Array  # (m,) divides the loop equations where rank is judged, see `_row_sizes`
+    elastic_inertia: bool = True  # False: a model whose bodies do not feel how the springs move
 
     @classmethod
     def of(cls, mechanism: Mechanism) -> Self:

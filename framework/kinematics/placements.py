@@ -14,13 +14,17 @@ from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 
 
-def configuration(robot: Mechanism, given: Any) -> Array:
+def configuration(robot: Mechanism, given: Any, *, stacks: bool = False) -> Array:
     """All joints q (nq,), given as such or as what `assemble` and `forward_kinematics` return.
 
+    Args:
+        stacks: whether T configurations (T, nq) will do as well.
+
     Raises:
-        InvalidInput: it has the wrong length, or is not finite.
+        InvalidInput: it has the wrong shape, or is not finite.
     """
-    return finite_numbers(f"q, all joints of {robot.name},", getattr(given, "q", given), robot.model.nq)
+    q = getattr(given, "q", given)
+    return finite_numbers(f"q, all joints of {robot.name},", q, robot.model.nq, stacks=stacks)
 
 
 def joint_poses(robot: ParallelRobot, q: Array) -> Array:

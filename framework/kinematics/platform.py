@@ -70,6 +70,10 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         """The wrenches (T, n, 6), or (n, 6) if constant, at the frame's origin: v is what they yield."""
 
     @abstractmethod
+    def wrench_rates(self, at: FrameStack, w: Array, screw_rates: Array) -> Array:
+        """Their time derivatives (T, n, 6), with w (T, 3) of the frame and those of all screws (T, nv, 6)."""
+
+    @abstractmethod
     def felt_by(self, carried: Array) -> Array:
         """1 where a joint (nv) takes part in a coordinate (n), else 0; `carried` (nv,) of the frame."""
 
@@ -137,9 +141,10 @@ class FramePlatform(PlatformCoordinates):
         return off
 
     def unwrap(self, x: Array, near: Array) -> Array:
+        if self.attitude is None:
+            return x
         x = x.copy()
-        if self.attitude is not None:
-            x[:, self.turning] = self.attitude.unwrap(x[:, self.turning], near[..., self.turning])
+        x[:, self.turning] = self.attitude.unwrap(x[:, self.turning], near[..., self.turning])
         return x
 
     def wrenches(self, at: FrameStack) -> Array:
@@ -149,6 +154,12 @@ class FramePlatform(PlatformCoordinates):
         wrenches = np.repeat(constant[None], len(at.position), axis=0)
         wrenches[:, self.turning, 3:] = self.attitude.couples(at.rotation[:, 0])
         return wrenches
+
+    def wrench_rates(self, at: FrameStack, w: Array, screw_rates: Array) -> Array:
+        rates = np.zeros((len(w), self.n, 6))
+        if self.attitude is not None:
+            rates[:, self.turning, 3:] = self.attitude.couple_rates(at.rotation[:, 0], w)
+        return rates
 
     def felt_by(self, carried: Array) -> Array:
         return np.repeat(carried[None], self.n, axis=0)
@@ -212,9 +223,10 @@ class JointPlatform(PlatformCoordinates):
         return np.where(self.translations, x, x + 2 * np.pi * turns)
 
     def wrenches(self, at: FrameStack) -> Array:
-        wrenches = at.screws[:, self.columns].copy()
-        wrenches[:, ~self.translations, :3] = 0.0
-        return wrenches
+        return self._of_screws(at.screws)
+
+    def wrench_rates(self, at: FrameStack, w: Array, screw_rates: Array) -> Array:
+        return self._of_screws(screw_rates)
 
     def felt_by(self, carried: Array) -> Array:
         return np.eye(len(carried))[self.columns]
@@ -230,3 +242,9 @@ class JointPlatform(PlatformCoordinates):
         twist = matvec(np.swapaxes(screws, 1, 2), v)  # at the base's origin
         twist[:, :3] += np.cross(twist[:, 3:], at.position[:, 0])
         return twist
+
+    def _of_screws(self, screws: Array) -> Array:
+        """The couples about the joints that turn, and the forces along those that slide, (T, n, 6)."""
+        wrenches = screws[:, self.columns].copy()
+        wrenches[:, ~self.translations, :3] = 0.0
+        return wrenches

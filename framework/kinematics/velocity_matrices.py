@@ -13,7 +13,8 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, read_only
 from framework.kinematics.closures import scaled
-from framework.kinematics.inverse_kinematics import System, assembled_at
+from framework.kinematics.equation_rates import jacobian_rate
+from framework.kinematics.inverse_kinematics import Motion, System, assembled_at
 from framework.kinematics.parallel_robot import ParallelRobot
 
 
@@ -34,16 +35,28 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
     """
-    system = assembled_at(robot, q).system
-    A, B, C = dimensionless_matrices(robot, system)
-    # back to metres and radians: the twist and the rates on the right were in lengths of the robot
-    twist = np.where(robot.translations, robot.length, 1.0)
-    matrices = (
-        A[0] / twist,
-        B[0] / robot.column_scale[robot.actuated],
-        C[0] / robot.column_scale[robot.elastic],
+    found = dimensionless_matrices(robot, assembled_at(robot, q).system)
+    A, B, C = (read_only(matrix[0]) for matrix in _with_dimension(robot, found))
+    return VelocityMatrices(A, B, C)
+
+
+def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMatrices, VelocityMatrices]:
+    """A (T, m, n), B (T, m, n_a), C (T, m, n_e) along a motion, and their time derivatives.
+
+    With N the basis of `velocity_matrices`, M the Jacobian of platform and loops and M_p its passive columns,
+    N M_p = 0 for all times, so that N' M_p = -N M_p'. Of all bases that go on smoothly, N' = -N M_p' M_p^+ is
+    the one that does not turn in itself. Another choice of basis adds R A, R B, R C with one R to the rates.
+    """
+    jacobians = motion.system.jacobian, jacobian_rate(robot, motion)
+    M, dM = (_balanced(robot, jacobian) for jacobian in jacobians)
+    N, passive = _left_null_space(robot, M), robot.following
+    dN = -N @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
+    columns = (robot.actuated, robot.elastic)
+    here = VelocityMatrices(N[:, :, : robot.n], *(N @ M[:, :, some] for some in columns))
+    rates = VelocityMatrices(
+        dN[:, :, : robot.n], *(dN @ M[:, :, some] + N @ dM[:, :, some] for some in columns)
     )
-    return VelocityMatrices(*map(read_only, matrices))
+    return _with_dimension(robot, here), _with_dimension(robot, rates)
 
 
 def dimensionless_matrices(robot: ParallelRobot, system: System) -> VelocityMatrices:
@@ -52,12 +65,28 @@ def dimensionless_matrices(robot: ParallelRobot, system: System) -> VelocityMatr
     [A, rest] is the transpose of an orthonormal basis of the left null space of the passive columns of
     d[platform ; closures]/dq: the singular values of A are cosines, in 0 .. 1.
     """
-    rows, passive = robot.loops, robot.following
-    balanced = np.concatenate(
-        [scaled(robot, system.platform, ~robot.translations), scaled(robot, system.closures, rows.rotation)],
-        axis=1,
-    )
-    N = np.linalg.qr(balanced[:, :, passive], mode="complete")[0][:, :, len(passive) :].swapaxes(1, 2)
+    balanced = _balanced(robot, system.jacobian)
+    N = _left_null_space(robot, balanced)
     return VelocityMatrices(
         N[:, :, : robot.n], N @ balanced[:, :, robot.actuated], N @ balanced[:, :, robot.elastic]
+    )
+
+
+def _balanced(robot: ParallelRobot, jacobian: Array) -> Array:
+    """d[platform ; closures]/dq (T, n + m, nv) without dimension."""
+    return scaled(robot, jacobian, np.concatenate([~robot.translations, robot.loops.rotation]))
+
+
+def _left_null_space(robot: ParallelRobot, balanced: Array) -> Array:
+    """Orthonormal rows (T, m, n + m) to which the passive columns are orthogonal."""
+    passive = robot.following
+    return np.linalg.qr(balanced[:, :, passive], mode="complete")[0][:, :, len(passive) :].swapaxes(1, 2)
+
+
+def _with_dimension(robot: ParallelRobot, matrices: VelocityMatrices) -> VelocityMatrices:
+    """Back to metres and radians: the twist and the rates on the right were in lengths of the robot."""
+    A, B, C = matrices
+    twist = np.where(robot.translations, robot.length, 1.0)
+    return VelocityMatrices(
+        A / twist, B / robot.column_scale[robot.actuated], C / robot.column_scale[robot.elastic]
     )

@@ -139,12 +139,20 @@ class JointSpring:
 
 
 @dataclass(frozen=True)
+class KeptRung:
+    """The least rung of the fidelity ladder that was found enough for a scene, to a tolerance (a share)."""
+
+    rung: str
+    tolerance: float
+
+
+@dataclass(frozen=True)
 class Scene:
     """A path and a duration [s], and what is asked at the crossings.
 
     `kind` is line, arc or spline, through `points`. `times` [s] and `speeds` [1/s] are None when left
     open; empty `times` ask for a law without crossing conditions. `at` imposes path coordinates
-    instead of locating the singular points.
+    instead of locating the singular points. `fidelity` is what a study of the scene has found.
     """
 
     name: str
@@ -154,6 +162,7 @@ class Scene:
     times: tuple[float, ...] | None = None
     speeds: tuple[float, ...] | None = None
     at: tuple[float, ...] | None = None
+    fidelity: KeptRung | None = None
 
 
 @dataclass(frozen=True)
@@ -171,6 +180,7 @@ class RobotDescription:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     reference: Mapping[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)  # the values that its file was read with
 
     def least_flexibility(self, flexibility: str) -> str:
         """The least flexibility with the springs of this one: rigid for a robot without springs.

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray, read_only
+from framework.arrays import Array, IntArray, ReadOnlyArrays, read_only
 from framework.model.description import AXES, Closure
 
 
-class LoopRows(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class LoopRows(ReadOnlyArrays):
     """The scalar loop equations of a robot as a table; m rows.
 
     A translation row is e . (p2 - p1) = 0 with e the axis `first_axis` of the first frame. A rotation
@@ -32,14 +35,15 @@ class LoopRows(NamedTuple):
     length: Array  # (m,) [m], of distance rows
     names: tuple[str, ...]  # closure.axis
 
-    @property
+    @cached_property
     def only_translations(self) -> bool:
-        return not (np.count_nonzero(self.rotation) or np.count_nonzero(self.distance))
+        return not (self.rotation.any() or self.distance.any())
 
     def take(self, rows: IntArray) -> LoopRows:
         """The table of some of the rows."""
+        tables = {name: table for name, table in vars(self).items() if isinstance(table, np.ndarray)}
         names = tuple(self.names[i] for i in rows)
-        return LoopRows(*[read_only(column[rows]) for column in self[:-1]], names)  # type: ignore[call-arg,arg-type]
+        return LoopRows(**{name: table[rows] for name, table in tables.items()}, names=names)
 
 
 def loop_rows(closures: Sequence[Closure], frames: Sequence[str]) -> LoopRows:
@@ -58,14 +62,14 @@ def loop_rows(closures: Sequence[Closure], frames: Sequence[str]) -> LoopRows:
     columns = np.array(table).T
     first_frame, second_frame, first_axis, second_axis = columns[[0, 1, 4, 5]].astype(np.intp)
     return LoopRows(
-        first=read_only(first_frame),
-        second=read_only(second_frame),
-        distance=read_only(columns[2] > 0),
-        rotation=read_only(columns[3] > 0),
-        first_axis=read_only(first_axis),
-        second_axis=read_only(second_axis),
-        sign=read_only(columns[6]),
-        length=read_only(columns[7]),
+        first=first_frame,
+        second=second_frame,
+        distance=columns[2] > 0,
+        rotation=columns[3] > 0,
+        first_axis=first_axis,
+        second_axis=second_axis,
+        sign=columns[6],
+        length=columns[7],
         names=tuple(names),
     )
 

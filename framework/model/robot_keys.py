@@ -12,6 +12,7 @@ from framework.model.description import (
     Actuator,
     Closure,
     JointSpring,
+    KeptRung,
     Platform,
     Scene,
     Spring,
@@ -37,6 +38,7 @@ from framework.model.fields import (
     text,
     vector3,
 )
+from framework.model.rungs import RUNGS
 from framework.model.urdf import Urdf
 from framework.model.urdf_elements import MOVING
 
@@ -194,6 +196,12 @@ _SCENE: Table = {
     "times": optional(list_of(number)),
     "speeds": optional(one_or_list_of(positive)),
     "at": optional(list_of(number)),
+    "fidelity": optional(
+        record(
+            {"rung": required(one_of("rung", RUNGS)), "tolerance": required(positive)},
+            lambda _, values: KeptRung(**values),
+        )
+    ),
 }
 
 

@@ -54,7 +54,7 @@ def consistent_state(equations: EquationsOfMotion, q: Array, v: Array, torque: A
         step = -np.linalg.lstsq(at.jacobian[0] * scale, at.residual[0], rcond=1e-12)[0] * scale
         unbalanced = at.force[0] + equations.damping * v - driven  # gravity and springs less the motors
         if light.shape[1]:
-            step = step + light @ _balancing(equations, at, massive, light, unbalanced)
+            step = step + light @ balancing_step(equations, at, massive, light, unbalanced)
         size = float(np.abs(step / scale).max(initial=0.0))
         if not size < 1.0:
             break
@@ -78,7 +78,7 @@ def consistent_state(equations: EquationsOfMotion, q: Array, v: Array, torque: A
     return q, allowed_velocity(equations, at, v)
 
 
-def _balancing(
+def balancing_step(
     equations: EquationsOfMotion, at: Tangent, massive: Array, light: Array, unbalanced: Array
 ) -> Array:
     """Step along the massless motions towards the balance of their springs."""

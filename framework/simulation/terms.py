@@ -182,7 +182,7 @@ def _check_same_structure(one: ParallelRobot, other: ParallelRobot) -> None:
             np.array_equal(getattr(one, name), getattr(other, name))
             for name in ("actuated", "elastic", "frames")
         )
-        and all(np.array_equal(getattr(one.loops, n), getattr(other.loops, n)) for n in one.loops._fields)
+        and all(np.array_equal(getattr(one.loops, n), getattr(other.loops, n)) for n in vars(one.loops))
     )
     if not same:
         raise InvalidInput(

@@ -1,8 +1,8 @@
-"""The singular locus as something to draw: the zero level of g near where the robot moves.
+"""The singular locus as something to draw: traced curves, or a patch of surface, near where the robot moves.
 
 A robot whose platform has two free translations gets curves over its workspace (all its other coordinates
-held), one with three a patch of surface about a singular instant. Both are as coarse as a picture may be,
-with their points pulled onto the locus itself.
+held), see `trace_locus`; one with three a patch of surface about a singular instant, as coarse as a picture
+may be, with its points pulled onto the locus itself.
 """
 
 from __future__ import annotations
@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array
-from framework.kinematics.inverse_kinematics import close_each, mode_signs, system_at
+from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.loop_matrices import measured_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.singularity.traced_locus import REACH, trace_locus
 
-GRID = 61  # points along an edge of the workspace
-REACH = 1.2  # half an edge of the grid, in lengths of the robot
 STEPS = 10  # Newton steps to a neighbouring point
 NEIGHBOUR = 0.5  # [rad, lengths] that a step may move a joint by
 PATCH = 11  # points along an edge of the patch
@@ -28,13 +27,12 @@ STEEPEST = 0.2  # of the patch's distance from its plane, in lengths of the robo
 
 
 class LocusCurves(NamedTuple):
-    """Curves of the locus over a plane of the workspace, and how much of the plane was reached."""
+    """Curves of the locus over a plane of the workspace, in one working mode."""
 
     curves: list[Array]  # (m, 2) platform coordinates each
     axes: tuple[int, int]  # which platform coordinates
-    reached: int  # points of the grid on the working mode
-    about: Array  # (n,) platform coordinates of the grid's centre; those not among `axes` are held
-    reach: float  # [m] half an edge of the grid
+    about: Array  # (n,) platform coordinates of the centre; those not among `axes` are held
+    reach: float  # [m] half an edge of the square that was searched
 
     def serves(self, x: Array) -> bool:
         """Whether these are the curves about x (T, n) too: the same held coordinates, well inside."""
@@ -45,40 +43,22 @@ class LocusCurves(NamedTuple):
 
 class _Reached(NamedTuple):
     closed: NDArray[np.bool_]  # (T,)
-    q: Array  # (T, nq)
     g: Array  # (T,) det P: it changes sign where g does, and needs no border
 
 
 def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None:
-    """Zero level of g about a configuration q (nq,) with the platform at x (n,), by inverse kinematics.
+    """The locus about an assembled configuration q (nq,) with the platform at x (n,), in its working mode.
 
-    The grid is filled from x outwards, each point from a neighbour of its own working mode. None for a
-    robot without exactly two translations, without passive joints, or with redundant motors (whose g has
-    no sign).
+    None for a robot without exactly two translations, without passive joints, or with redundant motors (whose
+    g has no sign).
     """
     straight = _straight(robot)
     if len(straight) != 2 or not _has_signed_measure(robot):
         return None
-    span = np.linspace(-REACH, REACH, GRID) * robot.length
-    grid, g = _filled(robot, q, x, span)
-    curves = []
-    slopes = np.gradient(g, span, span)
-    for curve in _zero_level(span, g):
-        nearest = np.clip(np.searchsorted(span, curve - 0.5 * (span[1] - span[0])), 0, GRID - 1)
-        at = (nearest[:, 0], nearest[:, 1])
-        normal = np.stack([slopes[0][at], slopes[1][at]], axis=1)
-        size = np.linalg.norm(normal, axis=1)
-        known = np.isfinite(size) & (size > 0) & np.isfinite(grid[at]).all(axis=1)
-        pulled = np.full(curve.shape, np.nan)
-        if known.any():
-            onto = normal[known] / size[known, None]
-            measure = _measure_about(robot, grid[at][known], x, straight)
-            pulled[known] = _pulled_onto(measure, curve[known], onto, size[known], 0.5 * (span[1] - span[0]))
-        curves += [x[straight] + piece for piece in _unbroken(pulled)]
+    traced = trace_locus(robot, q, one_mode=True)
     return LocusCurves(
-        curves=curves,
+        curves=[curve.x[:, straight] for curve in traced.curves if curve.kind != "joints_only"],
         axes=(straight[0], straight[1]),
-        reached=int(np.isfinite(g).sum()),
         about=x.copy(),
         reach=REACH * robot.length,
     )
@@ -121,55 +101,6 @@ def _has_signed_measure(robot: ParallelRobot) -> bool:
     return len(robot.following) > 0 and robot.n_a == robot.n
 
 
-def _filled(robot: ParallelRobot, q: Array, x: Array, span: Array) -> tuple[Array, Array]:
-    """Configurations (GRID, GRID, nq) and det P on span x span about x, nan where the mode does not reach."""
-    straight = _straight(robot)
-    middle = GRID // 2
-    grid = np.full((GRID, GRID, robot.model.nq), np.nan)
-    g = np.full((GRID, GRID), np.nan)
-    grid[middle, middle], g[middle, middle] = q, _reach(robot, x[None], q[None], None).g[0]
-    sign = float(mode_signs(robot, system_at(robot, q[None], x[None]))[0][0])
-    tried = np.zeros((GRID, GRID), dtype=int)
-    front = [(middle, middle)]
-    while front:
-        asked, guesses = [], []
-        for i, j in front:
-            for a, b in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
-                if 0 <= a < GRID and 0 <= b < GRID and np.isnan(g[a, b]) and tried[a, b] < 2:
-                    tried[a, b] += 1
-                    asked.append((a, b))
-                    guesses.append(grid[i, j])
-        if not asked:
-            break
-        targets = np.repeat(x[None], len(asked), axis=0)
-        targets[:, straight] += span[np.array(asked)]
-        front = []
-        for place, closed, there, value in zip(
-            asked, *_reach(robot, targets, np.array(guesses), sign), strict=True
-        ):
-            if closed and np.isnan(g[place]):
-                grid[place], g[place] = there, value
-                front.append(place)
-    return grid, g
-
-
-def _zero_level(span: Array, g: Array) -> list[Array]:
-    """Curves (m, 2) where g (size, size), sampled on span x span, changes sign."""
-    from contourpy import contour_generator
-
-    if not np.nanmin(g) < 0 < np.nanmax(g):
-        return []
-    curves = contour_generator(span, span, np.ma.masked_invalid(g).T).lines(0.0)
-    return [np.asarray(curve) for curve in curves if len(curve) > 1]
-
-
-def _unbroken(curve: Array) -> list[Array]:
-    """The pieces (m, 2), two points or more, of a curve (T, 2) between points that are not numbers."""
-    good = np.asarray(np.isfinite(curve).all(axis=1))
-    pieces = np.split(np.arange(len(curve)), np.flatnonzero(np.diff(good)) + 1)
-    return [curve[piece] for piece in pieces if good[piece[0]] and len(piece) > 1]
-
-
 def _measure_about(
     robot: ParallelRobot, near: Array, x: Array, straight: list[int]
 ) -> Callable[[Array], Array]:
@@ -178,7 +109,7 @@ def _measure_about(
     def measure(shift: Array) -> Array:
         targets = np.repeat(x[None], len(shift), axis=0)
         targets[:, straight] += shift
-        found = _reach(robot, targets, near, None)
+        found = _reach(robot, targets, near)
         return np.where(found.closed, found.g, np.nan)
 
     return measure
@@ -203,9 +134,7 @@ def _pulled_onto(
     return np.where(good[:, None], start + height[:, None] * normal, np.nan)
 
 
-def _reach(robot: ParallelRobot, x: Array, guess: Array, sign: float | None) -> _Reached:
-    """The robot assembled at x (T, n) from guesses (T, nq) near by, where it can be without changing mode."""
-    q, system, closed = close_each(robot, x, guess, iterations=STEPS, farthest=NEIGHBOUR)
-    if sign is not None:
-        closed &= mode_signs(robot, system)[0] == sign
-    return _Reached(closed, q, np.linalg.det(measured_matrix(robot, system)))
+def _reach(robot: ParallelRobot, x: Array, guess: Array) -> _Reached:
+    """det P of the robot assembled at x (T, n) from guesses (T, nq) near by, where it can be."""
+    _, system, closed = close_each(robot, x, guess, iterations=STEPS, farthest=NEIGHBOUR)
+    return _Reached(closed, np.linalg.det(measured_matrix(robot, system)))

@@ -12,7 +12,7 @@ import robots
 from framework import ParallelRobot, assemble, locate_singularities
 from framework.crossing.scenes import scene_path
 from framework.dynamics.forces import loop_forces, motor_torque, tree_forces
-from framework.kinematics.inverse_kinematics import Motion, assembled_at
+from framework.kinematics.inverse_kinematics import Motion, assembled_at, motion_at
 from framework.model.description import JointSpring
 from tests.oracles.closure_rows import closure_rows
 from tests.oracles.forward_simulation import kinematics
@@ -132,3 +132,19 @@ def test_the_motor_turns_its_rotor_and_what_the_gear_leaves_of_the_joint():
     rotors = np.sum(robot.rotor_inertia * speed * growth)
     power = motor_torque(robot, motion, joint)[0] @ speed
     assert power == pytest.approx(rotors + joint[0] @ motion.v[0, robot.actuated], rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["five_bar_heavy", "delta", "two_arms"])
+def test_without_elastic_inertia_forces_are_those_of_deflections_that_stand_still(name):
+    robot = robots.load(name, flexibility="flexible_links")
+    rng = np.random.default_rng(7)
+    closed = assembled_at(robot, assemble(robot).q)
+    dx, ddx = rng.standard_normal((2, 1, robot.n))
+    rates = rng.standard_normal((2, 1, robot.n_e)) * robot.column_scale[robot.elastic]
+    still, bending = motion_at(robot, closed, dx, ddx), motion_at(robot, closed, dx, ddx, *rates)
+    unfelt = replace(robot, elastic_inertia=False)
+    size = np.abs(tree_forces(robot, bending)).max()
+    np.testing.assert_allclose(
+        tree_forces(unfelt, bending), tree_forces(robot, still), rtol=0, atol=1e-10 * size
+    )
+    assert np.abs(tree_forces(robot, bending) - tree_forces(robot, still)).max() > 1e-3 * size

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import robots
-from framework import InvalidInput, SingularPose, assemble, plan_scene
+from framework import InvalidInput, ParallelRobot, SingularPose, assemble, plan_scene
 from framework.dynamics.instant import dynamics_at
+from framework.model.description import Actuator, Platform
+from tests.robots.cut_elsewhere import cut_elsewhere
 
 
 def scene_of(robot):
@@ -163,3 +167,59 @@ def test_what_cannot_be(arguments, words):
     robot = robots.load("five_bar")
     with pytest.raises(InvalidInput, match=words):
         dynamics_at(robot, assemble(robot).q, **arguments)
+
+
+def test_a_stack_of_instants_says_what_each_says_alone(moving):
+    plan, _, _ = moving
+    times = np.array([0.1, 0.2, 0.3]) * plan.duration
+    dx, ddx = plan.platform(times, 1), plan.platform(times, 2)
+    load = {plan.robot.description.platform.frame: [1.0, -2.0, 0.5, 0.1, 0.2, -0.3]}
+    q = plan.dynamics.configuration(times)
+    stack = dynamics_at(plan.robot, q, dx=dx, ddx=ddx, wrenches=load)
+    for k in range(3):
+        one = dynamics_at(plan.robot, q[k], dx=dx[k], ddx=ddx[k], wrenches=load)
+        for name in ("torque", "v", "a", "platform_inertia", "motor_inertia", "clearance"):
+            np.testing.assert_allclose(getattr(stack, name)[k], getattr(one, name), rtol=1e-10, atol=1e-12)
+        for name in ("loop_forces", "reactions"):
+            both = getattr(stack, name), getattr(one, name)
+            scale = max(np.nanmax(np.abs(wrench), initial=0.0) for wrench in both[1].values())
+            for key, wrench in both[1].items():
+                np.testing.assert_allclose(both[0][key][k], wrench, rtol=0, atol=1e-11 * scale)
+
+
+def test_A_B_and_C_change_as_their_rates_say(moving):
+    """B^-1 A and B^-1 C, which no choice of rows changes, differenced along the plan."""
+    plan, time, _ = moving
+    robot, h = plan.robot, 1e-3 * plan.duration
+
+    def at(t):
+        here = plan.dynamics.motion(t)
+        return dynamics_at(robot, here.q[0], dx=plan.platform(t, 1), ddx=plan.platform(t, 2))
+
+    def quotient(found):
+        A, B, C = found.velocity_matrices
+        return np.linalg.solve(B, np.concatenate([A, C], axis=1))
+
+    before, near, beyond, far = (quotient(at(time + k * h)) for k in (-1, 1, 2, -2))
+    slope = (far - 8 * before + 8 * near - beyond) / (12 * h)
+    (A, B, C), (dA, dB, dC) = at(time).velocity_matrices, at(time).velocity_matrix_rates
+    rates = np.concatenate([dA, dC], axis=1) - dB @ np.linalg.solve(B, np.concatenate([A, C], axis=1))
+    scale = max(np.abs(slope).max(), np.abs(np.linalg.solve(B, rates)).max())
+    np.testing.assert_allclose(np.linalg.solve(B, rates), slope, rtol=0, atol=1e-8 * scale)
+
+
+def test_a_loop_that_slides_carries_what_a_slide_carries():
+    """The wrench in the slide of a slider-crank, as a joint of the tree and as a closure, at one place."""
+    description = robots.load("slider_crank").description
+    crank = replace(
+        description, platform=Platform("slider", ("x",)), actuators=(Actuator("crank_bearing"),), springs=()
+    )
+    (pin_joint,) = crank.closures
+    tree = ParallelRobot.from_description(crank)
+    loop = ParallelRobot.from_description(cut_elsewhere(crank, pin_joint, "slide"))
+    x = tree.reference.x + 0.01
+    one, other = (dynamics_at(r, assemble(r, x).q, dx=[0.3], ddx=[2.0]) for r in (tree, loop))
+    on_slider, on_rail = one.reactions["slide"], other.loop_forces["slide_opened"]
+    slide = tree.reference.q[2] + 0.01  # [m] from the rail's frame to the slider's
+    assert on_rail[1] == pytest.approx(-on_slider[1], rel=1e-9)
+    assert on_rail[5] == pytest.approx(-(on_slider[5] + slide * on_slider[1]), rel=1e-9)

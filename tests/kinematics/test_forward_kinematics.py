@@ -232,3 +232,18 @@ def test_what_cannot_be_right_is_refused(name, q_a, near, complaint):
 
 def test_its_error_is_one_of_assembly():
     assert issubclass(Type2Singularity, NotAssembled)
+
+
+@pytest.mark.parametrize("name", ["five_bar", "gough_stewart"])
+def test_a_stream_of_motor_angles_is_followed_from_the_last_pose(name):
+    """As from its configuration alone, and back where it came from."""
+    robot = robots.load(name)
+    start = robot.actuated_coordinates(robot.reference.q[None])[0]
+    pose = None
+    for k in range(13):
+        angles = start + 0.02 * np.sin(np.pi * k / 6) * np.ones(robot.n_a)
+        alone = forward_kinematics(robot, angles, near=None if pose is None else pose.q)
+        pose = forward_kinematics(robot, angles, near=pose)
+        np.testing.assert_allclose(pose.q, alone.q, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(pose.x, alone.x, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(pose.q, robot.reference.q, rtol=0, atol=1e-12)

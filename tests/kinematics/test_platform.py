@@ -203,3 +203,20 @@ def test_two_angles_are_two_hinges_in_series_and_a_turn_that_follows(axes):
     R = Rotation.from_euler("".join((*axes, third)).upper(), angles).as_matrix()
     np.testing.assert_allclose(chart.coordinates(R), angles[:, :2], atol=1e-13)
     np.testing.assert_allclose(chart.residual(R, angles[:, :2] + [2 * np.pi, 0]), 0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_wrenches_change_as_their_rates_say(name):
+    robot = made(name)
+    q, v = nearby(robot, 3, 0.1)
+    h, model, data = 1e-5, robot.model, robot.model.createData()
+
+    def wrenches(k):
+        moved = frames_at(robot, pin.integrate(model, q, k * h * v)[None])
+        return np.broadcast_to(robot.platform.wrenches(moved), (1, robot.n, 6))
+
+    at = frames_at(robot, q[None])
+    twist = frame_motions(robot, at, q[None], v[None]).twist[:, 0]
+    screw_rates = pin.computeJointJacobiansTimeVariation(model, data, q, v).T[None]
+    rates = robot.platform.wrench_rates(at, twist[:, 3:], screw_rates)
+    np.testing.assert_allclose(rates, (wrenches(1) - wrenches(-1)) / (2 * h), atol=1e-8)

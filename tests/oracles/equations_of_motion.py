@@ -48,7 +48,7 @@ def defects(
         kinematics(model, data, q[k], v[k])
         J, drift = closure_rows(model, data, closures)
         gaps = closure_errors(model, data, closures)
-        off = apart(robot, data.oMf[platform], x[k])
+        off = apart(robot, q[k], data.oMf[platform], x[k])
         inertia = (mass_matrix(model, data, q[k]) + np.diag(rotors(robot))) @ a[k]
         terms = [inertia, pin.nonLinearEffects(model, data, q[k], v[k]), -springs(robot, q[k])]
         terms.append(-motors(robot, torque[k]))
@@ -76,12 +76,16 @@ def defects_of(plan: CrossingPlan) -> Defects:
     )
 
 
-def apart(robot: ParallelRobot, pose: pin.SE3, x: np.ndarray) -> np.ndarray:
-    """A pose of the platform's frame less coordinates x (n,) along the platform's axes [m, rad].
+def apart(robot: ParallelRobot, q: np.ndarray, pose: pin.SE3, x: np.ndarray) -> np.ndarray:
+    """The platform at q (nq,), its frame's pose, less coordinates x (n,) of the robot file [m, rad].
 
-    One angle is that of the turn nearest to the frame's about its axis; three are a rotation vector.
+    One angle is that of the turn nearest to the frame's about its axis; three are a rotation vector; joints
+    are their positions.
     """
     axes = robot.description.platform.axes
+    if robot.description.platform.joints:
+        joints = [robot.model.joints[robot.model.getJointId(j)] for j in robot.description.platform.joints]
+        return np.array([q[joint.idx_q] for joint in joints]) - x
     turn = np.zeros(3)
     off = np.zeros(len(axes))
     for k, axis in enumerate(axes):

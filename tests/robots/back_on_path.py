@@ -34,5 +34,5 @@ def misses(robot: ParallelRobot, plan: CrossingPlan, *, rtol: float) -> np.ndarr
         kinematics(robot.model, data, q[k], np.zeros(robot.model.nv))
         # what starts open stays open, and may yet come along the path
         assert np.abs(closure_errors(robot.model, data, closures)).max() < BACK, f"open at t = {t:g} s"
-        off.append(apart(robot, data.oMf[platform], plan.platform(t)))
+        off.append(apart(robot, q[k], data.oMf[platform], plan.platform(t)))
     return np.array(off)

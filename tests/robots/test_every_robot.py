@@ -15,8 +15,9 @@ import robots
 from framework import ParallelRobot, locate_singularities, velocity_matrices
 from framework.crossing.scenes import scene_path
 from framework.kinematics.closures import closure_drift, loop_equations
+from framework.kinematics.equation_rates import jacobian_rate
 from framework.kinematics.frames import frame_motions, frames_at, integrate
-from framework.kinematics.inverse_kinematics import close_loops, motion_at
+from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at, system_at
 from framework.kinematics.tracking import track_path
 from framework.motion.chebyshev import TimeGrid
 from tests.robots.every_robot import CASES, ELASTIC, SCENES, first_path, planned
@@ -49,6 +50,10 @@ def test_loop_jacobian_and_drift_are_derivatives_of_the_loop_equations(robot):
     drift = closure_drift(robot.rows, at, frame_motions(robot, at, q, v))
     np.testing.assert_allclose(rate, (ahead - back) / (2 * h), atol=1e-8)  # h^2 and eps / h
     np.testing.assert_allclose(drift, (ahead - 2 * here + back) / h**2, atol=3e-5)  # eps / h^2
+    # of platform and independent loops, all entries
+    systems = [system_at(robot, integrate(robot, q, k * h * v), None) for k in (1, 0, -1)]
+    slope = jacobian_rate(robot, Motion(q, v, np.zeros_like(v), systems[1]))
+    np.testing.assert_allclose(slope, (systems[0].jacobian - systems[2].jacobian) / (2 * h), atol=1e-8)
 
 
 def test_velocity_matrices_relate_rates_on_the_manifold(robot):

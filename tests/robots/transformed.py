@@ -25,7 +25,7 @@ def moved(description: RobotDescription, shift: tuple[float, float, float]) -> R
     ElementTree.SubElement(joint, "child", link=base)
     ElementTree.SubElement(joint, "origin", xyz=" ".join(map(repr, shift)))
     by_axis = dict(zip(("x", "y", "z"), shift, strict=True))
-    offsets = [by_axis.get(axis, 0.0) for axis in description.platform.axes]
+    offsets = [by_axis.get(axis, 0.0) for axis in description.platform.axes or description.platform.joints]
     scenes = {
         name: with_points(scene, lambda k, value: value + offsets[k])
         for name, scene in description.scenes.items()
@@ -72,7 +72,8 @@ def scaled(description: RobotDescription, size: float) -> RobotDescription:
         )
         for actuator in description.actuators
     )
-    turning = [axis.startswith("r") for axis in description.platform.axes]
+    platform = description.platform
+    turning = [axis.startswith("r") for axis in platform.axes] or [not slides(j) for j in platform.joints]
     return replace(
         description,
         urdf_text=ElementTree.tostring(root, encoding="unicode"),

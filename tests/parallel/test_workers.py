@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from framework import errors
-from framework.control.workers import TRIES, Workers
 from framework.errors import LostWorkers, NotAssembled
-from tests.control import chores
+from framework.parallel.workers import TRIES, Workers
+from tests.parallel import chores
 
 PATIENCE = 60.0  # [s] on a machine with much else to do
 
@@ -117,7 +117,7 @@ def test_leaving_by_an_error_ends_processes_and_tasks_at_once(tmp_path):
 def test_a_process_ends_with_the_one_that_began_it(tmp_path):
     note = tmp_path / "note"
     program = (
-        "import sys; from framework.control.workers import Workers; from tests.control import chores\n"
+        "import sys; from framework.parallel.workers import Workers; from tests.parallel import chores\n"
         "if __name__ == '__main__': Workers(1).submit(chores.sleep, sys.argv[1]).result()"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -1,0 +1,1 @@
+"""Maps of a robot over its workspace, and studies of its dimensions."""

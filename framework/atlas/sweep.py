@@ -1,0 +1,197 @@
+"""Reach the poses of a grid from poses that are reached already, never jumping to another mode.
+
+A pose is tried from a neighbour, along the tangent and by Newton's method, and belongs to the neighbour's
+branch only if what corrects the tangent is small and no Type 1 singularity lies between (the rules of
+`continuation.follow`, here for a stack of steps). Strides halve: the coarse poses first, those between them
+from there, so that each pose is computed once and the stacks are long.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from framework.arrays import Array, BoolArray, IntArray
+from framework.kinematics.closures import scaled
+from framework.kinematics.continuation import LARGEST_CORRECTION, LARGEST_TURN
+from framework.kinematics.frames import difference, integrate
+from framework.kinematics.inverse_kinematics import (
+    VANISHED,
+    System,
+    close_each,
+    joint_rates,
+    keeps_working_mode,
+    system_at,
+)
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tracking import CROSSING
+
+STEPS = 10  # Newton steps to a neighbour; a step along the tangent that needs more is no good one
+NEIGHBOUR = 0.5  # [rad, lengths] that such a step may move a joint by
+PARTS = 4  # of a step that is too long to be trusted, with the last stride
+DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+
+
+class Reason(IntEnum):
+    """Why a pose has no value. Of several neighbours the one that came nearest counts."""
+
+    REACHED = 0
+    NO_NEIGHBOUR = 1  # no neighbour of it is reached
+    OPEN = 2  # the loops do not close there, from no neighbour
+    OTHER_MODE = 3  # they close only beyond a Type 1 singularity, or too near one for a step to be trusted
+
+
+WORDS = {
+    Reason.REACHED: "reached",
+    Reason.NO_NEIGHBOUR: "not joined to the reference",
+    Reason.OPEN: "out of reach",
+    Reason.OTHER_MODE: "another working mode, or too near its end",
+}
+
+
+class Step(NamedTuple):
+    """Where steps from T poses have led."""
+
+    q: Array  # (T, nq)
+    reason: NDArray[np.uint8]  # (T,) `Reason`
+
+
+def spread(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], strides: IntArray) -> None:
+    """Fill a grid of configurations q (I, J, nq) for x (I, J, n) from those that are numbers.
+
+    Args:
+        q: NaN where it is not known; filled in place.
+        reason: (I, J) `Reason`, changed in place; poses that are not 1 at first are left alone.
+        strides: between neighbours, one after the other, falling; poses are counted from the first one.
+            With the last one a step that cannot be trusted is tried in parts.
+    """
+    lost = reason == Reason.NO_NEIGHBOUR
+    for stride in strides:
+        lattice = np.s_[::stride, ::stride]
+        _fill(
+            robot,
+            x[lattice],
+            q[lattice],
+            reason[lattice],
+            lost[lattice],
+            PARTS if stride == strides[-1] else 1,
+        )
+
+
+def _fill(
+    robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], wanted: BoolArray, parts: int
+) -> None:
+    """`spread` on one lattice (views of the whole), wave by wave."""
+    untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)
+    while True:
+        known = np.isfinite(q[..., 0])
+        targets = np.zeros(reason.shape, dtype=bool)
+        sources = np.zeros((*reason.shape, 2), dtype=np.intp)
+        for k, (down, right) in enumerate(DIRECTIONS):
+            there = _shifted(known, down, right) & wanted & ~known & untried[k] & ~targets
+            untried[k] &= ~there
+            targets |= there
+            sources[there] = np.argwhere(there) - (down, right)
+        if not targets.any():
+            return
+        to, (i, j) = np.nonzero(targets), sources[targets].T
+        step = stepped(robot, q[i, j], x[i, j], x[to], parts)
+        reached = step.reason == Reason.REACHED
+        q[to] = np.where(reached[:, None], step.q, np.nan)
+        reason[to] = np.where(reached, Reason.REACHED, np.maximum(reason[to], step.reason))
+
+
+def _shifted(known: BoolArray, down: int, right: int) -> BoolArray:
+    """Whether the neighbour at -(down, right) is known."""
+    found = np.zeros_like(known)
+    inner = tuple(slice(max(k, 0), min(k, 0) or None) for k in (down, right))
+    outer = tuple(slice(max(-k, 0), min(-k, 0) or None) for k in (down, right))
+    found[inner] = known[outer]
+    return found
+
+
+def stepped(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> Step:
+    """Configurations at platform coordinates `end` (T, n), from q (T, nq) at `start` (T, n).
+
+    What is refused in one step is tried in `parts`.
+    """
+    step = _one_step(robot, q, start, end)
+    again = step.reason == Reason.OTHER_MODE
+    if parts == 1 or not again.any():
+        return step
+    here, reason = q[again], np.zeros(np.count_nonzero(again), dtype=np.uint8)
+    way = end[again] - start[again]
+    for k in range(parts):
+        good = reason == Reason.REACHED
+        if not good.any():
+            break
+        at = start[again][good] + way[good] * (k / parts)
+        part = _one_step(robot, here[good], at, at + way[good] / parts)
+        here[good], reason[good] = part.q, part.reason
+    step.q[again], step.reason[again] = here, reason
+    return step
+
+
+def _one_step(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step:
+    lengths, still = robot.column_scale, np.zeros((len(q), robot.n_e))
+    before = system_at(robot, q, start)
+    twist, _ = robot.platform.twist(start, end - start)
+    move = joint_rates(robot, before, twist, still)
+    ahead = integrate(robot, q, move)
+    there, after, closed = close_each(robot, end, ahead, iterations=STEPS, farthest=NEIGHBOUR)
+    with np.errstate(invalid="ignore"):
+        correction = np.abs(_between(robot, ahead, there) / lengths).max(axis=1)
+        advance = np.abs(move / lengths).max(axis=1)
+        near = closed & (correction <= np.maximum(LARGEST_CORRECTION, 0.25 * advance))
+        kept = near.copy()
+        kept[near] = _same_branch(robot, before, after, end, twist, move, correction, advance, near)
+    reason = np.where(closed, np.where(kept, Reason.REACHED, Reason.OTHER_MODE), Reason.OPEN)
+    return Step(there, reason.astype(np.uint8))
+
+
+def _same_branch(
+    robot: ParallelRobot,
+    before: System,
+    after: System,
+    end: Array,
+    twist: Array,
+    move: Array,
+    correction: Array,
+    advance: Array,
+    which: BoolArray,
+) -> BoolArray:
+    """Whether steps end on the branch of their start, for `which` (T,) of them."""
+    places = np.flatnonzero(which)
+    (sign_one, size_one), (sign_two, size_two) = before.factors.slogdet, after.factors.slogdet
+    sure = (sign_one == sign_two) & (size_two - size_one > np.log(VANISHED))
+    kept = [bool(sure[k]) or keeps_working_mode(robot, before.at(int(k)), after.at(int(k))) for k in places]
+    same = np.array(kept, dtype=np.bool_)
+    places = places[same]
+    # where branches cross, the tangent turns by more than the correction of one branch tells
+    twist, _ = robot.platform.twist(end, twist)
+    some = _some(after, places)
+    turned = joint_rates(robot, some, twist[places], np.zeros((len(places), robot.n_e))) - move[places]
+    turned = np.abs(turned / robot.column_scale).max(axis=1)
+    bent = turned > LARGEST_TURN * correction[places] + 0.25 * advance[places]
+    if bent.any():
+        loops = scaled(robot, _some(after, places[bent]).closures, robot.loops.rotation)[:, :, robot.moving]
+        values = np.linalg.svd(loops, compute_uv=False)
+        crossing = values[:, -1] < CROSSING * np.maximum(values[:, 0], 1.0)
+        same[np.flatnonzero(same)[bent]] = ~crossing
+    return same
+
+
+def _some(system: System, which: IntArray) -> System:
+    at = system.frames
+    frames = at._replace(position=at.position[which], rotation=at.rotation[which], screws=at.screws[which])
+    return System(system.equations, frames, system.residual[which], system.entries[which])
+
+
+def _between(robot: ParallelRobot, one: Array, two: Array) -> Array:
+    """Tangent vectors (T, nv) from configurations to others, each (T, nq)."""
+    if robot.model.nq == robot.model.nv:
+        return two - one
+    return np.concatenate([difference(robot, a, b[None]) for a, b in zip(one, two, strict=True)])

@@ -1,0 +1,81 @@
+"""The poses of a map: a grid over two of the platform's coordinates, the others held."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, ReadOnlyArrays
+from framework.errors import InvalidInput, finite_numbers, whole_number
+from framework.kinematics.parallel_robot import ParallelRobot
+
+MOST = 4000  # poses along an edge
+
+
+@dataclass(frozen=True, eq=False)
+class Window(ReadOnlyArrays):
+    """`shape` poses between `lower` and `upper` (2,), both included, of the platform coordinates `axes`."""
+
+    axes: tuple[int, int]
+    lower: Array  # (2,) [m, rad]
+    upper: Array  # (2,)
+    shape: tuple[int, int]
+    held: Array  # (n,) platform coordinates; those among `axes` do not count
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for count in self.shape:
+            whole_number("size of a map", count, 2, MOST)
+        if not np.all(self.lower < self.upper):
+            raise InvalidInput(
+                f"window: its lower ends {self.lower.tolist()} must be below the upper ones "
+                f"{self.upper.tolist()}"
+            )
+
+    @property
+    def spans(self) -> tuple[Array, Array]:
+        """The values of both coordinates."""
+        first, second = (
+            np.linspace(low, high, count)
+            for low, high, count in zip(self.lower, self.upper, self.shape, strict=True)
+        )
+        return first, second
+
+    @property
+    def cell(self) -> Array:
+        """Distance of neighbours along either axis (2,)."""
+        return np.asarray((self.upper - self.lower) / (np.array(self.shape) - 1))
+
+    def points(self) -> Array:
+        """Platform coordinates (I, J, n) of all poses."""
+        x = np.empty((*self.shape, len(self.held)))
+        x[:] = self.held
+        first, second = self.spans
+        x[..., self.axes[0]], x[..., self.axes[1]] = first[:, None], second
+        return x
+
+
+def map_axes(robot: ParallelRobot, names: tuple[str, str] | None = None) -> tuple[int, int]:
+    """The two platform coordinates of a map: those named, else the first two translations, else two turns.
+
+    Raises:
+        InvalidInput: the robot has fewer than two, or not those.
+    """
+    if robot.n < 2:
+        raise InvalidInput(
+            f"{robot.name}: a map needs two platform coordinates, it has {', '.join(robot.axis_names)} alone"
+        )
+    if names is not None:
+        if len(set(names)) != 2 or not set(names) <= set(robot.axis_names):
+            raise InvalidInput(
+                f"axes of a map: needs two of {', '.join(robot.axis_names)}, got {', '.join(names)}"
+            )
+        return robot.axis_names.index(names[0]), robot.axis_names.index(names[1])
+    order = [*np.flatnonzero(robot.translations), *np.flatnonzero(~robot.translations)]
+    return int(order[0]), int(order[1])
+
+
+def held_coordinates(robot: ParallelRobot, at: Array | None) -> Array:
+    """The point about which a map lies: `at` (n,), the reference by default."""
+    return robot.reference.x if at is None else finite_numbers("at", at, robot.n)

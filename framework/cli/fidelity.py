@@ -1,0 +1,129 @@
+"""`crossing fidelity`: the least model of a robot that is enough for a motion, with its evidence."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.cli import arguments
+from framework.cli.parser import Report, add_motion, add_path, add_robot, command, progress_bar
+from framework.crossing.fidelity import ROUNDING, FidelityStudy, fidelity_study
+from framework.crossing.rung_judge import Judged
+from framework.errors import InvalidInput
+from framework.model.rungs import LADDER
+from framework.output import written_together
+
+FILE = "fidelity.json"
+SAME_LAW = 1e-12  # in s
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    text = "the least model that is enough for a motion, with its evidence"
+    more = (
+        "Each rung of the ladder, from kinematics to the inertia of the elastic motion, plans the motion; "
+        "its torques drive the full elastic simulation, without feedback. Enough is what keeps platform (of "
+        "the path's length) and torques (of the highest rung's peak) within the tolerance. Put the printed "
+        "line into the scene, and `crossing plan --flexibility auto` uses it."
+    )
+    parser = command(commands, "fidelity", run, text, more)
+    add_robot(parser)
+    add_path(parser)
+    parser.add_argument(
+        "--tolerance", default="1%", metavar="P", help="a share such as 1%% or 0.01 (default: 1%%)"
+    )
+    add_motion(parser)
+    parser.add_argument("--out", metavar="DIR", help="write fidelity.json and a figure of the errors there")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Judge all rungs; with --out write the numbers and the figure."""
+    if options.out == "":
+        raise InvalidInput("--out: needs the name of a folder, got an empty text")
+    if options.out is None:
+        study = _studied(options)
+        document, text = study.to_dict(), fidelity_text(study)
+    else:
+        out = FilePath(options.out)
+        with written_together(out, document=FILE) as folder:
+            from framework.show.fidelity import plot_fidelity
+            from framework.show.plots import save
+
+            study = _studied(options)
+            document, text = study.to_dict(), f"{fidelity_text(study)}\n  written to        {out}"
+            (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+            save(lambda: plot_fidelity(study), folder / "fidelity")
+    options.refusal = study.refusal
+    return document, text
+
+
+def _studied(options: argparse.Namespace) -> FidelityStudy:
+    robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
+    path, typed = arguments.path_and_motion(options, robot)
+    with progress_bar(float(len(LADDER)), "rungs", silent=options.json) as progress:
+        return fidelity_study(robot, path, tolerance=tolerance, progress=progress, **typed)
+
+
+def fidelity_text(study: FidelityStudy) -> str:
+    """A study for people."""
+    plan, found = study.highest, study.enough
+    lines = [
+        f"{study.robot.name}: {len(study.rungs)} rungs judged to {_percent(study.tolerance)} of the path, "
+        f"{study.length:.4g} m in {plan.duration:g} s, and of the peak torque; {study.seconds:.2g} s",
+        "  " + _columns("rung", "plan", "torque", "platform", "law", "deflection", "foretold", "by"),
+        *(_row(study, judged) for judged in study.rungs),
+    ]
+    at = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
+    lines.append(f"  crossing          {f's = {at}' if at else 'none'}")
+    if found is not None:
+        torque, platform = (_where(study, errors) for errors in (found.torque_error, found.platform_error))
+        lines += [
+            f"  enough            {found.rung.name}: torques off by {torque}, platform by {platform}",
+            f"  foretold          {study.foretold_rung.rung.name}, by the indicators alone",
+            f"  to keep           fidelity: {{rung: {found.rung.name}, tolerance: {study.tolerance:g}}}",
+        ]
+    return "\n".join(lines)
+
+
+def _columns(*cells: str) -> str:
+    widths = (16, -7, -9, -9, -8, 26, -9, 0)
+    padded = [
+        f"{cell:>{-width}}" if width < 0 else f"{cell:{width}}"
+        for cell, width in zip(cells, widths, strict=True)
+    ]
+    return "  ".join(padded).rstrip()
+
+
+def _row(study: FidelityStudy, judged: Judged) -> str:
+    """One rung as a line of the table, and what else is to be said of it below."""
+    name, law, spring = judged.rung.name, study.law_difference(judged), judged.deflection
+    foretold = _percent(study.foretold.error[name])
+    motion = ["-"] * 4
+    if judged.plan is not None:
+        bent = "-" if spring is None else f"{spring[0]} {spring[1]:.2g}"
+        own = "same" if law <= SAME_LAW else f"{law:.1e}"
+        motion = [f"{1e3 * judged.plan.seconds:.0f} ms", _percent(judged.torque), own, bent]
+    plan, torque, own, bent = motion
+    words = study.foretold.words[name]
+    notes = [f"the torques of {judged.same_as}"] if judged.same_as else []
+    notes += [judged.reason] if judged.reason else []
+    row = _columns(name, plan, torque, _percent(judged.platform), own, bent, foretold, words)
+    return "\n".join(f"  {line}" for line in (row, *(f"{'':18s}{note}" for note in notes)))
+
+
+def _percent(share: float) -> str:
+    """A share in per cent; what is rounding is 0."""
+    if not np.isfinite(share):
+        return "-"
+    return f"{100.0 * share:.0f} %" if share >= 0.1 or share < ROUNDING else f"{100.0 * share:.2g} %"
+
+
+def _where(study: FidelityStudy, errors: Array) -> str:
+    """The largest error, and where on the path it is."""
+    place = study.place(errors)
+    return _percent(float(np.nanmax(errors))) + ("" if place is None else f" (at s = {place:.4g})")

@@ -1,0 +1,206 @@
+"""`crossing map`: what a robot can do over its workspace, and where it is singular."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
+from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
+from framework.atlas.quantities import QUANTITIES, Quantity, chosen, unit_of
+from framework.atlas.window import Window, held_coordinates, map_axes
+from framework.atlas.workspace_map import WorkspaceMap, surveyed, workspace_map
+from framework.cli import arguments
+from framework.cli.design_study import STUDIED, finite_window, studied
+from framework.cli.parser import (
+    Report,
+    add_executor,
+    add_flexibility,
+    add_missing_fields,
+    add_robot,
+    command,
+    progress_bar,
+    whole,
+)
+from framework.crossing.scenes import scene, scene_path
+from framework.errors import InvalidInput, point
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tracking import assemble
+from framework.motion.path import Path
+from framework.output import written_together
+from framework.parallel.kept import KeptChunks, forget
+from framework.parallel.tasks import executor_of
+
+SIZE, MOST = 200, 4000  # poses along an edge
+TEXT = "quantities over the workspace on one working mode, with the singular locus on top"
+MORE = (
+    "Poses are reached from the reference by continuation, so the map never leaves its working mode; what is "
+    "not reached has no value and a reason."
+)
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command to the parser."""
+    parser = command(commands, "map", run, TEXT, MORE)
+    add_robot(parser)
+    add_flexibility(parser)
+    parser.add_argument("--scene", metavar="S", help="draw the path of this scene, and hold what it holds")
+    parser.add_argument(
+        "--quantity", nargs="+", metavar="Q", help=f"of {', '.join(QUANTITIES)} (default: those that apply)"
+    )
+    parser.add_argument(
+        "--over", nargs=2, metavar="AXIS", help="two axes of the platform (default: its first translations)"
+    )
+    parser.add_argument(
+        "--at", type=float, nargs="+", metavar="X", help="platform point about which the map lies (reference)"
+    )
+    parser.add_argument(
+        "--window",
+        type=float,
+        nargs=4,
+        metavar="X",
+        help="least and largest value of the first axis, then of the second (default: what is reached)",
+    )
+    parser.add_argument(
+        "--size",
+        type=whole(2, MOST),
+        metavar="N",
+        help=f"poses along an edge (default: {SIZE}, of a study {STUDIED})",
+    )
+    parser.add_argument(
+        "--nearest",
+        type=float,
+        nargs="+",
+        metavar="X",
+        help="platform point whose nearest singular pose is looked for: its margin",
+    )
+    add_executor(parser)
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        help="write map.json, map.npz, map.csv, a figure of each quantity and map.html there; a map that is "
+        "stopped keeps what is finished there, and the same command goes on from it",
+    )
+    parser.add_argument(
+        "--study",
+        action="store_true",
+        help="a small map for each set of the parameters that the robot file declares, told in one table",
+    )
+    parser.add_argument("--table", metavar="CSV", help="of the sets of parameters, instead of all of them")
+    add_missing_fields(parser)
+
+
+def run(options: argparse.Namespace) -> Report:
+    """One map, told and written."""
+    if options.out == "":
+        raise InvalidInput("--out: needs the name of a folder, got an empty text")
+    if options.study:
+        return studied(options)
+    if options.table is not None:
+        raise InvalidInput("--table: goes with --study")
+    robot = arguments.load(options)
+    path = None if options.scene is None else scene_path(scene(robot, options.scene))
+    quantities = chosen(robot, options.quantity)
+    window = _window(options, robot, path)
+    margin = _margin(options, robot)
+    if options.out is None:
+        return _told(_mapped(options, robot, window, quantities, None), margin)
+    out = FilePath(options.out)
+    kept = KeptChunks.of(out, setup_document(robot, window, [one.key for one in quantities]))
+    with written_together(out, document=DOCUMENT) as folder:  # long work wants a place to go to
+        try:
+            found = _mapped(options, robot, window, quantities, kept)
+        except KeyboardInterrupt as stop:
+            raise type(stop)(*_what_is_kept(options, kept)) from None
+        _write(found, path, folder)
+    forget(out)
+    document, text = _told(found, margin)
+    return document, f"{text}\n  written to        {options.out}"
+
+
+def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None) -> Window:
+    axes = map_axes(robot, None if options.over is None else tuple(options.over))
+    if options.at is None and path is not None:
+        held = held_coordinates(robot, path(np.zeros(1))[0])
+    else:
+        held = held_coordinates(robot, options.at)
+    size = options.size or SIZE
+    shape = (size, size)
+    if options.window is None:
+        return surveyed(robot, axes, held, shape)
+    given = np.array(finite_window(options))
+    return Window(axes, given[::2], given[1::2], shape, held)
+
+
+def _mapped(
+    options: argparse.Namespace,
+    robot: ParallelRobot,
+    window: Window,
+    quantities: tuple[Quantity, ...],
+    kept: KeptChunks | None,
+) -> WorkspaceMap:
+    with (
+        executor_of(workers=options.workers, dask=options.dask) as executor,
+        progress_bar(float(np.prod(window.shape)), "pose", silent=options.json) as progress,
+    ):
+        return workspace_map(robot, window, quantities, executor=executor, keeper=kept, progress=progress)
+
+
+def _what_is_kept(options: argparse.Namespace, kept: KeptChunks) -> list[str]:
+    """What to say of a map that is stopped."""
+    count = len(kept.found())
+    return (
+        [f"{count} bands are kept in {options.out}, and the same command goes on from them"] if count else []
+    )
+
+
+def _write(found: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
+    from framework.show.map import save_map_figures
+    from framework.show.map_page import map_page
+
+    write_map(found, folder)
+    save_map_figures(found, folder, path=path)
+    (folder / "map.html").write_text(map_page(found, path=path), encoding="utf-8")
+
+
+def _margin(options: argparse.Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
+    if options.nearest is None:
+        return None
+    return nearest_singular_pose(robot, assemble(robot, options.nearest).q)
+
+
+def _told(found: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
+    document = {**map_document(found), "seconds": found.seconds}
+    robot, window = found.robot, found.window
+    names = [robot.axis_names[k] for k in window.axes]
+    spans = ", ".join(
+        f"{name} = {low:.4g} .. {high:.4g}"
+        for name, low, high in zip(names, window.lower, window.upper, strict=True)
+    )
+    lines = [f"{robot.name}: {window.shape[0]} x {window.shape[1]} poses, {spans}, {found.seconds:.2f} s"]
+    lines += [f"  {why:40s}  {count}" for why, count in found.counts.items() if count]
+    lines.append(f"  {'':56s}  least       median      largest")
+    for one in found.quantities:
+        told = document["quantities"][one.key]
+        numbers = [told[key] for key in ("least", "median", "largest")]
+        shown = "  ".join(f"{'-' if value is None else format(value, '.3g'):10s}" for value in numbers)
+        lines.append(f"  {f'{one.name}  [{unit_of(robot, one)}]':56s}  {shown}".rstrip())
+    if margin is not None:
+        lines.append(f"  nearest singular pose: {margin.status}")
+        known = margin.x is not None and margin.twist is not None
+        if margin.x is not None and margin.twist is not None:
+            at = ", ".join(
+                f"{name} = {value + 0.0:.6g}" for name, value in zip(robot.axis_names, margin.x, strict=True)
+            )
+            lines.append(f"    at {at}; t_s {point(margin.twist)}")
+        document["nearest_singular_pose"] = {
+            "status": margin.status,
+            "distance": margin.distance if known else None,
+            "unit": margin.unit,
+            "within": margin.within,
+            "platform": None if margin.x is None else margin.x.tolist(),
+            "twist": None if margin.twist is None else margin.twist.tolist(),
+        }
+    return document, "\n".join(lines)

@@ -1,0 +1,372 @@
+"""Stiffness of the platform with locked motors, and its free vibrations, at rest and under load.
+
+The motors locked, springs and loops leave the motions dq = Z dz, Z spanning the null space of the loop
+equations c along the elastic and the passive joints. With the energy V of springs and weight, the forces w of
+the world on the platform and the forces lambda in the loops, the tangent stiffness along them is
+
+    H = Z' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) Z,        M = Z' (mass matrix) Z:
+
+springs alone (V's part K) without load, and the geometric stiffness of weight, w and lambda beside them under
+load. A platform motion v = X dz takes the least energy of all dz that give it:
+
+    v' K_x v = min { dz' H dz : X dz = v },        compliance = X H^-1 X' = K_x^-1.
+
+Nothing here divides by A. At a Type 2 singularity a motion that stretches no spring moves the platform, along
+t_s: without load K_x, H and M stay finite, K_x t_s = 0, the compliance along t_s is infinite and the first
+frequency 0; under load what is left along t_s is the geometric stiffness alone, which may hold or buckle.
+
+Second derivatives are exact: lambda . closure_drift is the quadratic form of lambda . c", and its polar form,
+from drifts along pairs of motions, the matrix.
+Source: Quennouelle and Gosselin, Stiffness Matrix of Compliant Parallel Mechanisms, ARK 2008; the elimination
+by a null space as Briot and Khalil, Dynamics of Parallel Robots, Springer 2015, chapter 12, for Z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
+from framework.dynamics.elasticity import LARGEST
+from framework.errors import InvalidInput, NotConverged, finite_numbers
+from framework.kinematics.closures import closure_drift, loop_equations, scaled
+from framework.kinematics.frames import (
+    FrameStack,
+    difference,
+    frame_motions,
+    frames_at,
+    integrate,
+    scratch_of,
+)
+from framework.kinematics.inverse_kinematics import System, assembled_at, system_at
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.linalg.ordered_sums import matmul
+
+MOST_STEPS = 50  # of Newton's method for the equilibrium; quadratic once it is near
+LONGEST_STEP = 0.1  # [rad, robot lengths] of it: deflections of springs that mean something are smaller
+AT_REST = 1e-9  # [rad, robot lengths] a step of Newton's method: its square is rounding
+NOT_MOVED = 1e-9  # share of the largest singular value: motions that the springs do not allow the platform
+NO_STIFFNESS = 1e-13  # share of the largest stiffness: rounding of an eigenvalue that is zero
+
+
+class CompliantMotions(NamedTuple):
+    """What springs and loops allow at T configurations while the motors are locked."""
+
+    columns: IntArray  # (f,) of the velocity vector: elastic, then passive ones that follow
+    Z: Array  # (T, f, d) orthonormal in radians and robot lengths, then turned back
+    X: Array  # (T, n, d) the platform's twist on its axes
+    K: Array  # (T, d, d) of the springs alone
+    M: Array  # (T, d, d) of all bodies; rotors rest
+
+
+def compliant_motions(robot: ParallelRobot, system: System, q: Array) -> CompliantMotions:
+    """Motions, stiffness of the springs and mass at configurations q (T, nq).
+
+    Raises:
+        InvalidInput: a robot without springs: use --flexibility flexible_joints or flexible_links.
+    """
+    if not (robot.n_e or robot.joint_stiffness.any()):
+        raise InvalidInput(
+            f"{robot.name}, {robot.flexibility}: no springs, so the platform does not give way; load it with "
+            f"flexible_joints or flexible_links"
+        )
+    columns = np.concatenate([robot.elastic, robot.following])
+    loops = scaled(robot, system.closures, robot.loops.rotation)[:, :, columns]
+    count = loops.shape[1]
+    null = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0][:, :, count:]
+    Z = null * robot.column_scale[columns][:, None]
+    stiffness = _spring_stiffness(robot)[columns]
+    mass = _mass(robot, q)[:, columns[:, None], columns]
+    turned = Z.swapaxes(1, 2)
+    return CompliantMotions(
+        columns=columns,
+        Z=Z,
+        X=matmul(system.platform[:, :, columns], Z),
+        K=matmul(turned * stiffness, Z),
+        M=matmul(turned, matmul(mass, Z)),
+    )
+
+
+def least_ratios(H: Array, S: Array) -> Array:
+    """The least z' H z / z' S z (T,) over all z, S positive semidefinite; NaN where there is none.
+
+    With H + sigma S positive definite it is 1 / mu - sigma, mu the largest eigenvalue of S relative to that:
+    no inverse of H, which is singular at Type 2, and none of S, which is where bodies have no mass.
+    """
+    least = np.full(len(H), np.nan)
+    size = np.trace(S, axis1=1, axis2=2)
+    for power in (0.0, 3.0, 6.0):  # a negative H under load asks for a larger shift
+        todo = np.flatnonzero(np.isnan(least) & (size > 0))
+        if not len(todo):
+            break
+        shift = 10.0**power * np.abs(np.trace(H[todo], axis1=1, axis2=2)) / size[todo]
+        shifted = H[todo] + shift[:, None, None] * S[todo]
+        positive = np.linalg.eigvalsh(shifted)[:, 0] > 0
+        here, shift = todo[positive], shift[positive]
+        factor = np.linalg.inv(np.linalg.cholesky(shifted[positive]))
+        relative = matmul(matmul(factor, S[here]), factor.swapaxes(1, 2))
+        least[here] = 1.0 / np.linalg.eigvalsh(relative)[:, -1] - shift
+    return least
+
+
+def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
+    """Force over displacement (T,) [N/m] of the platform's point in its softest direction, 0 at Type 2.
+
+    Of a platform that only turns moment over turn [N m/rad].
+    """
+    loaded = robot.translations if robot.translations.any() else ~robot.translations
+    X = free.X[:, loaded]
+    return np.maximum(least_ratios(free.K, matmul(X.swapaxes(1, 2), X)), 0.0)
+
+
+def first_frequency(free: CompliantMotions) -> Array:
+    """The first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN if nothing has mass."""
+    return np.sqrt(np.maximum(least_ratios(free.K, free.M), 0.0)) / (2 * np.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class PlatformStiffness(ReadOnlyArrays):
+    """Stiffness and free vibrations of a robot at one configuration, its motors locked.
+
+    Twists and wrenches on the platform's axes, base frame, at the platform frame's origin. Joint side.
+    """
+
+    robot: ParallelRobot
+    q: Array  # (nq,) with the deflections of the load
+    x: Array  # (n,)
+    stiffness: Array  # (n, n) K_x [N/m, N/rad, N m/rad], finite at Type 2 too
+    compliance: Array  # (n, n) its inverse; infinite where it has none
+    squares: Array  # (k,) rad^2/s^2 ascending; negative where a load buckles the robot; massless motions not
+    modes: Array  # (k, nv) joint rates of each; its generalised mass is 1 kg m^2
+    platform_modes: Array  # (k, n) the platform's twist in each
+    loaded: bool
+
+    @property
+    def frequencies(self) -> Array:
+        """Natural frequencies (k,) [Hz]; NaN for what does not vibrate but buckles."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.sqrt(self.squares) / (2 * np.pi))
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether every motion of the platform is resisted."""
+        return bool(np.linalg.eigvalsh(self.stiffness)[0] > 0)
+
+
+def platform_stiffness(
+    robot: ParallelRobot, q: ArrayLike, *, loaded: bool = False, wrench: ArrayLike | None = None
+) -> PlatformStiffness:
+    """Stiffness, compliance, natural frequencies and modes at an assembled configuration q (nq,).
+
+    Args:
+        loaded: under weight and `wrench`: the springs first give way, from q with locked motors, until they
+            carry both (`equilibrium`); else at q, as if nothing pulled.
+        wrench: of the world ON the platform, on its axes (n,) [N, N m]; a moment only about a single axis
+            (others have no potential).
+
+    Raises:
+        InvalidInput: q leaves the loops open; a robot without springs, or with springs that leave the
+            platform rigid along some axis; a wrench without `loaded`.
+        NotConverged: there is no equilibrium near q.
+    """
+    expect_robot(robot)
+    if wrench is not None and not loaded:
+        raise InvalidInput("wrench: counts under load alone; give loaded=True")
+    closed = assembled_at(robot, q)
+    if loaded:
+        q, carried = _equilibrium(robot, closed.q[0], wrench)
+        closed = assembled_at(robot, q)
+        free = compliant_motions(robot, closed.system, closed.q)
+        H = free.Z[0].T @ carried @ free.Z[0]
+    else:
+        free = compliant_motions(robot, closed.system, closed.q)
+        H = free.K[0]
+    squares, shapes = _vibrations(H, free.M[0])
+    modes = np.zeros((len(shapes), robot.model.nv))
+    modes[:, free.columns] = shapes @ free.Z[0].T
+    stiffness = _condensed(robot, H, free.X[0])
+    return PlatformStiffness(
+        robot=robot,
+        q=closed.q[0],
+        x=closed.x[0],
+        stiffness=stiffness,
+        compliance=_inverse(robot, stiffness),
+        squares=squares,
+        modes=modes,
+        platform_modes=shapes @ free.X[0].T,
+        loaded=loaded,
+    )
+
+
+def equilibrium(robot: ParallelRobot, q: ArrayLike, *, wrench: ArrayLike | None = None) -> Array:
+    """The configuration (nq,) near q (nq,), with the same motor angles, in which the springs carry the load.
+
+    Newton's method finds unstable equilibria, too: `PlatformStiffness.is_stable` tells.
+
+    Args:
+        wrench: as for `platform_stiffness`.
+
+    Raises:
+        InvalidInput, NotConverged: as `platform_stiffness`.
+    """
+    return _equilibrium(robot, assembled_at(robot, q).q[0], wrench)[0]
+
+
+# ------------------------------------------------------------------ under load
+
+
+def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Array]:
+    """Newton's method on V' = J' lambda + X' w, c = 0; returns q (nq,) and the tangent stiffness there."""
+    w = np.zeros(robot.n) if wrench is None else finite_numbers("wrench", wrench, robot.n)
+    if np.count_nonzero(~robot.translations) > 1 and np.any(w[~robot.translations]):
+        raise InvalidInput("wrench: a moment on a platform that turns about several axes has no potential")
+    columns = np.concatenate([robot.elastic, robot.following])
+    lengths = robot.column_scale[columns]
+    weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
+    size = np.inf
+    for _ in range(MOST_STEPS):
+        x = robot.platform.coordinates(frames_at(robot, q[None]))
+        system = system_at(robot, q[None], x)
+        loops = loop_equations(robot.loops, system.frames)
+        J = loops.jacobian[0][:, columns] * weights[:, None] * lengths
+        forces = _forces(robot, q) - system.platform[0].T @ w
+        gradient = forces[columns] * lengths
+        multipliers = np.linalg.lstsq(J.T, gradient, rcond=None)[0]
+        H = _tangent(robot, q, system, columns, multipliers * weights, w)
+        if size < AT_REST:
+            if _is_small(robot, q) and np.abs(weights * loops.residual[0]).max(initial=0.0) < AT_REST:
+                return q, H
+            break
+        balanced = H * lengths * lengths[:, None]
+        whole = np.block([[balanced, J.T], [J, np.zeros((len(J), len(J)))]])
+        right = np.concatenate([J.T @ multipliers - gradient, -weights * loops.residual[0]])
+        step = np.linalg.lstsq(whole, right, rcond=None)[0][: len(columns)]
+        size = float(np.abs(step).max())
+        if not np.isfinite(size):
+            break
+        move = np.zeros((1, robot.model.nv))
+        move[0, columns] = step * min(1.0, LONGEST_STEP / max(size, LONGEST_STEP)) * lengths
+        q = integrate(robot, q[None], move)[0]
+    raise NotConverged(
+        f"{robot.name}: the springs find no equilibrium near this configuration: the load buckles the "
+        f"robot, or deflects it by more than linear springs mean",
+        residual=size,
+    )
+
+
+def _is_small(robot: ParallelRobot, q: Array) -> bool:
+    """Whether linear springs mean something at these deflections."""
+    turned = difference(robot, robot.neutral, q[None])[0] / robot.column_scale
+    return bool(np.abs(turned[robot.elastic]).max(initial=0.0) <= LARGEST)
+
+
+def _forces(robot: ParallelRobot, q: Array) -> Array:
+    """dV/dq (nv,): springs and weight."""
+    turned = difference(robot, robot.neutral, q[None])[0]
+    springs = robot.joint_stiffness * (turned - robot.joint_rest)
+    springs[robot.elastic] += robot.stiffness * turned[robot.elastic]
+    weight = pin.computeGeneralizedGravity(robot.model, scratch_of(robot).data, q)
+    return np.asarray(springs + weight)
+
+
+def _tangent(
+    robot: ParallelRobot, q: Array, system: System, columns: IntArray, multipliers: Array, w: Array
+) -> Array:
+    """d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2 along some columns, (f, f)."""
+    model, data = robot.model, scratch_of(robot).data
+    weight = np.array(pin.computeGeneralizedGravityDerivatives(model, data, q))
+    H = np.diag(_spring_stiffness(robot)) + 0.5 * (weight + weight.T)
+    count = len(columns)
+    first, second = np.triu_indices(count)
+    v = np.zeros((len(first), model.nv))
+    v[np.arange(len(first)), columns[first]] += 1.0
+    v[np.arange(len(first)), columns[second]] += 1.0
+    drift = _drift(
+        robot, q, system.frames, v, multipliers, w
+    )  # of a + b; twice a itself has four times its own
+    own = np.zeros(count)
+    own[first[first == second]] = drift[first == second] / 4.0
+    curved = np.zeros((count, count))
+    curved[first, second] = 0.5 * (drift - own[first] - own[second])
+    curved[first, second] = np.where(first == second, own[first], curved[first, second])
+    curved = curved + np.triu(curved, 1).T
+    return np.asarray(H[np.ix_(columns, columns)] - curved)
+
+
+def _drift(robot: ParallelRobot, q: Array, at: FrameStack, v: Array, multipliers: Array, w: Array) -> Array:
+    """v' (lambda . c" + w . x") v for joint rates v (T, nv), (T,)."""
+    stack = at._replace(
+        position=np.repeat(at.position, len(v), axis=0),
+        rotation=np.repeat(at.rotation, len(v), axis=0),
+        screws=np.repeat(at.screws, len(v), axis=0),
+    )
+    motions = frame_motions(robot, stack, np.repeat(q[None], len(v), axis=0), v)
+    curved = closure_drift(robot.loops, stack, motions) @ multipliers
+    return np.asarray(curved + robot.platform.drift(stack, motions) @ w)
+
+
+# ------------------------------------------------------------------ matrices
+
+
+def _spring_stiffness(robot: ParallelRobot) -> Array:
+    """Stiffness (nv,) of virtual and real springs along the joints."""
+    stiffness = np.array(robot.joint_stiffness, dtype=float)
+    stiffness[robot.elastic] += robot.stiffness
+    return stiffness
+
+
+def _mass(robot: ParallelRobot, q: Array) -> Array:
+    """Mass matrices (T, nv, nv) of the open tree, rotors not included."""
+    model, data = robot.model, scratch_of(robot).data
+    upper = np.empty((len(q), model.nv, model.nv))
+    for k in range(len(q)):
+        upper[k] = pin.crba(model, data, q[k])
+    upper = np.triu(upper)
+    return upper + np.triu(upper, 1).swapaxes(1, 2)
+
+
+def _condensed(robot: ParallelRobot, H: Array, X: Array) -> Array:
+    """K_x (n, n): the least energy of all motions that move the platform in a given way."""
+    scale = np.where(robot.translations, robot.length, 1.0)
+    left, values, right = np.linalg.svd(X / scale[:, None])
+    if len(values) < len(X) or values[-1] <= NOT_MOVED * values[0]:
+        raise InvalidInput(
+            f"{robot.name}, {robot.flexibility}: the springs leave the platform rigid along some direction "
+            f"while the motors are locked, so it has no stiffness matrix"
+        )
+    raised = right[: len(X)].T @ (left / values).T / scale  # X raised = 1
+    aside = right[len(X) :].T  # moves the platform not at all
+    both = aside.T @ H @ raised
+    left_over = (
+        H @ raised - H @ aside @ np.linalg.solve(aside.T @ H @ aside, both) if aside.size else H @ raised
+    )
+    K = raised.T @ left_over
+    return np.asarray(0.5 * (K + K.T))
+
+
+def _inverse(robot: ParallelRobot, K: Array) -> Array:
+    """The compliance (n, n), infinite in all entries that a direction without stiffness reaches."""
+    scale = np.where(robot.translations, robot.length, 1.0)
+    values, vectors = np.linalg.eigh(K * scale * scale[:, None])
+    lost = np.abs(values) <= NO_STIFFNESS * np.abs(values).max()
+    reached = np.abs(vectors[:, lost]) > NOT_MOVED
+    infinite = (reached[:, None] & reached[None]).any(axis=2)
+    found = (vectors / np.where(lost, np.inf, values)) @ vectors.T * scale * scale[:, None]
+    return np.where(infinite, np.inf, found)
+
+
+def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
+    """Squares (k,) of the angular frequencies, ascending, and shapes (k, d) with z' M z = 1.
+
+    Motions without mass follow the others at once and have no vibration of their own.
+    """
+    values, vectors = np.linalg.eigh(M)
+    heavy = values > NOT_MOVED * max(values[-1], 0.0) if values[-1] > 0 else np.zeros(len(values), bool)
+    light, massive = vectors[:, ~heavy], vectors[:, heavy] / np.sqrt(values[heavy])
+    if light.shape[1] and massive.shape[1]:
+        massive = massive - light @ np.linalg.lstsq(light.T @ H @ light, light.T @ H @ massive, rcond=None)[0]
+    squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
+    return squares, (massive @ shapes).T

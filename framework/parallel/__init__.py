@@ -1,0 +1,4 @@
+"""Many independent computations on the cores of this machine or of a cluster, kept as they are finished.
+
+Tasks go out in chunks that are the same whatever computes them, so that results do not depend on it.
+"""

@@ -1,0 +1,66 @@
+"""Tasks through any `concurrent.futures.Executor`, their results as they are finished."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, wait
+from contextlib import contextmanager
+from typing import TypeVar
+
+from framework.errors import InvalidInput
+from framework.parallel.workers import Workers
+
+LISTENING = 0.1  # [s] between two looks whether Ctrl-C was pressed
+CONNECTING = "10s"  # patience with a dask scheduler
+K = TypeVar("K")
+R = TypeVar("R")
+
+
+def completed(
+    task: Callable[[K], R], chunks: Iterable[K], executor: Executor | None
+) -> Iterator[tuple[K, R]]:
+    """Chunks with their results as they are finished; in order, in this process, without an executor.
+
+    What waits is cancelled when the iteration ends early. An executor must be able to pickle the task.
+    """
+    if executor is None:
+        for chunk in chunks:
+            yield chunk, task(chunk)
+        return
+    waiting = {executor.submit(task, chunk): chunk for chunk in chunks}
+    try:
+        while waiting:
+            # a signal may wake another thread: this one has to look for it
+            for future in wait(waiting, LISTENING, FIRST_COMPLETED).done:
+                yield waiting.pop(future), future.result()
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+@contextmanager
+def executor_of(*, workers: int = 1, dask: str | None = None) -> Iterator[Executor | None]:
+    """This process (None), `workers` processes of their own, or the cluster of a dask scheduler.
+
+    Args:
+        dask: the scheduler's address, instead of `workers`.
+
+    Raises:
+        InvalidInput: dask.distributed is not installed, or no scheduler answers at the address.
+    """
+    if dask is not None:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise InvalidInput("--dask: needs dask.distributed: pip install distributed") from None
+        try:
+            client = Client(dask, timeout=CONNECTING)
+        except (OSError, ValueError) as error:
+            raise InvalidInput(f"--dask: no scheduler answers at {dask}: {error}") from None
+        with client:
+            yield client.get_executor()
+    elif workers == 1:
+        yield None
+    else:
+        with Workers(workers) as processes:
+            yield processes

@@ -1,0 +1,161 @@
+"""Maps of a robot over its workspace as figures: bright is good, grey not reached, purple singular."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path as FilePath
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from framework.arrays import Array
+from framework.atlas.locus_on_map import locus_on_map
+from framework.atlas.quantities import Quantity, unit_of
+from framework.atlas.workspace_map import WorkspaceMap
+from framework.motion.path import Path
+from framework.show.captions import said
+from framework.show.plots import save
+from framework.show.style import COLUMN, LOCUS, PATH
+
+# Both can be told apart without red and green, and in grey.
+SEQUENTIAL, DIVERGING = "cividis", "BrBG"
+UNREACHED = "#e4e7eb"
+TAILS = (2.0, 98.0)  # percentiles between which colours change: a pole would take them all
+SAMPLES = 401  # of a path
+LONGEST_EDGE = 3.4  # [in] of the window drawn
+LEFT, RIGHT, BELOW, ABOVE, BAR = 0.55, 0.65, 0.45, 0.65, 0.25  # [in] about it
+
+
+def quantity_of(found: WorkspaceMap, key: str) -> Quantity:
+    """The quantity of a map by its key."""
+    return next(one for one in found.quantities if one.key == key)
+
+
+def colours(found: WorkspaceMap, key: str) -> tuple[Colormap, Normalize]:
+    """Colours of a quantity: bright is good; g has one colour on either side of the locus."""
+    quantity, values = quantity_of(found, key), found.values[key]
+    known = values[np.isfinite(values)]
+    if quantity.signed:
+        most = float(np.percentile(np.abs(known), TAILS[1])) if known.size else 1.0
+        return colormaps[DIVERGING], Normalize(-most, most)
+    palette = colormaps[SEQUENTIAL if quantity.large_is_good else f"{SEQUENTIAL}_r"]
+    if quantity.decades:
+        known = known[known > 0]
+    low, high = np.percentile(known, TAILS) if known.size else (0.1, 1.0)
+    high = high if high > low else low + max(abs(low), 1e-12) * 1e-6
+    return palette, LogNorm(low, high) if quantity.decades else Normalize(min(low, 0.0), high)
+
+
+def plot_map(
+    found: WorkspaceMap, key: str = "g", ax: Axes | None = None, *, path: Path | None = None
+) -> Axes:
+    """One quantity of a map, with the singular locus and a path on top."""
+    quantity, robot = quantity_of(found, key), found.robot
+    ax, scale = _axes(found) if ax is None else (ax, None)
+    palette, norm = colours(found, key)
+    values = found.values[key]
+    edges = [cell_edges(span) for span in found.window.spans]
+    ax.set_facecolor(UNREACHED)
+    mesh = ax.pcolormesh(
+        *edges, np.ma.masked_invalid(values).T, cmap=palette, norm=norm, rasterized=True, linewidth=0
+    )
+    known = values[np.isfinite(values)]
+    below, above = (
+        bool(known.size) and known.min() < norm.vmin,
+        bool(known.size) and known.max() > norm.vmax,
+    )
+    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
+    beside = {"ax": ax, "pad": 0.03} if scale is None else {"cax": scale}
+    bar = ax.figure.colorbar(mesh, extend=extend[below, above], **beside)
+    bar.set_label(f"[{unit_of(robot, quantity)}]")
+    halo = [withStroke(linewidth=2.8, foreground="white")]
+    for k, curve in enumerate(locus_on_map(found)):
+        label = "singular locus (Type 2)" if k == 0 else None
+        ax.plot(*curve.T, color=LOCUS, linewidth=1.4, path_effects=halo, label=label)
+    axes = list(found.window.axes)
+    if path is not None:
+        way = path(np.linspace(0.0, 1.0, SAMPLES))[:, axes]
+        ax.plot(*way.T, color=PATH, linewidth=1.6, linestyle="--", path_effects=halo, label="path")
+        ax.plot(*way[0], "o", color=PATH, markersize=4, markeredgecolor="white", markeredgewidth=0.8)
+    else:
+        start = robot.reference.x[axes]
+        ax.plot(*start, "P", color="black", markeredgecolor="white", markersize=6, label="reference")
+    ax.plot([], [], "s", color=UNREACHED, markeredgecolor="#9aa4af", label="not reached")
+    _frame(found, quantity, ax)
+    return ax
+
+
+def _axes(found: WorkspaceMap) -> tuple[Axes, Axes]:
+    """Axes for the window, to scale, and beside them for the colours, on a figure of their size."""
+    wide, high = 1.0, 0.8
+    if is_to_scale(found):
+        wide, high = found.window.upper - found.window.lower
+    width, height = LONGEST_EDGE * np.array([wide, high]) / max(wide, high)
+    whole = np.array([max(LEFT + width + BAR + RIGHT, COLUMN), BELOW + height + ABOVE])
+    drawing = Figure(figsize=tuple(whole))
+
+    def placed(left: float, across: float) -> Axes:
+        corner, size = np.array([left, BELOW]) / whole, np.array([across, height]) / whole
+        return drawing.add_axes((*corner, *size))
+
+    return placed(LEFT, width), placed(LEFT + width + 0.5 * BAR, 0.5 * BAR)
+
+
+def is_to_scale(found: WorkspaceMap) -> bool:
+    """Whether both axes have one unit."""
+    lengths = found.robot.translations[list(found.window.axes)]
+    return bool(lengths.all() or not lengths.any())
+
+
+def _frame(found: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:
+    robot, axes = found.robot, found.window.axes
+    ax.grid(False)
+    if is_to_scale(found):
+        ax.set_aspect("equal")
+    ax.set_xlim(*cell_edges(found.window.spans[0])[[0, -1]])
+    ax.set_ylim(*cell_edges(found.window.spans[1])[[0, -1]])
+    for set_label, k in ((ax.set_xlabel, axes[0]), (ax.set_ylabel, axes[1])):
+        set_label(f"{robot.axis_names[k]}  [{'m' if robot.translations[k] else 'rad'}]")
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2, handlelength=1.6)
+    for text, above, colour in ((quantity.name, 27, "black"), (title(found), 16, "#5c6876")):
+        ax.annotate(
+            text, (0.0, 1.0), (0, above), xycoords="axes fraction", textcoords="offset points", color=colour
+        )
+
+
+def title(found: WorkspaceMap) -> str:
+    """The robot, the mode that the map shows, and what is held."""
+    robot, axes = found.robot, found.window.axes
+    held = [
+        f"{name} = {value + 0.0:.4g} {'m' if slides else 'rad'}"
+        for k, (name, value, slides) in enumerate(
+            zip(robot.axis_names, found.window.held, robot.translations, strict=True)
+        )
+        if k not in axes
+    ]
+    flexible = "" if robot.flexibility == "rigid" else f", {said(robot.flexibility)}"
+    return f"{said(robot.name)}{flexible}: working mode of the reference" + (
+        f", at {', '.join(held)}" if held else ""
+    )
+
+
+def cell_edges(span: Array) -> Array:
+    """Edges of the cells around equal steps."""
+    half = 0.5 * (span[1] - span[0])
+    return np.append(span - half, span[-1] + half)
+
+
+def save_map_figures(found: WorkspaceMap, folder: FilePath, *, path: Path | None = None) -> list[FilePath]:
+    """Write a PDF and a PNG of each quantity into a folder: map_g.pdf and so on."""
+    return [
+        file
+        for one in found.quantities
+        for file in save(partial(plot_map, found, one.key, path=path), folder / f"map_{one.key}")
+    ]
+
+
+__all__ = ["plot_map", "save_map_figures"]

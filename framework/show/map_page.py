@@ -1,0 +1,100 @@
+"""A map as a page of its own, with the values of the pose under the pointer: one file, nothing fetched."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from importlib.resources import files
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.atlas.locus_on_map import locus_on_map
+from framework.atlas.quantities import Quantity, unit_of
+from framework.atlas.sweep import WORDS, Reason
+from framework.atlas.workspace_map import WorkspaceMap
+from framework.motion.path import Path
+from framework.show.map import SAMPLES, UNREACHED, cell_edges, colours, is_to_scale, title
+from framework.show.style import LOCUS, PATH
+
+SHADES = 256
+LEAD = (
+    "All poses are reached from the robot's reference without leaving its working mode. Bright is good, grey "
+    "is not reached. On the purple locus (Type 2) the motors do not hold the platform."
+)
+
+
+def map_page(found: WorkspaceMap, *, path: Path | None = None) -> str:
+    """The page, HTML."""
+    document = json.dumps(_document(found, path), allow_nan=False).replace("<", "\\u003c")
+    return Template(_asset("map.html")).substitute(
+        title=html.escape(title(found)),
+        lead=html.escape(LEAD),
+        style=_asset("map.css"),
+        document=document,
+        script=_asset("map.js"),
+    )
+
+
+def _document(found: WorkspaceMap, path: Path | None) -> dict[str, Any]:
+    robot, window = found.robot, found.window
+    curves = [_curve(curve, LOCUS, 2.0, []) for curve in locus_on_map(found)]
+    legend: list[tuple[str, str, bool]] = [("singular locus (Type 2)", LOCUS, False)] if curves else []
+    if path is not None:
+        way = path(np.linspace(0.0, 1.0, SAMPLES))[:, list(window.axes)]
+        curves.append(_curve(way, PATH, 2.5, [7, 4]))
+        legend.append(("path, from the dot on", PATH, False))
+        mark = way[0]
+    else:
+        mark = robot.reference.x[list(window.axes)]
+    legend.append(("not reached", UNREACHED, True))
+    units = ["m" if slides else "rad" for slides in robot.translations]
+    return {
+        "shape": list(window.shape),
+        "axes": [f"{robot.axis_names[k]} [{units[k]}]" for k in window.axes],
+        "spans": [span.tolist() for span in window.spans],
+        "edges": [cell_edges(span)[[0, -1]].tolist() for span in window.spans],
+        "to_scale": is_to_scale(found),
+        "quantities": [_quantity(found, one) for one in found.quantities],
+        "reason": _packed(found.reason.astype(np.uint8)),
+        "reasons": [WORDS[kind] for kind in Reason],
+        "assembly": _packed(found.assembly.astype(np.int8).view(np.uint8)),
+        "has_sides": robot.n_a == robot.n and len(robot.passive) > 0,
+        "unreached": _rgb(UNREACHED),
+        "curves": curves,
+        "marks": [np.round(mark, 9).tolist()],
+        "legend": legend,
+    }
+
+
+def _quantity(found: WorkspaceMap, one: Quantity) -> dict[str, Any]:
+    palette, norm = colours(found, one.key)
+    shades = np.round(255 * palette(np.linspace(0.0, 1.0, SHADES))[:, :3]).astype(int)
+    return {
+        "key": one.key,
+        "name": one.name,
+        "unit": unit_of(found.robot, one),
+        "values": _packed(found.values[one.key].astype("<f4")),
+        "range": [float(norm.vmin or 0.0), float(norm.vmax or 0.0)],
+        "decades": one.decades,
+        "colours": shades.tolist(),
+    }
+
+
+def _curve(points: Array, colour: str, width: float, dash: list[int]) -> dict[str, Any]:
+    return {"points": np.round(points, 9).tolist(), "colour": colour, "width": width, "dash": dash}
+
+
+def _packed(array: np.ndarray) -> str:
+    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
+
+
+def _rgb(colour: str) -> list[int]:
+    return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+
+
+def _asset(name: str) -> str:
+    return files("framework.show").joinpath("page", name).read_text(encoding="utf-8")

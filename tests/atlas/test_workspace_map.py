@@ -1,0 +1,183 @@
+"""Maps: held pose by pose against the geometry of the 5R, and the same whatever computes them."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput
+from framework.atlas.locus_on_map import locus_on_map
+from framework.atlas.map_files import setup_document, write_map
+from framework.atlas.quantities import chosen
+from framework.atlas.sweep import Reason, stepped
+from framework.atlas.window import Window, held_coordinates, map_axes
+from framework.atlas.workspace_map import surveyed, workspace_map
+from framework.kinematics.inverse_kinematics import mode_signs, system_at
+from framework.kinematics.tracking import assemble
+from framework.parallel.kept import KeptChunks
+from tests.oracles import five_bar_pose
+
+KEYS = ("g", "conditioning", "torque", "stiffness", "frequency")
+
+
+def window(robot, size, lower=(-0.32, -0.5), upper=(0.33, 0.5)):
+    return Window(map_axes(robot), np.array(lower), np.array(upper), (size, size), robot.reference.x)
+
+
+@cache
+def five_bar_map(flexibility="flexible_links", size=41):
+    robot = robots.load("five_bar", flexibility=flexibility)
+    return workspace_map(robot, window(robot, size), chosen(robot, None))
+
+
+def test_every_pose_of_the_5r_has_the_values_of_its_geometry():
+    found = five_bar_map()
+    assert set(found.values) == set(KEYS)
+    at = five_bar_pose.pose(found.window.points()[found.reached])
+    values = {key: found.values[key][found.reached] for key in KEYS}
+    signs = np.sign(at.sine)
+    same = np.sign(values["g"]) == signs * np.sign(values["g"][0]) * signs[0]
+    assert same[np.abs(at.sine) > 1e-9].all()
+    np.testing.assert_allclose(values["torque"], five_bar_pose.worst_torque(at), rtol=1e-7)
+    K = np.linalg.eigvalsh(five_bar_pose.stiffness(at, rods=True))
+    np.testing.assert_allclose(values["stiffness"], K[:, 0], rtol=1e-7, atol=1e-9 * K.max())
+    squares = (2 * np.pi * values["frequency"]) ** 2
+    np.testing.assert_allclose(squares, K[:, 0] / five_bar_pose.PAYLOAD, rtol=1e-7, atol=1e-10 * K.max())
+
+
+def test_what_is_reached_is_the_workspace_and_no_elbow_has_turned_over():
+    found = five_bar_map()
+    x = found.window.points().reshape(-1, 2)
+    inside = five_bar_pose.reachable(x)
+    cell = found.window.cell.max()
+    folded = np.linalg.norm(x[:, None] - five_bar_pose.BASES, axis=2).min(axis=1) < cell
+    reached = found.reached.ravel()
+    assert not reached[inside < 0].any()
+    assert reached[(inside > cell) & ~folded].all()
+    q = found.q.reshape(-1, found.q.shape[-1])[reached]
+    at = five_bar_pose.pose(x[reached])
+    for leg, name in enumerate(("left_motor", "right_motor")):
+        column = found.robot.actuator_names.index(name)
+        angle = q[:, found.robot.actuated[column]]
+        crank = five_bar_pose.LENGTH * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        np.testing.assert_allclose(crank, at.crank[:, leg], rtol=0, atol=1e-7)
+
+
+def test_the_locus_on_a_map_is_where_the_rods_are_in_line():
+    found = five_bar_map("rigid", 81)
+    points = np.concatenate(locus_on_map(found))
+    inside = five_bar_pose.reachable(points) > 2 * found.window.cell.max()
+    away = np.linalg.norm(points[:, None] - five_bar_pose.BASES, axis=2).min(axis=1) > 0.1
+    at = five_bar_pose.pose(points[inside & away])
+    assert len(at.sine) > 50
+    assert np.abs(at.sine).max() < 3e-3  # a cell has 0.01 m: between two poses g is taken for straight
+
+
+@pytest.mark.parametrize("name", ["three_rrr", "gough_stewart", "agile_eye"])
+def test_a_pose_of_a_map_is_the_one_that_tracking_reaches(name):
+    robot = robots.load(name)
+    axes = map_axes(robot)
+    found = workspace_map(robot, surveyed(robot, axes, robot.reference.x, (9, 9)), chosen(robot, ["g"]))
+    near = np.abs(found.window.points() - robot.reference.x).max(axis=2)
+    places = [tuple(map(int, at)) for at in np.argwhere(found.reached & (near < 0.3 * near.max()))[::3]]
+    assert places
+    for i, j in places:
+        x = found.window.points()[i, j]
+        one, two = (system_at(robot, q[None], x[None]) for q in (found.q[i, j], assemble(robot, x).q))
+        np.testing.assert_allclose(one.frames.position, two.frames.position, rtol=0, atol=1e-8 * robot.length)
+        assert mode_signs(robot, one)[1] == mode_signs(robot, two)[1] == found.assembly[i, j]
+
+
+def test_no_step_goes_through_a_folded_leg():
+    """Straight across the motor's place, where the leg has no length and may come out on either side."""
+    robot = robots.load("five_bar")
+    start, end = np.array([[-0.2, 0.03]]), np.array([[-0.2, -0.03]])
+    step = stepped(robot, assemble(robot, start[0]).q[None], start, end)
+    assert step.reason[0] in (Reason.OPEN, Reason.OTHER_MODE)
+
+
+def test_a_map_does_not_depend_on_the_executor(tmp_path):
+    robot = robots.load("five_bar", flexibility="flexible_joints")
+    files = []
+    for pool in (None, ThreadPoolExecutor(2)):
+        found = workspace_map(robot, window(robot, 30), chosen(robot, None), executor=pool)
+        folder = tmp_path / str(pool is None)
+        folder.mkdir()
+        files.append([file.read_bytes() for file in write_map(found, folder)])
+    assert files[0] == files[1]
+
+
+class Stopped(KeyboardInterrupt):
+    pass
+
+
+def test_an_interrupted_map_goes_on_and_computes_nothing_twice(tmp_path, monkeypatch):
+    robot = robots.load("five_bar")
+    at, quantities = window(robot, 40), chosen(robot, None)
+    kept = KeptChunks.of(tmp_path, setup_document(robot, at, [one.key for one in quantities]))
+    computed = []
+    module = "framework.atlas.workspace_map"
+    filled = workspace_map.__globals__["filled_band"]
+
+    def counted(robot, window, quantities, band):
+        if len(computed) == 2:
+            raise Stopped
+        computed.append(band.name)
+        return filled(robot, window, quantities, band)
+
+    monkeypatch.setattr(f"{module}.filled_band", counted)
+    with pytest.raises(Stopped):
+        workspace_map(robot, at, quantities, keeper=kept)
+    assert sorted(kept.found()) == computed
+    first = list(computed)
+    monkeypatch.setattr(
+        f"{module}.filled_band", lambda *given: computed.append(given[3].name) or filled(*given)
+    )
+    done = []
+    resumed = workspace_map(robot, at, quantities, keeper=kept, progress=done.append)
+    assert sorted(computed) == sorted(set(computed))
+    assert len(computed) == 5 > len(first)
+    assert done[0] == 16 * 40
+    assert done[-1] == 1600
+    fresh = workspace_map(robot, at, quantities)
+    for key, values in fresh.values.items():
+        np.testing.assert_array_equal(resumed.values[key], values)
+    np.testing.assert_array_equal(resumed.q, fresh.q)
+
+
+def test_a_kept_band_of_another_map_is_not_taken(tmp_path):
+    robot = robots.load("five_bar")
+    at = window(robot, 20)
+    small, large = ([one.key for one in chosen(robot, keys)] for keys in (["g"], None))
+    places = {
+        KeptChunks.of(tmp_path, setup_document(robot, one, keys)).folder
+        for one in (at, window(robot, 21))
+        for keys in (small, large)
+    }
+    assert len(places) == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "told"),
+    [
+        ("five_bar", ["g", "stiffness"], "no springs"),
+        ("five_bar", ["gravity"], "unknown quantity"),
+        ("agile_eye", ["torque"], "only turns"),
+    ],
+)
+def test_a_quantity_that_a_robot_has_not_is_refused(name, keys, told):
+    with pytest.raises(InvalidInput, match=told):
+        chosen(robots.load(name), keys)
+
+
+def test_a_robot_of_one_freedom_has_no_map():
+    with pytest.raises(InvalidInput, match="two platform coordinates"):
+        map_axes(robots.load("four_bar"))
+    with pytest.raises(InvalidInput, match="two of x, y"):
+        map_axes(robots.load("five_bar"), ("x", "x"))
+    with pytest.raises(InvalidInput, match="at"):
+        held_coordinates(robots.load("five_bar"), [1.0])

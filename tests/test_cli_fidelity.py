@@ -1,0 +1,127 @@
+"""`crossing fidelity` and `crossing plan --flexibility auto`: what they print, write and refuse."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+import robots
+from framework import fidelity_study
+from framework.cli import main
+
+NAMES = [
+    *("kinematics", "payload", "rigid", "flexible_joints", "flexible_links"),
+    *("deformed", "elastic_inertia"),
+]
+
+
+def run(capsys, *arguments):
+    code = main([str(argument) for argument in arguments])
+    return code, *capsys.readouterr()
+
+
+def test_the_table_has_a_line_a_rung_and_names_the_least(capsys):
+    code, text, _ = run(capsys, "fidelity", "five_bar", "--scene", "C", "--tolerance", "1%")
+    assert code == 0
+    lines = text.splitlines()
+    assert [line.split()[0] for line in lines[2:] if line.split()[0] in NAMES] == NAMES
+    assert "  enough            payload: " in text
+    assert "fidelity: {rung: payload, tolerance: 0.01}" in text
+    assert max(map(len, lines)) <= 150
+
+
+def test_numbers_and_a_figure_are_written_together(capsys, tmp_path, monkeypatch):
+    # figures take seconds: tests/show draws this one, here a note stands for it
+    monkeypatch.setattr(
+        "framework.show.plots.save", lambda _, stem: stem.with_suffix(".png").write_text("figure")
+    )
+    out = tmp_path / "study"
+    code, text, err = run(
+        capsys, "fidelity", "five_bar", "--scene", "A", "--tolerance", "0.001", "--json", "--out", out
+    )
+    assert (code, err) == (0, "")
+    document = json.loads(text)
+    assert document == json.loads((out / "fidelity.json").read_text())
+    assert [entry["rung"] for entry in document["rungs"]] == NAMES
+    assert {path.name for path in out.iterdir()} == {"fidelity.json", "fidelity.png"}
+    least = next(entry for entry in document["rungs"] if entry["enough"])
+    assert document["fidelity"] == {"rung": least["rung"], "tolerance": 0.001}
+    assert max(least["torque"], least["platform"]) <= 0.001
+
+
+def test_no_rung_enough_is_an_answer_with_its_table(capsys, monkeypatch):
+    study = replace(fidelity_study(robots.load("five_bar"), "A"), tolerance=1e-15)
+    monkeypatch.setattr("framework.cli.fidelity.fidelity_study", lambda *_, **__: study)
+    code, text, err = run(capsys, "fidelity", "five_bar", "--scene", "A")
+    assert code == 1
+    assert "no rung is enough" in err
+    assert err.count("\n") == 1
+    assert "elastic_inertia" in text
+    assert "to keep" not in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("--scene", "B"), 1, "unbounded torque"),
+        (("--scene", "none"), 2, "unknown scene 'none'"),
+        ((), 2, "give --scene"),
+        (("--scene", "C", "--tolerance", "much"), 2, "--tolerance: needs a share"),
+        (("--scene", "C", "--tolerance", "0"), 2, "tolerance: needs a share in"),
+        (("--scene", "C", "--geometry", "rigid"), 2, "geometry: each rung"),
+        (("--scene", "C", "--out", ""), 2, "--out"),
+    ],
+)
+def test_what_is_refused_is_told_in_one_line(capsys, arguments, code, words):
+    found, out, err = run(capsys, "fidelity", "five_bar", *arguments)
+    assert (found, out) == (code, "")
+    assert words in err
+    assert err.count("\n") == 1
+
+
+# ------------------------------------------------------------------ plan --flexibility auto
+
+
+def test_auto_plans_with_what_the_scene_keeps(capsys):
+    told = ["plan", "five_bar", "--scene", "C", "--json"]
+    auto = json.loads(run(capsys, *told, "--flexibility", "auto")[1])
+    same = json.loads(run(capsys, *told, "--flexibility", "rigid", "--smoothness", "4")[1])
+    assert auto.pop("fidelity") == {"rung": "payload", "tolerance": 0.01}
+    assert {**auto, "seconds": 0} == {**same, "seconds": 0}
+    text = run(capsys, "plan", "five_bar", "--scene", "C", "--flexibility", "auto")[1]
+    assert "payload is enough for 1 %" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--scene", "A"), "scene A of five_bar keeps no rung"),
+        (("--scene", "none"), "unknown scene 'none'"),
+        (("--from", "0.1", "0.345", "--to", "0", "0.3", "--duration", "1"), "give --scene"),
+        (("--scene", "C", "--duration", "2"), "--duration: the rung"),
+        (("--scene", "C", "--torque-limit", "1"), "--torque-limit: the rung"),
+        (("--scene", "C", "--bend"), "--bend: the rung"),
+    ],
+)
+def test_auto_is_for_scenes_that_keep_a_rung_as_they_stand(capsys, arguments, words):
+    code, out, err = run(capsys, "plan", "five_bar", *arguments, "--flexibility", "auto")
+    assert (code, out) == (2, "")
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_other_commands_know_no_auto(capsys):
+    code, _, err = run(capsys, "simulate", "five_bar", "--scene", "C", "--flexibility", "auto")
+    assert code == 2
+    assert "invalid choice: 'auto'" in err
+
+
+def test_a_rung_that_there_is_not_is_told_with_its_place(capsys, tmp_path):
+    for suffix in (".yaml", ".urdf"):
+        text = robots.CATALOGUE["five_bar"].file.with_suffix(suffix).read_text()
+        (tmp_path / f"five_bar{suffix}").write_text(text.replace("rung: payload", "rung: playload"))
+    code, _, err = run(capsys, "check", tmp_path / "five_bar.yaml")
+    assert code == 2
+    assert "scenes.C.fidelity.rung: unknown rung 'playload'; did you mean 'payload'?" in err

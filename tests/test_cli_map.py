@@ -1,0 +1,189 @@
+"""`crossing map`: what it tells and writes, and maps that are killed and begun again."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from framework.atlas.workspace_map import workspace_map
+from framework.cli import main
+
+ROOT = Path(__file__).parents[1]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+FILES = ("map.json", "map.npz", "map.csv")
+
+
+def mapped(capsys, *arguments):
+    code = main(["map", *map(str, arguments), "--json"])
+    out, err = capsys.readouterr()
+    return code, json.loads(out), err
+
+
+def test_a_map_is_told_and_written(tmp_path, capsys):
+    code, told, _ = mapped(
+        capsys, "five_bar", "--scene", "C", "--size", 12, "--quantity", "g", "--out", tmp_path
+    )
+    assert code == 0
+    assert sum(told["poses"].values()) == 144
+    assert set(told["quantities"]) == {"g"}
+    assert len(told["robot_hash"]) == 64
+    names = {file.name for file in tmp_path.iterdir()}
+    assert names == {*FILES, "map.html", "map_g.pdf", "map_g.png"}
+    with np.load(tmp_path / "map.npz") as arrays:
+        assert arrays["g"].shape == (12, 12)
+    lines = (tmp_path / "map.csv").read_text().splitlines()
+    assert lines[0] == "x,y,reached,assembly_mode,g"
+    assert len(lines) == 145
+    assert json.loads((tmp_path / "map.json").read_text()) == {
+        key: told[key] for key in told if key != "seconds"
+    }
+
+
+def test_a_map_of_a_slice_holds_the_other_coordinates(capsys):
+    code, told, _ = mapped(
+        capsys, "delta", "--over", "x", "z", "--at", 0, 0.1, -1.2, "--size", 6, "--quantity", "g"
+    )
+    assert code == 0
+    assert told["axes"] == ["x", "z"]
+    assert told["held"] == {"y": 0.1}
+
+
+def test_the_margin_of_a_pose_is_told_with_its_status(capsys):
+    code, told, _ = mapped(capsys, "five_bar", "--size", 5, "--quantity", "g", "--nearest", 0, 0.3)
+    assert code == 0
+    found = told["nearest_singular_pose"]
+    assert found["distance"] == pytest.approx(0.3 - np.sqrt(0.06), rel=1e-9)  # straight below, on the locus
+    assert found["status"].startswith("at most 0.05505")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["four_bar"], "two platform coordinates"),
+        (["five_bar", "--quantity", "beauty"], "unknown quantity"),
+        (["five_bar", "--over", "x", "z"], "axes of a map"),
+        (["five_bar", "--window", "1", "0", "0", "1"], "window"),
+        (["five_bar", "--window", "0", "1", "0", "inf"], "--window"),
+        (["five_bar", "--at", "1"], "at"),
+        (["five_bar", "--out", ""], "--out"),
+        (["five_bar", "--nearest", "1"], "platform coordinates"),
+        (["five_bar", "--scene", "Z"], "unknown scene"),
+    ],
+)
+def test_misuse_is_told_in_one_line(arguments, complaint, capsys):
+    code, told, err = mapped(capsys, *arguments)
+    assert code == 2
+    assert complaint in told["error"]["message"]
+    assert err.count("\n") == 1
+
+
+def test_a_map_that_is_stopped_says_what_is_kept_and_goes_on(tmp_path, capsys, monkeypatch):
+    module, count = sys.modules[workspace_map.__module__], []
+    filled = module.filled_band
+
+    def stopped(*given):
+        if len(count) == 2:
+            raise KeyboardInterrupt
+        count.append(given[3].name)
+        return filled(*given)
+
+    command = ("five_bar", "--size", 24, "--quantity", "g", "--out", tmp_path)
+    monkeypatch.setattr(module, "filled_band", stopped)
+    code, told, _ = mapped(capsys, *command)
+    assert code == 130
+    assert "2 bands are kept" in told["error"]["message"]
+    monkeypatch.setattr(module, "filled_band", lambda *given: count.append(given[3].name) or filled(*given))
+    assert mapped(capsys, *command)[0] == 0
+    assert len(count) == len(set(count)) == 3
+    assert not kept(tmp_path)
+
+
+# ------------------------------------------------------------------ in processes
+
+SCRIPT = """
+import sys
+from pathlib import Path
+import numpy as np
+import robots
+from framework.atlas.map_files import setup_document, write_map
+from framework.atlas.quantities import chosen
+from framework.atlas.window import Window
+from framework.atlas.workspace_map import workspace_map
+from framework.parallel.kept import KeptChunks
+from framework.parallel.tasks import executor_of
+
+if __name__ == "__main__":
+    out, workers, dask = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3] or None
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    quantities = chosen(robot, None)
+    window = Window((0, 1), np.array([-0.3, -0.4]), np.array([0.3, 0.5]), (120, 60), robot.reference.x)
+    kept = KeptChunks.of(out, setup_document(robot, window, [one.key for one in quantities]))
+    with executor_of(workers=workers, dask=dask) as executor:
+        found = workspace_map(robot, window, quantities, executor=executor, keeper=kept)
+    write_map(found, out)
+"""
+
+
+def begun(out, workers=1, dask=""):
+    script = out.parent / "script.py"
+    script.write_text(SCRIPT)
+    out.mkdir(exist_ok=True)
+    return subprocess.Popen([sys.executable, str(script), str(out), str(workers), dask], env=ENVIRONMENT)
+
+
+def kept(out):
+    return sorted(Path(out).glob(".crossing-kept-*/*.npz"))
+
+
+def files(out):
+    return [(out / name).read_bytes() for name in FILES]
+
+
+@pytest.fixture(scope="module")
+def serial(tmp_path_factory):
+    out = tmp_path_factory.mktemp("maps") / "serial"
+    assert begun(out).wait() == 0
+    return files(out)
+
+
+@pytest.mark.slow
+def test_a_map_that_is_killed_goes_on_and_computes_nothing_twice(serial, tmp_path):
+    killed = tmp_path / "killed"
+    first = begun(killed)
+    limit = time.monotonic() + 60
+    while len(kept(killed)) < 3:
+        assert first.poll() is None
+        assert time.monotonic() < limit
+        time.sleep(0.005)
+    first.kill()
+    first.wait()
+    there = {file: file.stat().st_mtime_ns for file in kept(killed)}
+    assert 3 <= len(there) < 15
+    assert begun(killed).wait() == 0
+    assert len(kept(killed)) == 15
+    # a band that is computed is written: those that were there have not been
+    assert {file: file.stat().st_mtime_ns for file in there} == there
+    assert files(killed) == serial
+
+
+@pytest.mark.slow
+def test_processes_give_the_same_files_bit_by_bit(serial, tmp_path):
+    assert begun(tmp_path / "two", workers=2).wait() == 0
+    assert files(tmp_path / "two") == serial
+
+
+@pytest.mark.slow
+def test_a_dask_cluster_gives_the_same_files_bit_by_bit(serial, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        assert begun(tmp_path / "dask", dask=cluster.scheduler_address).wait() == 0
+    assert files(tmp_path / "dask") == serial
