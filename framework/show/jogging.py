@@ -41,6 +41,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
         "about": about(robot),
         "push": f"{PUSH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",
         "flat": robot.n == 2,
+        "lines": _has_lines(robot),
         "no_figure": (why_no_figure(robot) or "") if len(robot.passive) else "",
         "drag": bool(len(robot.platform.sliding)),
         "poses": floats(poses),
@@ -94,6 +95,15 @@ def _words(pose: JoggedPose) -> str:
     name, meaning = CLASSES[pose.kind]
     there = "There" if pose.level == "near" else "Here"
     return f"{where} a {name}. {there} {meaning}."
+
+
+def _has_lines(robot: ParallelRobot) -> bool:
+    """Whether each motor's force has a line."""
+    try:
+        held = hold_at(robot, robot.reference.q, np.zeros(robot.n))
+    except NotAssembled:
+        return False
+    return action_lines(robot, held.motor_speed[None]) is not None
 
 
 def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:

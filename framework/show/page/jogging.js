@@ -41,7 +41,7 @@ class Hand {
       locus ? key("var(--locus)", `singular locus${locus.whole ? "" : " (platform not turned)"}`) : "",
       key("var(--twist)", "t<sub>s</sub>: direction least held"),
       start.sides ? given : no_figure ? `<div>what motors can give: ${plain(no_figure)}</div>` : "",
-      start.lines !== undefined && this.content.motors.length > 1 ? key("var(--given)", `${turns ? "axes of the motors’ torques" : "lines of the motors’ forces"}, near a Type 2 singularity`) : "",
+      this.content.lines ? key("var(--given)", `${turns ? "axes of the motors’ torques" : "lines of the motors’ forces"}, near a Type 2 singularity`) : "",
     ].join("");
   }
 
