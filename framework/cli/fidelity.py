@@ -46,27 +46,32 @@ def run(options: argparse.Namespace) -> Report:
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     if options.out is None:
-        study = _studied(options)
-        document, text = study.to_dict(), fidelity_text(study)
+        study, document, text = _studied(options)
     else:
         out = FilePath(options.out)
         with written_together(out, document=FILE) as folder:
             from framework.show.fidelity import plot_fidelity
             from framework.show.plots import save
 
-            study = _studied(options)
-            document, text = study.to_dict(), f"{fidelity_text(study)}\n  written to        {out}"
+            study, document, text = _studied(options)
+            text += f"\n  written to        {out}"
             (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
             save(lambda: plot_fidelity(study), folder / "fidelity")
     options.refusal = study.refusal
     return document, text
 
 
-def _studied(options: argparse.Namespace) -> FidelityStudy:
+def _studied(options: argparse.Namespace) -> tuple[FidelityStudy, dict[str, Any], str]:
+    """The study, for machines and for people; what a scene may keep if it is of the scene as it stands."""
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path_and_motion(options, robot)
     with progress_bar(float(len(LADDER)), "rungs", silent=options.json) as progress:
-        return fidelity_study(robot, path, tolerance=tolerance, progress=progress, **typed)
+        study = fidelity_study(robot, path, tolerance=tolerance, progress=progress, **typed)
+    document, text, kept = study.to_dict(), fidelity_text(study), study.kept
+    if kept is None or options.scene is None or typed:
+        return study, document, text
+    line = f"fidelity: {{rung: {kept['rung']}, tolerance: {kept['tolerance']:g}}}"
+    return study, {**document, "fidelity": kept}, f"{text}\n  to keep           {line}"
 
 
 def fidelity_text(study: FidelityStudy) -> str:
@@ -85,7 +90,6 @@ def fidelity_text(study: FidelityStudy) -> str:
         lines += [
             f"  enough            {found.rung.name}: torques off by {torque}, platform by {platform}",
             f"  foretold          {study.foretold_rung.rung.name}, by the indicators alone",
-            f"  to keep           fidelity: {{rung: {found.rung.name}, tolerance: {study.tolerance:g}}}",
         ]
     return "\n".join(lines)
 

@@ -30,6 +30,7 @@ from framework.crossing.result import CrossingPlan
 from framework.dynamics.platform_wrench import platform_wrench
 from framework.dynamics.vibrations import first_frequencies
 from framework.kinematics.frames import difference
+from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.rungs import LADDER
 
 INSTANTS = 65
@@ -135,14 +136,15 @@ def _bending(rigid: CrossingPlan, elastic: CrossingPlan) -> float:
 
     What a motor takes up, such as the twist of its own gear, changes no geometry.
     """
-    times = np.linspace(0.0, rigid.duration, 257)
-    moved = []
-    for plan in (rigid, elastic):
-        robot = plan.robot
+    times = np.linspace(0.0, elastic.duration, 257)
+    near = rigid.configuration(np.minimum(times, rigid.duration))
+    undeformed = close_loops(rigid.robot, elastic.platform(times), near).q  # with the platform where it is
+    turned = []
+    for robot, q in ((rigid.robot, undeformed), (elastic.robot, elastic.configuration(times))):
         columns = {robot.joint_of(int(column)): column for column in robot.following}
-        turned = difference(robot, robot.neutral, plan.configuration(times)) / robot.column_scale
-        moved.append(turned[:, [columns[name] for name in sorted(columns)]])
-    return float(np.abs(moved[0] - moved[1]).max(initial=0.0))
+        joints = difference(robot, robot.neutral, q) / robot.column_scale
+        turned.append(joints[:, [columns[name] for name in sorted(columns)]])
+    return float(np.abs(turned[0] - turned[1]).max(initial=0.0))
 
 
 def _percent(share: float) -> str:
