@@ -51,6 +51,7 @@ def test_numbers_and_a_figure_are_written_together(capsys, tmp_path, monkeypatch
     assert max(least["torque"], least["platform"]) <= 0.001
 
 
+@pytest.mark.slow
 def test_another_motion_than_that_of_the_scene_is_nothing_to_keep(capsys):
     code, text, _ = run(capsys, "fidelity", "five_bar", "--scene", "A", "--duration", "3", "--json")
     assert code == 0
