@@ -10,6 +10,7 @@ from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene
 from framework.dynamics.instant import dynamics_at
 from framework.dynamics.inverse_dynamics import inverse_dynamics
+from framework.dynamics.platform_limits import platform_limits
 from framework.dynamics.result import InverseDynamics
 from framework.errors import (
     FrameworkError,
@@ -90,6 +91,7 @@ __all__ = [
     "locate_singularities",
     "plan_crossing",
     "plan_scene",
+    "platform_limits",
     "simulate",
     "trace_locus",
     "track_path",

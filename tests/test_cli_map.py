@@ -55,6 +55,14 @@ def test_a_map_of_a_slice_holds_the_other_coordinates(capsys):
     assert told["held"] == {"y": 0.1}
 
 
+def test_the_margin_of_a_pose_is_told_with_its_status(capsys):
+    code, told, _ = mapped(capsys, "five_bar", "--size", 5, "--quantity", "g", "--nearest", 0, 0.3)
+    assert code == 0
+    found = told["nearest_singular_pose"]
+    assert found["distance"] == pytest.approx(0.3 - np.sqrt(0.06), rel=1e-9)  # straight below, on the locus
+    assert found["status"].startswith("at most 0.05505")
+
+
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
@@ -65,6 +73,7 @@ def test_a_map_of_a_slice_holds_the_other_coordinates(capsys):
         (["five_bar", "--window", "0", "1", "0", "inf"], "--window"),
         (["five_bar", "--at", "1"], "at"),
         (["five_bar", "--out", ""], "--out"),
+        (["five_bar", "--nearest", "1"], "platform coordinates"),
         (["five_bar", "--scene", "Z"], "unknown scene"),
     ],
 )

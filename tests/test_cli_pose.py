@@ -76,3 +76,25 @@ def test_what_cannot_be_is_one_line(arguments, code, words, capsys):
     assert words in told.err
     assert told.err.count("\n") == 1
     assert told.out == ""
+
+
+def test_a_pose_says_what_the_limits_of_the_motors_leave_to_its_joints(capsys):
+    limits = posed(capsys, "humanoid_ankle", "--platform", 0.1, -0.1)["limits"]
+    assert limits.keys() == {"wrench", "speed"}
+    normals, offsets = (np.array(limits["wrench"][key]) for key in ("normals", "offsets"))
+    for k, (low, high) in enumerate(limits["wrench"]["alone"]):
+        for value in (low, high):
+            assert np.max(normals @ (value * np.eye(2)[k]) - offsets) == pytest.approx(0.0, abs=1e-9)
+    assert main(["pose", "humanoid_ankle", "--platform", "0.1", "-0.1"]) == 0
+    said = capsys.readouterr().out
+    assert f"ankle_pitch {limits['wrench']['alone'][0][0]:.4g} .. " in said
+    assert "rigid, without contact, the weight held" in said
+
+
+def test_limits_of_motors_may_be_said_beside_the_robot(capsys):
+    assert posed(capsys, "five_bar", "--platform", 0, 0.3)["limits"] == {}
+    limits = posed(capsys, "five_bar", "--platform", 0, 0.3, "--torque-limit", 0.2, "--speed-limit", 50, 60)
+    twice = posed(capsys, "five_bar", "--platform", 0, 0.3, "--torque-limit", 0.4)["limits"]
+    np.testing.assert_allclose(twice["wrench"]["alone"], 2 * np.array(limits["limits"]["wrench"]["alone"]))
+    assert limits["limits"].keys() == {"wrench", "speed"}
+    assert main(["pose", "five_bar", "--platform", "0", "0.3", "--torque-limit", "1", "2", "3"]) == 2

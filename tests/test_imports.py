@@ -1,7 +1,7 @@
 """Imports run one way.
 
 errors <- input <- output, linalg, motion <- model <- kinematics <- singularity | simulation <- dynamics <-
-crossing <- control <- show, cli <- robots <- tests
+crossing <- control <- chart <- show, cli <- robots <- tests
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ FLOORS = (
     ("dynamics",),
     ("crossing", "atlas"),
     ("control", "export"),
+    ("chart",),  # measures methods of all parts below
     ("show", "public"),  # the public face: `import framework` draws nothing
     ("__init__", "cli"),
     ("__main__",),
@@ -69,6 +70,7 @@ QUESTIONS = {
     "framework.singularity.traced_locus": None,
     "framework.dynamics.finite_differences": None,
     "framework.dynamics.measure_along_path": None,
+    "framework.dynamics.platform_limits": None,
     "framework.dynamics.platform_wrench": None,
     "framework.dynamics.result": None,
     "framework.dynamics.wrench": None,

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
+
+import robots
 
 
 def edited(urdf: str, *edits: tuple[Callable[..., None], Any] | tuple[Callable[..., None]]) -> str:
@@ -13,3 +16,18 @@ def edited(urdf: str, *edits: tuple[Callable[..., None], Any] | tuple[Callable[.
     for edit, *given in edits:
         edit(root, *given)
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def parametric_five_bar(folder: Path) -> Path:
+    """A robot file in the folder: the paper's 5R with the lengths of cranks and rods as parameters l1, l2."""
+    source = robots.load("five_bar").description.file
+    first, *rest = source.with_suffix(".urdf").read_text().split('xyz="0.25 0 0"')
+    assert len(rest) == 4  # crank and rod, left and right
+    text = first + "".join(
+        f'xyz="${{{name}}} 0 0"{part}' for name, part in zip(("l1", "l2", "l1", "l2"), rest, strict=True)
+    )
+    (folder / "named.urdf").write_text(text)
+    file = folder / "named.yaml"
+    names = "urdf: named.urdf\nparameters: {l1: [0.25, 0.23], l2: [0.25, 0.27, 0.6]}"
+    file.write_text(source.read_text().replace("urdf: five_bar.urdf", names))
+    return file

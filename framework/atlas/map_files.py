@@ -33,6 +33,11 @@ def robot_hash(robot: ParallelRobot) -> str:
     return found.hexdigest()
 
 
+def versions() -> dict[str, str]:
+    """What has to be the same for results to be the same to the last bit."""
+    return {package: version(package) for package in PACKAGES}
+
+
 def map_setup(found: WorkspaceMap) -> dict[str, Any]:
     """What a map depends on, a document of JSON."""
     return setup_document(found.robot, found.window, [one.key for one in found.quantities])
@@ -55,7 +60,8 @@ def setup_document(robot: ParallelRobot, window: Any, quantities: list[str]) -> 
             if k not in window.axes
         },
         "quantities": quantities,
-        "versions": {package: version(package) for package in PACKAGES},
+        "parameters": dict(robot.description.parameters),
+        "versions": versions(),
     }
 
 

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from framework.cli import (
+    chart,
     check,
     convert,
     export,
@@ -54,6 +55,7 @@ COMMANDS = (
     show,
     report,
     export,
+    chart,
 )  # in the order of --help
 UNEXPECTED = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback

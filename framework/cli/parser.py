@@ -131,13 +131,18 @@ def add_motion(parser: argparse.ArgumentParser) -> None:
 
 def add_limits(parser: argparse.ArgumentParser) -> None:
     """--torque-limit, --speed-limit and --margin."""
+    add_motor_limits(parser)
+    parser.add_argument("--margin", metavar="P", help="share of the limits left free, such as 10%% or 0.1")
+
+
+def add_motor_limits(parser: argparse.ArgumentParser) -> None:
+    """--torque-limit and --speed-limit."""
     parser.add_argument(
         "--torque-limit", type=float, nargs="+", metavar="N", help="of all motors, or of each, motor side"
     )
     parser.add_argument(
         "--speed-limit", type=float, nargs="+", metavar="N", help="of all motors, or of each [rad/s]"
     )
-    parser.add_argument("--margin", metavar="P", help="share of the limits left free, such as 10%% or 0.1")
 
 
 def add_executor(parser: argparse.ArgumentParser) -> None:

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from framework.arrays import Array
 from framework.cli import arguments
-from framework.cli.parser import Report, add_flexibility, add_robot, command
-from framework.errors import InvalidInput
+from framework.cli.parser import Report, add_flexibility, add_motor_limits, add_robot, command
+from framework.dynamics.platform_limits import PlatformLimits, platform_limits
+from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.forward_kinematics import forward_kinematics
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
@@ -35,6 +37,7 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--platform", dest="point", type=float, nargs="+", metavar="X", help="its coordinates [m, rad]"
     )
+    add_motor_limits(parser)
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -45,6 +48,7 @@ def run(options: argparse.Namespace) -> Report:
     given = options.motor_joints
     closed = assemble(robot, options.point) if given is None else forward_kinematics(robot, given)
     pose, found = describe_pose(robot, closed.q), classify(robot, closed.q)
+    limits = _limits(robot, closed.q, options)
     lines = [
         f"{pose.robot}, {pose.flexibility}",
         f"  platform          {_listed(pose.platform)}",
@@ -60,10 +64,50 @@ def run(options: argparse.Namespace) -> Report:
         f"  distances         g {found.g:.3g}, sigma_A {found.sigma_A:.3g} (length {found.length:.3g} m)"
         + _angles(robot, found),
         *_worst_torques(robot, found),
+        *_limits_in_words(robot, limits),
         f"  closures          closed to {pose.closure_error:.1e} m or rad",
         *(f"  warning           {joint} exceeds its limits: {what}" for joint, what in pose.exceeded.items()),
     ]
-    return asdict(pose) | {"singularity": _document(found)}, "\n".join(lines)
+    document = asdict(pose) | {"singularity": _document(found), "limits": _limits_document(limits)}
+    return document, "\n".join(lines)
+
+
+def _limits(robot: ParallelRobot, q: Array, options: argparse.Namespace) -> PlatformLimits | None:
+    """What the motors' limits leave to the platform; None where it does not determine the motors."""
+    try:
+        return platform_limits(robot, q, torque_limit=options.torque_limit, speed_limit=options.speed_limit)
+    except NotAssembled:
+        return None
+
+
+def _limits_in_words(robot: ParallelRobot, limits: PlatformLimits | None) -> list[str]:
+    """Lines about the motors' limits, where they have some."""
+    found = []
+    units = [("N", "m/s") if moves else ("N m", "rad/s") for moves in robot.translations]
+    for k, (name, polytope) in enumerate(limits.polytopes.items() if limits else ()):
+        ranges = (
+            f"{axis} {low:.4g} .. {high:.4g} {unit[k]}"
+            for axis, (low, high), unit in zip(robot.axis_names, polytope.alone(), units, strict=True)
+        )
+        alone = ", each alone" if robot.n > 1 else ""
+        found.append(f"  {name + ' limits':<17} {', '.join(ranges)}{alone}")
+    if found:
+        found.append(f"  {'':<17} of the motors in this pose; rigid, without contact, the weight held")
+    return found
+
+
+def _limits_document(limits: PlatformLimits | None) -> dict[str, Any]:
+    """Ranges and polytopes in JSON, on the platform's coordinates."""
+    return {
+        name: {
+            "alone": _finite(polytope.alone()),
+            "bounds": _finite(polytope.bounds()),
+            "vertices": polytope.vertices.tolist(),
+            "normals": polytope.normals.tolist(),
+            "offsets": polytope.offsets.tolist(),
+        }
+        for name, polytope in (limits.polytopes.items() if limits else ())
+    }
 
 
 def _document(found: Classification) -> dict[str, Any]:

@@ -8,10 +8,12 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
+from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
 from framework.atlas.quantities import QUANTITIES, Quantity, chosen, unit_of
 from framework.atlas.window import Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import WorkspaceMap, surveyed, workspace_map
 from framework.cli import arguments
+from framework.cli.design_study import STUDIED, finite_window, studied
 from framework.cli.parser import (
     Report,
     add_executor,
@@ -23,8 +25,9 @@ from framework.cli.parser import (
     whole,
 )
 from framework.crossing.scenes import scene, scene_path
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, point
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tracking import assemble
 from framework.motion.path import Path
 from framework.output import written_together
 from framework.parallel.kept import KeptChunks, forget
@@ -63,9 +66,15 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--size",
         type=whole(2, MOST),
-        default=SIZE,
         metavar="N",
-        help=f"poses along an edge (default: {SIZE})",
+        help=f"poses along an edge (default: {SIZE}, of a study {STUDIED})",
+    )
+    parser.add_argument(
+        "--nearest",
+        type=float,
+        nargs="+",
+        metavar="X",
+        help="platform point whose nearest singular pose is looked for: its margin",
     )
     add_executor(parser)
     parser.add_argument(
@@ -74,6 +83,12 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="write map.json, map.npz, map.csv, a figure of each quantity and map.html there; a map that is "
         "stopped keeps what is finished there, and the same command goes on from it",
     )
+    parser.add_argument(
+        "--study",
+        action="store_true",
+        help="a small map for each set of the parameters that the robot file declares, told in one table",
+    )
+    parser.add_argument("--table", metavar="CSV", help="of the sets of parameters, instead of all of them")
     add_missing_fields(parser)
 
 
@@ -81,13 +96,17 @@ def run(options: argparse.Namespace) -> Report:
     """One map, told and written."""
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
+    if options.study:
+        return studied(options)
+    if options.table is not None:
+        raise InvalidInput("--table: goes with --study")
     robot = arguments.load(options)
     path = None if options.scene is None else scene_path(scene(robot, options.scene))
     quantities = chosen(robot, options.quantity)
     window = _window(options, robot, path)
+    margin = _margin(options, robot)
     if options.out is None:
-        found = _mapped(options, robot, window, quantities, None)
-        return _told(found)
+        return _told(_mapped(options, robot, window, quantities, None), margin)
     out = FilePath(options.out)
     kept = KeptChunks.of(out, setup_document(robot, window, [one.key for one in quantities]))
     with written_together(out, document=DOCUMENT) as folder:  # long work wants a place to go to
@@ -97,7 +116,7 @@ def run(options: argparse.Namespace) -> Report:
             raise type(stop)(*_what_is_kept(options, kept)) from None
         _write(found, path, folder)
     forget(out)
-    document, text = _told(found)
+    document, text = _told(found, margin)
     return document, f"{text}\n  written to        {options.out}"
 
 
@@ -107,12 +126,11 @@ def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None
         held = held_coordinates(robot, path(np.zeros(1))[0])
     else:
         held = held_coordinates(robot, options.at)
-    shape = (options.size, options.size)
+    size = options.size or SIZE
+    shape = (size, size)
     if options.window is None:
         return surveyed(robot, axes, held, shape)
-    given = np.array(options.window)
-    if not np.all(np.isfinite(given)):
-        raise InvalidInput("--window: needs four finite numbers")
+    given = np.array(finite_window(options))
     return Window(axes, given[::2], given[1::2], shape, held)
 
 
@@ -147,7 +165,13 @@ def _write(found: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
     (folder / "map.html").write_text(map_page(found, path=path), encoding="utf-8")
 
 
-def _told(found: WorkspaceMap) -> Report:
+def _margin(options: argparse.Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
+    if options.nearest is None:
+        return None
+    return nearest_singular_pose(robot, assemble(robot, options.nearest).q)
+
+
+def _told(found: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
     document = {**map_document(found), "seconds": found.seconds}
     robot, window = found.robot, found.window
     names = [robot.axis_names[k] for k in window.axes]
@@ -163,4 +187,20 @@ def _told(found: WorkspaceMap) -> Report:
         numbers = [told[key] for key in ("least", "median", "largest")]
         shown = "  ".join(f"{'-' if value is None else format(value, '.3g'):10s}" for value in numbers)
         lines.append(f"  {f'{one.name}  [{unit_of(robot, one)}]':56s}  {shown}".rstrip())
+    if margin is not None:
+        lines.append(f"  nearest singular pose: {margin.status}")
+        known = margin.x is not None and margin.twist is not None
+        if margin.x is not None and margin.twist is not None:
+            at = ", ".join(
+                f"{name} = {value + 0.0:.6g}" for name, value in zip(robot.axis_names, margin.x, strict=True)
+            )
+            lines.append(f"    at {at}; t_s {point(margin.twist)}")
+        document["nearest_singular_pose"] = {
+            "status": margin.status,
+            "distance": margin.distance if known else None,
+            "unit": margin.unit,
+            "within": margin.within,
+            "platform": None if margin.x is None else margin.x.tolist(),
+            "twist": None if margin.twist is None else margin.twist.tolist(),
+        }
     return document, "\n".join(lines)

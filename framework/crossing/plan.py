@@ -11,12 +11,13 @@ from framework.crossing.feasibility import feasibility_on_path
 from framework.crossing.finish import finished_plan
 from framework.crossing.optimal_motion import Task, optimal_motion
 from framework.crossing.polynomial import polynomial_at_rest, polynomial_motion
-from framework.crossing.request import Limit, Request
+from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan, Optimality
 from framework.crossing.specification import specification_of
 from framework.crossing.targets import TargetedPath, targeted_path
 from framework.dynamics.crossings import rigid_crossings
 from framework.dynamics.inverse_dynamics import TOLERANCE
+from framework.dynamics.motor_limits import Limit
 from framework.dynamics.result import SingularityCrossing
 from framework.errors import LimitsExceeded, NoLaw, NotConverged, UncontrolledMotions
 from framework.kinematics.parallel_robot import ParallelRobot

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.inverse_dynamics import GEOMETRIES, TOLERANCE, check_tolerance, checked_geometry
+from framework.dynamics.motor_limits import Limit, limits_of_motors
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.cone_program import GOALS
@@ -20,8 +20,6 @@ LAWS = ("auto", "polynomial", "optimal")
 LARGEST_SPEED = 1e6  # whole paths in the duration; what a law can keep is a few
 SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends: elastic, rigid
 MOST_SMOOTHNESS = 12
-
-Limit = float | Sequence[float] | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,8 +91,8 @@ class Request:
             law=law,
             optimize=optimize,
             longest=longest,
-            torque_limit=_limits(robot, "torque_limit", torque_limit),
-            speed_limit=_limits(robot, "speed_limit", speed_limit),
+            torque_limit=limits_of_motors(robot, "torque_limit", torque_limit),
+            speed_limit=limits_of_motors(robot, "speed_limit", speed_limit),
             margin=margin,
             keep_limits=keep_limits,
         )
@@ -216,22 +214,6 @@ def _numbers(name: str, given: object) -> tuple[float, ...] | None:
         if not is_number(value):
             raise InvalidInput(f"{name}: must be finite numbers, got {value!r}")
     return tuple(map(float, values))
-
-
-def _limits(robot: ParallelRobot, name: str, given: Limit) -> tuple[float, ...] | None:
-    """One positive number for all motors, or one for each."""
-    if given is None:
-        return None
-    try:
-        values: Array = np.atleast_1d(np.array(np.nan if isinstance(given, bool) else given, dtype=float))
-    except (TypeError, ValueError):
-        values = np.empty(0)
-    if values.shape not in ((1,), (robot.n_a,)) or not np.all(np.isfinite(values)) or np.any(values <= 0):
-        raise InvalidInput(
-            f"{name}: needs one positive number, or one for each motor "
-            f"({', '.join(robot.actuator_names)}), got {given!r}"
-        )
-    return tuple(values.tolist())
 
 
 def checked_smoothness(robot: ParallelRobot, given: int | None) -> int:

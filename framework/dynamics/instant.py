@@ -1,8 +1,9 @@
 """One instant of a robot: what its motors, loops and joints carry, and the inertia that is felt.
 
 No law and no path: a pose, rates and accelerations of the platform, wrenches of the world. Motor torques
-follow from the independent loop equations, as everywhere (`forces`), and are computed at once; what loops and
-joints carry (`reactions`), inertia and velocity matrices are computed when they are asked for.
+follow from the independent loop equations, as everywhere (`forces`), and are computed at once, on a Type 2
+singularity as a limit (`singular_instant`); what loops and joints carry (`reactions`), inertia and velocity
+matrices are computed when they are asked for. `forward_dynamics` gives the same from torques.
 """
 
 from __future__ import annotations
@@ -16,12 +17,30 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only
-from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
+from framework.dynamics.forces import Forces, balanced_forces, motor_torque
 from framework.dynamics.platform_wrench import motor_speeds
-from framework.dynamics.reactions import Load, LoopLoads, joint_reactions, load_on, loop_forces, loop_loads
-from framework.errors import InvalidInput, SingularPose, choose_from, finite_numbers, point, short
-from framework.kinematics.frames import scratch_of
-from framework.kinematics.inverse_kinematics import Motion, assembled_at, motion_at, require_square
+from framework.dynamics.reactions import (
+    Load,
+    LoopLoads,
+    given_wrenches,
+    joint_reactions,
+    loaded_tree_forces,
+    loads_on,
+    loop_forces,
+    loop_loads,
+    stacked_rows,
+)
+from framework.dynamics.singular_instant import forces_through_singularity
+from framework.errors import SingularPose, point
+from framework.kinematics.frames import frame_motions, scratch_of
+from framework.kinematics.inverse_kinematics import (
+    ClosedStack,
+    Motion,
+    System,
+    assembled_at,
+    motion_at,
+    require_square,
+)
 from framework.kinematics.loop_matrices import passive_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.velocity_matrices import VelocityMatrices, matrices_and_rates
@@ -69,14 +88,32 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def motor_inertia(self) -> Array:
-        """Of all bodies and rotors, along the motors' joints, (n_a, n_a); NaN with redundant motors."""
+        """Of all bodies and rotors, along the motors' joints, (n_a, n_a).
+
+        NaN with redundant motors, and at Type 2, where some motion of the platform moves no motor.
+        """
         robot = self.robot
-        if robot.n_a != robot.n:
-            return self._shown(np.full((len(self._motion.v), robot.n_a, robot.n_a), np.nan))
-        speeds = motor_speeds(robot, self._motion.system)[1][:, robot.actuated]
-        to_platform = np.linalg.inv(speeds)
-        along_platform = np.atleast_3d(self.platform_inertia.T).T
-        return self._shown(to_platform.swapaxes(1, 2) @ along_platform @ to_platform)
+        found = np.full((len(self._motion.v), robot.n_a, robot.n_a), np.nan)
+        moving = np.atleast_1d(self.clearance) >= LEAST_CLEARANCE
+        if robot.n_a == robot.n:
+            speeds = motor_speeds(robot, self._motion.system)[1][:, robot.actuated]
+            to_platform = np.linalg.inv(speeds[moving])
+            along_platform = np.atleast_3d(self.platform_inertia.T).T[moving]
+            found[moving] = to_platform.swapaxes(1, 2) @ along_platform @ to_platform
+        return self._shown(found)
+
+    @cached_property
+    def platform_velocity(self) -> Array:
+        """v (n,), see `kinematics.platform`: (linear, angular) of a frame, and not dx if it turns freely."""
+        return self._shown(np.einsum("tnv,tv->tn", self._motion.system.platform, self._motion.v))
+
+    @cached_property
+    def platform_acceleration(self) -> Array:
+        """Time derivative (n,) of `platform_velocity`."""
+        motion = self._motion
+        motions = frame_motions(self.robot, motion.system.frames, motion.q, motion.v)
+        drift = self.robot.platform.drift(motion.system.frames, motions)
+        return self._shown(np.einsum("tnv,tv->tn", motion.system.platform, motion.a) + drift)
 
     @property
     def velocity_matrices(self) -> VelocityMatrices:
@@ -125,6 +162,7 @@ def dynamics_at(
     *,
     dx: ArrayLike | None = None,
     ddx: ArrayLike | None = None,
+    dddx: ArrayLike | None = None,
     wrenches: Mapping[str, ArrayLike] | None = None,
 ) -> Instant:
     """Motor torques, loop forces, joint reactions and inertia at an assembled configuration q (nq,).
@@ -134,39 +172,57 @@ def dynamics_at(
             told of one then has T as its first axis.
         dx, ddx: rates (n,) and accelerations (n,) of the platform coordinates, 0 by default; or (T, n).
         wrenches: of the world, by URDF link or joint: ON its body, at its origin, (force, moment) (6,) in
-            base axes [N, N m]; or (T, 6).
+            base axes [N, N m]; or (T, 6). They are taken for constant.
+        dddx: third derivatives (n,), or (T, n), which count on a Type 2 singularity alone.
 
     Raises:
         InvalidInput: q leaves the loops open; an argument of the wrong shape, or a frame that is not there;
             a platform that does not determine the joints.
         NotAssembled: it does not at this pose (Type 1).
-        SingularPose: the motors do not hold the robot there (Type 2). The torque is then a limit that needs
-            the motion on both sides and condition (8): see `inverse_dynamics`.
+        SingularPose: the motors do not hold the robot there (Type 2). The torque is then a limit, which is
+            given where the motion is known to third order, dddx, crosses the locus and meets condition (8).
     """
     expect_robot(robot)
     require_square(robot)
     closed = assembled_at(robot, q, stacks=True)
-    count, single = len(closed.q), np.ndim(getattr(q, "q", q)) == 1
-    dx, ddx = (
-        _rows(name, np.zeros(robot.n) if given is None else given, robot.n, count)
-        for name, given in (("dx", dx), ("ddx", ddx))
-    )
-    clearance = np.linalg.svd(passive_matrix(robot, closed.system), compute_uv=False).min(
-        axis=1, initial=np.inf
-    )
-    if count and clearance.min() < LEAST_CLEARANCE:
-        x = closed.x[int(np.argmin(clearance))]
-        raise SingularPose(
-            f"{robot.name}: at {', '.join(robot.axis_names)} = {point(x)} the motors do not hold "
-            f"the robot (Type 2): torque is a limit there that needs the motion on both sides; plan one",
-            platform=x,
+    count = len(closed.q)
+    rates = [_rows(*one, robot.n, count) for one in (("dx", dx), ("ddx", ddx), ("dddx", dddx))]
+    given = given_wrenches(robot, wrenches, count)
+    motion = motion_at(robot, closed, *rates[:2])
+    loads = loads_on(robot, motion, given)
+    r = loaded_tree_forces(robot, motion, loads)
+    forces, clearance = balanced_forces(robot, motion.system, r), clearance_of(robot, motion.system)
+    for k in map(int, np.flatnonzero(clearance < LEAST_CLEARANCE)):
+        if dddx is None:
+            raise SingularPose(
+                f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[k])} the motors do not "
+                f"hold the robot (Type 2): torque is a limit there that needs the motion to third order; "
+                f"give dddx, or plan the motion",
+                platform=closed.x[k],
+            )
+        limit = forces_through_singularity(
+            robot,
+            ClosedStack(closed.q[k : k + 1], closed.x[k : k + 1], closed.system.at(k)),
+            rates=(rates[0][k], rates[1][k], rates[2][k]),
+            wrenches={frame: wrench[k] for frame, wrench in given.items()},
         )
-    motion = motion_at(robot, closed, dx, ddx)
-    loads = _loads(robot, motion, wrenches)
-    r = tree_forces(robot, motion)
-    for load in loads:
-        r = r - load.generalised
-    forces = balanced_forces(robot, motion.system, r)
+        for stack, alone in zip(forces, limit, strict=True):
+            stack[k] = alone[0]
+    single = np.ndim(getattr(q, "q", q)) == 1
+    return instant_of(robot, motion, loads, r, forces, clearance=clearance, single=single)
+
+
+def instant_of(
+    robot: ParallelRobot,
+    motion: Motion,
+    loads: tuple[Load, ...],
+    r: Array,
+    forces: Forces,
+    *,
+    clearance: Array,
+    single: bool,
+) -> Instant:
+    """The instant, or the stack of instants, of a motion with its loads and forces."""
     freeze((motion, loads, r))
     here = 0 if single else slice(None)
     return Instant(
@@ -184,28 +240,15 @@ def dynamics_at(
     )
 
 
-def _rows(name: str, given: ArrayLike, width: int, count: int) -> Array:
-    """The given numbers, (width,) for all or (count, width), as an array (count, width)."""
-    values = finite_numbers(name, given, width, stacks=True)
-    if values.ndim == 2 and len(values) != count:
-        raise InvalidInput(f"{name}: got {len(values)} rows for {count} configurations")
-    return np.broadcast_to(values, (count, width))
+def clearance_of(robot: ParallelRobot, system: System) -> Array:
+    """Least singular values (T,) of P; infinite without passive joints."""
+    values = np.linalg.svd(passive_matrix(robot, system), compute_uv=False)
+    return np.asarray(values.min(axis=1, initial=np.inf))
 
 
-def _loads(
-    robot: ParallelRobot, motion: Motion, wrenches: Mapping[str, ArrayLike] | None
-) -> tuple[Load, ...]:
-    if not isinstance(wrenches, Mapping | None):
-        raise InvalidInput(f"wrenches: needs a wrench by frame, {{name: (6,)}}, got {short(wrenches)}")
-    model = robot.model
-    for frame in wrenches or {}:
-        if not model.existFrame(str(frame)) or frame == model.frames[0].name:  # the universe carries nothing
-            names = [one.name for one in model.frames[1:]]
-            raise InvalidInput(f"wrenches: {choose_from('frame', frame, names)}")
-    return tuple(
-        load_on(robot, motion, frame, _rows(f"wrenches: {frame}", wrench, 6, len(motion.q)))
-        for frame, wrench in (wrenches or {}).items()
-    )
+def _rows(name: str, given: ArrayLike | None, width: int, count: int) -> Array:
+    """The given numbers (count, width), see `stacked_rows`; 0 where none are."""
+    return np.zeros((count, width)) if given is None else stacked_rows(name, given, width, count)
 
 
 def _platform_inertia(robot: ParallelRobot, motion: Motion) -> Array:

@@ -14,13 +14,15 @@ wrenches about the base's origin, each counted for the joints that carry its bod
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
+from framework.arrays import Array, ArrayLike
+from framework.dynamics.forces import tree_forces
+from framework.errors import InvalidInput, choose_from, finite_numbers, short
 from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.frames import FrameStack, carriers, cross, rotations, scratch_of
 from framework.kinematics.inverse_kinematics import Motion
@@ -48,15 +50,60 @@ class LoopLoads(NamedTuple):
     free: Array  # (T, rows, rows) what may be added to them, and no joint feels it; zero rows are none
 
 
-def load_on(robot: ParallelRobot, motion: Motion, frame: str, wrench: Array) -> Load:
-    """A wrench (T, 6) ON the body of a URDF link or joint, at its frame's origin, in base axes."""
+Wrenches = Mapping[str, Array]  # by URDF link or joint (T, 6): ON its body, at its frame's origin, base axes
+
+
+def given_wrenches(robot: ParallelRobot, given: Mapping[str, ArrayLike] | None, count: int) -> Wrenches:
+    """The wrenches that a caller gives, (6,) or (T, 6) each, at T = `count` configurations.
+
+    Raises:
+        InvalidInput: a frame that is not there, or not 6 finite numbers.
+    """
+    if not isinstance(given, Mapping | None):
+        raise InvalidInput(f"wrenches: needs a wrench by frame, {{name: (6,)}}, got {short(given)}")
+    model = robot.model
+    for frame in given or {}:
+        if not model.existFrame(str(frame)) or frame == model.frames[0].name:  # the universe carries nothing
+            names = [one.name for one in model.frames[1:]]
+            raise InvalidInput(f"wrenches: {choose_from('frame', frame, names)}")
+    return {
+        frame: stacked_rows(f"wrenches: {frame}", wrench, 6, count) for frame, wrench in (given or {}).items()
+    }
+
+
+def stacked_rows(name: str, given: ArrayLike, width: int, count: int) -> Array:
+    """The given numbers, (width,) for all or (count, width), as an array (count, width).
+
+    Raises:
+        InvalidInput: they are not finite numbers, or not as many.
+    """
+    values = finite_numbers(name, given, width, stacks=True)
+    if values.ndim == 2 and len(values) != count:
+        raise InvalidInput(f"{name}: got {len(values)} rows for {count} configurations")
+    return np.broadcast_to(values, (count, width))
+
+
+def loads_on(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> tuple[Load, ...]:
+    """Wrenches of the world, (6,) or (T, 6) each, along a motion."""
+    return tuple(_load_on(robot, motion, frame, wrench) for frame, wrench in wrenches.items())
+
+
+def loaded_tree_forces(robot: ParallelRobot, motion: Motion, loads: Sequence[Load]) -> Array:
+    """Forces (T, nv) of the open tree, less those of the world."""
+    r = tree_forces(robot, motion)
+    for load in loads:
+        r = r - load.generalised
+    return r
+
+
+def _load_on(robot: ParallelRobot, motion: Motion, frame: str, wrench: Array) -> Load:
     model, data = robot.model, scratch_of(robot).data
     index, at = frame_of(model, frame), np.empty((len(motion.q), 3))
     for k, q in enumerate(motion.q):
         pin.forwardKinematics(model, data, q)
         at[k] = pin.updateFramePlacement(model, data, index).translation
     joint = int(model.frames[index].parentJoint)
-    wrench = _moved(wrench, at)
+    wrench = _moved(np.broadcast_to(wrench, (len(at), 6)), at)
     carried = carriers(model, np.array([joint]))[0]
     along = np.einsum("tvi,ti->tv", motion.system.frames.screws, wrench)
     return Load(joint, wrench, along * carried)

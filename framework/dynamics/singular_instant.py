@@ -13,16 +13,17 @@ its series, as along a whole plan; how fast the coefficients fall is the certifi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.forces import Forces, balanced_forces
+from framework.dynamics.reactions import loaded_tree_forces, loads_on
 from framework.errors import NotAssembled, SingularPose, point
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import ClosedStack, Motion, close_loops, motion_at
-from framework.kinematics.loop_matrices import measured_matrix
+from framework.kinematics.loop_matrices import VANISHED, measured_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, coefficients, evaluate, tail
 from framework.singularity.classification import UNCROSSABLE, Uncontrolled, uncontrolled_motion
@@ -33,18 +34,23 @@ RESOLVED = 1e-10  # tail of the torques that counts as resolved, as along a path
 NODES = 24  # of the panel; an even number, so that none is at its middle
 LONGEST = 0.05  # [rad, robot lengths] that joints move from the middle of the first panel that is tried
 SHORTER = 8  # how often the panel may be halved before the torques count as not resolved
+BESIDE = 0.1  # of half a panel, where the motors must hold the robot again, in another assembly mode
 AT_ONCE = 0.01  # of half a panel: a root of g within is at the instant asked for, and farther from any node
-Weighed = Callable[[Motion], Array]  # forces (T, nv) of the open tree less those of the world
 
 
 def forces_through_singularity(
-    robot: ParallelRobot, closed: ClosedStack, *, rates: tuple[Array, Array, Array], weigh: Weighed
+    robot: ParallelRobot,
+    closed: ClosedStack,
+    *,
+    rates: tuple[Array, Array, Array],
+    wrenches: Mapping[str, Array],
 ) -> Forces:
     """Joint torques (1, n_a) and spring forces (1, n_e) at a Type 2 singularity that the motion goes through.
 
     Args:
         closed: the singular configuration, T = 1.
         rates: first, second and third time derivatives of the platform coordinates, each (n,).
+        wrenches: of the world, (6,) by frame, constant in base axes.
 
     Raises:
         SingularPose: it is a singularity of another kind; condition (8) does not hold, which carries t_s .
@@ -68,6 +74,9 @@ def forces_through_singularity(
         guess = integrate(robot, np.repeat(closed.q, len(t), axis=0), ahead)
         return motion_at(robot, close_loops(robot, x, guess), dx, ddx)
 
+    def forces_of(motion: Motion) -> Array:
+        return loaded_tree_forces(robot, motion, loads_on(robot, motion, wrenches))
+
     here = motion_at(robot, closed, rates[0][None], rates[1][None])
     half = _half_panel(robot, here, rates[2])
     if not np.isfinite(half):
@@ -76,7 +85,8 @@ def forces_through_singularity(
             platform=closed.x[0],
         )
     instant = _crossing_instant(robot, at, half, where, closed.x[0])
-    _check_condition(robot, at(np.array([instant])), weigh, where)
+    crossing = at(np.array([instant]))
+    _check_condition(robot, crossing, forces_of(crossing)[0], where)
     least = np.inf
     for _ in range(SHORTER):
         grid = TimeGrid(np.array([-half, half]), NODES)
@@ -85,7 +95,7 @@ def forces_through_singularity(
             motion = at(grid.times)
         except NotAssembled:
             continue  # a shorter motion stays within reach
-        forces = balanced_forces(robot, motion.system, weigh(motion))
+        forces = balanced_forces(robot, motion.system, forces_of(motion))
         series = coefficients(np.concatenate(forces, axis=1))
         least = min(least, tail(series))
         if tail(series) <= RESOLVED:
@@ -120,8 +130,15 @@ def _crossing_instant(
     """When g vanishes [s], beside the instant asked for by what rounding makes of the pose."""
     if robot.n_a > robot.n:
         return 0.0  # g of redundant motors has a double root
-    found = root_of_g(lambda t: measured_matrix(robot, at(t).system), 0.0, low=-half, high=half)
-    if not found.converged or abs(found.place) > AT_ONCE * half:
+
+    def matrices(t: Array) -> Array:
+        return measured_matrix(robot, at(t).system)
+
+    found = root_of_g(matrices, 0.0, low=-half, high=half)
+    either_side = matrices(np.array([-BESIDE, BESIDE]) * half)
+    changes = np.prod(np.linalg.slogdet(either_side)[0]) < 0
+    held = np.linalg.svd(either_side, compute_uv=False).min() > VANISHED
+    if not (found.converged and abs(found.place) <= AT_ONCE * half and changes and held):
         raise SingularPose(
             f"{where} the motion does not cross the Type 2 singularity but runs along or touches it: torque "
             f"is then a limit that needs more than the jerk; plan the motion",
@@ -130,10 +147,10 @@ def _crossing_instant(
     return found.place
 
 
-def _check_condition(robot: ParallelRobot, motion: Motion, weigh: Weighed, where: str) -> None:
-    """Refuse a motion that violates condition (8) at the singular instant (T = 1)."""
+def _check_condition(robot: ParallelRobot, motion: Motion, forces: Array, where: str) -> None:
+    """Refuse a motion (T = 1) that violates condition (8), with the forces (nv,) of its open tree."""
     found: Uncontrolled = uncontrolled_motion(robot, motion.system)
-    terms = weigh(motion)[0] * found.motion
+    terms = forces * found.motion
     # a motion without forces has terms of rounding alone: what holds its masses on circles is a size, too
     mass = sum(inertia.mass for inertia in robot.model.inertias)
     turning = mass * robot.length * float(np.abs(motion.v / robot.column_scale).max()) ** 2

@@ -133,6 +133,38 @@ class Scratch(NamedTuple):
     carried: Array  # (F, nv)
     refresh: Callable[[], None] | None  # None: the arrays are pinocchio's own memory
 
+    @staticmethod
+    def of(model: pin.Model, frames: tuple[int, ...]) -> Scratch:
+        """New working memory for a model and some of its frames."""
+        data = model.createData()
+        moved = np.linspace(0.5, 1.0, model.nv)  # a motion in which most numbers differ from one another
+        q = pin.integrate(model, pin.neutral(model), moved)
+        pin.rnea(model, data, q, moved, moved)
+        pin.computeForwardKinematicsDerivatives(model, data, q, moved, moved)
+        pin.updateFramePlacements(model, data)
+        public, memory = _by_accessors(data), _by_memory(data)
+        shown = memory is not None and all(map(np.array_equal, memory, public))
+        arrays = memory if shown and memory is not None else public
+
+        def refresh() -> None:
+            for array, now in zip(arrays, _by_accessors(data), strict=True):
+                array[...] = now
+
+        bodies = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
+        return Scratch(
+            data=data,
+            placements=arrays[0],
+            columns=arrays[1],
+            velocities=arrays[2],
+            accelerations=arrays[3],
+            joints=arrays[4],
+            forces=arrays[5],
+            frames=np.array(frames, dtype=np.intp),
+            bodies=bodies,
+            carried=carriers(model, bodies),
+            refresh=None if shown else refresh,
+        )
+
 
 def scratch_of(mechanism: Mechanism) -> Scratch:
     """The working memory of this thread: what a call leaves there, the next one writes over.
@@ -145,34 +177,7 @@ def scratch_of(mechanism: Mechanism) -> Scratch:
 
 @lru_cache(maxsize=16)  # megabytes each
 def _scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
-    data = model.createData()
-    moved = np.linspace(0.5, 1.0, model.nv)  # a motion in which most numbers differ from one another
-    q = pin.integrate(model, pin.neutral(model), moved)
-    pin.rnea(model, data, q, moved, moved)
-    pin.computeForwardKinematicsDerivatives(model, data, q, moved, moved)
-    pin.updateFramePlacements(model, data)
-    public, memory = _by_accessors(data), _by_memory(data)
-    shown = memory is not None and all(map(np.array_equal, memory, public))
-    arrays = memory if shown and memory is not None else public
-
-    def refresh() -> None:
-        for array, now in zip(arrays, _by_accessors(data), strict=True):
-            array[...] = now
-
-    bodies = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
-    return Scratch(
-        data=data,
-        placements=arrays[0],
-        columns=arrays[1],
-        velocities=arrays[2],
-        accelerations=arrays[3],
-        joints=arrays[4],
-        forces=arrays[5],
-        frames=np.array(frames, dtype=np.intp),
-        bodies=bodies,
-        carried=carriers(model, bodies),
-        refresh=None if shown else refresh,
-    )
+    return Scratch.of(model, frames)
 
 
 def _by_accessors(data: pin.Data) -> tuple[Array, ...]:

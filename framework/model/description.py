@@ -180,6 +180,7 @@ class RobotDescription:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     reference: Mapping[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)  # the values that its file was read with
 
     def least_flexibility(self, flexibility: str) -> str:
         """The least flexibility with the springs of this one: rigid for a robot without springs.

@@ -37,6 +37,7 @@ from framework.model.fields import (
     whole,
 )
 from framework.model.inertia import check_inertia
+from framework.model.parameters import filled, with_parameters
 from framework.model.robot_keys import robot_table
 from framework.model.spring_joints import virtual_link
 from framework.model.urdf import Urdf, check_urdf, locate_urdf
@@ -55,17 +56,18 @@ def read_robot_file(file: str | Path) -> RobotDescription:
     path = Path(file)
     text = read_text(path, f"{path}: cannot read the robot file", error=RobotFileError)
     with naming(path):
-        return parse_robot(path, parse_yaml(text)).description
+        text, parameters = with_parameters(text)
+        return parse_robot(path, parse_yaml(text), parameters).description
 
 
-def parse_robot(path: Path, content: Any) -> ParsedRobot:
-    """The description in the content of the robot file `path`, and its URDF.
+def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> ParsedRobot:
+    """The description in the content of the robot file `path`, and its URDF with these `parameters`.
 
     Raises:
         RobotFileError: as `read_robot_file`, without the name of the file.
     """
     tree = read_table("", content, _TREE, others=None)
-    urdf_text, root, urdf = _urdf(path.parent, tree)
+    urdf_text, root, urdf = _urdf(path.parent, tree, parameters)
     robot = read_table("", content, robot_table(urdf), others=_TREE)
     springs = robot.pop("springs")
     description = RobotDescription(
@@ -74,6 +76,7 @@ def parse_robot(path: Path, content: Any) -> ParsedRobot:
         urdf_text=urdf_text,
         springs=tuple(found for found in springs if isinstance(found, Spring)),
         joint_springs=tuple(found for found in springs if isinstance(found, JointSpring)),
+        parameters=dict(parameters),
         **robot,
     )
     _check_scenes(description)
@@ -94,17 +97,21 @@ def _version(where: str, given: Any) -> int:
 _TREE: Table = {
     "version": required(_version),
     "urdf": required(text),
+    "parameters": optional(anything, {}),  # read before the file is, see `parameters`
     "locked": optional(named(number), {}),
     "root": optional(one_of("root", ("fixed", "free")), "fixed"),
     "frames": optional(entries(anything), ()),
 }
 
 
-def _urdf(folder: Path, tree: Mapping[str, Any]) -> tuple[str, ElementTree.Element, Urdf]:
+def _urdf(
+    folder: Path, tree: Mapping[str, Any], parameters: Mapping[str, float]
+) -> tuple[str, ElementTree.Element, Urdf]:
     """The URDF with what the robot file changes in it, as text and parsed, and its names."""
     path = locate_urdf(folder, tree["urdf"])
     urdf_text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(BLANK)
     with naming(f"urdf: {path}"):
+        urdf_text = filled(urdf_text, parameters)
         root = parse_xml(urdf_text)
     urdf = check_urdf(path, root, tree["locked"])
     locked, free, frames = tree["locked"], tree["root"] == "free", tree["frames"]

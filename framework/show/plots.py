@@ -19,7 +19,7 @@ from framework.show.film import film_plan
 from framework.show.phase_plane import plot_phase_plane
 from framework.show.scene import CLIPPED
 from framework.show.still import plot_still
-from framework.show.style import ALARM, CROSSING, figure, line_style, styled
+from framework.show.style import ALARM, CROSSING, figure, line_style, save_figure, styled
 
 SAMPLES = 601
 
@@ -170,12 +170,7 @@ def save(draw: Callable[[], Axes], stem: Path) -> list[Path]:
     with styled():
         drawing = draw().figure
         assert isinstance(drawing, Figure)
-        drawing.draw_without_rendering()
-        drawing.set_layout_engine("none")  # laid out once, for both files
-        paths = [stem.with_suffix(".pdf"), stem.with_suffix(".png")]
-        drawing.savefig(paths[0], metadata={"CreationDate": None})
-        drawing.savefig(paths[1])
-    return paths
+        return save_figure(drawing, stem)
 
 
 def _torque_axes(ax: Axes, robot: ParallelRobot) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -59,3 +60,13 @@ def figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> tuple[
 def line_style(k: int) -> dict[str, Any]:
     """Colour and dash of the k-th curve: either of them tells it from the others."""
     return {"color": COLORS[k % len(COLORS)], "linestyle": DASHES[k % len(DASHES)]}
+
+
+def save_figure(drawing: Figure, stem: Path) -> list[Path]:
+    """Write `stem`.pdf and `stem`.png, laid out once for both; within `styled`."""
+    drawing.draw_without_rendering()
+    drawing.set_layout_engine("none")
+    paths = [stem.with_suffix(".pdf"), stem.with_suffix(".png")]
+    drawing.savefig(paths[0], metadata={"CreationDate": None})
+    drawing.savefig(paths[1])
+    return paths

@@ -8,14 +8,16 @@ loops allow, Z has mass and Z_0 has none (`consistent.free_motions`, as at the s
     a = a_0 + Z alpha,    J a_0 = -drift,    Z' M Z alpha = Z' (S' n tau + f - c - g - K (q - rest) - M a_0).
 
 Along Z_0 the springs must balance, or the state is none that the robot can be in; how they go on balancing is
-told by the rates of the torques alone, so that a has no component known along Z_0.
+told by the rates of the torques alone: a has no component known along Z_0, and M a does not feel it.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import Array, BoolArray
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift
 from framework.kinematics.frames import frame_motions
@@ -26,15 +28,21 @@ BALANCED = 1e-8  # [rad, robot lengths] of springs from their balance, of which 
 MOVED = 1e-9  # share of a unit motion without mass that a joint has: less is rounding
 
 
-def accelerations(equations: EquationsOfMotion, q: Array, v: Array, torque: Array, applied: Array) -> Array:
-    """Joint accelerations (nv,) at an assembled state under motor torques (n_a,) [N m], motor side.
+class Accelerations(NamedTuple):
+    """Joint accelerations of an instant under given torques."""
+
+    a: Array  # (nv,) least along motions without mass, which no force feels
+    undetermined: BoolArray  # (nv,) what such a motion moves: the torques of one instant do not tell
+
+
+def accelerations(
+    equations: EquationsOfMotion, q: Array, v: Array, torque: Array, applied: Array
+) -> Accelerations:
+    """What motor torques (n_a,) [N m], motor side, and the world do to an assembled state.
 
     Args:
         q, v: (nq,), (nv,), on which the loops and their rates are closed.
         applied: generalised forces (nv,) of the world.
-
-    Returns:
-        NaN for joints that a motion without mass moves: the torques of one instant do not tell.
 
     Raises:
         InvalidInput: springs of parts without mass are out of balance there; or a motion has neither mass nor
@@ -51,8 +59,7 @@ def accelerations(equations: EquationsOfMotion, q: Array, v: Array, torque: Arra
         _check_balance(equations, light @ balancing_step(equations, at, massive, light, -free))
     inertia = massive.T @ at.mass[0] @ massive
     a += massive @ np.linalg.solve(inertia, massive.T @ (free - at.mass[0] @ a))
-    unknown = np.abs(light / scale[:, None]).max(axis=1, initial=0.0) > MOVED
-    return np.where(unknown, np.nan, a)
+    return Accelerations(a, np.abs(light / scale[:, None]).max(axis=1, initial=0.0) > MOVED)
 
 
 def _check_balance(equations: EquationsOfMotion, step: Array) -> None:

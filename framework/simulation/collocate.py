@@ -115,7 +115,5 @@ def _guess(
         )
     at = 1.0 + table.nodes * (length / before.length)
     few = min(GUESSED, table.stages)
-    return (
-        table.values((table.series @ before.a)[:few], at),
-        table.values((table.series @ before.multipliers)[:few], at),
-    )
+    ahead = table.basis(at, few - 1) @ table.series[:few]
+    return ahead @ before.a, ahead @ before.multipliers

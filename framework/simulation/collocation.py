@@ -14,11 +14,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 
-from framework.arrays import Array
+from framework.arrays import Array, ReadOnlyArrays
 
 
 @dataclass(frozen=True, eq=False)
-class Collocation:
+class Collocation(ReadOnlyArrays):
     """A table: `nodes` c (s,) in (0, 1], `once` A (s, s) and `twice` A A, and Legendre series of values."""
 
     nodes: Array
@@ -26,19 +26,15 @@ class Collocation:
     twice: Array
     series: Array  # (s, s) values at the nodes to Legendre coefficients on [0, 1]
     series_with_start: Array  # (s + 1, s + 1) the same with the value at 0 in front
+    series_of_integral: Array  # (s + 1, s) values at the nodes to coefficients of their integral from 0
 
     @property
     def stages(self) -> int:
         return len(self.nodes)
 
-    def values(self, coefficients: Array, at: Array) -> Array:
-        """The polynomial with Legendre coefficients (s, k) at points (T,) in [0, 1], (T, k)."""
-        return np.asarray(legendre.legval(2 * at - 1, coefficients).T)
-
-    def integral(self, coefficients: Array, at: Array) -> Array:
-        """Its integral from 0 to points (T,), (T, k)."""
-        integrated = legendre.legint(coefficients, lbnd=-1, scl=0.5, axis=0)
-        return np.asarray(legendre.legval(2 * at - 1, integrated).T)
+    def basis(self, at: Array, degree: int | None = None) -> Array:
+        """Legendre polynomials at points (T,) in [0, 1], (T, degree + 1); up to degree s by default."""
+        return np.asarray(legendre.legvander(2 * at - 1, self.stages if degree is None else degree))
 
 
 @lru_cache(maxsize=32)
@@ -49,10 +45,7 @@ def radau(stages: int) -> Collocation:
     inner = roots_jacobi(stages - 1, 1.0, 0.0)[0] if stages > 1 else np.empty(0)
     nodes = np.append((inner + 1) / 2, 1.0)
     series = np.linalg.inv(legendre.legvander(2 * nodes - 1, stages - 1))
-    basis = legendre.legint(np.eye(stages), lbnd=-1, scl=0.5, axis=0)  # (s + 1, s)
-    once = legendre.legvander(2 * nodes - 1, stages) @ basis @ series
+    of_integral = legendre.legint(np.eye(stages), lbnd=-1, scl=0.5, axis=0) @ series
+    once = legendre.legvander(2 * nodes - 1, stages) @ of_integral
     with_start = np.linalg.inv(legendre.legvander(2 * np.append(0.0, nodes) - 1, stages))
-    table = Collocation(nodes, once, once @ once, series, with_start)
-    for array in (table.nodes, table.once, table.twice, table.series, table.series_with_start):
-        array.flags.writeable = False
-    return table
+    return Collocation(nodes, once, once @ once, series, with_start, of_integral)

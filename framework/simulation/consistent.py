@@ -113,6 +113,7 @@ def allowed_velocity(equations: EquationsOfMotion, at: Tangent, v: Array) -> Arr
     J = scaled(equations.robot, at.jacobian, equations.rows.rotation)[0]
     mass = at.mass[0] * scale[:, None] * scale
     size = max(float(np.diag(mass).max()), 1e-300)
-    whole = np.block([[mass / size, J.T], [J, np.zeros((rows, rows))]])
-    wrong = np.concatenate([np.zeros(nv), -J @ (v / scale)])
+    whole, wrong = np.zeros((nv + rows, nv + rows)), np.zeros(nv + rows)
+    whole[:nv, :nv], whole[:nv, nv:], whole[nv:, :nv] = mass / size, J.T, J
+    wrong[nv:] = -J @ (v / scale)
     return np.asarray(v + scale * np.linalg.lstsq(whole, wrong, rcond=1e-13)[0][:nv], dtype=float)

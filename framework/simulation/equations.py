@@ -21,7 +21,7 @@ import pinocchio as pin
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, difference
+from framework.kinematics.frames import FrameStack, Scratch, difference
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.loop_rows import LoopRows
 from framework.simulation.frame_geometry import FrameGeometry
@@ -49,7 +49,7 @@ class EquationsOfMotion:
     rotors: Array  # (nv,) [kg m^2], joint side; 1 on massless joints that move nothing and are held
     stiffness: Array  # (nv,)
     geometry: FrameGeometry
-    scratch: pin.Data  # working memory of pinocchio: one object does not serve two threads at once
+    scratch: Scratch  # working memory of pinocchio: one object does not serve two threads at once
 
     @staticmethod
     def of(robot: ParallelRobot, damping: ArrayLike | None = None) -> EquationsOfMotion:
@@ -83,7 +83,7 @@ class EquationsOfMotion:
             rotors=rotors,
             stiffness=stiffness,
             geometry=FrameGeometry.of(robot),
-            scratch=robot.model.createData(),
+            scratch=Scratch.of(robot.model, robot.frames),
         )
         return plain._holding_idle_joints()
 
@@ -113,10 +113,10 @@ class EquationsOfMotion:
 
     def tangent(self, q: Array, v: Array, a: Array) -> Tangent:
         """All terms and derivatives at q (T, nq), v and a (T, nv)."""
-        model, nv, data = self.robot.model, self.robot.model.nv, self.scratch
-        tree = np.empty((len(q), 6, nv))
+        model, nv, scratch = self.robot.model, self.robot.model.nv, self.scratch
+        data, tree = scratch.data, np.empty((len(q), 6, nv))
         force, by_q, by_v, mass = (np.empty((len(q), nv, *rest)) for rest in ((), (nv,), (nv,), (nv,)))
-        placed = np.empty((len(q), len(self.geometry.joints), 4, 4))
+        placed = np.empty((len(q), *scratch.joints.shape))
         for k in range(len(q)):
             pin.computeRNEADerivatives(model, data, q[k], v[k], a[k])
             force[k], by_q[k], by_v[k], mass[k], tree[k] = (
@@ -126,8 +126,9 @@ class EquationsOfMotion:
                 data.M,
                 data.J,
             )
-            for j, joint in enumerate(self.geometry.joints):
-                placed[k, j] = data.oMi[joint].homogeneous
+            if scratch.refresh is not None:
+                scratch.refresh()
+            placed[k] = scratch.joints
         mass[:, range(nv), range(nv)] += self.rotors
         by_q[:, range(nv), range(nv)] += self.stiffness
         by_v[:, range(nv), range(nv)] += self.damping
@@ -138,7 +139,7 @@ class EquationsOfMotion:
 
     def energy(self, q: Array, v: Array) -> Array:
         """Kinetic, gravitational and elastic energy together, (T,) [J]; gravity from the URDF's origin."""
-        model, data = self.robot.model, self.scratch
+        model, data = self.robot.model, self.scratch.data
         tree = [
             pin.computeKineticEnergy(model, data, a, b) + pin.computePotentialEnergy(model, data, a)
             for a, b in zip(q, v, strict=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
-from framework.kinematics.frames import FrameStack
+from framework.kinematics.frames import FrameStack, rotations
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matmul, matvec
 
@@ -21,8 +21,7 @@ from framework.linalg.ordered_sums import matmul, matvec
 class FrameGeometry(NamedTuple):
     """Where the robot's frames sit on its joints, and which columns move them."""
 
-    joints: tuple[int, ...]  # joints that carry frames
-    joint: IntArray  # (F,) index into `joints`
+    joint: IntArray  # (F,) that carries the frame
     rotation: Array  # (F, 3, 3) of the frame in its joint
     translation: Array  # (F, 3)
     carried: Array  # (F, nv) 1 where the joint carries the frame, else 0
@@ -33,12 +32,10 @@ class FrameGeometry(NamedTuple):
         """The geometry of `robot.frames`."""
         model = robot.model
         frames = [model.frames[frame] for frame in robot.frames]
-        joints = sorted({int(frame.parentJoint) for frame in frames})
         owner = np.repeat(np.arange(1, model.njoints), [joint.nv for joint in model.joints[1:]])
         supports: Sequence[set[int]] = [set(model.supports[joint]) for joint in range(model.njoints)]
         return FrameGeometry(
-            joints=tuple(joints),
-            joint=np.array([joints.index(int(frame.parentJoint)) for frame in frames]),
+            joint=np.array([int(frame.parentJoint) for frame in frames]),
             rotation=np.array([frame.placement.rotation for frame in frames]),
             translation=np.array([frame.placement.translation for frame in frames]),
             carried=np.array([[float(j in supports[frame.parentJoint]) for j in owner] for frame in frames]),
@@ -46,8 +43,8 @@ class FrameGeometry(NamedTuple):
         )
 
     def frames(self, q: Array, placed: Array, tree: Array) -> FrameStack:
-        """Frames at q (T, nq) out of joint placements (T, joints, 4, 4) and the tree's world Jacobian."""
+        """Frames at q (T, nq) out of all joints' placements (T, joints, 12) and the tree's world Jacobian."""
         placed = placed[:, self.joint]
-        rotation = placed[..., :3, :3]
-        position = placed[..., :3, 3] + matvec(rotation, self.translation)
+        rotation = rotations(placed)
+        position = placed[..., 9:] + matvec(rotation, self.translation)
         return FrameStack(position, matmul(rotation, self.rotation), tree.swapaxes(1, 2), self.carried, q)

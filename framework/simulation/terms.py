@@ -134,11 +134,7 @@ class RobotStack:
         rows, columns = _lower_half(nv)
         mass[:, rows, columns] = mass[:, columns, rows]  # pinocchio fills the upper half
         mass[:, range(nv), range(nv)] += self.rotors
-        poses = poses[:, self.geometry.joints]
-        placed = np.zeros((runs, poses.shape[1], 4, 4))
-        placed[..., :3, :3] = poses[..., :9].reshape(runs, -1, 3, 3).swapaxes(2, 3)
-        placed[..., :3, 3] = poses[..., 9:]
-        frames = self.geometry.frames(q, placed, J)
+        frames = self.geometry.frames(q, poses, J)
         loops = loop_equations(self.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 

@@ -37,16 +37,17 @@ class Polynomials:
         return np.array([self.steps[0].time, *(step.times[-1] for step in self.steps)])
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
-        which = _which(self.edges, t)
-        q, v = np.empty((len(t), self.robot.model.nq)), np.empty((len(t), self.robot.model.nv))
+        which, table = _which(self.edges, t), self.steps[0].table
+        times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
+        basis = table.basis((t - times[which]) / lengths[which])
+        starts = np.array([step.start for step in self.steps])[which]
+        turned, v = np.empty((2, len(t), self.robot.model.nv))
         for k in np.unique(which):
             step, inside = self.steps[k], which == k
-            at = (t[inside] - step.time) / step.length
-            turned = step.length * step.table.integral(step.table.series @ step.slope, at)
-            q[inside] = integrate(self.robot, step.start, turned)
+            turned[inside] = basis[inside] @ (step.length * table.series_of_integral @ step.slope)
             rates = np.vstack([step.start_velocity, step.v])
-            v[inside] = step.table.values(step.table.series_with_start @ rates, at)
-        return q, v
+            v[inside] = basis[inside] @ (table.series_with_start @ rates)
+        return integrate(self.robot, starts, turned), v
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from tests.witness.five_bar import FiveBar
+from framework.chart.peers.five_bar import FiveBar
 from tests.witness.plans import DURATION, plan_of
 
 Method = Callable[[float], tuple[float, float]]
@@ -43,7 +43,7 @@ def methods(name: str, flexibility: str) -> dict[str, Method]:
 
     found: dict[str, Method] = {}
     if find_spec("exudyn"):
-        from tests.witness.exudyn_five_bar import simulate
+        from framework.chart.peers.exudyn_five_bar import simulate
 
         found["Exudyn, generalised alpha"] = method(simulate)
         found["Exudyn, trapezoidal, index 2"] = method(simulate, solver="TrapezoidalIndex2")

@@ -26,8 +26,8 @@ from tests.oracles.joint_chain import Edge, along_z, chain, fixed, urdf
 def openings(description: RobotDescription, closure: Closure) -> list[str]:
     """Joints of a closure's loop at which it can be opened instead, those farthest from the closure first.
 
-    Passive joints that no spring drives; if there is none, rigid connections between two links: there a
-    body is cut in two.
+    Passive joints that no spring drives and that are not the platform; if there is none, rigid connections
+    between two links: there a body is cut in two.
     """
     edges = _edges(description)
     above = {edge.child: edge for edge in edges}
@@ -38,7 +38,7 @@ def openings(description: RobotDescription, closure: Closure) -> list[str]:
         for depth, edge in enumerate(one)
         if edge not in other
     ]
-    kept = {actuator.joint for actuator in description.actuators}
+    kept = {actuator.joint for actuator in description.actuators} | {*description.platform.joints}
     kept |= {spring.after for spring in description.springs}
     kept |= {spring.joint for spring in description.joint_springs}
     free = sorted((edge.kind == "fixed", -depth, edge.name) for depth, edge in ring if edge.name not in kept)

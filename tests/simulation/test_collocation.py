@@ -33,10 +33,12 @@ def test_unresolved_vibrations_decay(stages):
 @pytest.mark.parametrize("stages", [3, 16])
 def test_series_reproduce_polynomials_and_their_integrals(stages):
     table, at = radau(stages), np.linspace(0, 1, 11)
-    series = table.series @ table.nodes[:, None] ** np.arange(stages)
-    np.testing.assert_allclose(table.values(series, at), at[:, None] ** np.arange(stages), atol=1e-13)
+    monomials = table.nodes[:, None] ** np.arange(stages)
+    found = table.basis(at, stages - 1) @ table.series @ monomials
+    np.testing.assert_allclose(found, at[:, None] ** np.arange(stages), atol=1e-13)
     with_start = np.append(0.0, table.nodes)[:, None] ** np.arange(stages + 1)
-    found = table.values(table.series_with_start @ with_start, at)
+    found = table.basis(at) @ table.series_with_start @ with_start
     np.testing.assert_allclose(found, at[:, None] ** np.arange(stages + 1), atol=1e-13)
     powers = np.arange(1, stages + 1)
-    np.testing.assert_allclose(table.integral(series, at), at[:, None] ** powers / powers, atol=1e-13)
+    integral = table.basis(at) @ table.series_of_integral @ monomials
+    np.testing.assert_allclose(integral, at[:, None] ** powers / powers, atol=1e-13)

@@ -79,8 +79,10 @@ def test_two_four_bars_for_ten_seconds(tmp_path):
     assert off[250:].max() < 100 * off[:250].max() + 1e-10  # no drift
     assert result.closure_error < 1e-12
     assert result.energy_error < 1e-9
+    assert result.unresolved < 1e-8
 
 
+@pytest.mark.slow
 def test_a_minute_of_level_rods(tmp_path):
     """Some seventy passages: short steps cannot be solved near one, so steps go over it."""
     result, off = four_bars(tmp_path, 2, 60.0)

@@ -16,7 +16,7 @@ REQUIRED = os.environ.get("CROSSING_WITNESS") == "required"
 
 
 def witness(simulator: str, module: str) -> ModuleType:
-    """The module of this folder that uses the simulator; skips the calling test module without it."""
+    """The module that uses the simulator; skips the calling test module without it."""
     if not REQUIRED:
         pytest.importorskip(simulator, reason=f"{simulator} is not installed: pip install '.[witness]'")
-    return import_module(f"tests.witness.{module}")
+    return import_module(module)

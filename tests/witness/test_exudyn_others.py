@@ -10,8 +10,8 @@ import robots
 from framework import plan_scene
 from tests.witness.installed import witness
 
-slider_crank = witness("exudyn", "exudyn_slider_crank")
-n_four_bar = witness("exudyn", "exudyn_n_four_bar")
+slider_crank = witness("exudyn", "tests.witness.exudyn_slider_crank")
+n_four_bar = witness("exudyn", "tests.witness.exudyn_n_four_bar")
 
 SCREW, ROD = 1e5, 2e5  # [N/m], as in the robot file
 

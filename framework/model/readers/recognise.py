@@ -13,6 +13,7 @@ from framework.errors import RobotFileError, choose_from, short
 from framework.input import read_text
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import BLANK, naming, parse_xml, parse_yaml
+from framework.model.parameters import with_parameters
 from framework.model.readers import gepetto, ros_constraint, urdf_plus
 from framework.model.readers.missing_fields import Options, checked_reference, resolve
 from framework.model.readers.mjcf.reader import read_mjcf
@@ -51,12 +52,14 @@ def parse_any(
     axes: Sequence[str] | None = None,
     motors: Sequence[str] | None = None,
     reference: Mapping[str, float] | None = None,
+    parameters: Mapping[str, float] | None = None,
 ) -> ParsedRobot:
     """The description in a file of any dialect, recognised by its content, its URDF and the dialect.
 
     The options say what a foreign file does not, and overrule what it does: the `platform` frame and
     its `axes`, the joints that are `motors`, and a `reference` [rad, m] where the file's zero pose is not
     near the wanted one. For a pair of Gepetto give the YAML or the folder of the two.
+    `parameters` takes other values for those that a robot file of ours declares.
 
     Raises:
         RobotFileError: the file cannot be read, is of no known dialect, is malformed, says something
@@ -76,7 +79,11 @@ def parse_any(
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf", ".sdf") and not is_xml:
         raise RobotFileError(f"{path}: not well-formed XML: it does not begin with <")
     with naming(path):
-        return _from_xml(path, text, options) if is_xml else _from_yaml(path, text, options)
+        if not is_xml:
+            return _from_yaml(path, text, options, parameters)
+        if parameters:
+            raise RobotFileError("parameters: only robot files of ours have some")
+        return _from_xml(path, text, options)
 
 
 def _dialect_of_xml(root: ElementTree.Element) -> str:
@@ -119,11 +126,12 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
     return read[dialect](path, root, options)._replace(dialect=dialect)
 
 
-def _from_yaml(path: Path, text: str, options: Options) -> ParsedRobot:
+def _from_yaml(path: Path, text: str, options: Options, given: Mapping[str, float] | None) -> ParsedRobot:
+    text, parameters = with_parameters(text, given)
     content = parse_yaml(text)
     dialect = _dialect_of_yaml(content)
     if dialect == "robot file":
-        return _own(parse_robot(path, content), options)
+        return _own(parse_robot(path, content, parameters), options)
     urdf = path.with_suffix(".urdf")
     try:
         tree = UrdfTree(parse_xml(read_text(urdf, f"{urdf}: cannot read it", error=RobotFileError)))

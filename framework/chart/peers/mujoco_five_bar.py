@@ -13,9 +13,11 @@ DOI 10.1109/IROS.2012.6386109; the page "Computation" of its documentation. What
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 
-from tests.witness.five_bar import (
+from framework.chart.peers.five_bar import (
     BASES,
     GEAR_RATIO,
     LENGTH,
@@ -38,7 +40,7 @@ def model_of(
     step: float = 1e-3,
     integrator: str = "RK4",
     hard: bool = True,
-):
+) -> Any:
     """The MuJoCo model (MjModel); joints are named as in the catalogue's robot.
 
     `hard` makes the loop as hard as MuJoCo allows for this step [s]; otherwise it has MuJoCo's defaults.

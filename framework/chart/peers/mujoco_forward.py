@@ -11,18 +11,20 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from tests.witness.five_bar import SIDES, FiveBar, Run, start_angles
-from tests.witness.mujoco_five_bar import NEGLIGIBLE, model_of
+from framework.arrays import Array
+from framework.chart.peers.five_bar import SIDES, FiveBar, Run, start_angles
+from framework.chart.peers.mujoco_five_bar import NEGLIGIBLE, model_of
 
 
 def simulate(
     robot: FiveBar,
-    torque: Callable[[np.ndarray], np.ndarray],
-    start,
+    torque: Callable[[Array], Array],
+    start: Array,
     *,
     step: float,
     duration: float,
@@ -46,11 +48,11 @@ def simulate(
         data.joint(f"{side}_elbow").qpos = rod - crank
     for name, (place_0, speed_0) in (joints or {}).items():
         data.joint(name).qpos, data.joint(name).qvel = place_0, speed_0
-    control = torque(0.5 * step * np.arange(2 * steps + 1))  # (2 steps + 1, 2): stages fall on half steps
+    control = torque(np.linspace(0.0, duration, 2 * steps + 1))  # (2 steps + 1, 2): stages fall on half steps
     tips = [model.site(f"{side}_tip").id for side in SIDES]
     place = np.empty((steps + 1, 2, 2))  # instant, tip, axis
 
-    def drive(_model, now) -> None:
+    def drive(_model: Any, now: Any) -> None:
         now.ctrl[:] = control[min(round(2 * now.time / step), 2 * steps)]
 
     with _hooked(drive) as warnings:
@@ -65,11 +67,11 @@ def simulate(
                 raise ArithmeticError(f"MuJoCo, step {step} s: {warnings[0]}")
         seconds = time.perf_counter() - begun
     gap = np.linalg.norm(place[:, 0] - place[:, 1], axis=1).max()
-    return Run(step * np.arange(steps + 1), place.mean(axis=1), seconds, float(gap))
+    return Run(np.linspace(0.0, duration, steps + 1), place.mean(axis=1), seconds, float(gap))
 
 
 @contextmanager
-def _hooked(drive: Callable) -> Iterator[list[str]]:
+def _hooked(drive: Callable[[Any, Any], None]) -> Iterator[list[str]]:
     """MuJoCo's callbacks, which belong to the process: set here, and gone afterwards."""
     warnings: list[str] = []
     mujoco.set_mjcb_control(drive)

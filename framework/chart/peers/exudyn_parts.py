@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import exudyn as exu
 import numpy as np
@@ -40,8 +41,12 @@ from exudyn.itemInterface import (
     SensorNode,
 )
 
+from framework.arrays import Array
+
 SPECTRAL_RADIUS = 0.9  # a little numerical damping, for the algebraic unknowns
 NEWTON = 1e-10  # tolerance, relative and absolute; with 1e-12 Newton's method stalls on rounding
+Body = tuple[Any, Any]  # object, node
+Marker = Any
 X, Y, ANGLE = range(3)  # the coordinates of a planar body
 
 
@@ -52,16 +57,23 @@ class Mechanism:
         self.system = exu.SystemContainer().AddSystem()
         self.gravity = [*gravity, 0.0]  # [m/s^2] in the plane
 
-    def ground(self, place: Sequence[float]):
+    def ground(self, place: Sequence[float] | Array) -> Body:
         """A body that stays where it is; its x axis is that of the world."""
         return self.system.AddObject(ObjectGround(referencePosition=[*map(float, place), 0.0])), None
 
-    def mass_point(self, mass: float, place: Sequence[float]):
+    def mass_point(self, mass: float, place: Sequence[float] | Array) -> Body:
         """A body with two coordinates, x and y [m]."""
         node = self.system.AddNode(NodePoint2D(referenceCoordinates=list(map(float, place))))
         return self._heavy(self.system.AddObject(ObjectMassPoint2D(mass=mass, nodeNumber=node))), node
 
-    def link(self, mass: float, inertia: float, middle, angle: float, rates: Sequence[float] = (0, 0, 0)):
+    def link(
+        self,
+        mass: float,
+        inertia: float,
+        middle: Sequence[float] | Array,
+        angle: float,
+        rates: Sequence[float] = (0, 0, 0),
+    ) -> Body:
         """A body with three coordinates; `middle` (2,) [m] is its centre of mass, `inertia` about it."""
         place = [*map(float, middle), float(angle)]
         node = self.system.AddNode(
@@ -70,21 +82,21 @@ class Mechanism:
         body = self.system.AddObject(ObjectRigidBody2D(nodeNumber=node, mass=mass, inertia=inertia))
         return self._heavy(body), node
 
-    def _heavy(self, body):
+    def _heavy(self, body: Any) -> Any:
         if any(self.gravity):
             mass = self.system.AddMarker(MarkerBodyMass(bodyNumber=body))
             self.system.AddLoad(LoadMassProportional(markerNumber=mass, loadVector=self.gravity))
         return body
 
-    def point(self, body, along: float = 0.0):
+    def point(self, body: Body, along: float = 0.0) -> Marker:
         """The point of a body `along` [m] its x axis from the centre of mass."""
         return self.system.AddMarker(MarkerBodyPosition(bodyNumber=body[0], localPosition=[along, 0, 0]))
 
-    def pin(self, *points) -> None:
+    def pin(self, *points: Marker) -> None:
         """One point, free to turn."""
         self.system.AddObject(ObjectJointRevolute2D(markerNumbers=list(points)))
 
-    def slide(self, body, along: float, other) -> None:
+    def slide(self, body: Body, along: float, other: Body) -> None:
         """`other` keeps its angle to `body` and moves along its x axis through the point `along` [m]."""
         markers = [
             self.system.AddMarker(MarkerBodyRigid(bodyNumber=part[0], localPosition=[place, 0, 0]))
@@ -92,11 +104,11 @@ class Mechanism:
         ]
         self.system.AddObject(ObjectJointPrismatic2D(markerNumbers=markers))
 
-    def distance(self, points, length: float) -> None:
+    def distance(self, points: Sequence[Marker], length: float) -> None:
         """A rigid rod without mass."""
         self.system.AddObject(ObjectConnectorDistance(markerNumbers=list(points), distance=length))
 
-    def spring(self, points, length: float, stiffness: float) -> None:
+    def spring(self, points: Sequence[Marker], length: float, stiffness: float) -> None:
         """An elastic rod without mass, `length` [m] unloaded, `stiffness` [N/m]."""
         self.system.AddObject(
             ObjectConnectorSpringDamper(
@@ -104,11 +116,13 @@ class Mechanism:
             )
         )
 
-    def coordinate(self, body, number: int):
+    def coordinate(self, body: Body, number: int) -> Marker:
         """One of the coordinates of a body."""
         return self.system.AddMarker(MarkerNodeCoordinate(nodeNumber=body[1], coordinate=number))
 
-    def rotor(self, inertia: float, driven, stiffness: float, *, offset: float = 0.0, speed: float = 0.0):
+    def rotor(
+        self, inertia: float, driven: Marker, stiffness: float, *, offset: float = 0.0, speed: float = 0.0
+    ) -> Marker:
         """A coordinate with inertia behind a spring to the coordinate `driven`.
 
         At the start `driven` is ahead by `offset`, and the rotor has a speed.
@@ -123,23 +137,23 @@ class Mechanism:
         )
         return turn
 
-    def drive(self, coordinate, forces: np.ndarray, step: float) -> None:
+    def drive(self, coordinate: Marker, forces: Array, step: float) -> None:
         """A motor: forces (steps + 1,) on a coordinate, one for the end of every step."""
         if not np.all(np.isfinite(forces)):
             raise ValueError("forces: must be finite at every step")
         table = forces.tolist()
 
-        def force_at(_system, t: float, _load: float) -> float:
-            return table[round(t / step)]
+        def force_at(_system: Any, t: float, _load: float) -> float:
+            return float(table[round(t / step)])
 
         self.system.AddLoad(LoadCoordinate(markerNumber=coordinate, loadUserFunction=force_at))
 
-    def guide(self, coordinate, displacements: np.ndarray, step: float) -> None:
+    def guide(self, coordinate: Marker, displacements: Array, step: float) -> None:
         """A motor without limits: displacements (steps + 1,) of a coordinate, each at the end of a step."""
         table = displacements.tolist()
 
-        def place_at(_system, t: float, _item: int, _offset: float) -> float:
-            return table[round(t / step)]
+        def place_at(_system: Any, t: float, _item: int, _offset: float) -> float:
+            return float(table[round(t / step)])
 
         node = self.system.AddNode(NodePointGround())
         fixed = self.system.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
@@ -148,8 +162,14 @@ class Mechanism:
         )
 
     def run(
-        self, watched, *, steps: int, duration: float, solver: str = "GeneralizedAlpha", at_rest: bool = True
-    ) -> tuple[np.ndarray, np.ndarray, float]:
+        self,
+        watched: Body,
+        *,
+        steps: int,
+        duration: float,
+        solver: str = "GeneralizedAlpha",
+        at_rest: bool = True,
+    ) -> tuple[Array, Array, float]:
         """Times (T,), displacements of the watched body's coordinates (T, ...), wall time [s].
 
         `solver` is one of Exudyn's DynamicSolverType. Without `at_rest`, initial accelerations are computed
@@ -181,5 +201,5 @@ class Mechanism:
         except (exu.SolverError, exu.InternalError) as failure:
             raise ArithmeticError(f"Exudyn, step {duration / steps} s: {failure}") from None
         seconds = time.perf_counter() - begun
-        rows = self.system.GetSensorStoredData(sensor)
+        rows = np.asarray(self.system.GetSensorStoredData(sensor), dtype=float)
         return rows[:, 0], rows[:, 1:], seconds

@@ -19,16 +19,17 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from tests.witness.five_bar import GEAR_RATIO, SIDES, FiveBar
-from tests.witness.mujoco_five_bar import NEGLIGIBLE, model_of
+from framework.arrays import Array
+from framework.chart.peers.five_bar import GEAR_RATIO, SIDES, FiveBar
+from framework.chart.peers.mujoco_five_bar import NEGLIGIBLE, model_of
 
 
 class InverseDynamics(NamedTuple):
     """MuJoCo's forces on a motion, at T instants."""
 
-    torque: np.ndarray  # (T, 2) [N m], motor side
-    imbalance: np.ndarray  # (T,) what the loop's force leaves of the other joints' equations [N m, N]
-    gap: np.ndarray  # (T,) distance between the two tips [m]
+    torque: Array  # (T, 2) [N m], motor side
+    imbalance: Array  # (T,) what the loop's force leaves of the other joints' equations [N m, N]
+    gap: Array  # (T,) distance between the two tips [m]
 
 
 class Tree:
@@ -44,7 +45,7 @@ class Tree:
         if sorted(self.columns) != list(range(self.model.nv)):
             raise ValueError(f"MuJoCo's 5R has {self.model.nv} joints, not {joints}")
 
-    def equation(self, q, v, a) -> tuple[np.ndarray, np.ndarray, float]:
+    def equation(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, float]:
         """r (nv,), J (2, nv) and the gap [m] at one instant, in the order of the joints."""
         model, data, columns = self.model, self.data, self.columns
         data.qpos[columns], data.qvel[columns], data.qacc[columns] = q, v, a
@@ -56,7 +57,7 @@ class Tree:
         jacobian = (slopes[0] - slopes[1])[:2, columns]
         return data.qfrc_inverse[columns].copy(), jacobian, float(np.linalg.norm(gap))
 
-    def inverse(self, q, v, a) -> InverseDynamics:
+    def inverse(self, q: Array, v: Array, a: Array) -> InverseDynamics:
         """Along a motion: q, v, a (T, nv) in the order of the joints."""
         torque, imbalance, gaps = [], [], []
         for instant in zip(q, v, a, strict=True):
@@ -68,7 +69,7 @@ class Tree:
             gaps.append(gap)
         return InverseDynamics(np.array(torque), np.array(imbalance), np.array(gaps))
 
-    def imbalance(self, q, v, a, torque) -> np.ndarray:
+    def imbalance(self, q: Array, v: Array, a: Array, torque: Array) -> Array:
         """What torques (T, 2) leave of all joints' equations, whatever the loop's force: (T,) [N m, N].
 
         It needs no quotient that is 0/0 at the singularity: r - S' tau must be of the form J' f, and J keeps

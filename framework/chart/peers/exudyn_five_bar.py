@@ -13,8 +13,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tests.witness.exudyn_parts import ANGLE, Mechanism
-from tests.witness.five_bar import (
+from framework.arrays import Array
+from framework.chart.peers.exudyn_parts import ANGLE, Body, Marker, Mechanism
+from framework.chart.peers.five_bar import (
     BASES,
     GEAR_RATIO,
     LENGTH,
@@ -28,13 +29,13 @@ from tests.witness.five_bar import (
 
 def simulate(
     robot: FiveBar,
-    torque: Callable[[np.ndarray], np.ndarray],
-    start,
+    torque: Callable[[Array], Array],
+    start: Array,
     *,
     step: float,
     duration: float,
     solver: str = "GeneralizedAlpha",
-    rotor_speeds=(0.0, 0.0),
+    rotor_speeds: tuple[float, float] = (0.0, 0.0),
 ) -> Run:
     """Drive the robot by motor torques from rest at `start` (2,) [m].
 
@@ -44,7 +45,7 @@ def simulate(
     """
     steps = round(duration / step)
     step = duration / steps
-    joint_torque = GEAR_RATIO * torque(step * np.arange(steps + 1))  # (steps + 1, 2)
+    joint_torque = GEAR_RATIO * torque(np.linspace(0.0, duration, steps + 1))  # (steps + 1, 2)
     mechanism, payload, motors = _assemble(robot, start, rotor_speeds)
     for leg, motor in enumerate(motors):
         mechanism.drive(motor, joint_torque[:, leg], step)
@@ -52,7 +53,7 @@ def simulate(
     return Run(times, start + moved, seconds)
 
 
-def guide(robot: FiveBar, angles: np.ndarray, start, *, duration: float) -> Run:
+def guide(robot: FiveBar, angles: Array, start: Array, *, duration: float) -> Run:
     """The same with the motors' angles (steps + 1, 2) [rad] imposed, joint side, whatever that takes."""
     steps = len(angles) - 1
     mechanism, payload, motors = _assemble(robot, start, (0.0, 0.0))
@@ -62,7 +63,9 @@ def guide(robot: FiveBar, angles: np.ndarray, start, *, duration: float) -> Run:
     return Run(times, start + moved, seconds)
 
 
-def _assemble(robot: FiveBar, start, rotor_speeds):
+def _assemble(
+    robot: FiveBar, start: Array, rotor_speeds: tuple[float, float]
+) -> tuple[Mechanism, Body, list[Marker]]:
     """The mechanism, its payload, and the coordinates of its motors."""
     mechanism = Mechanism()
     payload = mechanism.mass_point(PAYLOAD, start)
@@ -74,24 +77,26 @@ def _assemble(robot: FiveBar, start, rotor_speeds):
     return mechanism, payload, motors
 
 
-def _half(angle: float) -> np.ndarray:
-    return 0.5 * LENGTH * np.array([np.cos(angle), np.sin(angle)])
+def _half(angle: float) -> Array:
+    return np.array([0.5 * LENGTH * np.cos(angle), 0.5 * LENGTH * np.sin(angle)])
 
 
-def _crank(mechanism: Mechanism, robot: FiveBar, leg: int, angle: float, rotor_speed: float):
+def _crank(
+    mechanism: Mechanism, robot: FiveBar, leg: int, angle: float, rotor_speed: float
+) -> tuple[Body, Marker]:
     """The body of a crank, and the coordinate on which its motor acts."""
     foot = np.array([BASES[leg], 0.0])
-    rigid_drive = robot.drive_stiffness is None
-    inertia = robot.link_mass * LENGTH**2 / 12 + (ROTOR_INERTIA if rigid_drive else 0.0)
+    stiffness = robot.drive_stiffness
+    inertia = robot.link_mass * LENGTH**2 / 12 + (ROTOR_INERTIA if stiffness is None else 0.0)
     crank = mechanism.link(robot.link_mass, inertia, foot + _half(angle), angle)
     mechanism.pin(mechanism.point(mechanism.ground(foot)), mechanism.point(crank, -LENGTH / 2))
     turn = mechanism.coordinate(crank, ANGLE)
-    if rigid_drive:
+    if stiffness is None:
         return crank, turn
-    return crank, mechanism.rotor(ROTOR_INERTIA, turn, robot.drive_stiffness, speed=rotor_speed)
+    return crank, mechanism.rotor(ROTOR_INERTIA, turn, stiffness, speed=rotor_speed)
 
 
-def _rod(mechanism: Mechanism, robot: FiveBar, crank, payload, leg: int, angles) -> None:
+def _rod(mechanism: Mechanism, robot: FiveBar, crank: Body, payload: Body, leg: int, angles: Array) -> None:
     elbow, tip = mechanism.point(crank, LENGTH / 2), mechanism.point(payload)
     if robot.rod_stiffness is not None:
         mechanism.spring([elbow, tip], LENGTH, robot.rod_stiffness)

@@ -1,0 +1,250 @@
+"""A study of a robot's dimensions: one small map for each set of its named parameters, told by a few numbers.
+
+The sets are the grid of all values that the robot file declares, or the rows of a table. They go out in
+chunks of `CHUNK`, here or through any `concurrent.futures.Executor`; a set that makes no robot is told why,
+and the others go on.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from framework.arrays import Array, ReadOnlyArrays
+from framework.atlas.map_files import versions
+from framework.atlas.quantities import chosen, unit_of
+from framework.atlas.window import Window, held_coordinates, map_axes
+from framework.atlas.workspace_map import Keeper, WorkspaceMap, surveyed, workspace_map
+from framework.errors import FrameworkError, InvalidInput, choose_from
+from framework.input import read_text
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.parameters import declared_parameters
+from framework.parallel.tasks import completed
+
+CHUNK = 4  # designs of a task
+MOST = 1_000_000  # designs
+DOCUMENT = "study.json"
+PARTS = ("least", "median", "largest")
+Chunk = Mapping[str, NDArray[Any]]
+
+
+class Designs(NamedTuple):
+    """Sets of parameters: their names and values (D, P)."""
+
+    names: tuple[str, ...]
+    values: Array
+
+
+class Task(NamedTuple):
+    """What is computed of each design."""
+
+    file: str
+    names: tuple[str, ...]
+    flexibility: str
+    axes: tuple[str, str]
+    window: (
+        tuple[float, ...] | None
+    )  # least and largest of the first axis, then of the second; None: its reach
+    size: int
+    keys: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class DesignStudy(ReadOnlyArrays):
+    """What became of D designs; numbers are NaN for one that makes no robot."""
+
+    task: Task
+    designs: Designs
+    columns: Mapping[str, Array]  # (D,) see `units`
+    units: Mapping[str, str]
+    why: tuple[str, ...]  # (D,) empty, or why there is no map
+
+
+def designs_of(file: str | Path, table: str | Path | None = None) -> Designs:
+    """The grid of all values that a robot file declares for its parameters, or the rows of a CSV table.
+
+    Args:
+        table: its first line names parameters, each further one has their values.
+
+    Raises:
+        InvalidInput: the file declares no parameters; a table with other names, or what is no number.
+    """
+    text = read_text(file, f"{file}: cannot read it")
+    declared = declared_parameters(text)
+    if not declared:
+        raise InvalidInput(
+            f"{file}: a study needs named parameters in the robot file, such as parameters: "
+            f"{{l1: [0.2, 0.3]}}, and ${{l1}} where they count"
+        )
+    if table is not None:
+        return _read_table(Path(table), declared)
+    count = int(np.prod([len(values) for values in declared.values()]))
+    if count > MOST:
+        raise InvalidInput(f"{file}: {count} designs; at most {MOST} are studied")
+    return Designs(tuple(declared), np.array(list(product(*declared.values())), dtype=float))
+
+
+def design_study(
+    task: Task,
+    designs: Designs,
+    *,
+    executor: Executor | None = None,
+    keeper: Keeper | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+) -> DesignStudy:
+    """Maps of all designs, told by area and quantities. Options as for `workspace_map`."""
+    count = len(designs.values)
+    parts = [range(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK)]
+    names = {f"{part.start:07d}-{part.stop:07d}": part for part in parts}
+    found = {} if keeper is None else dict(keeper.found())
+    chunks = {name: found[name] for name in names if name in found}
+    progress(sum(len(names[name]) for name in chunks))
+    todo = [(name, designs.values[part]) for name, part in names.items() if name not in chunks]
+    for (name, _), chunk in completed(partial(studied, task), todo, executor):
+        chunks[name] = chunk
+        if keeper is not None:
+            keeper.keep(name, chunk)
+        progress(sum(len(names[one]) for one in chunks))
+    whole = {key: np.concatenate([chunks[name][key] for name in names]) for key in chunks[next(iter(names))]}
+    why = tuple(whole.pop("why").tolist())
+    robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
+    return DesignStudy(task, designs, whole, column_units(robot, task), why)
+
+
+def studied(task: Task, part: tuple[str, Array]) -> dict[str, NDArray[Any]]:
+    """The numbers of some designs, by column, and why some have none."""
+    rows: list[dict[str, float]] = []
+    why: list[str] = []
+    for values in part[1]:
+        try:
+            found = _mapped(task, dict(zip(task.names, values.tolist(), strict=True)))
+            rows.append(_told(found))
+            why.append("")
+        except FrameworkError as error:
+            rows.append({})
+            why.append(str(error))
+    columns: dict[str, NDArray[Any]] = {
+        key: np.array([row.get(key, np.nan) for row in rows]) for key in column_names(task)
+    }
+    return columns | {"why": np.array(why, dtype=np.str_)}
+
+
+def column_names(task: Task) -> tuple[str, ...]:
+    """What is told of each design."""
+    return ("area", "free_area", *(f"{key}_{part}" for key in task.keys for part in PARTS))
+
+
+def column_units(robot: ParallelRobot, task: Task) -> dict[str, str]:
+    """Units of the columns."""
+    edges = {"m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes)}
+    area = "m^2" if edges == {"m"} else "rad^2" if edges == {"rad"} else "m rad"
+    units = {f"{one.key}_{part}": unit_of(robot, one) for one in chosen(robot, task.keys) for part in PARTS}
+    return {"area": area, "free_area": area, **units}
+
+
+def _mapped(task: Task, parameters: Mapping[str, float]) -> WorkspaceMap:
+    robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility, parameters=parameters)
+    axes, held, shape = map_axes(robot, task.axes), held_coordinates(robot, None), (task.size, task.size)
+    if task.window is None:
+        window = surveyed(robot, axes, held, shape)
+    else:
+        ends = np.array(task.window)
+        window = Window(axes, ends[::2], ends[1::2], shape, held)
+    return workspace_map(robot, window, chosen(robot, task.keys))
+
+
+def _told(found: WorkspaceMap) -> dict[str, float]:
+    """Area of all poses reached, and on the reference's side of the locus, and what quantities span."""
+    away = np.abs(found.window.points() - found.robot.reference.x).max(axis=2)
+    side = found.assembly.flat[np.argmin(np.where(found.reached, away, np.inf))]
+    cell = float(np.prod(found.window.cell))
+    told = {
+        "area": cell * int(found.reached.sum()),
+        "free_area": cell * int((found.reached & (found.assembly == side)).sum()),
+    }
+    for one in found.quantities:
+        values = found.values[one.key][found.reached]
+        values = values[np.isfinite(values)]
+        if values.size:
+            numbers = (values.min(), np.median(values), values.max())
+            told |= {f"{one.key}_{part}": float(value) for part, value in zip(PARTS, numbers, strict=True)}
+    return told
+
+
+# ------------------------------------------------------------------ files
+
+
+def study_setup(task: Task, designs: Designs) -> dict[str, Any]:
+    """What a study depends on, a document of JSON."""
+    robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
+    content = hashlib.sha256(Path(task.file).read_bytes() + robot.description.urdf_text.encode())
+    return {
+        "robot": robot.name,
+        "robot_hash": content.hexdigest(),
+        **{key: value for key, value in task._asdict().items() if key != "file"},
+        "designs": hashlib.sha256(designs.values.tobytes()).hexdigest(),
+        "count": len(designs.values),
+        "versions": versions(),
+    }
+
+
+def write_study(found: DesignStudy, folder: Path) -> list[Path]:
+    """Write study.json, study.npz and study.csv into a folder; the same study gives the same bytes."""
+    files = [folder / DOCUMENT, folder / "study.npz", folder / "study.csv"]
+    document = {**study_setup(found.task, found.designs), "units": dict(found.units)}
+    files[0].write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    parameters = dict(zip(found.designs.names, found.designs.values.T, strict=True))
+    arrays = {f"parameter_{name}": values for name, values in parameters.items()} | dict(found.columns)
+    np.savez_compressed(
+        files[1],
+        allow_pickle=False,
+        setup=np.array(json.dumps(document, sort_keys=True)),
+        why=np.array(found.why, dtype=np.str_),
+        **arrays,
+    )
+    with open(files[2], "w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow([*parameters, *found.columns, "why"])
+        values = np.column_stack([*parameters.values(), *found.columns.values()]).tolist()
+        writer.writerows(
+            [*("" if value != value else value for value in row), why]
+            for row, why in zip(values, found.why, strict=True)
+        )
+    return files
+
+
+def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs:
+    rows = list(csv.reader(io.StringIO(read_text(table, f"{table}: cannot read the table"))))
+    rows = [row for row in rows if row]
+    if len(rows) < 2:
+        raise InvalidInput(f"{table}: needs a line of parameters and a line of values for each design")
+    names = tuple(name.strip() for name in rows[0])
+    for name in names:
+        if name not in declared:
+            raise InvalidInput(f"{table}: {choose_from('parameter', name, declared)}")
+    if len(set(names)) < len(names):
+        raise InvalidInput(f"{table}: a parameter is there twice: {', '.join(names)}")
+    short = next((row for row in rows if len(row) != len(names)), None)
+    if short is not None:
+        raise InvalidInput(f"{table}: needs {len(names)} numbers in each line, got {', '.join(short)}")
+    if len(rows) > MOST:
+        raise InvalidInput(f"{table}: {len(rows) - 1} designs; at most {MOST} are studied")
+    try:
+        values = np.array(rows[1:], dtype=float)
+    except ValueError as error:
+        raise InvalidInput(f"{table}: {error}") from None
+    if not np.all(np.isfinite(values)):
+        raise InvalidInput(f"{table}: needs finite numbers")
+    return Designs(names, values)

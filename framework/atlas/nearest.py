@@ -1,0 +1,211 @@
+"""The nearest singular pose to a pose: the margin that a user keeps from Type 2.
+
+Rays leave the pose in many directions and are followed by continuation, all at once, until a leg ends or g
+changes its sign. From where the shortest ones meet the locus g = 0, its foot point is found by Newton's
+method: the nearest point x' to x on the tangent plane of g at y,
+
+    x' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy,
+
+again and again. What is found is a singular pose, so the margin is at most its distance; that none is nearer
+is not proved: a locus may pass between rays, or touch without a change of sign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.atlas.sweep import PARTS, Reason, stepped
+from framework.errors import InvalidInput
+from framework.kinematics.inverse_kinematics import assembled_at, require_square, system_at
+from framework.kinematics.loop_matrices import measured_matrix
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.singularity.bordered_system import Border, bordered
+from framework.singularity.classification import uncontrolled_motion
+
+STEP = 0.02  # [robot lengths, rad] along a ray
+RAYS = {1: 2, 2: 96, 3: 300}  # directions, by the number of platform coordinates
+MORE_RAYS = 600  # of a platform with more coordinates
+STARTS = 8  # the shortest rays that are gone on from
+FEET = 30  # steps towards a foot point
+HALVINGS = 45  # of a step along a ray: to rounding
+DIFFERENCE = 1e-5  # [robot lengths, rad] for the slope of g
+FOUND = 1e-9  # [robot lengths, rad] a step towards the foot that ends the search
+SINGULAR = 1e-8  # |g| of a foot point, without dimension
+
+
+@dataclass(frozen=True, eq=False)
+class NearestSingularPose(ReadOnlyArrays):
+    """The nearest Type 2 pose that a local search has found, if any."""
+
+    distance: (
+        float  # [m] if all coordinates are translations, [rad] turns, else [robot lengths, rad]; inf: none
+    )
+    unit: str
+    within: float  # how far rays were followed, in the same unit
+    rays: int
+    x: Array | None  # (n,) platform there
+    q: Array | None  # (nq,)
+    twist: Array | None  # (n,) t_s, see `unit_twist`
+
+    @property
+    def status(self) -> str:
+        """What is known of the margin."""
+        if self.x is None:
+            return f"none found within {self.within:.4g} {self.unit} along {self.rays} rays; not a proof"
+        return f"at most {self.distance:.6g} {self.unit}: a nearer singular pose is not ruled out"
+
+
+def nearest_singular_pose(
+    robot: ParallelRobot, q: ArrayLike, *, within: float | None = None
+) -> NearestSingularPose:
+    """The nearest Type 2 singular pose to an assembled configuration q (nq,), on its working mode.
+
+    Args:
+        within: how far to look [m if all coordinates are translations, rad if all are turns, else robot
+            lengths and rad], half a robot length or 0.5 rad by default.
+
+    Raises:
+        InvalidInput: q leaves the loops open; redundant motors, whose g has no sign; no passive joints.
+    """
+    expect_robot(robot)
+    require_square(robot)
+    if robot.n_a != robot.n or not len(robot.following):
+        raise InvalidInput(
+            f"{robot.name}: a margin needs a measure g with a sign: passive joints, and a motor for each "
+            f"axis of the platform"
+        )
+    if within is not None and not 0 < within < np.inf:
+        raise InvalidInput(f"within: needs a positive number, got {within!r}")
+    here = assembled_at(robot, q)
+    alone = robot.translations.all()
+    size = robot.length if alone else 1.0
+    reach = 0.5 if within is None else within / size
+    unit = "m" if alone else "rad" if not robot.translations.any() else "robot lengths and rad"
+    directions = _directions(robot.n)
+    hits = _hits(robot, here.q[0], here.x[0], directions, reach)
+    feet = [_foot(robot, hit, here.x[0]) for hit in hits]
+    feet += [_on_ray(robot, hit, here.x[0]) for hit in hits[:1]]
+    found = [foot for foot in feet if foot is not None and foot.distance <= reach]
+    told = (unit, reach * size, len(directions))
+    if not found:
+        return NearestSingularPose(np.inf, *told, None, None, None)
+    nearest = min(found, key=lambda foot: foot.distance)
+    twist = uncontrolled_motion(robot, system_at(robot, nearest.q[None], nearest.x[None])).twist
+    return NearestSingularPose(nearest.distance * size, *told, nearest.x, nearest.q, twist)
+
+
+class Hit(NamedTuple):
+    """A stretch of a ray with the locus in it."""
+
+    q: Array  # (nq,) before
+    start: Array  # (n,) platform point before
+    end: Array  # (n,) and behind
+
+
+class Foot(NamedTuple):
+    """A singular pose and its distance [robot lengths, rad]."""
+
+    distance: float
+    x: Array
+    q: Array
+
+
+def _scale(robot: ParallelRobot) -> Array:
+    return np.where(robot.translations, robot.length, 1.0)
+
+
+def _directions(n: int) -> Array:
+    """Unit vectors (K, n), evenly spread: a circle, a spiral on the sphere, else drawn always alike."""
+    count = RAYS.get(n, MORE_RAYS)
+    if n == 1:
+        return np.array([[1.0], [-1.0]])
+    k = np.arange(count)
+    if n == 2:
+        angle = 2 * np.pi * k / count
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    if n == 3:
+        z, angle = 1 - (2 * k + 1) / count, np.pi * (1 + np.sqrt(5)) * k
+        return np.stack([*(np.sqrt(1 - z**2) * [np.cos(angle), np.sin(angle)]), z], axis=1)
+    drawn = np.random.default_rng(0).standard_normal((count - 2 * n, n))
+    drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
+    return np.concatenate([np.eye(n), -np.eye(n), drawn])
+
+
+def _sign(robot: ParallelRobot, q: Array, x: Array) -> Array:
+    return np.asarray(np.linalg.slogdet(measured_matrix(robot, system_at(robot, q, x)))[0])
+
+
+def _hits(robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float) -> list[Hit]:
+    """Where the shortest rays that meet the locus do so."""
+    ways = directions * _scale(robot)
+    count = max(int(np.ceil(reach / STEP)), 1)
+    live = np.arange(len(ways))
+    at = np.repeat(q[None], len(ways), axis=0)
+    before = _sign(robot, q[None], x[None])[0]
+    found: list[Hit] = []
+    for k in range(count):
+        start, end = (x + ways[live] * (reach * step / count) for step in (k, k + 1))
+        step = stepped(robot, at[live], start, end, PARTS)
+        reached = step.reason == Reason.REACHED
+        live, start, end, there = live[reached], start[reached], end[reached], step.q[reached]
+        if not len(live):
+            break
+        met = _sign(robot, there, end) != before
+        found += [Hit(*one) for one in zip(at[live[met]], start[met], end[met], strict=True)]
+        at[live] = there
+        live = live[~met]
+        if len(found) >= STARTS or not len(live):
+            break
+    return found[:STARTS]
+
+
+def _on_ray(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
+    """The singular pose on the ray itself, by bisection."""
+    q, near, far = hit
+    before = _sign(robot, q[None], near[None])[0]
+    for _ in range(HALVINGS):
+        middle = 0.5 * (near + far)
+        step = stepped(robot, q[None], near[None], middle[None], PARTS)
+        if step.reason[0] != Reason.REACHED:
+            return None
+        if _sign(robot, step.q, middle[None])[0] == before:
+            q, near = step.q[0], middle
+        else:
+            far = middle
+    return Foot(float(np.linalg.norm((near - x) / _scale(robot))), near, q)
+
+
+def _foot(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
+    """The foot point of x near a hit; None where Newton's method does not lead to one."""
+    scale, n = _scale(robot), robot.n
+    q, y, _ = hit
+    offsets = np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)]) * DIFFERENCE * scale
+    for _ in range(FEET):
+        around = y + offsets
+        step = stepped(
+            robot, np.repeat(q[None], len(around), axis=0), np.repeat(y[None], len(around), axis=0), around
+        )
+        if (step.reason != Reason.REACHED).any():
+            return None
+        matrices = measured_matrix(robot, system_at(robot, step.q, around))
+        g = bordered(matrices, Border.of(matrices[0])).g
+        slope = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE)
+        size = float(slope @ slope)
+        if not size > 0:
+            return None
+        away = (y - x) / scale
+        ahead = x + scale * slope * (slope @ away - g[0]) / size
+        move = float(np.linalg.norm((ahead - y) / scale))
+        if move < FOUND:
+            return Foot(float(np.linalg.norm(away)), y, q) if abs(g[0]) < SINGULAR else None
+        share = min(1.0, STEP / move) if abs(g[0]) < SINGULAR or move > STEP else 1.0
+        ahead = y + share * (ahead - y)
+        one = stepped(robot, q[None], y[None], ahead[None], PARTS)
+        if one.reason[0] != Reason.REACHED:
+            return None
+        q, y = one.q[0], ahead
+    return None

@@ -1,0 +1,1 @@
+"""Speed against accuracy: every method in one run, against references that share no code with it."""

@@ -1,0 +1,106 @@
+"""What the limits of the motors leave to the platform at one pose: its wrenches and its speeds.
+
+With G (n_a, n) the motor speeds for unit velocities v of the platform and tau the motor torques, the platform
+gives the world
+
+    U = G' tau - W_g,        |tau_k| <= limit of motor k,
+
+a zonotope: W_g holds the weight of all bodies (and the springs on their joints) at rest. Its velocities v are
+those with |G v| <= speed limits. Of a linkage whose platform is joints (an ankle with pitch and roll), U are
+the true limits of the joints' torques: they depend on the pose and on one another, where a robot file of the
+tree alone has a box. At a Type 2 singularity G t_s = 0: the wrenches have no width along t_s, and the speed
+has no limit along it.
+
+All parts are rigid, springs keep their deflections, nothing is touched, motors give their limit at every
+speed, and what is said holds at this pose alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.dynamics.forces import tree_forces
+from framework.dynamics.motor_limits import Limit, limits_of_motors
+from framework.dynamics.platform_wrench import motor_speeds
+from framework.kinematics.inverse_kinematics import assembled_at, motion_at, require_square
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.linalg.polytope import Polytope, slabs, zonotope
+
+
+@dataclass(frozen=True, eq=False)
+class PlatformLimits(ReadOnlyArrays):
+    """At one pose; wrenches and speeds on the coordinates of the robot's platform velocity v.
+
+    A wrench has one component for each, force [N] or moment [N m] with a power U . v; for a platform of
+    joints they are the joints' forces and torques.
+    """
+
+    robot: ParallelRobot
+    wrenches: Polytope | None  # U that motors at rest can give; None: a motor has no torque limit
+    speeds: Polytope | None  # v [m/s, rad/s]; None: a motor has no speed limit
+    weight: Array  # (n,) W_g
+
+    @property
+    def polytopes(self) -> dict[str, Polytope]:
+        """Those that there are, by `wrench` and `speed`."""
+        both = {"wrench": self.wrenches, "speed": self.speeds}
+        return {name: polytope for name, polytope in both.items() if polytope is not None}
+
+
+def platform_limits(
+    robot: ParallelRobot,
+    q: ArrayLike,
+    *,
+    torque_limit: Limit = None,
+    speed_limit: Limit = None,
+) -> PlatformLimits:
+    """The admissible wrenches and speeds of the platform at an assembled configuration q (nq,).
+
+    Args:
+        q: as `assemble` or `forward_kinematics` give it.
+        torque_limit: of all motors, or of each (n_a,), motor side [N m]; that of the robot file by default.
+        speed_limit: the same [rad/s].
+
+    Raises:
+        InvalidInput: q leaves the loops open; limits of the wrong length, or not positive; a platform that
+            does not determine the joints.
+        NotAssembled: it does not at this pose (Type 1).
+    """
+    expect_robot(robot)
+    require_square(robot)
+    closed = assembled_at(robot, q)
+    actuators = robot.description.actuators
+    torque = _limits(robot, "torque_limit", torque_limit, [one.torque_limit for one in actuators])
+    speed = _limits(robot, "speed_limit", speed_limit, [one.speed_limit for one in actuators])
+    G, rates = motor_speeds(robot, closed.system)
+    rest = np.zeros((1, robot.n))
+    motion = motion_at(robot, closed, rest, rest)
+    weight = (tree_forces(robot, motion) @ rates[0])[0]
+    size = np.where(robot.translations, robot.length, 1.0)  # forces times lengths, speeds over lengths
+    wrenches = speeds = None
+    if torque is not None:
+        found = zonotope(-weight * size, torque[:, None] * G[0] * size)
+        wrenches = _in_units(found, size)
+    if speed is not None:
+        speeds = _in_units(slabs(G[0] * size, speed), 1.0 / size)
+    return PlatformLimits(robot, wrenches, speeds, weight)
+
+
+def _limits(robot: ParallelRobot, name: str, given: Limit, in_file: list[float | None]) -> Array | None:
+    """One limit a motor (n_a,): what is given, else the robot file's; None where a motor has none."""
+    limits = limits_of_motors(robot, name, given)
+    if limits is not None:
+        return np.broadcast_to(limits, robot.n_a).copy()
+    known = [value for value in in_file if value is not None]
+    return np.array(known) if len(known) == len(in_file) else None
+
+
+def _in_units(found: Polytope, size: Array) -> Polytope:
+    """A polytope of y size as one of y."""
+    normals = found.normals * size
+    lengths = np.linalg.norm(normals, axis=1)
+    free = np.linalg.qr((found.free / size).T)[0].T if len(found.free) else found.free
+    return Polytope(normals / lengths[:, None], found.offsets / lengths, found.vertices / size, free)

@@ -1,0 +1,133 @@
+"""Convex polytopes of few dimensions that sums and bounds of linear maps make: zonotopes and slabs.
+
+Both are symmetric about a centre, and both come as half-spaces and as vertices, found by enumeration: for a
+robot's handful of motors that is exact and quick, and needs no hull. Facets of a zonotope are normal to n - 1
+of its generators (P. McMullen, On zonotopes, Trans. Amer. Math. Soc. 159, 1971).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray, ReadOnlyArrays
+
+FLAT = 1e-9  # singular value, of the largest, below which a direction has no width (or no bound)
+ROUNDING = 1e-9  # of a facet's offset: nearer to a facet than this, a point is on it
+
+
+@dataclass(frozen=True, eq=False)
+class Polytope(ReadOnlyArrays):
+    """The points y (n,) with normals y <= offsets.
+
+    A flat polytope has pairs of opposite half-spaces. One without bound along `free` directions has the
+    vertices of its section orthogonal to them.
+    """
+
+    normals: Array  # (h, n) of unit size
+    offsets: Array  # (h,)
+    vertices: Array  # (k, n)
+    free: Array  # (f, n) orthonormal directions without bound
+
+    def contains(self, points: Array) -> BoolArray:
+        """Whether points (..., n) are inside, but for rounding."""
+        size = np.abs(self.offsets).max(initial=0.0)
+        return np.asarray(np.all(points @ self.normals.T <= self.offsets + ROUNDING * size, axis=-1))
+
+    def reach(self, direction: Array) -> tuple[float, float]:
+        """The least and the largest t for which t times a direction (n,) is inside; (nan, nan) if none is."""
+        slope = self.normals @ direction
+        steep = np.abs(slope) > FLAT * np.linalg.norm(direction)
+        size = np.abs(self.offsets).max(initial=0.0)
+        if np.any(self.offsets[~steep] < -ROUNDING * size):
+            return np.nan, np.nan
+        ends = self.offsets[steep] / slope[steep]
+        low = float(ends[slope[steep] < 0].max(initial=-np.inf))
+        high = float(ends[slope[steep] > 0].min(initial=np.inf))
+        if low > high:
+            return (np.nan, np.nan) if low - high > ROUNDING * max(abs(low), abs(high)) else (high, high)
+        return low, high
+
+    def alone(self) -> Array:
+        """The range (n, 2) of each coordinate when all others are zero, see `reach`."""
+        return np.array([self.reach(axis) for axis in np.eye(self.normals.shape[1])])
+
+    def bounds(self) -> Array:
+        """The range (n, 2) of each coordinate when the others are what suits it."""
+        if not len(self.vertices):
+            return np.tile([-np.inf, np.inf], (self.normals.shape[1], 1))
+        found = np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)], axis=1)
+        unbounded = np.abs(self.free).max(axis=0, initial=0.0) > FLAT
+        found[unbounded] = [-np.inf, np.inf]
+        return found
+
+
+def zonotope(centre: Array, generators: Array) -> Polytope:
+    """The sums centre (n,) + t_1 g_1 + ... + t_m g_m of generators (m, n) with every |t_k| <= 1."""
+    n = len(centre)
+    _, values, right = np.linalg.svd(generators)
+    rank = int(np.sum(values > FLAT * values.max(initial=0.0)))
+    span, across = right[:rank], right[rank:]
+    inside = generators @ span.T  # (m, rank)
+    directions = [across]
+    for chosen in combinations(range(len(generators)), max(rank - 1, 0)) if rank else ():
+        normal = _normal(inside[list(chosen)], rank)
+        if normal is not None:
+            directions.append(normal[None] @ span)
+    normals = np.concatenate([np.reshape(part, (-1, n)) for part in directions])
+    normals = _distinct(np.concatenate([normals, -normals]))
+    width = np.abs(normals @ generators.T).sum(axis=1)
+    width[np.abs(normals @ span.T).max(axis=1, initial=0.0) < FLAT] = 0.0  # across the flat: only rounding
+    offsets = normals @ centre + width
+    signs = np.array(list(product((-1.0, 1.0), repeat=len(generators))))
+    points = _distinct(centre + signs @ generators)
+    return Polytope(normals, offsets, _extreme(points, normals, offsets), np.empty((0, n)))
+
+
+def slabs(rows: Array, limits: Array) -> Polytope:
+    """The points y (n,) with |rows y| <= limits, rows (m, n) and positive limits (m,)."""
+    n = rows.shape[1]
+    sizes = np.linalg.norm(rows, axis=1)
+    kept = sizes > 0
+    normals = np.concatenate([rows[kept], -rows[kept]]) / np.tile(sizes[kept], 2)[:, None]
+    offsets = np.tile(limits[kept] / sizes[kept], 2)
+    _, values, right = np.linalg.svd(rows)
+    rank = int(np.sum(values > FLAT * values.max(initial=0.0)))
+    free, span = right[rank:], right[:rank]
+    inside = rows @ span.T
+    points = [np.zeros((0, n))]
+    for chosen in combinations(range(len(rows)), rank) if rank else ():
+        square = inside[list(chosen)]
+        if np.linalg.svd(square, compute_uv=False)[-1] > FLAT * values[0]:
+            corners = np.array(list(product((-1.0, 1.0), repeat=rank))) * limits[list(chosen)]
+            points.append(np.linalg.solve(square, corners.T).T @ span)
+    corners = np.concatenate(points)
+    corners = corners[np.all(np.abs(corners @ rows.T) <= limits * (1 + ROUNDING), axis=1)]
+    return Polytope(normals, offsets, _distinct(corners), free)
+
+
+def _normal(rows: Array, n: int) -> Array | None:
+    """The unit vector (n,) orthogonal to rows (n - 1, n); None if there are several."""
+    if not len(rows):
+        return np.ones(1)
+    _, values, right = np.linalg.svd(rows)
+    return None if values[-1] <= FLAT * values[0] or values[0] == 0.0 else right[n - 1]
+
+
+def _distinct(points: Array) -> Array:
+    """Points (k, n) without those that repeat others but for rounding."""
+    size = np.abs(points).max(initial=0.0)
+    if not size:
+        return points[:1]
+    _, first = np.unique(np.round(points / size, 9) + 0.0, axis=0, return_index=True)
+    return points[np.sort(first)]
+
+
+def _extreme(points: Array, normals: Array, offsets: Array) -> Array:
+    """The vertices among points (k, n): where the half-spaces that touch leave no freedom."""
+    size = np.abs(offsets).max(initial=0.0)
+    touching = points @ normals.T >= offsets - ROUNDING * size
+    n = points.shape[1]
+    return points[[np.linalg.matrix_rank(normals[one], tol=1e-6) == n for one in touching]]

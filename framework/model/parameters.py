@@ -1,0 +1,133 @@
+"""Named parameters of a robot file: `${...}` in its text and in its URDF.
+
+    parameters: {l1: [0.25, 0.2, 0.3]}      the first value is the robot's own, all are those of a study
+    ... xyz="${l1} 0 0" ... stiffness: ${3e5 * (0.25 / l1)**3}
+
+A placeholder is arithmetic with the parameters: numbers, + - * / **, parentheses, pi, sqrt, sin, cos, tan,
+asin, acos, atan2. A file without `parameters` and without placeholders is read as it stands.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from framework.errors import RobotFileError, choose_from, short
+from framework.model.documents import parse_yaml
+
+PLACEHOLDER = re.compile(r"\$\{([^{}]*)\}")
+LARGEST_EXPRESSION = 200  # letters
+MOST_VALUES = 100_000  # of one parameter
+_OPERATORS: Mapping[type[ast.AST], Callable[..., float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: math.pow,
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+}
+_FUNCTIONS: Mapping[str, Callable[..., float]] = {
+    name: getattr(math, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan2")
+}
+
+
+def declared_parameters(text: str) -> dict[str, list[float]]:
+    """The values of each parameter that the text of a robot file declares, its own first.
+
+    Raises:
+        RobotFileError: `parameters` is no mapping of names to numbers or lists of numbers.
+    """
+    if "parameters" not in text:
+        return {}
+    content = parse_yaml(PLACEHOLDER.sub("0", text))
+    given = content.get("parameters") if isinstance(content, dict) else None
+    if given is None:
+        return {}
+    if not isinstance(given, dict):
+        raise RobotFileError(f"parameters: needs a mapping of names to values, got {short(given)}")
+    return {_name(name): _values(name, values) for name, values in given.items()}
+
+
+def with_parameters(text: str, given: Mapping[str, float] | None = None) -> tuple[str, dict[str, float]]:
+    """The text of a robot file with its placeholders filled, and the values that were taken.
+
+    Args:
+        given: values of some parameters, in place of their own.
+
+    Raises:
+        RobotFileError: see `declared_parameters` and `filled`; or a parameter that is not declared.
+    """
+    declared = declared_parameters(text)
+    for name in given or {}:
+        if name not in declared:
+            raise RobotFileError(choose_from("parameter", name, declared))
+    values = {name: own[0] for name, own in declared.items()} | dict(given or {})
+    return filled(text, values), values
+
+
+def filled(text: str, values: Mapping[str, float]) -> str:
+    """A text with each `${...}` replaced by its number.
+
+    Raises:
+        RobotFileError: one is no arithmetic with these parameters, or has no finite value.
+    """
+    return PLACEHOLDER.sub(lambda found: repr(_evaluated(found[1], values)), text) if "${" in text else text
+
+
+def _name(name: Any) -> str:
+    if not isinstance(name, str) or not name.isidentifier() or name in _FUNCTIONS or name == "pi":
+        raise RobotFileError(f"parameters: {short(name)} is no name for a parameter: letters, digits and _")
+    return name
+
+
+def _values(name: str, given: Any) -> list[float]:
+    values = given if isinstance(given, list) else [given]
+    if not values or len(values) > MOST_VALUES:
+        raise RobotFileError(f"parameters.{name}: needs 1 to {MOST_VALUES} numbers, got {len(values)}")
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise RobotFileError(f"parameters.{name}: needs finite numbers, got {short(value)}")
+    return [float(value) for value in values]
+
+
+def _evaluated(expression: str, values: Mapping[str, float]) -> float:
+    place = f"${{{expression[:60]}}}"
+    if len(expression) > LARGEST_EXPRESSION:
+        raise RobotFileError(f"{place}: more than {LARGEST_EXPRESSION} letters")
+    try:
+        number = float(_value(ast.parse(expression.strip(), mode="eval").body, values, place))
+    except (SyntaxError, ValueError, ArithmeticError, TypeError, RecursionError, MemoryError) as error:
+        if isinstance(error, RobotFileError):
+            raise
+        raise RobotFileError(f"{place}: not arithmetic with a finite value: {error}") from None
+    if not math.isfinite(number):
+        raise RobotFileError(f"{place}: not finite")
+    return number
+
+
+def _value(node: ast.expr, values: Mapping[str, float], place: str) -> float:
+    if (
+        isinstance(node, ast.Constant)
+        and isinstance(node.value, int | float)
+        and not isinstance(node.value, bool)
+    ):
+        return float(node.value)
+    if isinstance(node, ast.Name):
+        if node.id == "pi":
+            return math.pi
+        if node.id not in values:
+            raise RobotFileError(f"{place}: {choose_from('parameter', node.id, values)}")
+        return values[node.id]
+    if isinstance(node, ast.BinOp | ast.UnaryOp) and type(node.op) in _OPERATORS:
+        parts = (node.left, node.right) if isinstance(node, ast.BinOp) else (node.operand,)
+        return _OPERATORS[type(node.op)](*(_value(part, values, place) for part in parts))
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
+        if node.func.id not in _FUNCTIONS:
+            raise RobotFileError(f"{place}: {choose_from('function', node.func.id, _FUNCTIONS)}")
+        return _FUNCTIONS[node.func.id](*(_value(part, values, place) for part in node.args))
+    raise RobotFileError(f"{place}: only numbers, parameters, + - * / **, parentheses and functions")

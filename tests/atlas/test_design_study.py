@@ -1,0 +1,80 @@
+"""Studies of dimensions: areas by the geometry of the 5R, and the same files whatever computes them."""
+
+from __future__ import annotations
+
+import csv
+import json
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from framework.atlas.design_study import Task, design_study, designs_of, studied, study_setup, write_study
+from framework.cli import main
+from framework.parallel.kept import KeptChunks
+from tests.urdf_edits import parametric_five_bar
+
+
+def lens(radius):
+    """Area common to two discs about the motors of the 5R, 0.4 m apart."""
+    return 2 * radius**2 * np.arccos(0.2 / radius) - 0.4 * np.sqrt(radius**2 - 0.04)
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory):
+    file = parametric_five_bar(tmp_path_factory.mktemp("named"))
+    task = Task(str(file), ("l1", "l2"), "rigid", ("x", "y"), None, 17, ("g", "torque"))
+    return task, designs_of(file)
+
+
+@pytest.fixture(scope="module")
+def found(given):
+    return design_study(*given)
+
+
+def test_the_area_is_that_of_both_legs_reach(given, found):
+    for (l1, l2), area, why in zip(given[1].values, found.columns["area"], found.why, strict=True):
+        if l2 == 0.6:  # too long for the reference
+            assert "reference is not near" in why
+            assert np.isnan(area)
+            continue
+        hole = np.pi * (l1 - l2) ** 2
+        # of about 17 x 17 cells those on the rim count or do not
+        assert area == pytest.approx(lens(l1 + l2) - 2 * hole, rel=0.08)
+    free = found.columns["free_area"][:2]
+    assert (free < found.columns["area"][:2]).all()
+    assert found.units["area"] == "m^2"
+    assert found.units["torque_median"] == "N m/N"
+
+
+def test_a_study_is_the_same_through_an_executor_and_after_a_stop(given, found, tmp_path):
+    task, designs = given
+    kept = KeptChunks.of(tmp_path, study_setup(task, designs))
+    kept.keep("0000000-0000004", studied(task, ("", designs.values[:4])))
+    calls = []
+    with ThreadPoolExecutor(2) as pool:
+        again = design_study(task, designs, executor=pool, keeper=kept, progress=calls.append)
+    assert calls == [4, 6]
+    folders = [tmp_path / "one", tmp_path / "two"]
+    for folder, study in zip(folders, (found, again), strict=True):
+        folder.mkdir()
+        write_study(study, folder)
+    for name in ("study.json", "study.npz", "study.csv"):
+        assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes()
+
+
+def test_a_study_by_command_tells_one_line_a_design(given, tmp_path, capsys):
+    task, _ = given
+    table = tmp_path / "table.csv"
+    table.write_text("l1\n0.25\n0.24\n")
+    command = ["map", task.file, "--study", "--table", str(table), "--size", "12", "--quantity", "g"]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().out.splitlines()[0] == "named: 2 designs, 12 x 12 poses each, 0 make no robot"
+    rows = list(csv.DictReader((tmp_path / "out" / "study.csv").read_text().splitlines()))
+    assert [row["l1"] for row in rows] == ["0.25", "0.24"]
+    assert float(rows[0]["area"]) > float(rows[1]["area"])
+    for more, told in ((["--scene", "C"], "--scene"), (["--at", "1", "2"], "--at")):
+        assert main([*command, *more, "--json"]) == 2
+        assert told in json.loads(capsys.readouterr().out)["error"]["message"]
+    assert main(["map", "five_bar", "--table", str(table), "--json"]) == 2
+    assert main(["map", "five_bar", "--study", "--json"]) == 2

@@ -1,0 +1,81 @@
+"""The nearest singular pose: for the 5R the nearest point of the curve on which its rods are in line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import robots
+from framework import InvalidInput, assemble
+from framework.atlas.nearest import nearest_singular_pose
+from framework.kinematics.inverse_kinematics import assembled_at
+from framework.singularity.distances import singularity_distances
+from tests.oracles import five_bar_pose
+
+AROUND = 720
+
+
+def sine(x):
+    return float(five_bar_pose.pose(np.array([x])).sine[0])
+
+
+def least_distance(x):
+    """The least over 720 rays of where the rods come in line, first in steps, then by bracketing."""
+    best = np.inf
+    for angle in np.linspace(0.0, 2 * np.pi, AROUND, endpoint=False):
+        way = np.array([np.cos(angle), np.sin(angle)])
+        far = np.arange(0.0, min(best, 0.3) + 0.004, 0.004)
+        points = x + far[:, None] * way
+        inside = np.logical_and.accumulate(five_bar_pose.reachable(points) > 0)
+        signs = np.sign(five_bar_pose.pose(points[inside]).sine)
+        flips = np.flatnonzero(np.diff(signs))
+        if len(flips):
+            k = int(flips[0])
+            best = min(best, brentq(lambda r, way=way: sine(x + r * way), far[k], far[k + 1]))
+    return best
+
+
+@pytest.mark.parametrize("x", [(0.1, 0.345), (0.02, 0.15)])
+def test_the_nearest_singular_pose_of_the_5r_is_that_of_its_curve(x):
+    robot = robots.load("five_bar")
+    found = nearest_singular_pose(robot, assemble(robot, x))
+    expected = least_distance(np.array(x))
+    # the curve turns from the circle about x by the square of what a ray misses: half a ray's angle at most
+    assert found.distance <= expected
+    assert found.distance == pytest.approx(expected, abs=0.3 * (np.pi / AROUND) ** 2 * 10)
+    assert np.linalg.norm(found.x - x) == pytest.approx(found.distance, rel=1e-12)
+    assert abs(sine(found.x)) < 1e-7
+    assert found.status.startswith("at most")
+    # the rods are in line along t_s turned by a right angle
+    rod = five_bar_pose.pose(found.x[None]).along[0, 0]
+    assert abs(found.twist @ rod) < 1e-6
+
+
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("delta", "orthoglide", "gough_stewart")]
+
+
+@pytest.mark.parametrize("name", ["three_rpr", *SLOW])
+def test_what_is_found_is_singular_and_lies_across_the_locus(name):
+    robot = robots.load(name)
+    found = nearest_singular_pose(robot, robot.reference)
+    assert singularity_distances(robot, assembled_at(robot, found.q).system).sigma_A[0] < 1e-7
+    scale = np.where(robot.translations, 1.0 if robot.translations.all() else robot.length, 1.0)
+    assert np.linalg.norm((found.x - robot.reference.x) / scale) == pytest.approx(found.distance, rel=1e-12)
+
+
+def test_nothing_near_is_no_proof():
+    robot = robots.load("five_bar")
+    found = nearest_singular_pose(robot, assemble(robot, [0.1, 0.345]), within=0.05)
+    assert (found.x, found.distance) == (None, np.inf)
+    assert "none found within 0.05 m" in found.status
+    assert "not a proof" in found.status
+
+
+@pytest.mark.parametrize(
+    ("name", "within", "told"), [("two_arms", None, "sign"), ("five_bar", -1.0, "within")]
+)
+def test_what_has_no_margin_is_told_so(name, within, told):
+    robot = robots.load(name)
+    with pytest.raises(InvalidInput, match=told):
+        nearest_singular_pose(robot, robot.reference, within=within)

@@ -1,0 +1,120 @@
+"""The command, its tables and its figures."""
+
+from __future__ import annotations
+
+import csv
+import json
+import time
+
+import pytest
+
+from framework.chart import measure, stages, table
+from framework.chart.measure import Row
+from framework.cli import main
+from framework.errors import InvalidInput
+from framework.show.chart import chart_figure, styles
+
+
+def invented(stage) -> tuple[Row, ...]:
+    """Rows of a stage that nothing was measured for."""
+    return tuple(
+        Row(stage.name, method.name, setting, 1e-3 * (k + 1), 10.0**-k, tuple(1e-9 for _ in stage.profile))
+        for method in stage.methods
+        for k, setting in enumerate(method.settings)
+    )
+
+
+def test_a_row_made_again_has_the_same_error(capsys):
+    key = "torque:chebyshev:24"
+    first = stages.made_again(key)[1]
+    assert first.key == key
+    assert main(["chart", "--row", key, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["error"] == first.error
+
+
+@pytest.mark.parametrize(
+    ("key", "named"),
+    [
+        ("torque:chebyshev", "STAGE:METHOD:SETTING"),
+        ("torques:chebyshev:24", "torque"),
+        ("torque:chebychev:24", "chebyshev"),
+        ("torque:chebyshev:many", "number"),
+        ("torque:chebyshev:1,2", "nodes"),
+    ],
+)
+def test_a_row_that_is_none_is_refused_with_what_would_be_one(key, named, capsys):
+    with pytest.raises(InvalidInput, match=named):
+        stages.made_again(key)
+    assert main(["chart", "--row", key]) == 2
+    assert named in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", stages.NAMES)
+def test_every_row_has_a_key_that_finds_its_method_again(name):
+    stage = stages.stage(name)
+    rows = invented(stage)
+    assert len({row.key for row in rows}) == len(rows)
+    read = list(csv.DictReader(table.csv_text(stage, rows).splitlines()))
+    assert [line["row"] for line in read] == [row.key for row in rows]
+    assert all(line["given"] and line["method"] for line in read)
+    for row in rows:
+        parts = row.key.split(":")
+        assert stage.method(parts[1]).name == row.method
+        assert measure.read_setting(parts[2]) == pytest.approx(row.setting)
+    assert table.markdown(stage, rows).count("\n| ") == len(rows) + 1
+
+
+@pytest.mark.parametrize("name", stages.NAMES)
+def test_curves_are_told_apart_without_colour(name):
+    found = styles(stages.stage(name))
+    assert len({style["marker"] for style in found.values()}) == len(found)
+    assert len({(style["marker"], style["linestyle"]) for style in found.values()}) == len(found)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] if name != "torque" else []) for name in stages.NAMES],
+)
+def test_legend_and_sentence_stand_below_the_axes(name):
+    stage = stages.stage(name)
+    figure = chart_figure(stage, invented(stage))
+    figure.draw_without_rendering()
+    legends = [legend.get_window_extent() for legend in figure.legends]
+    texts = [text.get_window_extent() for text in figure.texts]
+    lowest = min(ax.get_tightbbox().y0 for ax in figure.axes)
+    for box in (*legends, *texts):
+        assert box.y1 < lowest
+        assert box.x0 > 0
+        assert box.x1 < figure.bbox.x1
+    for legend in legends:
+        assert all(text.y1 < legend.y0 for text in texts)
+
+
+def test_peers_that_are_not_installed_are_left_out_and_named(monkeypatch):
+    monkeypatch.setattr(measure, "find_spec", lambda name: None)
+    stage = stages.stage("torque")
+    assert stage.missing == ("mujoco",)
+    rows = tuple(row for row in invented(stage) if row.method != "mujoco")
+    assert "not installed: mujoco" in table.markdown(stage, rows)
+    assert any("mujoco" in text.get_text() for text in chart_figure(stage, rows).texts)
+    with pytest.raises(InvalidInput, match="mujoco"):
+        stages.made_again("torque:mujoco:17")
+
+
+def test_a_method_without_a_result_is_a_row_that_says_so():
+    stage = stages.stage("torque")
+    lost = Row("torque", "chebyshev", (16.0,), float("nan"), float("inf"), note="no answer")
+    assert "none: no answer" in table.markdown(stage, [lost])
+    assert table.row_document(lost)["error"] is None
+
+
+@pytest.mark.slow
+def test_the_whole_chart_in_five_minutes(tmp_path, capsys):
+    began = time.process_time()
+    assert main(["chart", "--out", str(tmp_path), "--json"]) == 0
+    assert time.process_time() - began < 300
+    document = json.loads(capsys.readouterr().out)
+    assert [stage["stage"] for stage in document["stages"]] == list(stages.NAMES)
+    for name in stages.NAMES:
+        for suffix in ("csv", "md", "json", "png", "pdf"):
+            assert (tmp_path / f"{name}.{suffix}").stat().st_size > 500

@@ -1,0 +1,105 @@
+"""Named parameters of robot files: arithmetic in the text of the file and of its URDF, and nothing else."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, ParallelRobot, RobotFileError, velocity_matrices
+from framework.atlas.design_study import designs_of
+from framework.model.parameters import declared_parameters, filled, with_parameters
+from tests.urdf_edits import parametric_five_bar
+
+VALUES = {"a": 0.25, "b": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("expression", "value"),
+    [
+        ("a", 0.25),
+        (" -a + 3 * b ", 5.75),
+        ("(a / b)**2", 0.015625),
+        ("sqrt(b) * sin(pi / 2)", math.sqrt(2.0)),
+        ("atan2(a, -a)", 0.75 * math.pi),
+        ("1e-3", 1e-3),
+    ],
+)
+def test_a_placeholder_is_arithmetic(expression, value):
+    assert float(filled("${" + expression + "}", VALUES)) == pytest.approx(value, rel=1e-15)
+
+
+REFUSED = (
+    *("", "c", "a.real", "__import__('os')", "a if b else a", "[a]", "'a'", "a; b", "1/0", "9**9**9**9"),
+    *("sqrt(-1)", "True", "a == b", "lambda: a", "a" * 300, "sqrt(x=a)", "1e999", "open('x')"),
+)
+
+
+@pytest.mark.parametrize("expression", REFUSED)
+def test_whatever_else_stands_in_a_placeholder_is_refused(expression):
+    with pytest.raises(RobotFileError, match=r"\$\{"):
+        filled("<joint x='${" + expression + "}'/>", VALUES)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("parameters: [1, 2]", "a mapping"),
+        ("parameters: {l1: []}", "needs 1 to"),
+        ("parameters: {l1: [1, x]}", "finite numbers"),
+        ("parameters: {l1: .inf}", "finite numbers"),
+        ("parameters: {2: 1}", "no name"),
+        ("parameters: {sin: 1}", "no name"),
+    ],
+)
+def test_what_is_no_parameter_is_refused(given, told):
+    with pytest.raises(RobotFileError, match=told):
+        declared_parameters(given)
+
+
+def test_the_first_value_is_the_robots_own_and_others_may_be_given():
+    text = "parameters: {l1: [0.2, 0.3], k: 7}\nlength: ${l1 * k}"
+    assert with_parameters(text)[1] == {"l1": 0.2, "k": 7.0}
+    assert with_parameters(text, {"l1": 0.3})[0].endswith(repr(0.3 * 7))
+    with pytest.raises(RobotFileError, match="unknown parameter 'l2'"):
+        with_parameters(text, {"l2": 0.3})
+
+
+def test_a_file_with_parameters_is_the_robot_with_these_numbers(tmp_path):
+    file = parametric_five_bar(tmp_path)
+    plain, named = robots.load("five_bar"), ParallelRobot.from_file(file)
+    assert named.description.parameters == {"l1": 0.25, "l2": 0.25}
+    np.testing.assert_allclose(named.reference.q, plain.reference.q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        velocity_matrices(named, named.reference).A, velocity_matrices(plain, plain.reference).A, atol=1e-9
+    )
+    longer = ParallelRobot.from_file(file, parameters={"l2": 0.27})
+    rod = longer.model.jointPlacements[longer.model.getJointId("left_elbow")].translation
+    assert np.linalg.norm(rod) == pytest.approx(0.25)
+    assert longer.description.parameters == {"l1": 0.25, "l2": 0.27}
+    with pytest.raises(RobotFileError, match="unknown parameter"):
+        ParallelRobot.from_file(file, parameters={"l3": 1.0})
+
+
+def test_the_designs_are_the_grid_of_all_values_or_the_rows_of_a_table(tmp_path):
+    file = parametric_five_bar(tmp_path)
+    assert designs_of(file).values.tolist() == [[a, b] for a in (0.25, 0.23) for b in (0.25, 0.27, 0.6)]
+    table = tmp_path / "table.csv"
+    table.write_text("l2,l1\n0.26,0.24\n0.27,0.25\n")
+    names, values = designs_of(file, table)
+    assert (names, values.tolist()) == (("l2", "l1"), [[0.26, 0.24], [0.27, 0.25]])
+    for content, told in (
+        ("l3\n1\n", "unknown parameter"),
+        ("l1\nx\n", "table.csv"),
+        ("l1\n", "line of values"),
+        ("l1,l1\n1,2\n", "twice"),
+        ("l1,l2\n1\n", "table.csv"),
+        ("l1\ninf\n", "finite"),
+    ):
+        table.write_text(content)
+        with pytest.raises(InvalidInput, match=told):
+            designs_of(file, table)
+    with pytest.raises(InvalidInput, match="needs named parameters"):
+        designs_of(robots.load("five_bar").description.file)
