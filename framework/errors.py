@@ -221,8 +221,8 @@ class NoLaw(NoAnswer):
 class UncontrolledMotions(NoLaw):
     """The path meets a pose, at `s` and `platform`, in which `count` motions escape the motors at once.
 
-    Each of them asks for a condition of its own; one law s(t) can meet one, and none where the loop
-    equations themselves let the motions go.
+    Each of them asks for a condition (8) of its own; a law meets two by its s'^2 and s", more only where they
+    agree, and none where the loop equations themselves let the motions go.
     """
 
     def __init__(self, message: str, *, s: float, platform: Array, count: int) -> None:

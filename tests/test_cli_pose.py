@@ -78,6 +78,16 @@ def test_what_cannot_be_is_one_line(arguments, code, words, capsys):
     assert told.out == ""
 
 
+def test_all_poses_of_the_motors_and_all_ways_to_a_platform(capsys):
+    found = posed(capsys, "three_rpr", "--motors", 0.749, 0.769, 0.6, "--all")["assembly_modes"]
+    assert (len(found["modes"]), found["complete"], found["bound"]) == (6, True, 6)
+    assert all(mode["proved"] and mode["singularity"]["regular"] for mode in found["modes"])
+    ways = posed(capsys, "five_bar", "--platform", 0.1, 0.345, "--all")["working_modes"]
+    assert (len(ways["modes"]), ways["solutions"], ways["complete"]) == (4, [2, 2], False)
+    assert main(["pose", "three_rpr", "--motors", "0.749", "0.769", "0.6", "--all"]) == 0
+    assert "6 real of at most 6, each proved to exist" in capsys.readouterr().out
+
+
 def test_a_pose_says_what_the_limits_of_the_motors_leave_to_its_joints(capsys):
     limits = posed(capsys, "humanoid_ankle", "--platform", 0.1, -0.1)["limits"]
     assert limits.keys() == {"wrench", "speed"}

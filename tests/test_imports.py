@@ -44,6 +44,8 @@ FACES = [name for name in FRAMEWORK if name.split(".")[1] in ("show", "cli")]
 # From the parts that compute, only what answers a question whole may come in: these modules, or these of
 # their names. No equations, no solvers, no measures to evaluate.
 QUESTIONS = {
+    "framework.kinematics.assembly_modes": {"assembly_modes"},
+    "framework.kinematics.working_modes": {"working_modes"},
     "framework.kinematics.diagnostics": None,
     "framework.kinematics.forward_kinematics": None,
     "framework.kinematics.inverse_kinematics": {"Motion"},

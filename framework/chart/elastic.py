@@ -189,7 +189,7 @@ STAGE = Stage(
         Method("repeated", "plain repetition", _GIVEN, "stiffness", SCALES, partial(_repeated, moved=True)),
         Method(
             "rigid_point",
-            "plain repetition",
+            "plain repetition, rigid point",
             "law through the rigid point",
             "stiffness",
             SCALES,

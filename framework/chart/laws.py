@@ -152,7 +152,7 @@ def _optimal(setting: Setting) -> Callable[[], TimedLaw]:
             speed=step(sigma, 1)[:, None],
         )
         wanted = np.array([one.values[2] for one in asked])
-        conditions = np.column_stack([-wanted, step(inside, 2), step(inside, 1)])
+        conditions = np.column_stack([-wanted, step(inside, 2), step(inside, 1), np.zeros(len(inside))])
         program = Program(
             OnPath(sigma, demand, inside, conditions), specification, degree, Units(T, np.array([4.0]))
         )

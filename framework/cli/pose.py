@@ -13,10 +13,12 @@ from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_motor_limits, add_robot, command
 from framework.dynamics.platform_limits import PlatformLimits, platform_limits
 from framework.errors import InvalidInput, NotAssembled
+from framework.kinematics.assembly_modes import assembly_modes
 from framework.kinematics.forward_kinematics import forward_kinematics
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
 from framework.kinematics.tracking import assemble
+from framework.kinematics.working_modes import working_modes
 from framework.singularity.classify import Classification, classify
 
 
@@ -37,6 +39,12 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--platform", dest="point", type=float, nargs="+", metavar="X", help="its coordinates [m, rad]"
     )
+    parser.add_argument(
+        "--all",
+        dest="every",
+        action="store_true",
+        help="every pose for these motors (assembly modes), or every way to this platform (working modes)",
+    )
     add_motor_limits(parser)
 
 
@@ -46,6 +54,8 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput("give either --motors or --platform")
     robot = arguments.load(options)
     given = options.motor_joints
+    if options.every:
+        return _working(robot, options.point) if given is None else _assembly(robot, given)
     closed = assemble(robot, options.point) if given is None else forward_kinematics(robot, given)
     pose, found = describe_pose(robot, closed.q), classify(robot, closed.q)
     limits = _limits(robot, closed.q, options)
@@ -108,6 +118,37 @@ def _limits_document(limits: PlatformLimits | None) -> dict[str, Any]:
         }
         for name, polytope in (limits.polytopes.items() if limits else ())
     }
+
+
+def _assembly(robot: ParallelRobot, motors: list[float]) -> Report:
+    """All poses for these motors."""
+    found = assembly_modes(robot, motors)
+    lines, modes = [f"{robot.name}, {robot.flexibility}", f"  assembly modes    {found.sentence}"], []
+    for mode in found.modes:
+        pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
+        lines.append(f"  platform          {_listed(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
+        modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _document(kind)})
+    about = {"complete": found.complete, "bound": found.bound, "method": found.method, "modes": modes}
+    return {"robot": robot.name, "flexibility": robot.flexibility, "assembly_modes": about}, "\n".join(lines)
+
+
+def _working(robot: ParallelRobot, point: list[float]) -> Report:
+    """All solutions of the inverse kinematics for this platform."""
+    found = working_modes(robot, point)
+    lines, modes = [f"{robot.name}, {robot.flexibility}", f"  working modes     {found.sentence}"], []
+    for mode in found.modes:
+        pose = describe_pose(robot, mode.q)
+        signs = "".join("+" if sign > 0 else "-" for sign in mode.signs)
+        beyond = "" if mode.within_limits else "; beyond the joints' limits"
+        lines.append(f"  {signs:17s} {_listed(pose.motor_joints)}{beyond}")
+        modes.append(asdict(pose) | {"signs": mode.signs.tolist(), "proved": mode.proved})
+    about = {"complete": False, "solutions": list(found.solutions), "legs": [list(leg) for leg in found.legs]}
+    document = {
+        "robot": robot.name,
+        "flexibility": robot.flexibility,
+        "working_modes": about | {"modes": modes},
+    }
+    return document, "\n".join(lines)
 
 
 def _document(found: Classification) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint, crossing_point
 from framework.crossing.optimal import OnPath, Units
-from framework.crossing.phase_plane import crossing_row, demand
+from framework.crossing.phase_plane import crossing_rows, demand
 from framework.crossing.result import CrossingPlan
 from framework.crossing.specification import Specification
 from framework.errors import NotConverged
@@ -76,12 +76,14 @@ def _edges(crossings: Array, cells: int) -> Array:
 def _on_path(branch: Branch, places: Sequence[CrossingPoint], edges: Array) -> OnPath:
     """What the robot asks in the middle of the cells (where a crossing is, a hair beside it)."""
     middle = 0.5 * (edges[1:] + edges[:-1])
-    rows = [crossing_row(branch, Smoothstep(0), place, None) for place in places]
+    found = [crossing_rows(branch, Smoothstep(0), place, None) for place in places]
+    # u' is not in these unknowns: without its rows the bound is lower, and still one
+    rows = [(sigma, row) for sigma, several in found for row in several if row[3] == 0.0]
     crossings = np.array([sigma for sigma, _ in rows])
     for s in crossings:
         middle = np.where(np.abs(middle - s) < 1e-9, s + 1e-6, middle)
     asked = demand(branch, Smoothstep(0), middle, None, "rigid")
-    return OnPath(middle, asked, crossings, np.array([row for _, row in rows]).reshape(-1, 3))
+    return OnPath(middle, asked, crossings, np.array([row for _, row in rows]).reshape(-1, 4))
 
 
 def _program(on_path: OnPath, edges: Array, specification: Specification, units: Units) -> ConeProgram:
@@ -98,7 +100,7 @@ def _program(on_path: OnPath, edges: Array, specification: Specification, units:
     matrix = scale * (by_z * mean[own, None] + by_u * slope[own, None])
     limited = np.isfinite(specification.speed_limit)
     squared = scale * (on_path.demand.speed[:, limited] / specification.speed_limit[limited]) ** 2
-    constant, per_z, per_u = on_path.conditions.T[:, :, None]
+    constant, per_z, per_u, _ = on_path.conditions.T[:, :, None]
     return ConeProgram(
         speeds=np.eye(n),
         average=mean,

@@ -65,6 +65,8 @@ class CrossingPoint(NamedTuple):
     twist: Array  # (n,)
     motion: Array  # (nv,)
     q: Array  # (nq,)
+    corank: int = 1  # motions that escape at once; `motion` is one of them
+    touches: bool = False  # the locus without crossing it
 
 
 def crossing_point(
@@ -77,7 +79,8 @@ def crossing_point(
         NoLaw: the deflected robot has no singular point near.
     """
     if deflection is None or not len(deflection.value):
-        return CrossingPoint(at.s, at.kind, at.twist, at.motion, at.q)
+        touches = at.contact == "tangential"
+        return CrossingPoint(at.s, at.kind, at.twist, at.motion, at.q, at.corank, touches)
     robot = branch.robot
     bent = np.zeros((1, robot.model.nv))
     bent[:, robot.elastic] = deflection.value

@@ -124,6 +124,8 @@ class Feasibility:
 
 def feasibility_at(branch: Branch, at: SingularPoint) -> Feasibility | None:
     """What condition (8) asks for at a singular point; None if it is none that one condition lets pass."""
+    if at.corank > 1:
+        return None
     try:
         check_kind(branch.robot, at)
     except NoLaw:

@@ -49,7 +49,7 @@ class OnPath(NamedTuple):
     sigma: Array  # (M,) Chebyshev points of `stretch`, none of them on a crossing
     demand: Demand  # at `sigma`
     crossings: Array  # (k,) sigma
-    conditions: Array  # (k, 3): constant + per_z z + per_u u = 0 there
+    conditions: Array  # (k, 4): constant + per_z z + per_u u + per_du u' = 0 there
     stretch: Stretch = Stretch()  # xi(sigma), in which z is a Chebyshev series
 
 
@@ -99,6 +99,11 @@ class Basis(NamedTuple):
         values = np.asarray(chebyshev.chebvander(stretch(sigma), degree), dtype=float)
         slope = 0.5 * stretch(sigma, 1)[:, None]
         return Basis(values, slope * (values @ derivative_matrix(degree + 1)))  # u = z'/2
+
+    def du(self, sigma: Array, stretch: Stretch) -> Array:
+        """Values of u' = z"/2."""
+        once, twice = (self.z @ derivative_matrix(self.z.shape[1], order) for order in (1, 2))
+        return np.asarray(0.5 * (stretch(sigma, 1)[:, None] ** 2 * twice + stretch(sigma, 2)[:, None] * once))
 
 
 def guessed_units(on_path: OnPath, specification: Specification) -> Units:
@@ -353,10 +358,13 @@ def _allowed(limited: BoolArray, peak: float) -> Array:
 def conditions_on_speed(
     sigma: Array, conditions: Array, degree: int, stretch: Stretch, scale: float = 1.0
 ) -> Affine:
-    """constant + per_z z + per_u u at sigma (k,), for z of this degree in multiples of `scale`."""
+    """constant + per_z z + per_u u + per_du u' at sigma (k,), z of this degree in multiples of `scale`."""
     at = Basis.at(sigma, degree, stretch)
-    constant, per_z, per_u = conditions.T[:, :, None]
-    return Affine(scale * (per_z * at.z + per_u * at.u), constant[:, 0])
+    constant, per_z, per_u, per_du = conditions.T[:, :, None]
+    rows = per_z * at.z + per_u * at.u
+    if np.any(per_du):
+        rows = rows + per_du * at.du(sigma, stretch)
+    return Affine(scale * rows, constant[:, 0])
 
 
 def _fine(size: int) -> Array:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.condition import CrossingPoint, Deflection, coefficients_at, crossing_point
+from framework.crossing.condition import NO_HOLD, CrossingPoint, Deflection, coefficients_at, crossing_point
 from framework.crossing.optimal import (
     DEGREES,
     MANY,
@@ -28,8 +28,7 @@ from framework.crossing.optimal import (
     guessed_units,
     points_of,
 )
-from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, crossing_row, demand
-from framework.crossing.polynomial import check_contacts
+from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, crossing_rows, demand
 from framework.crossing.refusal_proofs import HoldingTorque, NoAdmissibleSpeed, UnmetCondition
 from framework.crossing.request import Request
 from framework.crossing.specification import Specification
@@ -37,7 +36,7 @@ from framework.crossing.targets import TargetedPath
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw, NotConverged
-from framework.kinematics.tracking import Branch
+from framework.kinematics.tracking import Branch, escaping
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.cone_program import Optimum, Unsolved
 from framework.motion.exact_duration import adjusted
@@ -106,7 +105,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
         NotConverged: deflections and law do not settle together, or the solver gave up.
         As `resolve`.
     """
-    check_contacts(task.targeted)
+    _check_unfolded(task)
     deflections: Deflections | None = None
     places = _places(task, None, None)
     specification = task.specification
@@ -159,7 +158,6 @@ def best_undeformed(task: Task) -> Best:
         NoLaw: no law is admissible; says what stands against it.
         NotConverged: the solver gave up.
     """
-    check_contacts(task.targeted)
     places = _places(task, None, None)
     _check_speeds(task, places)
     return _first(task, places)[1]
@@ -186,22 +184,29 @@ def _places(
 def _conditions(
     task: Task, places: Sequence[CrossingPoint], deflections: Deflections | None
 ) -> tuple[Array, Array]:
-    """sigma (k,) and rows (k, 3) of all conditions on z and u: (8) at each place, and the speeds asked."""
+    """sigma (k,) and rows (k, 4) of all conditions on z and u: (8) at each place, and the speeds asked."""
     carrying = deflections if task.geometry == "deformed" else None
-    rows = [crossing_row(task.branch, task.phi, place, carrying) for place in places]
-    at = [sigma for sigma, _ in rows]
-    conditions = [row for _, row in rows]
+    found = [crossing_rows(task.branch, task.phi, place, carrying) for place in places]
+    at = [sigma for sigma, rows in found for _ in rows]
+    conditions = [row for _, rows in found for row in rows]
     for place, speed in zip(places, task.speeds or (), strict=bool(task.speeds)):
         sigma = float(task.phi.inverse(place.s))
         at.append(sigma)
-        conditions.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0]))
-    return np.array(at), np.array(conditions).reshape(-1, 3)
+        conditions.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))
+    return np.array(at), np.array(conditions).reshape(-1, 4)
 
 
 def _check_speeds(task: Task, places: Sequence[CrossingPoint]) -> None:
-    """Raise NoLaw where the path is orthogonal to t_s and no speed meets what is left of condition (8)."""
-    for place, (constant, per_z, per_u) in zip(places, _conditions(task, places, None)[1], strict=False):
-        if per_u == 0.0 and (per_z != 0.0 or constant != 0.0) and not -constant * per_z > 0.0:
+    """Raise NoLaw where no speed meets what the conditions at a place leave to it.
+
+    One condition leaves beta s'^2 + gamma = 0 where the path is orthogonal to t_s; two determine s'^2 and s".
+    """
+    for place in places:
+        rows = crossing_rows(task.branch, task.phi, place, None)[1]
+        constant, per_z, per_u, _ = rows[0]
+        if place.corank > 1:
+            _check_common_speed(task, place, rows)
+        elif per_u == 0.0 and (per_z != 0.0 or constant != 0.0) and not -constant * per_z > 0.0:
             why = (
                 "both pull the same way"
                 if constant * per_z > 0.0
@@ -211,6 +216,40 @@ def _check_speeds(task: Task, places: Sequence[CrossingPoint]) -> None:
                 f"{task.branch.robot.name}: at s = {place.s:.6g} the path runs orthogonal to t_s: condition "
                 f"(8) leaves beta s'^2 + gamma = 0, which no speed meets ({why})",
                 proof=UnmetCondition(place.s, *coefficients_at(task.branch, place, None)[0][:3], stop=False),
+            )
+
+
+def _check_common_speed(task: Task, place: CrossingPoint, rows: Array) -> None:
+    """Raise UncontrolledMotions unless an s'^2 > 0 and an s" meet all conditions (8) at a place."""
+    size = np.abs(rows).max()
+    left, values, right = np.linalg.svd(rows[:, 1:3])
+    rank = int(np.sum(values > NO_HOLD * size))
+    asked = -left.T @ rows[:, 0]
+    solution = right[:rank].T @ (asked[:rank] / values[:rank])
+    met = np.abs(asked[rank:]).max(initial=0.0) <= NO_HOLD * size
+    if not met or (rank == 2 and not solution[0] > 0.0):
+        raise escaping(
+            task.branch.robot,
+            place.s,
+            task.branch.path(place.s),
+            place.corank,
+            "no s' and s\" meet the condition (8) of each; cross in another direction",
+        )
+
+
+def _check_unfolded(task: Task) -> None:
+    """Raise NoLaw where small deflections would change what the path meets: two crossings, or none.
+
+    Where the path only touches the locus, or several motions escape at once, that is so.
+    """
+    if not task.branch.robot.n_e or task.geometry == "rigid":
+        return
+    for target in task.targets:
+        if isinstance(target, SingularPoint) and (target.contact == "tangential" or target.corank > 1):
+            what = "touches the locus" if target.corank == 1 else f"lets {target.corank} motions go at once"
+            raise NoLaw(
+                f"{task.branch.robot.name}: at s = {target.s:.6g} the path {what}; the deflections make two "
+                f"crossings of that or none: move the path off the locus or across it, or use geometry rigid"
             )
 
 

@@ -8,6 +8,13 @@ z = (d sigma/dt)^2, u = z'/2 (see `optimal_law`)
 so three evaluations of the inverse dynamics a point, at (z, u) = (0, 0), (1, 0) and (0, 1), give everything
 (after toppra, which recovers its constraint coefficients from such calls). Friction that grows with speed
 would add a term in sqrt(z) and break this.
+
+Torques are finite where condition (8) vanishes as often as the measure g of the singularity does. Where the
+path touches the locus without crossing it that is the condition and its derivative along the path,
+
+    c0' + cz' z + cz z' + cu' u + cu u' = 0,     z' = 2 u,
+
+and where several motions escape at once one condition for each of them.
 """
 
 from __future__ import annotations
@@ -21,9 +28,13 @@ from framework.crossing.condition import NO_HOLD, CrossingPoint
 from framework.dynamics.forces import loop_forces, motor_torque, tree_forces
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import ClosedStack, Motion, close_loops, motion_at, system_at
+from framework.kinematics.loop_matrices import measured_matrix, passive_motion
 from framework.kinematics.tracking import Branch
-from framework.motion.chebyshev import TimeFunction
+from framework.motion.chebyshev import TimeFunction, coefficients, derivative_matrix, evaluate, nodes
 from framework.motion.optimal_law import OptimalLaw, Smoothstep
+from framework.singularity.bordered_system import Border, bordered
+
+HALF_WIDTH, NODES = 0.02, 13  # in sigma, of the panel on which conditions are differentiated
 
 
 class Deflections(Protocol):
@@ -90,14 +101,54 @@ def demand(
     return Demand(AffineInSpeed.of(torque.reshape(3, len(sigma), -1)), np.abs(speed))
 
 
-def crossing_row(
+def crossing_rows(
     branch: Branch, phi: Smoothstep, at: CrossingPoint, deflections: Deflections | None
 ) -> tuple[float, Array]:
-    """sigma of a crossing, and t_s . W_p there as (constant, per z, per u).
+    """sigma of a crossing, and what has to vanish there, (k, 4): (constant, per z, per u, per u').
 
-    What is not beyond rounding is zero: all three on a straight path orthogonal to t_s, and the
-    share of u on a bent one.
+    The first row is t_s . W_p. What is not beyond rounding is zero: all of it on a straight path orthogonal
+    to t_s, and the share of u on a bent one.
     """
+    sigma, row = _wrench_row(branch, phi, at, deflections)
+    if at.corank == 1 and not at.touches:
+        return sigma, np.append(row, 0.0)[None]
+    return sigma, _rows_about(branch, phi, sigma, at)
+
+
+def _rows_about(branch: Branch, phi: Smoothstep, sigma: float, at: CrossingPoint) -> Array:
+    """The conditions of all motions that escape the undeformed robot; at a touch also their derivatives.
+
+    A null vector of the bordered system is smooth about the place, and so is what it makes of the forces.
+    """
+    robot, half = branch.robot, min(HALF_WIDTH, sigma, 1.0 - sigma)
+    points = np.append(sigma + half * nodes(NODES), sigma)
+    closed = close_loops(robot, branch.path(phi(points)), branch.guess(phi(points)))
+    matrices = measured_matrix(robot, closed.system)
+    eta = bordered(matrices, Border.of(matrices[-1], at.corank)).eta
+    escaping = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
+    forces = tree_forces(robot, _three_motions(branch, phi, points, None, closed))
+    parts = forces.reshape(3, len(points), 1, -1) * escaping
+    rest, one, pushed = parts.sum(axis=3)
+    values = np.stack([rest, one - rest, pushed - rest], axis=2)  # (M, corank, 3)
+    size = np.abs(parts).sum(axis=3).max(axis=(0, 1))[:, None]
+    rows = np.pad(values[-1], ((0, 0), (0, 1)))
+    if at.corank > 1:  # symmetric robots ask the same of the law more than once
+        share, right = np.linalg.svd(rows)[1:]
+        rows = (share[:, None] * right[: len(share)])[share > NO_HOLD * size.max()]
+        size = size.max()
+    if at.touches:
+        series = coefficients(values[:-1].reshape(NODES, -1))
+        slopes = evaluate(np.zeros(1), derivative_matrix(NODES) @ series).reshape(-1, 3) / half
+        slopes[:, 2] += 2.0 * rows[:, 1]
+        rows = np.concatenate([rows, np.column_stack([slopes, rows[:, 2]])])
+        size = np.concatenate([size, size / half])
+    return np.where(np.abs(rows) > NO_HOLD * size, rows, 0.0)
+
+
+def _wrench_row(
+    branch: Branch, phi: Smoothstep, at: CrossingPoint, deflections: Deflections | None
+) -> tuple[float, Array]:
+    """sigma of a crossing, and t_s . W_p there as (constant, per z, per u)."""
     robot = branch.robot
     sigma, q, x = phi.inverse(np.array([at.s])), at.q[None], branch.path(np.array([at.s]))
     closed = ClosedStack(q, x, system_at(robot, q, x))

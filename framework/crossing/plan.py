@@ -78,9 +78,9 @@ def plan_crossing(
 
     Raises:
         InvalidInput: an argument that cannot be right; says what is valid.
-        NoLaw: no law can cross (a stop on the locus, a tangential touch, a path orthogonal to t_s,
-            a singularity that is not of Type 2), or none that always advances was found.
-        UncontrolledMotions: two motions or more are uncontrolled at once.
+        NoLaw: no law can cross (a stop on the locus, a path orthogonal to t_s that no speed crosses, a
+            singularity that is not of Type 2), or none that always advances was found.
+        UncontrolledMotions: several motions are uncontrolled at once, and no law meets what each asks for.
         UnboundedTorque: the law meets a singularity without condition (8); no torque is returned.
         LimitsExceeded: only with `keep_limits`.
         NotConverged, OutOfReach, Type1Singularity, SingularPath: see `inverse_dynamics`.
@@ -153,13 +153,13 @@ def _best(work: _Work) -> CrossingPlan:
         return _optimal(work, "it was asked for")
     try:
         plan, advance = _polynomial(work)
-    except UncontrolledMotions:
-        raise
     except NoLaw as refusal:
         if not request.may_be_optimal:
             raise
         try:
             return _optimal(work, f"there is no polynomial: {refusal}")
+        except UncontrolledMotions:
+            raise
         except (NoLaw, NotConverged) as second:
             proof = refusal.proof or getattr(second, "proof", None)
             raise NoLaw(f"{refusal}; nor does the optimal law help: {second}", proof=proof) from None

@@ -146,11 +146,22 @@ def timing_of(targeted: TargetedPath, request: Request) -> tuple[CrossingTime, .
 
 
 def check_contacts(targeted: TargetedPath) -> None:
-    """Raise NoLaw where the path touches the locus."""
+    """Raise NoLaw where a law has to meet more than one condition, which the polynomial does not.
+
+    At a tangential touch these are condition (8) and its derivative; else one for each motion that escapes.
+    """
     for target in targeted.targets:
-        if isinstance(target, SingularPoint) and target.contact == "tangential":
+        if not isinstance(target, SingularPoint):
+            continue
+        where = f"{targeted.branch.robot.name}: at s = {target.s:.6g}"
+        if target.corank > 1:
             raise NoLaw(
-                f"{targeted.branch.robot.name}: at s = {target.s:.6g} the path touches the locus without "
-                f"crossing it; finite torques would ask for condition (8) and its time derivative at once: "
-                f"move the path off the locus or across it"
+                f"{where} {target.corank} motions are uncontrolled at once, each with a condition (8) of "
+                f"its own, and the polynomial meets one; use law optimal"
+            )
+        if target.contact == "tangential":
+            raise NoLaw(
+                f"{where} the path touches the locus without crossing it; finite torques ask for condition "
+                f"(8) and its time derivative at once, and the polynomial meets the first; use law optimal, "
+                f"or move the path off the locus or across it"
             )

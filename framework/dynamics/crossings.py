@@ -16,18 +16,29 @@ from framework.kinematics.tracking import Branch, escaping
 from framework.motion.chebyshev import TimeGrid, real_roots
 from framework.motion.law import MotionLaw, PlannedLaw
 from framework.motion.path import Path, along
-from framework.singularity.classification import UNCROSSABLE, uncontrolled_motion
+from framework.singularity.classification import UNCROSSABLE, escaping_motions, uncontrolled_motion
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.root_of_g import root_of_g
 
+NO_INSTANTS: Array = np.empty(0)
+BESIDE = 0.1  # of a panel: an edge nearer to a crossing than this is a node too near to it
 STANDING = 1e-7  # speed at a crossing over the largest one: no more than that is a stop
 
 
-def panel_edges(path: Path, law: MotionLaw) -> Array:
-    """Ends of the motion, of the law's panels, and the instants at which the path has a knot."""
+def panel_edges(path: Path, law: MotionLaw, clear_of: Array = NO_INSTANTS) -> Array:
+    """Ends of the motion, of the law's panels, and the instants at which the path has a knot.
+
+    Every edge is a node. Where a panel of the law ends on one of the instants `clear_of` [s], it ends beside
+    it instead: the law is smooth there.
+    """
     whole = np.array([0.0, law.duration])
     if isinstance(law, PlannedLaw) and len(law.edges):
-        whole = law.edges
+        whole = law.edges.copy()
+        for t in clear_of:
+            k = int(np.argmin(np.abs(whole - t)))
+            narrower = np.diff(whole)[max(k - 1, 0) : k + 1].min()
+            if 0 < k < len(whole) - 1 and abs(whole[k] - t) < BESIDE * narrower:
+                whole[k] = t + 3.0 * BESIDE * narrower
     inner = [instants(law, whole, knot) for knot in path.knots]
     return np.unique(np.concatenate([whole, *inner])) if inner else whole
 
@@ -70,13 +81,12 @@ def check_kind(robot: ParallelRobot, at: SingularPoint) -> None:
     """Refuse singular points to which condition (8) does not apply.
 
     Raises:
-        UncontrolledMotions: several motions are uncontrolled at once.
+        UncontrolledMotions: several motions are uncontrolled at once, not all of the platform or not all of
+            them let go transversally.
         NoLaw: the singularity is not of Type 2.
     """
-    if at.corank > 1:
-        what = UNCROSSABLE.get(
-            at.kind, "a Type 2 singularity; each motion asks for a condition (8), one law s(t) can meet one"
-        )
+    if at.corank > 1 and (at.kind != "type_2" or at.contact == "tangential"):
+        what = UNCROSSABLE.get(at.kind, "a Type 2 singularity that it touches without crossing it")
         raise escaping(robot, at.s, at.platform, at.corank, f"the path meets {what}")
     if at.kind != "type_2":
         raise NoLaw(f"{robot.name}: at s = {at.s:.6g} the path meets {UNCROSSABLE[at.kind]}")
@@ -91,6 +101,10 @@ def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, at: SingularPoint)
             f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, "
             f"s = {at.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
         )
+    escape = at.motion[None]
+    if at.corank > 1:
+        system = system_at(branch.robot, at.q[None], at.platform[None])
+        escape = escaping_motions(branch.robot, system, at_least=at.corank).motions
     times = np.concatenate(([t], np.linspace(0.0, law.duration, 33)))
     s = [law(times, order) for order in range(3)]
     x, dx, ddx = along(branch.path, s)
@@ -98,8 +112,13 @@ def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, at: SingularPoint)
     forces = tree_forces(branch.robot, motion_at(branch.robot, closed, dx, ddx))
     mass = sum(inertia.mass for inertia in branch.robot.model.inertias)
     least = mass * branch.robot.length / law.duration**2
-    scale = max(float(np.abs(forces * at.motion).sum(axis=1).max()), least)
-    return SingularityCrossing(t, at.s, at.platform, at.twist, at.kind, float(forces[0] @ at.motion), scale)
+    parts = forces[:, None] * escape  # (T, corank, nv)
+    scale = np.maximum(np.abs(parts).sum(axis=2).max(axis=0), least)
+    wrench = parts[0].sum(axis=1)
+    worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
+    return SingularityCrossing(
+        t, at.s, at.platform, at.twist, at.kind, float(wrench[worst]), float(scale[worst])
+    )
 
 
 def deformed_crossing(result: InverseDynamics, near: SingularityCrossing) -> SingularityCrossing:

@@ -124,7 +124,7 @@ def resolve(
     enough, unseen = np.inf, None
     own_panels = isinstance(law, PlannedLaw) and len(law.edges) > 0
     for size in (FEW, *SIZES) if own_panels else SIZES:
-        grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law), size)
+        grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law, instants), size)
         try:
             state = solve_deflections(
                 branch, grid, choose_law, geometry, start, law, tolerance=min(tolerance, TOLERANCE)

@@ -35,7 +35,8 @@ def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
         sentence += textwrap.wrap(f"Left out, not installed: {', '.join(stage.missing)}.", LETTERS)
     count = len(stage.panels) + bool(stage.profile)
     drawn = [method for method in stage.methods if any(row.method == method.name for row in rows)]
-    legend = -(-len(drawn) // LEGEND_COLUMNS)
+    named = {method.label: method for method in reversed(drawn)}  # one entry a label, the first one's
+    legend = -(-len(named) // LEGEND_COLUMNS)
     below = BELOW + LINE * (legend + len(sentence) + 1)
     height = TOP + AXES + below
     figure = Figure(figsize=(WIDTH, height))
@@ -52,7 +53,10 @@ def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
         ax.set_title(panel or stage.title, loc="left")
     if stage.profile:
         _plot_profile(axes[-1], stage, drawn, rows, looks)
-    handles = [axes[0].plot([], [], **looks[method.name], label=_label(method))[0] for method in drawn]
+    handles = [
+        axes[0].plot([], [], **looks[method.name], label=_label(method))[0]
+        for method in reversed(named.values())
+    ]
     figure.legend(
         handles=handles,
         loc="upper left",
@@ -78,8 +82,9 @@ def _label(method: Method) -> str:
 
 
 def styles(stage: Stage) -> dict[str, dict[str, Any]]:
-    """How each method is drawn."""
-    return {method.name: _style(k, method) for k, method in enumerate(stage.methods)}
+    """How each method is drawn: one look for one label, in whatever panel."""
+    labels = list(dict.fromkeys(method.label for method in stage.methods))
+    return {method.name: _style(labels.index(method.label), method) for method in stage.methods}
 
 
 def _style(k: int, method: Method) -> dict[str, Any]:

@@ -105,6 +105,35 @@ def test_a_minimum_is_found_to_half_the_digits_and_a_root_to_all():
         assert max(found.error, *found.profile) < 1e-13, method
 
 
+# ------------------------------------------------------------------ forward
+
+
+def test_each_integrator_has_its_order():
+    for method, order, steps in (
+        ("pinocchio", 4, (1.5 / 75, 1.5 / 150)),
+        ("explicit", 8, (1.5 / 24, 1.5 / 48)),
+    ):
+        coarse, fine = (row("forward", method, step).error for step in steps)
+        assert np.log2(coarse / fine) == pytest.approx(order, abs=1.0), method
+
+
+def test_the_closed_form_torques_bring_the_payload_along_its_path():
+    assert row("forward", "radau_16", 1e-12).error < 1e-12
+    assert row("forward", "scipy_dop853", 1e-9).error < 1e-9
+
+
+def test_the_squeezer_ends_where_it_is_published_to_end():
+    assert row("forward", "squeezer_radau_5", 1e-6).error < 1e-5
+
+
+@pytest.mark.parametrize(("peer", "method"), [("exudyn", "exudyn_alpha"), ("mujoco", "mujoco")])
+def test_other_simulators_go_along_the_path_too(peer, method):
+    pytest.importorskip(peer)
+    coarse, fine = (row("forward", method, step).error for step in (1e-2, 5e-3))
+    assert fine < 1e-4
+    assert 1.5 < np.log2(coarse / fine) < 4.5
+
+
 # ------------------------------------------------------------------ laws
 
 

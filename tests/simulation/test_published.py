@@ -12,12 +12,12 @@ from scipy.special import ellipj, ellipk
 
 import robots
 from framework import ParallelRobot
+from framework.chart import published
 from framework.errors import NotConverged
 from framework.simulation import simulate
 from robots.generators import n_four_bar as generator
 from tests.robots.test_bricard import energies
 
-SQUEEZER = Path(__file__).parents[1] / "data" / "andrews_squeezer" / "andrews_squeezer.yaml"
 GRAVITY = 9.81
 
 
@@ -99,25 +99,17 @@ def test_forty_four_bars_for_twenty_seconds(tmp_path):
 
 # ------------------------------------------------------------------ Andrews' squeezing mechanism
 
-# F. Mazzia and C. Magherini, Test Set for Initial Value Problem Solvers, Andrews' squeezing mechanism:
-# angles at t = 0.03 s [rad].
-SQUEEZED = {
-    "beta": 0.1581077119629904e2,
-    "theta": -0.1575637105984298e2,
-    "gamma": 0.4082224013073101e-1,
-    "phi": -0.5347301163226948,
-    "delta": 0.5244099658805304,
-    "omega": 0.5347301163226948,
-    "epsilon": 0.1048080741042263e1,
-}
+
+def push(t: float) -> list[float]:
+    return [published.TORQUE]
 
 
 @pytest.mark.parametrize(("method", "relative"), [("reference", 1e-9), ("stiff", 1e-6)])
 def test_andrews_squeezer(method, relative):
-    robot = ParallelRobot.from_file(SQUEEZER)
-    result = simulate(robot, lambda t: [0.033], duration=0.03, method=method)
+    robot = published.squeezer()
+    result = simulate(robot, push, duration=published.DURATION, method=method)
     end = {robot.joint_of(c): value for c, value in enumerate(result.q[-1])}
-    for joint, value in SQUEEZED.items():
+    for joint, value in published.ANGLES.items():
         assert end[joint] == pytest.approx(value, rel=relative), joint
 
 
@@ -126,12 +118,12 @@ def test_andrews_squeezer(method, relative):
 
 def test_andrews_squeezer_in_fixed_steps():
     """Steps of a millisecond turn the squeezer three radians wrong: refused, with a step that would do."""
-    robot = ParallelRobot.from_file(SQUEEZER)
-    exact = simulate(robot, lambda t: [0.033], duration=0.03, method="stiff").configuration(0.03)[0]
+    robot = published.squeezer()
+    exact = simulate(robot, push, duration=published.DURATION, method="stiff").configuration(0.03)[0]
     with pytest.raises(NotConverged, match=r"leave about .* take steps of 0.0001 s"):
-        simulate(robot, lambda t: [0.033], duration=0.03, method="fast")
+        simulate(robot, push, duration=published.DURATION, method="fast")
     for step in (2e-4, 5e-5):
-        result = simulate(robot, lambda t: [0.033], duration=0.03, method="fast", step=step)
+        result = simulate(robot, push, duration=published.DURATION, method="fast", step=step)
         error = np.abs(result.q[-1] - exact).max()
         assert error / 5 < result.unresolved < 5 * error
 

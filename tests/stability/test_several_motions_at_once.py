@@ -4,9 +4,10 @@ What goes wrong: with the platform in the plane of the base all six legs lie in 
 vertical force and no tilting moment: three null vectors at once. The determinant changes its sign there like
 at any crossing, and the last singular vector of A is one of three at random. A condition (8) for that one
 leaves forces and moments along the others, and the torques a pole.
-Why: one law s(t) has one acceleration to give, and there are three wrenches to balance.
-What we do: count the vanishing singular values, and refuse. Beside the flat pose there are three crossings,
-each of its own, and each is found.
+Why: a law s(t) has one acceleration and one speed to give, and there are three wrenches to balance.
+What we do: count the vanishing singular values, ask the condition (8) of each motion, and refuse if they
+contradict each other. Where they agree the robot passes: straight down it falls freely through its base.
+Beside the flat pose there are three crossings, each of its own, and each is found.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, locate_singularities, plan_crossing
+from framework import Line, NoLaw, UnboundedTorque, locate_singularities, plan_crossing, simulate
 from framework.errors import UncontrolledMotions
 from tests.oracles import naive
-from tests.robots.test_gough_stewart import PLATE, plucker
+from tests.robots.test_gough_stewart import PLATE, gradient, kinetic_energy, plucker, potential_energy
 
 START = np.array([0.1, 0.05, 1.0, 0.2, 0.1, 0.0])  # and to the opposite pose, through the flat one
 
@@ -48,15 +49,35 @@ def test_the_determinant_shows_one_crossing_where_rank_falls_by_three():
     assert len(naive.sign_changes(lambda s: float(np.linalg.det(plucker(path(s)))), 200)) == 1
 
 
-@pytest.mark.parametrize("options", [dict(), dict(times=[]), dict(at=[0.5])])
-def test_we_count_them_and_refuse(options):
+def test_we_count_them_and_refuse_what_they_cannot_have_together():
     robot, path = robots.load("gough_stewart"), Line(START, -START)
     (point,) = locate_singularities(robot, path)
     assert point.corank == 3
     assert point.s == pytest.approx(0.5, abs=1e-10)
     with pytest.raises(UncontrolledMotions, match=r"3 uncontrolled motions at once at s = 0\.5") as refusal:
-        plan_crossing(robot, path, duration=1.0, **options)
+        plan_crossing(robot, path, duration=1.0)
     assert refusal.value.count == 3
+    with pytest.raises(NoLaw, match=r"3 motions are uncontrolled at once.* use law optimal"):
+        plan_crossing(robot, path, duration=1.0, law="polynomial")
+
+
+@pytest.mark.parametrize("options", [dict(times=[]), dict(at=[0.5])])
+def test_no_condition_or_a_single_one_leaves_a_pole(options):
+    with pytest.raises(UnboundedTorque, match=r"s = 0\.5"):
+        plan_crossing(robots.load("gough_stewart"), Line(START, -START), duration=1.0, **options)
+
+
+@pytest.mark.slow
+def test_it_falls_through_its_base():
+    """The three forces of a level platform agree: it has to fall as its weight alone would make it."""
+    robot, top = robots.load("gough_stewart"), np.array([0.0, 0.0, 0.6, 0.0, 0.0, 0.1])
+    plan = plan_crossing(robot, Line(top, -top), duration=2.0)
+    (crossing,) = plan.crossings
+    assert plan.law.kind == "optimal"
+    level, down = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1e-9]), np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    falling = -gradient(potential_energy, level)[2] / (2 * kinetic_energy(level, down).real)  # Lagrange
+    assert plan.platform(crossing.time, 2)[2] == pytest.approx(falling, rel=1e-6)
+    assert simulate(robot, plan).tracking_error < 1e-6
 
 
 @pytest.mark.parametrize("aside", [0.1, 0.01])

@@ -4,8 +4,8 @@ What goes wrong: a search for sign changes on a grid does not see two crossings 
 touch, which changes no sign at all; on sigma_min there is never a change of sign.
 Why: singularity is looked for on samples, with a measure that has no sign or loses it.
 What we do: the bordered scalar g is a polynomial, up to rounding, on panels of the path. All its roots and
-all its extrema are eigenvalues of a small matrix; none is stepped over. A touch is refused: finite torques
-would ask for condition (8) and its derivative at once.
+all its extrema are eigenvalues of a small matrix; none is stepped over. At a touch finite torques ask for
+condition (8) and its derivative at once: the optimal law meets both, the polynomial is refused.
 """
 
 from __future__ import annotations
@@ -13,11 +13,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from framework import Line, NoAnswer, NoLaw, NotConverged, locate_singularities, plan_crossing, track_path
+from framework import (
+    Line,
+    NoAnswer,
+    NoLaw,
+    NotConverged,
+    locate_singularities,
+    plan_crossing,
+    simulate,
+    track_path,
+)
 from framework.singularity.classification import singularity_measure
 from framework.singularity.points_on_path import search_path
 from tests.oracles import naive
-from tests.oracles.planar import exact, mp, rods_cross, without_rotors
+from tests.oracles.planar import cross, exact, legs, mp, rods_cross, without_rotors
 from tests.singularity.test_points_on_path import locus, locus_tangent
 
 DEPTHS = 10.0 ** -np.arange(3, 13)  # [m] by which the path reaches over the locus
@@ -72,7 +81,23 @@ def test_a_near_miss_has_no_crossing_and_a_touch_is_one_of_its_own():
     (touch,) = locate_singularities(without_rotors(), chord(0.0))
     assert touch.contact == "tangential"
     with pytest.raises(NoLaw, match="touches the locus without crossing"):
-        plan_crossing(without_rotors(), chord(0.0), duration=1.5)
+        plan_crossing(without_rotors(), chord(0.0), duration=1.5, law="polynomial")
+
+
+def test_a_touch_is_crossed_by_a_law_that_meets_the_condition_and_its_derivative():
+    plan = plan_crossing(without_rotors(), chord(0.0), duration=3.0, optimize="energy")
+    (crossing,) = plan.crossings
+    assert plan.certificate.tail < 1e-10
+    assert simulate(without_rotors(), plan).tracking_error < 1e-7
+
+    def across_the_rod(t: float) -> float:  # share of the payload's acceleration that the rods cannot give
+        (_, rod), _ = legs(*map(float, plan.platform(t)))
+        return float(cross(rod, plan.platform(t, 2)))
+
+    h, size = 1e-3 * plan.duration, max(abs(across_the_rod(t)) for t in np.linspace(0.1, 2.9, 57))
+    before, here, after = (across_the_rod(crossing.time + k * h) for k in (-1, 0, 1))
+    assert abs(here) < 1e-9 * size
+    assert abs(after - before) < 1e-4 * size  # it vanishes with its derivative
 
 
 def level(gap: float, *, across: bool) -> tuple[Line, list]:

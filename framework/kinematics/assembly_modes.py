@@ -1,0 +1,164 @@
+"""All poses of the platform for given motors: the assembly modes, each proved, and their number.
+
+Where every leg asks a linear condition of the platform's displacement (`leg_conditions`: rods between two
+points, whatever drives them), these make a system of quadrics with a known bound on its solutions: 40 for six
+legs in space, 8 for three about a point, 6 for three in a plane, 2 for points on circles or spheres. All its
+complex solutions are led from those of a random system (`linalg.quadrics`), and each is enclosed by the test
+of Krawczyk: one solution there and no other. Where as many as the bound are proved and apart, there are no
+others, and the count of real ones is complete. The test allows for coefficients off by `ROUNDING`, which is
+more than their own rounding.
+
+For all other robots closed poses are sought from many starts, and enclosed by the theorem of Newton and
+Kantorovich; their number is a lower bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.errors import InvalidInput, finite_numbers
+from framework.kinematics.forward_kinematics import motors_are_free
+from framework.kinematics.frames import frames_at, integrate
+from framework.kinematics.leg_conditions import LegConditions, leg_conditions
+from framework.kinematics.locked_directions import turned_over
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.passive_joints import (
+    is_proved,
+    joints_at,
+    loops_closed,
+    nearest_turn,
+    random_starts,
+    way_from_reference,
+)
+from framework.linalg.displacements import Displacements
+from framework.linalg.krawczyk import are_apart, chart_for, enclosures
+from framework.linalg.quadrics import refined
+
+ROUNDING = 1e-13  # of the coefficients, relative to the entries of their quadrics
+REAL = 1e-6  # imaginary part of a solution that may be real, its size 1: proved or not afterwards
+MANY_STARTS = 300  # of the joints, where poses of the platform are not known
+ALIKE = 1e-6  # [rad, lengths] between poses of the platform that are one
+
+
+@dataclass(frozen=True, eq=False)
+class RealSolutions(ReadOnlyArrays):
+    """The real solutions of a system of leg conditions."""
+
+    R: Array  # (k, 3, 3) rotations of the displacements
+    p: Array  # (k, 3) translations, in the unit of the conditions
+    proved: Array  # (k,) 1 where the solution is proved to exist, to be real and to be single
+    found: int  # complex solutions at which paths have arrived
+    bound: int  # on the number of complex solutions
+    complete: bool  # as many as the bound are proved and apart: no other exists
+
+
+@dataclass(frozen=True, eq=False)
+class AssemblyMode(ReadOnlyArrays):
+    """One pose that the motors allow."""
+
+    q: Array  # (nq,)
+    x: Array  # (n,)
+    proved: bool  # that the pose exists and is single in a neighbourhood
+
+
+@dataclass(frozen=True, eq=False)
+class AssemblyModes:
+    """All assembly modes that were found, the nearest to the reference first."""
+
+    modes: tuple[AssemblyMode, ...]
+    complete: bool  # no other exists
+    bound: int | None  # on complex solutions; None where none is known
+    method: str
+
+    @property
+    def sentence(self) -> str:
+        """How many there are, and what that rests on."""
+        proved = sum(mode.proved for mode in self.modes)
+        bound = "" if self.bound is None else f" of at most {self.bound}"
+        count = f"{len(self.modes)} real{bound}" if self.complete else f"at least {proved} real{bound}"
+        rest = "" if proved == len(self.modes) else f", {len(self.modes) - proved} found and not proved"
+        return f"{count}, each proved to exist and to be single{rest}; {self.method}"
+
+
+def real_solutions(group: Displacements, coefficients: Array) -> RealSolutions:
+    """All real displacements that meet conditions (K, M), proved, and whether they are all."""
+    family = group.family
+    coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
+    z, arrived = family.solve(coefficients)
+    z, quadrics = z[arrived], family.quadrics(coefficients)
+    if not len(z):
+        nothing = np.zeros((0, 3))
+        return RealSolutions(np.zeros((0, 3, 3)), nothing, nothing[:, 0], 0, family.bound, False)
+    chart = chart_for(z)
+    z = refined(quadrics, z, chart.astype(complex))
+    real = np.abs(z.imag).max(axis=1) < REAL * np.linalg.norm(z, axis=1)
+    z[real] = z[real].real
+    proof = enclosures(quadrics, ROUNDING * np.abs(quadrics), chart, z)
+    complex_ones = (np.abs(z.imag) > proof.radii).any(axis=1)
+    decided = proof.proved & (real | complex_ones)
+    complete = len(z) == family.bound and bool(decided.all()) and are_apart(z, proof.radii)
+    R, p = group.in_space(z[real].real)
+    return RealSolutions(R, p, proof.proved[real].astype(float), len(z), family.bound, complete)
+
+
+def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
+    """Every pose of the robot with its motors' joints at q_a (n_a,), joint side [rad, m], springs at rest.
+
+    Poses of the platform count: joints inside a leg that turn over while it stays are one mode.
+
+    Raises:
+        InvalidInput: q_a has the wrong length or is not finite, or the motors depend on one another.
+    """
+    expect_robot(robot)
+    target = finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a)
+    if not motors_are_free(robot):
+        raise InvalidInput(f"{robot.name}: its motors depend on one another: none of them can be given alone")
+    step = np.zeros((1, robot.model.nv))
+    step[0, robot.actuated] = target - robot.actuated_coordinates(robot.reference.q[None])[0]
+    q = integrate(robot, robot.reference.q[None], step)
+    conditions = leg_conditions(robot, q[0])
+    if conditions is None:
+        return _searched(robot, q)
+    found = real_solutions(conditions.group, conditions.coefficients)
+    return _assembled(robot, q, conditions, found)
+
+
+def _assembled(
+    robot: ParallelRobot, q: Array, conditions: LegConditions, found: RealSolutions
+) -> AssemblyModes:
+    """The robot's joints at the displacements found, q (1, nq) with its motors in place."""
+    at = frames_at(robot, robot.reference.q[None])
+    p = found.p * robot.length
+    of_point = conditions.group.family.name == "translations"
+    place = at.position[0, 0] + p if of_point else found.R @ at.position[0, 0] + p
+    turn = None if of_point else found.R @ at.rotation[0, 0]
+    closed = joints_at(robot, q, place, turn)
+    modes = []
+    for pose, proved in zip(closed, found.proved, strict=True):
+        if pose is not None:
+            x = robot.platform.coordinates(frames_at(robot, pose[None]))
+            modes.append(AssemblyMode(pose, robot.platform.unwrap(x, robot.reference.x)[0], bool(proved)))
+    modes.sort(key=lambda mode: way_from_reference(robot, mode.q))
+    # a solution without joints would be one of the conditions that are not the legs' own
+    complete = found.complete and len(modes) == len(found.R)
+    method = f"{found.found} solutions by homotopy in {conditions.group.family.name}"
+    return AssemblyModes(tuple(modes), complete, found.bound, method)
+
+
+def _searched(robot: ParallelRobot, q: Array) -> AssemblyModes:
+    """Closed poses from many starts, q (1, nq) with its motors in place; those of one platform pose once."""
+    poses, closed = loops_closed(robot, random_starts(robot, q, MANY_STARTS), None)
+    near = [nearest_turn(robot, pose) for pose in poses[closed]]
+    near.sort(key=lambda pose: way_from_reference(robot, pose))
+    modes: list[AssemblyMode] = []
+    scale = np.where(robot.translations, robot.length, 1.0)
+    for pose in near:
+        at = frames_at(robot, pose[None])
+        x = robot.platform.unwrap(robot.platform.coordinates(at), robot.reference.x)[0]
+        off = [robot.platform.residual(at, mode.x[None])[0] / scale for mode in modes]
+        if all(np.abs(one).max() > ALIKE for one in off) and turned_over(robot, at) is None:
+            modes.append(AssemblyMode(pose, x, is_proved(robot, pose)))
+    return AssemblyModes(tuple(modes), False, None, f"{MANY_STARTS} starts of Newton's method")

@@ -1,0 +1,190 @@
+"""What each leg asks of the platform's pose while the motors are locked: linear conditions on displacements.
+
+A leg is a chain of joints from the base to the platform: of the tree and of one or more closures. Its passive
+joints are moved at random and the platform's displacements noted; what linear condition on the functions of
+`linalg.displacements` they all meet is the null space of that table. A rod between two points gives one such
+condition, whatever joints it has at its ends; nobody has to say which leg is a rod. Legs that ask for
+something else give too few conditions, and then there is no system to solve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array, ReadOnlyArrays
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.placements import planar_normal
+from framework.linalg.displacements import Displacements, functions, planar, spatial, spherical, translations
+from framework.model.description import Closure
+
+SAMPLES = 60  # poses of a leg: three for each of the functions
+VANISHED = 1e-10  # singular value of the table, over the largest: a condition that all of its poses meet
+MOST_LEGS = 32
+SEED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class LegConditions(ReadOnlyArrays):
+    """Conditions (K, M) on the platform's displacement from the reference, motors locked."""
+
+    group: Displacements
+    coefficients: Array  # (K, M) of unit size, lengths in lengths of the robot
+    others: Array  # (k, M) that have to be met as well
+
+
+class _Edge(NamedTuple):
+    """A way from one body to another: a joint of the tree, or a closure, in one of its two directions."""
+
+    to: int
+    joint: int  # of the tree; 0 for a closure
+    closure: Closure | None
+    forward: bool
+
+
+def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
+    """The conditions of all legs with motors and springs as at q (nq,); None if they are too few or none."""
+    group = _group(robot)
+    if group is None:
+        return None
+    of_point = group.family.name == "translations"
+    sampler, found = _Sampler.of(robot, q, of_point=of_point), list[Array]()
+    for count, chain in enumerate(_chains(robot)):
+        poses = sampler.displacements(chain) if count < MOST_LEGS else None
+        if poses is None:
+            return None
+        table = functions(*poses)[:, group.chosen]
+        values, right = np.linalg.svd(table)[1:]
+        found += list(right[int(np.sum(values > VANISHED * values[0])) :])
+    rows, K = np.array(found).reshape(-1, len(group.chosen)), group.family.equations
+    if not len(rows):
+        return None
+    values, right = np.linalg.svd(rows)[1:]
+    if int(np.sum(values > 1e-8 * values[0])) < K:
+        return None
+    if len(rows) > K:  # more conditions than freedoms: as many as needed, mixed, and all to be met in the end
+        mixed = np.random.default_rng(SEED).standard_normal((K, len(rows))) @ rows
+        return LegConditions(group, mixed / np.linalg.norm(mixed, axis=1, keepdims=True), rows)
+    return LegConditions(group, rows, rows[:0])
+
+
+def _group(robot: ParallelRobot) -> Displacements | None:
+    """The displacements that the platform's coordinates stand for."""
+    normal = planar_normal(robot)
+    moving = robot.platform.sliding
+    if not len(robot.following):
+        return None
+    if normal is not None:
+        axis = int(np.argmax(np.abs(normal)))
+        if np.abs(normal).max() < 1 - 1e-9 or axis in robot.platform.along:
+            return None
+        if robot.n == 2 and len(moving) == 2:
+            return translations(tuple(sorted(int(k) for k in robot.platform.along)))
+        return planar(axis) if robot.n == 3 and len(moving) == 2 else None
+    if robot.n == 3 and not robot.translations.any():
+        return spherical()
+    return spatial() if robot.translations.any() else None
+
+
+def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
+    """All chains from the base to the platform's body that pass no body twice."""
+    model, edges = robot.model, dict[int, list[_Edge]]()
+    for joint in range(1, model.njoints):
+        parent = int(model.parents[joint])
+        edges.setdefault(parent, []).append(_Edge(joint, joint, None, True))
+        edges.setdefault(joint, []).append(_Edge(parent, joint, None, False))
+    for closure in robot.description.closures:
+        one, two = (int(model.frames[model.getFrameId(name)].parentJoint) for name in closure.frames)
+        edges.setdefault(one, []).append(_Edge(two, 0, closure, True))
+        edges.setdefault(two, []).append(_Edge(one, 0, closure, False))
+    platform = int(model.frames[robot.frames[0]].parentJoint)
+
+    def beyond(body: int, passed: frozenset[int]) -> Iterator[list[_Edge]]:
+        if body == platform:
+            yield []
+            return
+        for edge in edges.get(body, []):
+            if edge.to not in passed:
+                for rest in beyond(edge.to, passed | {edge.to}):
+                    yield [edge, *rest]
+
+    yield from beyond(0, frozenset({0}))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampler:
+    """Random poses of chains."""
+
+    robot: ParallelRobot
+    q: list[Array]  # configurations of the tree, motors and springs locked
+    links: list[list[pin.SE3]]  # of every joint against its parent, at each of them
+    reference: pin.SE3  # of the platform's frame
+    normal: Array | None  # (3,) of a planar robot, base axes
+    data: pin.Data  # at the reference
+    of_point: bool  # the platform is a point: its displacement is that of the frame's origin
+
+    @staticmethod
+    def of(robot: ParallelRobot, q: Array, *, of_point: bool) -> _Sampler:
+        model, data = robot.model, robot.model.createData()
+        rng, step = np.random.default_rng(SEED), np.zeros(robot.model.nv)
+        poses, links = [], []
+        for _ in range(SAMPLES):
+            passive = np.where(robot.sliding[robot.passive], robot.length, np.pi)
+            step[robot.passive] = rng.uniform(-passive, passive)
+            poses.append(np.asarray(pin.integrate(model, q, step)))
+            pin.forwardKinematics(model, data, poses[-1])
+            links.append([pin.SE3(placement) for placement in data.liMi])
+        pin.framesForwardKinematics(model, data, robot.reference.q)
+        return _Sampler(
+            robot, poses, links, pin.SE3(data.oMf[robot.frames[0]]), planar_normal(robot), data, of_point
+        )
+
+    def displacements(self, chain: list[_Edge]) -> tuple[Array, Array] | None:
+        """R (T, 3, 3) and p (T, 3), in lengths of the robot; None where a closure is no group of motions."""
+        R, p = np.empty((SAMPLES, 3, 3)), np.empty((SAMPLES, 3))
+        rng, frame = np.random.default_rng(SEED + 1), self.robot.model.frames[self.robot.frames[0]]
+        for k in range(SAMPLES):
+            pose = pin.SE3.Identity()
+            for edge in chain:
+                step = self.links[k][edge.joint] if edge.closure is None else self._closed(edge.closure, rng)
+                if step is None:
+                    return None
+                pose = pose * (step if edge.forward else step.inverse())
+            there = pose * frame.placement
+            moved = there * self.reference.inverse()
+            R[k], p[k] = moved.rotation, moved.translation / self.robot.length
+            if self.of_point:
+                p[k] = (there.translation - self.reference.translation) / self.robot.length
+        return R, p
+
+    def _closed(self, closure: Closure, rng: np.random.Generator) -> pin.SE3 | None:
+        """A pose of the second frame's body against the first one's that the closure allows."""
+        model = self.robot.model
+        one, two = (model.frames[model.getFrameId(name)] for name in closure.frames)
+        turns = [axis for axis in ("rx", "ry", "rz") if axis not in closure.axes]
+        if len(turns) == 2 or ("distance" in closure.axes and len(closure.axes) > 1):
+            return None
+        slide = rng.uniform(-1, 1, 3) * self.robot.length
+        slide[[k for k, axis in enumerate("xyz") if axis in closure.axes]] = 0.0
+        if closure.length is not None:
+            slide *= closure.length / np.linalg.norm(slide)
+        turn = np.zeros(3)
+        if len(turns) == 3 and self.normal is not None:
+            first = self.data.oMf[model.getFrameId(closure.frames[0])].rotation
+            second = self.data.oMf[model.getFrameId(closure.frames[1])].rotation
+            turned = pin.exp3(first.T @ self.normal * rng.uniform(-np.pi, np.pi)) @ first.T @ second
+            if closure.length is not None:
+                across = first.T @ self.normal
+                slide -= across * (across @ slide)
+                slide *= closure.length / np.linalg.norm(slide)
+            return one.placement * pin.SE3(turned, slide) * two.placement.inverse()
+        if len(turns) == 3:
+            turn = rng.standard_normal(3)
+            turn *= rng.uniform(0, np.pi) / np.linalg.norm(turn)
+        elif turns:
+            turn["xyz".index(turns[0][1])] = rng.uniform(-np.pi, np.pi)
+        return one.placement * pin.SE3(pin.exp3(turn), slide) * two.placement.inverse()
