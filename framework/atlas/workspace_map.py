@@ -255,13 +255,12 @@ def _join_bands(
     for first in range(ROWS, len(x), ROWS):
         border[first - 1] = ~before[first - 1] & before[first]
         border[first] = ~before[first] & before[first - 1]
-    if not border.any():
-        return
-    reason[~before] = Reason.NO_NEIGHBOUR
-    spread(robot, x, whole["q"], reason, np.array([1]))
-    new = (reason == Reason.REACHED) & ~before
-    if new.any():
-        i, j = np.nonzero(new)
-        chunk = _evaluated(robot, x[i, j][None], quantities, whole["q"][i, j][None], reason[i, j][None])
-        for key, values in chunk.items():
-            whole[key][i, j] = values[0]
+    for wanted in (border, ~before):  # the others only if a border has let something in
+        reason[wanted & (reason != Reason.REACHED)] = Reason.NO_NEIGHBOUR
+        spread(robot, x, whole["q"], reason, np.array([1]))
+        if not (reason[border] == Reason.REACHED).any():
+            return
+    i, j = np.nonzero((reason == Reason.REACHED) & ~before)
+    chunk = _evaluated(robot, x[i, j][None], quantities, whole["q"][i, j][None], reason[i, j][None])
+    for key, values in chunk.items():
+        whole[key][i, j] = values[0]

@@ -45,8 +45,9 @@ from framework.kinematics.inverse_kinematics import System, assembled_at, system
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.ordered_sums import matmul
 
-MOST_STEPS = 50  # of Newton's method for the equilibrium; quadratic once it is near
+MOST_STEPS = 200  # of Newton's method for the equilibrium; quadratic once it is near
 LONGEST_STEP = 0.1  # [rad, robot lengths] of it: deflections of springs that mean something are smaller
+FLAT = 1e-8  # share of the largest eigenvalue of H: a flatter direction is stepped along with that one
 AT_REST = 1e-9  # [rad, robot lengths] a step of Newton's method: its square is rounding
 NOT_MOVED = 1e-9  # share of the largest singular value: motions that the springs do not allow the platform
 NO_STIFFNESS = 1e-13  # share of the largest stiffness: rounding of an eigenvalue that is zero
@@ -204,7 +205,7 @@ def platform_stiffness(
 def equilibrium(robot: ParallelRobot, q: ArrayLike, *, wrench: ArrayLike | None = None) -> Array:
     """The configuration (nq,) near q (nq,), with the same motor angles, in which the springs carry the load.
 
-    Newton's method finds unstable equilibria, too: `PlatformStiffness.is_stable` tells.
+    Where it snaps through, that is beyond; `PlatformStiffness.is_stable` tells whether it is stable.
 
     Args:
         wrench: as for `platform_stiffness`.
@@ -219,7 +220,11 @@ def equilibrium(robot: ParallelRobot, q: ArrayLike, *, wrench: ArrayLike | None 
 
 
 def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Array]:
-    """Newton's method on V' = J' lambda + X' w, c = 0; returns q (nq,) and the tangent stiffness there."""
+    """The least V - w . x with c = 0 near q (nq,), and the tangent stiffness there.
+
+    Newton's method with the size of each eigenvalue in place of the eigenvalue itself, so that steps lead
+    downhill where the robot buckles.
+    """
     w = np.zeros(robot.n) if wrench is None else finite_numbers("wrench", wrench, robot.n)
     if np.count_nonzero(~robot.translations) > 1 and np.any(w[~robot.translations]):
         raise InvalidInput("wrench: a moment on a platform that turns about several axes has no potential")
@@ -241,9 +246,12 @@ def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tu
                 return q, H
             break
         balanced = H * lengths * lengths[:, None]
-        whole = np.block([[balanced, J.T], [J, np.zeros((len(J), len(J)))]])
-        right = np.concatenate([J.T @ multipliers - gradient, -weights * loops.residual[0]])
-        step = np.linalg.lstsq(whole, right, rcond=None)[0][: len(columns)]
+        null = np.linalg.qr(J.T, mode="complete")[0][:, len(J) :]
+        closing = -np.linalg.lstsq(J, weights * loops.residual[0], rcond=None)[0]
+        values, vectors = np.linalg.eigh(null.T @ balanced @ null)
+        downhill = np.maximum(np.abs(values), FLAT * np.abs(values).max())  # away from maxima and saddles
+        slope = vectors.T @ (null.T @ (gradient + balanced @ closing))
+        step = closing - null @ (vectors @ (slope / downhill))
         size = float(np.abs(step).max())
         if not np.isfinite(size):
             break
@@ -369,4 +377,5 @@ def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     if light.shape[1] and massive.shape[1]:
         massive = massive - light @ np.linalg.lstsq(light.T @ H @ light, light.T @ H @ massive, rcond=None)[0]
     squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
-    return squares, (massive @ shapes).T
+    rounding = np.abs(squares) <= NO_STIFFNESS * np.abs(squares).max(initial=0.0)
+    return np.where(rounding, 0.0, squares), (massive @ shapes).T

@@ -36,6 +36,7 @@ class Attitude(Protocol):
     """A chart of k coordinates; T attitudes are rotations R (T, 3, 3), columns the frame's axes."""
 
     constant: bool  # whether the couples are the same at every attitude
+    by_rates: bool  # whether v = dx
 
     def coordinates(self, rotation: Array) -> Array:
         """Coordinates x (T, k) [rad]."""
@@ -79,6 +80,7 @@ class TwistAngle(ReadOnlyArrays):
 
     axes: IntArray  # (1,)
     constant = True
+    by_rates = True
 
     def coordinates(self, rotation: Array) -> Array:
         i = int(self.axes[0])
@@ -117,6 +119,7 @@ class TwoAngles(ReadOnlyArrays):
     basis: Array  # (3, 3) rows a, b and c, a right-handed or a left-handed set
     hand: float  # a x b = hand c
     constant = False
+    by_rates = True
 
     @staticmethod
     def about(axes: IntArray) -> TwoAngles:
@@ -177,6 +180,7 @@ class RotationVector(ReadOnlyArrays):
 
     axes: IntArray  # (3,) a permutation
     constant = True
+    by_rates = False
 
     def coordinates(self, rotation: Array) -> Array:
         return _logarithm(rotation)[:, self.axes]

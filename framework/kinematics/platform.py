@@ -108,6 +108,7 @@ class FramePlatform(PlatformCoordinates):
     """Translations of a frame's origin along base axes, and its attitude."""
 
     axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
+    units: Array  # (n, 6) unit forces and couples along them
     turning: IntArray  # places in x of the turns
     attitude: Attitude | None  # None: it does not turn
 
@@ -118,7 +119,7 @@ class FramePlatform(PlatformCoordinates):
         translations = axes < 3
         sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)
         attitude = attitude_about(axes[turning] - 3) if len(turning) else None
-        return FramePlatform(translations, sliding, axes[sliding], axes, turning, attitude)
+        return FramePlatform(translations, sliding, axes[sliding], axes, np.eye(6)[axes], turning, attitude)
 
     @property
     def constant(self) -> bool:
@@ -148,10 +149,9 @@ class FramePlatform(PlatformCoordinates):
         return x
 
     def wrenches(self, at: FrameStack) -> Array:
-        constant = np.eye(6)[self.axes]
         if self.attitude is None or self.attitude.constant:
-            return constant
-        wrenches = np.repeat(constant[None], len(at.position), axis=0)
+            return self.units
+        wrenches = np.repeat(self.units[None], len(at.position), axis=0)
         wrenches[:, self.turning, 3:] = self.attitude.couples(at.rotation[:, 0])
         return wrenches
 
@@ -184,7 +184,7 @@ class FramePlatform(PlatformCoordinates):
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
         ddx = np.zeros_like(dx) if ddx is None else ddx
-        if self.attitude is None:
+        if self.attitude is None or self.attitude.by_rates:
             return dx, ddx
         v, dv, turning = dx.copy(), ddx.copy(), self.turning
         v[:, turning], dv[:, turning] = self.attitude.rates(*(part[:, turning] for part in (x, dx, ddx)))

@@ -213,3 +213,4 @@ document.getElementById("legend").replaceChildren(...doc.legend.map(([name, styl
 }));
 window.addEventListener("resize", draw);
 paint();
+window.crossing = { map: { frame, values, move } };

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, locate_singularities
+from framework import Line, assemble, dynamics_at, locate_singularities
 from framework.errors import OutputError, RobotFileError
 from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.mechanism import Mechanism
@@ -441,6 +441,48 @@ def test_mjcf_ball_joint_and_keyframe_pose(tmp_path):
     np.testing.assert_allclose(
         placement_of(robot, "one", robot.q_near)[:3, :3], quaternion.toRotationMatrix(), atol=1e-15
     )
+
+
+@pytest.mark.parametrize("joint", ['<freejoint name="f"/>', '<joint name="f" type="free"/>'])
+def test_mjcf_free_bodies_are_where_the_keyframe_has_them(tmp_path, joint):
+    """qpos of a free body is its pose in the world, whatever its own pos and quat are."""
+    import pinocchio as pin
+
+    start, there = (pin.Quaternion(*q).normalized() for q in ((0.9, 0.2, 0.1, -0.3), (0.7, 0.1, -0.5, 0.4)))
+    at, quat = (0.3, -0.2, 0.5), " ".join(map(repr, (start.w, *start.coeffs()[:3].tolist())))
+    body = f'<body name="one" pos="1 2 3" quat="{quat}">{joint}<geom size="0.1"/></body>'
+    qpos = " ".join(map(repr, (*at, there.w, *there.coeffs()[:3].tolist())))
+    key = f'<keyframe><key qpos="{qpos}"/></keyframe></mujoco>'
+    robot = read_mjcf_text(mjcf(body).replace("</mujoco>", key), tmp_path, motors=["f_TX"])
+    assert [robot.joint_of(k) for k in range(6)] == [
+        f"f_{part}" for part in ("TX", "TY", "TZ", "X", "Y", "Z")
+    ]
+    for q, place, turn in ((robot.q_near, at, there), (0 * robot.q_near, (1, 2, 3), start)):
+        found = placement_of(robot, "one", q)
+        np.testing.assert_allclose(found[:3, 3], place, atol=1e-15)
+        np.testing.assert_allclose(found[:3, :3], turn.toRotationMatrix(), atol=1e-15)
+
+
+def test_mjcf_ankle_with_rods_on_balls_is_that_of_the_catalogue():
+    """The ankle of the Booster T1 as its users' MJCF has it: rods drawn from end to end, balls, sites.
+
+    Written anew in the dialect of T1_23dof_parallel.xml (github.com/IkuoShige/booster_assets), whose cranks
+    are at their own zeros: there the rods go from tip to ball of the level foot.
+    """
+    robot = ParallelRobot.from_file(
+        DATA / "humanoid_ankle.xml", platform="roll_link", axes=["ry", "rx"], motors=["drive_a", "drive_b"]
+    )
+    ours = robots.load("humanoid_ankle")
+    assert {*check_robot(robot).idle_joints} == {"rod_a_ball_Z", "rod_b_ball_Z"}
+    zeros = np.arctan2(
+        [-0.002346359528693609, 0.0058995075739472075], [0.04293593596233938, 0.04259337754140823]
+    )
+    for x in ([0.0, 0.0], [-0.6, 0.3], [0.3, -0.2]):
+        one, two = assemble(robot, x).q, assemble(ours, x).q
+        motors = (which.actuated_coordinates(q[None])[0] for which, q in ((robot, one), (ours, two)))
+        np.testing.assert_allclose(np.subtract(*motors), -zeros, atol=1e-12)
+        one, two = dynamics_at(robot, one), dynamics_at(ours, two)
+        np.testing.assert_allclose(one.joint_torque, two.joint_torque, rtol=0.02)  # their rods' ends differ
 
 
 def test_mjcf_ref_moves_the_zero_and_springs_rest_from_it(tmp_path):

@@ -24,7 +24,9 @@ _JOINT = (
     *("actuatorfrclimited", "actuatorgravcomp", "margin", "ref", "springref", "armature", "damping"),
     *("frictionloss", "user"),
 )
-_FREE = "a free body is not supported; carry it by slides and hinges"
+_FREEJOINT = ("name", "group", "align")
+# The URDF joints of a joint of the file, by suffix: slides first, then turns about x, y and z.
+_PARTS = {"ball": ("_X", "_Y", "_Z"), "free": ("_TX", "_TY", "_TZ", "_X", "_Y", "_Z")}
 
 
 @dataclass
@@ -35,6 +37,7 @@ class Coordinate:
     kind: str
     ref: float
     armature: float
+    place: Array  # (4, 4) of the body in its parent at the zero pose
 
 
 @dataclass
@@ -71,11 +74,10 @@ class Bodies:
         """Geoms, sites and bodies below one body; its joints and inertia are already there."""
         if depth > DEEPEST:
             raise RobotFileError(f"body {link!r}: more than {DEEPEST} bodies inside each other")
-        valid = ("body", "geom", "site", "camera", "light") + (("joint", "inertial") if link != WORLD else ())
+        carried = ("joint", "freejoint", "inertial") if link != WORLD else ()
+        valid = ("body", "geom", "site", "camera", "light", *carried)
         where = f"body {link!r}"
         for child in element:
-            if child.tag == "freejoint":
-                raise RobotFileError(f"{where}: {_FREE}")
             if child.tag not in valid:
                 raise RobotFileError(f"{where}: {choose_from('or unsupported element', child.tag, valid)}")
             if child.tag == "body":
@@ -105,9 +107,11 @@ class Bodies:
         childclass = element.get("childclass", childclass)
         offset = self.settings.placed(element.attrib, where)
         # a joint turns about a point of the body; its link stands in that point, the body's own behind it
-        joints = element.findall("joint")
+        joints = [child for child in element if child.tag in ("joint", "freejoint")]
         for i, joint in enumerate(joints):
-            attributes = self.settings.attributes(joint, f"{where}: <joint>", childclass)
+            attributes = self.joint_attributes(joint, where, childclass)
+            if attributes.get("type") == "free" and (len(joints) > 1 or parent != WORLD):
+                raise RobotFileError(f"{where}: only a body of the world is free, and has no other joint")
             at = numbers(f"{where}: <joint> pos", attributes.get("pos", "0 0 0"), 3)
             last = i == len(joints) - 1 and not any(at)
             parent = self.joint(name, i, attributes, parent, offset @ placement(None, at), last)
@@ -124,6 +128,15 @@ class Bodies:
             self.links[name].append(mass)
         self.body_content(element, name, childclass, depth)
 
+    def joint_attributes(
+        self, element: ElementTree.Element, where: str, childclass: str | None
+    ) -> dict[str, str]:
+        """What a joint says; `<freejoint>` takes no defaults."""
+        if element.tag == "joint":
+            return self.settings.attributes(element, f"{where}: <joint>", childclass)
+        known(element, f"{where}: <freejoint>", _FREEJOINT)
+        return {"type": "free"} | ({"name": element.get("name", "")} if element.get("name") else {})
+
     def joint(
         self, body: str, i: int, attributes: dict[str, str], parent: str, origin: Array, last: bool
     ) -> str:
@@ -136,28 +149,28 @@ class Bodies:
         if name in self.coordinates:
             raise RobotFileError(f"{where}: duplicate name")
         kind = attributes.get("type", "hinge")
-        if kind == "free":
-            raise RobotFileError(f"{where}: {_FREE}")
-        if kind not in ("hinge", "slide", "ball"):
-            raise RobotFileError(f"{where}: {choose_from('type', kind, ('hinge', 'slide', 'ball'))}")
+        if kind not in ("hinge", "slide", "ball", "free"):
+            raise RobotFileError(f"{where}: {choose_from('type', kind, ('hinge', 'slide', 'ball', 'free'))}")
         unit = 1.0 if kind == "slide" else self.settings.angle
         if any(numbers(f"{where} springdamper", attributes.get("springdamper", "0 0"), 2)):
             raise RobotFileError(f"{where} springdamper: not supported; give stiffness")
         armature = numbers(f"{where} armature", attributes.get("armature", "0"), 1)[0]
-        ref = unit * numbers(f"{where} ref", attributes.get("ref", "0"), 1)[0] if kind != "ball" else 0.0
-        names = [f"{name}_{letter}" for letter in "XYZ"] if kind == "ball" else [name]
+        several = kind in _PARTS
+        ref = 0.0 if several else unit * numbers(f"{where} ref", attributes.get("ref", "0"), 1)[0]
+        names = [f"{name}{part}" for part in _PARTS.get(kind, ("",))]
         axis = np.array(numbers(f"{where} axis", attributes.get("axis", "0 0 1"), 3))
-        if kind != "ball" and np.linalg.norm(axis) < 1e-13:
+        if not several and np.linalg.norm(axis) < 1e-13:
             raise RobotFileError(f"{where} axis: the axis is zero")
         for k, joint in enumerate(names):
             child = body if last and k == len(names) - 1 else self.new_name(f"{joint}_link")
             self.new_link(child)
-            urdf_kind = "prismatic" if kind == "slide" else "continuous"
-            turns = AXIS["xyz"[k]] if kind == "ball" else vector_text(axis)
-            place = origin_element(origin)
-            self.root.append(joint_element(joint, urdf_kind, parent, child, origin=place, axis=turns))
-            parent, origin = child, np.eye(4)
-        self.coordinates[name] = Coordinate(names, kind, ref, armature)
+            slides = kind == "slide" or len(names) - k > 3
+            along = AXIS["xyz"[k % 3]] if several else vector_text(axis)
+            urdf_kind = "prismatic" if slides else "continuous"
+            at = origin_element(origin if k == 0 else np.eye(4))
+            self.root.append(joint_element(joint, urdf_kind, parent, child, origin=at, axis=along))
+            parent = child
+        self.coordinates[name] = Coordinate(names, kind, ref, armature, origin)
         self.spring(name, kind, attributes, unit, ref)
         return parent
 
@@ -170,8 +183,8 @@ class Bodies:
             raise RobotFileError(f"{where}: needs one number of at least zero, got {' '.join(parts)}")
         if values[0] == 0:
             return
-        if kind == "ball":
-            raise RobotFileError(f"{where}: springs of ball joints are not supported")
+        if kind in _PARTS:
+            raise RobotFileError(f"{where}: springs of {kind} joints are not supported")
         rest = unit * numbers(f"joint {name!r} springref", attributes.get("springref", "0"), 1)[0]
         self.springs.append(JointSpring(f"{name}_spring", name, values[0], rest - ref))
 

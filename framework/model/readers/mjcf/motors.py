@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ElementTree
 
+import numpy as np
+
+from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
 from framework.model.description import Actuator
 from framework.model.placement import from_quaternion
@@ -70,22 +73,32 @@ def reference_of(root: ElementTree.Element, bodies: Bodies) -> dict[str, float]:
     key = root.find("keyframe/key")
     if key is None or "qpos" not in key.attrib:
         return {}
-    width = {"ball": 4}
+    width = {"ball": 4, "free": 7}
     count = sum(width.get(c.kind, 1) for c in bodies.coordinates.values())
     values = list(numbers(f"<key> {key.get('name', '')!r} qpos", key.get("qpos"), count))
     reference = {}
     for name, coordinate in bodies.coordinates.items():
-        if coordinate.kind != "ball":
-            reference[name] = values.pop(0) - coordinate.ref
+        size = width.get(coordinate.kind, 1)
+        own, values = values[:size], values[size:]
+        if size == 1:
+            reference[name] = own[0] - coordinate.ref
             continue
-        quaternion, values = values[:4], values[4:]
-        if not any(quaternion):
-            raise RobotFileError(f"<key> qpos: the quaternion of ball {name!r} is zero")
-        m = from_quaternion(*quaternion)
-        angles = (
-            math.atan2(-m[1, 2], m[2, 2]),
-            math.atan2(m[0, 2], math.hypot(m[0, 0], m[0, 1])),
-            math.atan2(-m[0, 1], m[0, 0]),
-        )
-        reference.update(zip(coordinate.joints, angles, strict=True))
+        if not any(own[-4:]):
+            raise RobotFileError(f"<key> qpos: the quaternion of {coordinate.kind} {name!r} is zero")
+        turn = from_quaternion(*own[-4:])
+        slides: list[float] = []
+        if coordinate.kind == "free":  # its qpos is the pose of the body, not the way from the zero pose
+            zero = coordinate.place[:3, :3]
+            slides = (zero.T @ (np.array(own[:3]) - coordinate.place[:3, 3])).tolist()
+            turn = zero.T @ turn
+        reference.update(zip(coordinate.joints, [*slides, *_turns_xyz(turn)], strict=True))
     return reference
+
+
+def _turns_xyz(m: Array) -> tuple[float, float, float]:
+    """Angles of the turns about x, y and z in series that make a rotation (3, 3)."""
+    return (
+        math.atan2(-m[1, 2], m[2, 2]),
+        math.atan2(m[0, 2], math.hypot(m[0, 0], m[0, 1])),
+        math.atan2(-m[0, 1], m[0, 0]),
+    )
