@@ -20,6 +20,7 @@ from framework.output import written_together
 
 FILE = "fidelity.json"
 SAME_LAW = 1e-12  # in s
+GROWS = 2.0  # times as far as by itself: worth a line
 
 
 def add(commands: Any) -> None:
@@ -85,6 +86,11 @@ def fidelity_text(study: FidelityStudy) -> str:
     ]
     at = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
     lines.append(f"  crossing          {f's = {at}' if at else 'none'}")
+    if study.foretold.growth >= GROWS:
+        lines.append(
+            f"  growth            what is off grows {study.foretold.growth:.2g} times: weight and torques "
+            f"carry the platform away, and nothing corrects them"
+        )
     if found is not None:
         torque, platform = (_where(study, errors) for errors in (found.torque_error, found.platform_error))
         lines += [
@@ -124,6 +130,8 @@ def _percent(share: float) -> str:
     """A share in per cent; what is rounding is 0."""
     if not np.isfinite(share):
         return "-"
+    if share >= 10.0:
+        return "> 1000 %"
     return f"{100.0 * share:.0f} %" if share >= 0.1 or share < ROUNDING else f"{100.0 * share:.2g} %"
 
 
