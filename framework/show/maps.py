@@ -12,12 +12,10 @@ from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import assemble
-from framework.show.style import COLORS, CROSSING, figure, line_style
+from framework.show.style import COLORS, CROSSING, LOCUS, figure, line_style
 from framework.singularity.around_cusp import AssemblyModeChange
 from framework.singularity.locus import locus_curves
 from framework.singularity.traced_locus import TracedLocus
-
-LOCUS = COLORS[3]
 
 
 def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes | None = None) -> Axes:
