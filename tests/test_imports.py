@@ -59,6 +59,7 @@ QUESTIONS = {
     "framework.kinematics.velocity_matrices": None,
     "framework.dynamics.action_lines": None,
     "framework.singularity.classification": {"moves_point"},
+    "framework.singularity.around_cusp": {"AssemblyModeChange"},
     "framework.singularity.classify": None,
     "framework.singularity.jogging": None,
     "framework.singularity.locus": {"LocusCurves", "locus_curves", "locus_patch"},

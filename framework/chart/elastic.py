@@ -53,7 +53,8 @@ def scaled(scale: float) -> ParallelRobot:
 
 
 @cache
-def _branch(scale: float) -> Branch:
+def branch_of(scale: float) -> Branch:
+    """The path as followed by that robot."""
     return track_path(scaled(scale), given.path())
 
 
@@ -84,7 +85,7 @@ def _planned(setting: Setting, *, geometry: str) -> Callable[[], Elongated]:
 
 def _repeated(setting: Setting, *, moved: bool) -> Callable[[], Elongated]:
     """Plain repetition on Chebyshev nodes; `moved`: with the law through the deformed robot's point."""
-    branch, chosen = _branch(setting[0]), law(setting[0] if moved else None)
+    branch, chosen = branch_of(setting[0]), law(setting[0] if moved else None)
     robot = branch.robot
     scale = robot.column_scale[robot.elastic]
 
@@ -112,7 +113,7 @@ def _repeated(setting: Setting, *, moved: bool) -> Callable[[], Elongated]:
 
 
 def _differences(setting: Setting) -> Callable[[], Elongated]:
-    branch, chosen = _branch(setting[0]), law(setting[0])
+    branch, chosen = branch_of(setting[0]), law(setting[0])
 
     def run() -> Elongated:
         found = finite_difference_torques(

@@ -66,6 +66,7 @@ class Stage:
     abscissa: "seconds" for work against precision, else the name of what the settings are.
     profile, profiled: the classes of `Judged.profile`, and what they are.
     profile_error, profile_title: what these errors are, if not the same, and what to say of it.
+    map_axes: names of the two numbers of a setting, where the figure is a map of the error over them.
     sentence: what the reader should see in the figure, from its rows.
     """
 
@@ -82,6 +83,7 @@ class Stage:
     profiled: str = ""
     profile_error: str = ""
     profile_title: str = ""
+    map_axes: tuple[str, str] | None = None
 
     @property
     def timed(self) -> bool:
@@ -128,7 +130,9 @@ class Row(NamedTuple):
 
 
 def rows_of(stage: Stage, *, repeats: int = REPEATS) -> Iterator[Row]:
-    """All rows of a stage whose peers are installed, one after another."""
+    """All rows of a stage whose peers are installed, one after another; those of a map, which are not about
+    time, run once."""
+    repeats = 1 if stage.map_axes else repeats
     for method in stage.methods:
         if method.installed:
             for setting in method.settings:

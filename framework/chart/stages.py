@@ -8,7 +8,7 @@ from importlib import import_module
 from framework.chart.measure import Row, Stage, measured, read_setting, rows_of
 from framework.errors import InvalidInput, choose_from
 
-NAMES = ("torque", "closing", "singular", "forward", "laws", "elastic")
+NAMES = ("torque", "closing", "singular", "forward", "laws", "elastic", "imposed", "soft")
 
 
 def stage(name: str) -> Stage:

@@ -137,7 +137,7 @@ def run(options: argparse.Namespace) -> Report:
         except KeyboardInterrupt as stop:
             raise type(stop)(*_what_is_kept(options, kept)) from None
         document, text = _told(setup, studies, out)
-        _write(studies, document, folder)
+        _write(setup, studies, document, folder)
     forget(out)
     return document, f"{text}\n  written to        {options.out}"
 
@@ -249,7 +249,7 @@ def _text(robot: str, studies: list[Study]) -> str:
     return "\n".join(lines)
 
 
-def _write(studies: list[Study], document: dict[str, Any], folder: FilePath) -> None:
+def _write(setup: StudySetup, studies: list[Study], document: dict[str, Any], folder: FilePath) -> None:
     from framework.show.plots import save
     from framework.show.robustness import plot_robustness
 
@@ -264,4 +264,4 @@ def _write(studies: list[Study], document: dict[str, Any], folder: FilePath) -> 
                 [study.controller, study.seed, k, int(passed), *numbers[k].tolist(), study.why[k]]
                 for k, passed in enumerate(study.passed)
             )
-    save(lambda: plot_robustness(studies), folder / "robustness")
+    save(lambda: plot_robustness(studies, loop=setup.loop), folder / "robustness")

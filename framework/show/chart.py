@@ -22,8 +22,10 @@ from framework.show.style import COLORS, DASHES, save_figure, styled
 
 WIDTH, AXES = 7.2, 2.7  # [in] two journal columns, and the height of the axes
 TOP, BELOW, LINE, LEFT, BETWEEN = 0.32, 0.46, 0.145, 0.62, 0.7  # [in]
+MAP_LEFT = 0.5  # [in]
 TIME = "processor time  [ms]   (better: left and down)"
 FEW = 300.0  # largest over smallest on an axis that still takes 1, 2, 5, 10
+POWERS = (-13.0, 1.0)  # of ten, the lightest and the darkest cell
 MARKERS = "os^Dv<>Pphd*"
 LEGEND_COLUMNS, LETTERS = 2, 140  # of the legend, and letters in a line of the sentence
 
@@ -71,10 +73,57 @@ def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
     return figure
 
 
+def map_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
+    """The figure of a stage that maps the error over a number and a step: a map a method."""
+    assert stage.map_axes is not None
+    sentence = textwrap.wrap(stage.sentence(rows), LETTERS)
+    drawn = [method for method in stage.methods if len({y for _, y in method.settings}) > 1]
+    below = BELOW + LINE * (len(sentence) + 1)
+    height = TOP + AXES + below
+    figure = Figure(figsize=(WIDTH, height))
+    width = (WIDTH - MAP_LEFT - 0.1 - MAP_LEFT * (len(drawn) - 1)) / len(drawn)
+    for k, method in enumerate(drawn):
+        ax = figure.add_axes(
+            ((MAP_LEFT + k * (width + MAP_LEFT)) / WIDTH, below / height, width / WIDTH, AXES / height)
+        )
+        _plot_map(ax, method, [row for row in rows if row.method == method.name])
+        ax.set_xlabel(stage.map_axes[0])
+        ax.set_ylabel(stage.map_axes[1])
+        ax.set_title(method.label, loc="left")
+    figure.text(0.02, 0.05 / height, "\n".join(sentence), fontsize=7, va="bottom", linespacing=1.35)
+    return figure
+
+
+def _brief(value: float) -> str:
+    """A number, powers of ten as such where they are far from 1."""
+    return f"{value:g}" if 1e-2 < value < 1e3 else f"$10^{{{np.log10(value):.0f}}}$"
+
+
+def _plot_map(ax: Axes, method: Method, rows: Sequence[Row]) -> None:
+    """Cells with the power of ten of the error; light is right, dark is wrong, in grey too."""
+    across, up = (sorted({setting[k] for setting in method.settings}) for k in (0, 1))
+    powers = np.full((len(up), len(across)), np.nan)
+    for row in rows:
+        if np.isfinite(row.error):
+            cell = up.index(row.setting[1]), across.index(row.setting[0])
+            powers[cell] = np.log10(max(row.error, LEAST))
+    low, high = POWERS
+    ax.imshow(
+        np.ma.masked_invalid(powers), cmap="viridis_r", vmin=low, vmax=high, origin="lower", aspect="auto"
+    )
+    for (i, j), power in np.ndenumerate(powers):
+        words = f"{power:.0f}" if np.isfinite(power) else "none"
+        dark = power > 0.5 * (low + high)
+        ax.text(j, i, words, ha="center", va="center", fontsize=7, color="white" if dark else "black")
+    ax.set_xticks(range(len(across)), [_brief(value) for value in across])
+    ax.set_yticks(range(len(up)), [f"{1e3 * value:.2g}" for value in up])
+    ax.grid(False)
+
+
 def save_chart(stage: Stage, rows: Sequence[Row], stem: Path) -> list[Path]:
     """Write `stem`.pdf and `stem`.png."""
     with styled():
-        return save_figure(chart_figure(stage, rows), stem)
+        return save_figure(map_figure(stage, rows) if stage.map_axes else chart_figure(stage, rows), stem)
 
 
 def _label(method: Method) -> str:

@@ -70,7 +70,7 @@ def draw_eye(
     ax.set_ylim(-top, top)
     ax.set_xlim(time[0], time[-1])
     ax.set_xlabel("time from the singular instant  [s]")
-    ax.set_ylabel(rf"{'force' if unit == 'N' else 'torque'} along $\mathbf{{t}}_s$  [{unit}]")
+    ax.set_ylabel(rf"{'force along' if unit == 'N' else 'torque about'} $\mathbf{{t}}_s$  [{unit}]")
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
     return ax
 

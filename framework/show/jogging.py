@@ -41,6 +41,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
         "about": about(robot),
         "push": f"{PUSH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",
         "flat": robot.n == 2,
+        "lines": _has_lines(robot),
         "no_figure": (why_no_figure(robot) or "") if len(robot.passive) else "",
         "drag": bool(len(robot.platform.sliding)),
         "poses": floats(poses),
@@ -80,7 +81,7 @@ def _words(pose: JoggedPose) -> str:
     """A pose in a sentence or two, the first of them short."""
     where = {"near": "Near", "singular": "On"}.get(pose.level)
     if where is None:
-        return "The motors hold the platform. Lead it towards the purple curve, if there is one."
+        return "The motors hold the platform. Lead it to where g is 0: the purple curve, where one is drawn."
     if pose.kind == "type_1":
         how = "nearly stretched or folded" if pose.level == "near" else "stretched or folded"
         return f"A leg is {how}. It is {where.lower()} its end, a Type 1 singularity, and follows no further."
@@ -94,6 +95,15 @@ def _words(pose: JoggedPose) -> str:
     name, meaning = CLASSES[pose.kind]
     there = "There" if pose.level == "near" else "Here"
     return f"{where} a {name}. {there} {meaning}."
+
+
+def _has_lines(robot: ParallelRobot) -> bool:
+    """Whether each motor's force has a line."""
+    try:
+        held = hold_at(robot, robot.reference.q, np.zeros(robot.n))
+    except NotAssembled:
+        return False
+    return action_lines(robot, held.motor_speed[None]) is not None
 
 
 def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:

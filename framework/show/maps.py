@@ -12,10 +12,10 @@ from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import assemble
-from framework.show.style import COLORS, CROSSING, figure, line_style
+from framework.show.style import COLORS, CROSSING, LOCUS, figure, line_style
+from framework.singularity.around_cusp import AssemblyModeChange
 from framework.singularity.locus import locus_curves
-
-LOCUS = COLORS[3]
+from framework.singularity.traced_locus import TracedLocus
 
 
 def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes | None = None) -> Axes:
@@ -52,6 +52,44 @@ def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes 
     return ax
 
 
+def plot_motor_locus(
+    locus: TracedLocus, change: AssemblyModeChange | None = None, ax: Axes | None = None
+) -> Axes:
+    """The locus in the space of the two free motors, its cusps, and a way of the motors around one of them.
+
+    Raises:
+        InvalidInput: the locus was traced in coordinates of the platform.
+    """
+    robot = locus.robot
+    if locus.free[0] not in robot.actuator_names:
+        raise InvalidInput("locus: needs one that was traced in two motors, see the `free` of `trace_locus`")
+    free = [robot.actuator_names.index(name) for name in locus.free]
+    ax = figure(height=3.2)[1][0] if ax is None else ax
+    for k, curve in enumerate(curve for curve in locus.curves if curve.kind == "type_2"):
+        label = "singular locus" if k == 0 else None
+        ax.plot(*curve.motors[:, free].T, color=LOCUS, linewidth=1.4, label=label)
+    for k, cusp in enumerate(locus.cusps):
+        label = "cusp" if k == 0 else None
+        ax.plot(*cusp.motors[free], "o", color=CROSSING, markersize=4, zorder=3, label=label)
+    if change is not None:
+        way = change.motors[:, free]
+        ax.plot(*way.T, label="to another mode", **line_style(0))
+        ax.plot(*way[0], "o", color=COLORS[0], markersize=3)
+        ax.set_xlim(*_about(way[:, 0]))
+        ax.set_ylim(*_about(way[:, 1]))
+    units = ["m" if slides else "rad" for slides in robot.sliding[robot.actuated[free]]]
+    ax.set_xlabel(f"{locus.free[0]}  [{units[0]}]")
+    ax.set_ylabel(f"{locus.free[1]}  [{units[1]}]")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    return ax
+
+
+def _about(values: Array) -> tuple[float, float]:
+    """A range of an axis in which a way is seen with what is around it."""
+    middle, half = 0.5 * (values.min() + values.max()), 2.0 * max(float(np.ptp(values)), 1e-6)
+    return float(middle - half), float(middle + half)
+
+
 def plot_work_precision(
     curves: Mapping[str, Sequence[tuple[float, float]] | Array],
     ax: Axes | None = None,
@@ -79,4 +117,4 @@ def plot_work_precision(
     return ax
 
 
-__all__ = ["plot_locus", "plot_work_precision"]
+__all__ = ["plot_locus", "plot_motor_locus", "plot_work_precision"]

@@ -36,7 +36,7 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
         for crossing in plan.crossings:
             value = (crossing.s, crossing.speed, crossing.acceleration)[order]
             ax.plot([crossing.time], [value], "o", color=CROSSING, markersize=3, zorder=3)
-    axes[-1].set_xlabel("time  [s]")
+    _time_axis(plan, axes[-1])
     kind = "law" if plan.optimality is None else f"{plan.law.kind} law"
     axes[0].set_title(f"{kind} of degree {plan.law.degree}", loc="left")
     return axes
@@ -49,6 +49,7 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     for k, (joint, torque) in enumerate(zip(plan.robot.actuator_names, plan.torque(times).T, strict=True)):
         ax.plot(times, torque, label=joint.replace("_", " "), **line_style(k))
     _torque_axes(ax, plan.robot)
+    _time_axis(plan, ax)
     limits = np.empty(0) if plan.optimality is None else plan.optimality.specification.torque_limit
     for limit in np.unique(limits[np.isfinite(limits)]):
         for side in (-limit, limit):
@@ -116,7 +117,7 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     turning = not np.any(plan.robot.platform.translations)
     ax.plot(times, wrench, **line_style(0))
     ax.axhline(0.0, color="black", linewidth=0.5)
-    ax.set_xlabel("time  [s]")
+    _time_axis(plan, ax)
     ax.set_ylabel(rf"$\mathbf{{t}}_s \cdot \mathbf{{W}}_p$  [{'N m' if turning else 'N'}]")
     _mark_crossings(plan, ax)
     for crossing in plan.crossings:
@@ -178,6 +179,14 @@ def _torque_axes(ax: Axes, robot: ParallelRobot) -> None:
     ax.set_xlabel("time  [s]")
     ax.set_ylabel(f"motor torque  [{unit}]")
     ax.legend()
+
+
+def _time_axis(plan: CrossingPlan, ax: Axes) -> None:
+    """Time, with what the dashed lines are, and the dotted ones of limits."""
+    limited = plan.optimality is not None and np.isfinite(plan.optimality.specification.torque_limit).any()
+    dotted = ", dotted: torque limit" if limited and ax.get_ylabel().startswith("motor torque") else ""
+    told = f"   (dashed: singular{dotted})" if plan.crossings else ""
+    ax.set_xlabel(f"time  [s]{told}")
 
 
 def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from framework.control.closed_loop import ControlLoop
 from framework.control.study import Study
-from framework.show.style import figure, line_style
+from framework.show.style import ALARM, GOOD, figure, line_style
+
+NARROW = 3.0  # torques that differ by less than that factor need no logarithms
+NEAR = 2.0  # limits beyond so many times the largest torque are told, not drawn
 
 
-def plot_robustness(studies: Sequence[Study], axes: Sequence[Axes] | None = None) -> Axes:
-    """Share of the runs that stay below a tracking error, and below a peak torque; one curve a controller."""
+def plot_robustness(
+    studies: Sequence[Study], axes: Sequence[Axes] | None = None, *, loop: ControlLoop | None = None
+) -> Axes:
+    """Share of the runs that stay below a tracking error, and below a peak torque; one curve a controller.
+
+    `loop`: what the runs had in common; errors within its tolerance are shaded, its torque limits are lines.
+    """
     axes = figure(2, height=1.9, shared=False)[1] if axes is None else list(axes)
     for k, study in enumerate(studies):
         count = len(study.passed)
@@ -28,7 +38,38 @@ def plot_robustness(studies: Sequence[Study], axes: Sequence[Axes] | None = None
         ax.xaxis.set_minor_formatter(NullFormatter())
         ax.set_ylabel("share of the runs")
         ax.set_ylim(0.0, 1.05)
-    axes[1].xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    low, high = axes[1].get_xlim()
+    if high < NARROW * low:
+        axes[1].set_xscale("linear")
+        axes[1].xaxis.set_major_locator(MaxNLocator(5))
+    else:
+        axes[1].xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes[1].xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    if loop is not None:
+        _draw_bounds(axes, loop)
     axes[0].legend(loc="lower center", bbox_to_anchor=(0.45, 1.0))
     return axes[0]
+
+
+def _draw_bounds(axes: Sequence[Axes], loop: ControlLoop) -> None:
+    """Within which errors a run passes, and what its motors may give at most."""
+    errors, torques = axes
+    low, high = errors.get_xlim()
+    high = max(high, 1.5 * loop.tolerance)
+    errors.axvspan(low, loop.tolerance, color=GOOD, alpha=0.1, linewidth=0)
+    errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8)
+    errors.set_xlim(low, high)
+    note: dict[str, Any] = {"fontsize": 7, "rotation": 90, "ha": "right", "va": "center"}
+    errors.text(
+        loop.tolerance, 0.5, "within: passes", color=GOOD, transform=errors.get_xaxis_transform(), **note
+    )
+    limits = np.unique(np.asarray(loop.limit or ()))
+    within = torques.get_xaxis_transform()
+    near = limits[limits < NEAR * torques.get_xlim()[1]]
+    for limit in near:
+        torques.axvline(limit, color=ALARM, linewidth=0.8, linestyle=(0, (4, 3)))
+    if len(near):
+        torques.text(near[0], 0.5, "torque limit", color=ALARM, transform=within, **note)
+    elif len(limits):  # far off: no place for it in the picture
+        told = f"torque limit: {limits[0]:.3g} N m, off to the right"
+        torques.text(0.98, 0.04, told, color=ALARM, fontsize=7, ha="right", transform=torques.transAxes)

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from framework.arrays import Array
+from framework.dynamics.action_lines import action_lines
 from framework.kinematics.placements import (
     joint_poses,
     platform_positions,
@@ -18,12 +19,13 @@ from framework.kinematics.placements import (
 from framework.show.drawing import draw, hull
 from framework.show.film import Film
 from framework.show.scene import locus_lines
-from framework.show.sight import projection
+from framework.show.sight import Projection, projection
 from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH
 from framework.singularity.locus import locus_curves
 
 ARROW = 0.32  # length of t_s, over the robot's; the page's too
 POLYGONS = 7  # of forces along the path
+BESIDE = 0.45  # half a line of action, over the robot's length
 
 
 def plot_still(
@@ -47,25 +49,45 @@ def plot_still(
     ax = draw(robot, film.q[k], ax)
     onto, platform = projection(robot), platform_positions(robot, joint_poses(robot, film.q))
     way, here = onto(platform), platform[k]
-    for line in locus_of(film) if locus is None else locus:
-        ax.plot(*onto(line).T, color=LOCUS, linewidth=1.4, zorder=2)
-    ax.plot(*way.T, color=PATH, linewidth=1.4, zorder=3)
+    for piece, line in enumerate(locus_of(film) if locus is None else locus):
+        label = None if piece else "singular locus"
+        ax.plot(*onto(line).T, color=LOCUS, linewidth=1.4, zorder=2, label=label)
+    ax.plot(
+        *way.T, color=PATH, linewidth=1.4, zorder=3, label="path" if np.ptp(way, axis=0).max() > 0 else None
+    )
     for instant in film.instants:
         at = way[int(np.argmin(np.abs(film.time - instant.time)))]
         ax.plot(*at, "o", color=LOCUS if film.proved else ALARM, markersize=4, zorder=6)
     if limit is not None and robot.n == 2 and robot.platform.is_point:
         _polygons(film, ax, way, limit, [k] if alone else None)
+    if film.instants and k == telling_frame(film) and len(robot.platform.sliding):
+        _action_lines(film, ax, k, here, onto)
+    reach = min(robot.length, 0.8 * float(np.ptp(ax.get_xlim())))
     arrows = (
-        (platform_twists(robot, film.q, film.t_s), TWIST, True, ARROW),
-        (platform_wrenches(robot, film.q, film.W_p), WRENCH, False, ARROW),
+        (platform_twists(robot, film.q, film.t_s), TWIST, True, ARROW, r"$\mathbf{t}_s$"),
+        (platform_wrenches(robot, film.q, film.W_p), WRENCH, False, ARROW, r"$\mathbf{W}_p$"),
     )
-    for six, color, both, size in arrows:
-        largest = np.linalg.norm(six[:, :3], axis=1).max()
+    for six, color, both, size, label in arrows:
+        # a platform that only turns has the axes of its turn and of its torque
+        part = six[:, :3] if len(robot.platform.sliding) else six[:, 3:]
+        largest = np.linalg.norm(part, axis=1).max()
         if largest > 0 and not np.isnan(film.g).any():
-            tip = six[k, :3] * size * robot.length / (np.linalg.norm(six[k, :3]) or 1.0 if both else largest)
-            _arrow(ax, onto(here), onto(tip), color, both)
+            tip = part[k] * size * reach / (np.linalg.norm(part[k]) or 1.0 if both else largest)
+            _arrow(ax, onto(here), onto(tip), color, both, label)
     ax.autoscale_view()
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=3, fontsize=6)
     return ax
+
+
+def _action_lines(film: Film, ax: Axes, k: int, here: Array, onto: Projection) -> None:
+    """The lines along which the motors' forces act at frame k, dotted."""
+    lines = action_lines(film.robot, film.motors.motor_speed[k : k + 1])
+    if lines is None:
+        return
+    for motor, (place, way) in enumerate(zip(lines.place[0], lines.way[0], strict=True)):
+        ends = here + place + BESIDE * film.robot.length * np.array([[-1.0], [1.0]]) * way
+        label = None if motor else "lines of the motors' forces"
+        ax.plot(*onto(ends).T, color=GIVEN, linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=3.2, label=label)
 
 
 def locus_of(film: Film) -> list[Array]:
@@ -84,7 +106,7 @@ def telling_frame(film: Film) -> int:
     return int(np.argmin(np.abs(film.time - film.instants[0].time)))
 
 
-def _arrow(ax: Axes, at: Array, way: Array, color: str, both: bool) -> None:
+def _arrow(ax: Axes, at: Array, way: Array, color: str, both: bool, label: str) -> None:
     if np.linalg.norm(way) > 0.02 * np.ptp(ax.get_xlim()):
         style = {
             "arrowstyle": "<|-|>" if both else "-|>",
@@ -95,6 +117,7 @@ def _arrow(ax: Axes, at: Array, way: Array, color: str, both: bool) -> None:
         }
         ax.annotate("", tuple(at + way), tuple(at - way if both else at), arrowprops=style, zorder=7)
         ax.plot(*np.stack([at + way, at - way if both else at], axis=1), alpha=0)  # so that it is in sight
+        ax.plot([], [], color=color, linewidth=1.2, label=label)
 
 
 def _polygons(film: Film, ax: Axes, way: Array, limit: Array, frames: Sequence[int] | None) -> None:

@@ -110,15 +110,16 @@ class LooseMotion(NamedTuple):
     motors: Array  # (n_a,) joint side [rad, m], the most that each motor moves: of second order on the locus
 
 
-def loose_motion(robot: ParallelRobot, pose: JoggedPose) -> LooseMotion | None:
+def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, way: float = WAY) -> LooseMotion | None:
     """The motion along t_s that the motors hardly notice; None where the loops do not close all along it.
 
     With the motors locked the loops allow it to first order. It is made with the loops closed exactly; then
-    the motors move, by the square of what the platform does.
+    the motors move, by the square of what the platform does. `way`: how far the platform goes, in lengths of
+    the robot.
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
-    size = max(linear / (WAY * robot.length), angular / TURN)
+    size = max(linear / (way * robot.length), angular / (TURN * way / WAY))
     # rates of the coordinates with v = t_s: coordinates of an attitude turn it on other axes than their own
     unit = np.eye(robot.n)
     of_rates = robot.platform.twist(np.repeat(pose.x[None], robot.n, axis=0), unit)[0].T

@@ -10,7 +10,12 @@ from typing import Any
 
 import pytest
 
+from framework.show.page import film_page
+from tests.browser.pages import filmed
+
 NAMES = ("chromium", "chromium-browser", "google-chrome-stable", "google-chrome")
+WIDTH, HEIGHT = 1280, 760  # of a window, where nothing else is said
+KEPT = 4  # pages that are kept open for other tests
 # Drawn in software; nothing goes out by itself.
 FLAGS = [
     "--headless=new",
@@ -45,42 +50,87 @@ def chromium() -> Iterator[Any]:
         browser.close()
 
 
-@pytest.fixture
-def opened(chromium, tmp_path) -> Iterator[Callable[..., Any]]:
-    """Opens a page, given as HTML or by its address, and fails if it complains or asks the network for more.
+class Tabs:
+    """Pages in tabs of their own, and what they complained of or asked the network for."""
 
-    HTML is opened from a file, with the network off. A film plays by itself where motion is wanted.
-    """
-    contexts, complaints = [], []
+    def __init__(self, chromium: Any, folder: Path) -> None:
+        self.chromium, self.folder = chromium, folder
+        self.contexts: list[Any] = []
+        self.complaints: list[str] = []
 
-    def open_page(page: str, *, width: int = 1280, height: int = 760, playing: bool = False) -> Any:
+    def open(self, page: str, *, width: int = WIDTH, height: int = HEIGHT, playing: bool = False) -> Any:
+        """A page given as HTML, opened from a file with the network off, or by its address.
+
+        A film plays by itself where motion is wanted.
+        """
         served = page.startswith("http://127.0.0.1:")
-        context = chromium.new_context(
+        context = self.chromium.new_context(
             viewport={"width": width, "height": height},
             offline=not served,
             reduced_motion="no-preference" if playing else "reduce",
         )
-        contexts.append(context)
+        self.contexts.append(context)
         if not served:
-            file: Path = tmp_path / f"page{len(contexts)}.html"
+            file = self.folder / f"page{len(self.contexts)}.html"
             file.write_text(page, encoding="utf-8")
         address = page if served else f"file://{file}"
         tab = context.new_page()
-        tab.on("console", lambda message: complaints.append(f"{message.type}: {message.text}"))
-        tab.on("pageerror", lambda error: complaints.append(str(error)))
+        tab.on("console", lambda message: self.complaints.append(f"{message.type}: {message.text}"))
+        tab.on("pageerror", lambda error: self.complaints.append(str(error)))
         tab.on(
             "request",
             lambda request: (
                 None
                 if request.url.startswith((address, "data:", "blob:"))
-                else complaints.append(request.url)
+                else self.complaints.append(request.url)
             ),
         )
         tab.goto(address)
         wait_until(tab, "Boolean(window.crossing)")
         return tab
 
-    yield open_page
-    for context in contexts:
-        context.close()
-    assert complaints == []
+    def close(self) -> None:
+        for context in self.contexts:
+            context.close()
+
+
+@pytest.fixture
+def opened(chromium, tmp_path) -> Iterator[Callable[..., Any]]:
+    """Opens pages, and fails if one complains or asks the network for more; see `Tabs.open`."""
+    tabs = Tabs(chromium, tmp_path)
+    yield tabs.open
+    tabs.close()
+    assert tabs.complaints == []
+
+
+@pytest.fixture(scope="session")
+def kept(chromium, tmp_path_factory) -> Iterator[dict[tuple[str, ...], tuple[Tabs, Any]]]:
+    """The pages that `shared` has opened last."""
+    pages: dict[tuple[str, ...], tuple[Tabs, Any]] = {}
+    yield pages
+    for tabs, _ in pages.values():
+        tabs.close()
+
+
+@pytest.fixture
+def shared(chromium, kept, tmp_path_factory) -> Iterator[Callable[..., Any]]:
+    """Films of a robot's scenes at their beginning, on a page that other tests may have used before."""
+
+    def film_tab(name: str, *scenes: str) -> Any:
+        key = (name, *scenes)
+        if key not in kept:
+            while len(kept) >= KEPT:
+                kept.pop(next(iter(kept)))[0].close()
+            tabs = Tabs(chromium, tmp_path_factory.mktemp("shared"))
+            kept[key] = tabs, tabs.open(film_page([filmed(name, scene) for scene in scenes]))
+        tab = kept[key][1]
+        if tab.viewport_size != {"width": WIDTH, "height": HEIGHT}:
+            tab.set_viewport_size({"width": WIDTH, "height": HEIGHT})
+            tab.wait_for_timeout(100)
+        tab.evaluate(
+            "crossing.clock.pause(), crossing.clock.seek(0), document.activeElement.blur(), scrollTo(0, 0)"
+        )
+        return tab
+
+    yield film_tab
+    assert [complaint for tabs, _ in kept.values() for complaint in tabs.complaints] == []

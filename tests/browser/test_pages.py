@@ -15,8 +15,29 @@ from tests.browser.pages import BETWEEN, ON_SCREEN, filmed, gap, nodes_at, place
 pytestmark = pytest.mark.browser
 
 
+# Vertices of all bodies that are seen, projected by the camera: how far the nearest comes to the rim, from
+# 0, on it, to 1, and how large the whole is, of the picture.
+RIM = """(film, t) => {
+  film.show(t);
+  const { viewer, robot } = film.view, seen = { rim: Infinity, size: [0, 0] };
+  viewer.scene.updateMatrixWorld(true);
+  viewer.camera.updateMatrixWorld(true);
+  const low = [1, 1], high = [-1, -1];
+  robot.traverse((mesh) => {
+    if (!mesh.geometry) return;
+    const at = mesh.geometry.attributes.position, point = mesh.position.clone();
+    for (let k = 0; k < at.count; k++) {
+      const { x, y } = point.fromBufferAttribute(at, k).applyMatrix4(mesh.matrixWorld).project(viewer.camera);
+      [x, y].forEach((value, i) => { low[i] = Math.min(low[i], value); high[i] = Math.max(high[i], value); });
+    }
+  });
+  const rim = Math.min(1 + low[0], 1 + low[1], 1 - high[0], 1 - high[1]);
+  return [rim, Math.max(high[0] - low[0], high[1] - low[1]) / 2];
+}"""
+
+
 @pytest.mark.parametrize("name", robots.CATALOGUE)
-def test_every_robot_stands_moves_and_keeps_its_loops_closed(opened, name):
+def test_every_robot_stands_whole_in_its_picture_moves_and_keeps_its_loops_closed(opened, name):
     film = filmed(name)
     tab = opened(film_page([film]))
     robot, duration = film.robot, film.time[-1]
@@ -30,11 +51,19 @@ def test_every_robot_stands_moves_and_keeps_its_loops_closed(opened, name):
         assert gap(robot, nodes_at(tab, float(film.time[k]))) < ON_SCREEN
         between = 0.5 * (film.time[k] + film.time[max(k - 1, 0)])
         assert gap(robot, nodes_at(tab, float(between))) < BETWEEN
+    for width, height, count in ((1280, 760, 25), (390, 800, 5), (1920, 1080, 5)):
+        tab.set_viewport_size({"width": width, "height": height})
+        tab.wait_for_timeout(100)
+        times = np.linspace(0.0, duration, count).tolist()
+        seen = tab.evaluate(f"times => times.map((t) => ({RIM})(crossing.films[0], t))", times)
+        assert min(rim for rim, _ in seen) > 0.02  # nothing is cut off
+        assert max(size for _, size in seen) > 0.35  # and it is not far away
 
 
 def test_it_plays_by_itself_and_stops_when_told(opened):
     tab = opened(film_page([filmed("five_bar", "C")]), playing=True)
     assert tab.evaluate("crossing.clock.playing")
+    tab.select_option("select.speed", "1")
     wait_until(tab, "crossing.clock.t > 0.2")  # it starts from rest, slowly
     started, before = tab.evaluate("crossing.clock.t"), placements(tab, "crossing.films[0].view")
     wait_until(tab, f"crossing.clock.t > {started} + 0.1")
@@ -48,9 +77,8 @@ def test_it_plays_by_itself_and_stops_when_told(opened):
     wait_until(tab, f"crossing.clock.t > {stopped} + 0.2")
 
 
-def test_the_time_bar_and_the_curves_lead_to_an_instant(opened):
-    film = filmed("five_bar", "C")
-    tab = opened(film_page([film]))
+def test_the_time_bar_and_the_curves_lead_to_an_instant(shared):
+    tab = shared("five_bar", "C")
     tab.evaluate(
         "(bar) => { bar.value = 1; bar.dispatchEvent(new Event('input')); }", tab.query_selector(".bar")
     )
@@ -106,8 +134,8 @@ def test_motors_darken_with_their_torque_and_springs_stretch(opened):
     assert "springs: stretch drawn ×" in tab.inner_text(".column .legend")
 
 
-def test_scenes_stand_side_by_side_and_the_unproved_one_says_so(opened):
-    tab = opened(film_page([filmed("five_bar", name) for name in ("A", "B", "C")]))
+def test_scenes_stand_side_by_side_and_the_unproved_one_says_so(shared):
+    tab = shared("five_bar", "A", "B", "C")
     assert tab.locator(".column").count() == 3
     assert tab.locator("canvas").count() == 3
     assert tab.locator(".badge").all_inner_texts() == [
@@ -123,9 +151,9 @@ def test_scenes_stand_side_by_side_and_the_unproved_one_says_so(opened):
     assert "no bound" in tab.locator(".chart").nth(3).text_content()
 
 
-def test_the_words_follow_the_time(opened):
+def test_the_words_follow_the_time(shared):
     films = [filmed("five_bar", name) for name in ("B", "C")]
-    tab = opened(film_page(films))
+    tab = shared("five_bar", "B", "C")
     (pole,), (crossing,) = ([instant.time for instant in film.instants] for film in films)
 
     def said_at(t: float) -> list[str]:
@@ -145,9 +173,9 @@ def test_the_words_follow_the_time(opened):
     assert "was 0 at t = 1 s" in said_at(1.3)[1]
 
 
-def test_the_view_keeps_its_size_while_the_words_change(opened):
+def test_the_view_keeps_its_size_while_the_words_change(shared):
     for names in (["C"], ["A", "B", "C"]):
-        tab = opened(film_page([filmed("five_bar", name) for name in names]))
+        tab = shared("five_bar", *names)
         sizes = set()
         for t in (0.0, 0.5, 0.887, 1.0, 1.3):
             nodes_at(tab, t)
@@ -174,8 +202,8 @@ def test_side_by_side_both_conditions_are_seen_without_scrolling(opened, width, 
             assert box(chart)["y"] + box(chart)["height"] < controls
 
 
-def test_a_button_leads_each_scene_to_its_own_singular_instant(opened):
-    tab = opened(film_page([filmed("five_bar", name) for name in ("B", "C")]))
+def test_a_button_leads_each_scene_to_its_own_singular_instant(shared):
+    tab = shared("five_bar", "B", "C")
     tab.click("button.telling")
     said = tab.locator(".now").all_inner_texts()
     assert all("Singular now" in text for text in said)

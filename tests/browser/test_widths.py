@@ -86,16 +86,16 @@ def test_all_words_stand_out_from_their_ground(opened, name, scene_name):
     assert [pair for pair in found if pair[1] < 4.5] == []
 
 
-def test_the_picture_has_a_name_and_what_happens_is_told(opened):
-    tab = opened(film_page([filmed("five_bar", "C")]))
+def test_the_picture_has_a_name_and_what_happens_is_told(shared):
+    tab = shared("five_bar", "C")
     assert tab.get_attribute("canvas", "role") == "img"
     assert tab.get_attribute("canvas", "aria-label") == "five bar, C: goes through coasting: works"
     tab.click("button.telling")
     assert "Singular now." in tab.text_content("[role=status]")
 
 
-def test_a_curve_is_led_by_keyboard(opened):
-    tab = opened(film_page([filmed("five_bar", "C")]))
+def test_a_curve_is_led_by_keyboard(shared):
+    tab = shared("five_bar", "C")
     tab.locator(".chart").first.focus()
     for _ in range(10):
         tab.keyboard.press("ArrowRight")

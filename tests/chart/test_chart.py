@@ -12,7 +12,7 @@ from framework.chart import measure, stages, table
 from framework.chart.measure import Row
 from framework.cli import main
 from framework.errors import InvalidInput
-from framework.show.chart import chart_figure, styles
+from framework.show.chart import chart_figure, map_figure, styles
 
 
 def invented(stage) -> tuple[Row, ...]:
@@ -64,7 +64,11 @@ def test_every_row_has_a_key_that_finds_its_method_again(name):
     assert table.markdown(stage, rows).count("\n| ") == len(rows) + 1
 
 
-@pytest.mark.parametrize("name", stages.NAMES)
+CURVES = [name for name in stages.NAMES if stages.stage(name).map_axes is None]
+MAPS = [name for name in stages.NAMES if name not in CURVES]
+
+
+@pytest.mark.parametrize("name", CURVES)
 def test_curves_are_told_apart_without_colour(name):
     stage = stages.stage(name)
     found = styles(stage)
@@ -77,7 +81,7 @@ def test_curves_are_told_apart_without_colour(name):
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.slow] if name != "torque" else []) for name in stages.NAMES],
+    [pytest.param(name, marks=[pytest.mark.slow] if name != "torque" else []) for name in CURVES],
 )
 def test_legend_and_sentence_stand_below_the_axes(name):
     stage = stages.stage(name)
@@ -92,6 +96,17 @@ def test_legend_and_sentence_stand_below_the_axes(name):
         assert box.x1 < figure.bbox.x1
     for legend in legends:
         assert all(text.y1 < legend.y0 for text in texts)
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_a_map_has_a_cell_for_each_row(name):
+    stage = stages.stage(name)
+    rows = invented(stage)
+    figure = map_figure(stage, rows)
+    shown = [method for method in stage.methods if len({y for _, y in method.settings}) > 1]
+    assert [ax.get_title(loc="left") for ax in figure.axes] == [method.label for method in shown]
+    for ax, method in zip(figure.axes, shown, strict=True):
+        assert len(ax.texts) == len(method.settings)
 
 
 def test_peers_that_are_not_installed_are_left_out_and_named(monkeypatch):

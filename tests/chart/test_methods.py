@@ -108,6 +108,7 @@ def test_a_minimum_is_found_to_half_the_digits_and_a_root_to_all():
 # ------------------------------------------------------------------ forward
 
 
+@pytest.mark.slow
 def test_each_integrator_has_its_order():
     for method, order, steps in (
         ("pinocchio", 4, (1.5 / 75, 1.5 / 150)),
@@ -155,5 +156,30 @@ def test_small_displacements_are_off_by_as_much_as_the_rods_give():
     assert one / stiff == pytest.approx(10, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_planner_finds_the_deformed_robots_motion():
     assert row("elastic", "planned", 0.2).error < 1e-10
+
+
+# ------------------------------------------------------------------ failure maps
+
+
+def test_no_step_mends_what_the_imposed_point_has_spoilt():
+    errors = [row("imposed", "table", 1e-4, 1.5 / 2**k).error for k in (4, 8)]
+    assert min(errors) > 1.0  # more than the torque itself
+    assert row("imposed", "table", 1e-12, 1.5 / 2**8).error < 1e-5
+
+
+def test_ours_refuses_what_is_imposed_beside_the_point():
+    for offset in (1e-2, 1e-6, 1e-10):
+        refused = row("imposed", "proved", offset, 1e-10)
+        assert not np.isfinite(refused.error)
+        assert "t_s . W_p" in refused.note
+    assert np.isfinite(row("imposed", "proved", 1e-12, 1e-10).error)
+
+
+@pytest.mark.slow
+def test_passes_over_a_table_suffice_where_springs_are_stiff():
+    soft, stiff = (row("soft", "differences", scale, 1.5 / 2**7).error for scale in (0.1, 100.0))
+    assert stiff < 0.3 * soft
+    assert row("soft", "nodes", 1.0, 1.5 / 64).error < 1e-8

@@ -8,6 +8,7 @@ import pytest
 import robots
 from framework import InvalidInput, plan_scene
 from framework.show.maps import plot_locus, plot_work_precision
+from framework.show.style import LOCUS
 
 
 def rods_in_line(x, y):
@@ -25,7 +26,7 @@ def rods_in_line(x, y):
 def test_the_locus_on_the_map_is_where_the_rods_are_in_line():
     robot = robots.load("five_bar")
     ax = plot_locus(robot, plan_scene(robot, "C"))
-    drawn = [line.get_xydata() for line in ax.lines if line.get_color() == "#CC79A7"]
+    drawn = [line.get_xydata() for line in ax.lines if line.get_color() == LOCUS]
     points = np.concatenate(drawn)
     points = points[np.isfinite(points).all(axis=1)]
     assert len(points) > 50

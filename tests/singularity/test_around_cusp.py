@@ -9,6 +9,7 @@ import pytest
 import robots
 from framework import InvalidInput
 from framework.kinematics.assembly_modes import assembly_modes
+from framework.show.maps import plot_motor_locus
 from framework.singularity.around_cusp import assembly_mode_change
 from framework.singularity.traced_locus import trace_locus
 from tests.kinematics.test_assembly_modes import SIX
@@ -70,8 +71,22 @@ def test_around_each_cusp_the_assembly_mode_changes_without_a_singularity(locus)
             assert min(np.abs(np.exp(1j * mode.x) - np.exp(1j * x)).max() for mode in modes) < 1e-8
 
 
+@pytest.mark.slow
+def test_a_change_of_assembly_mode_is_drawn_around_its_cusp(locus):
+    change = next(filter(None, (assembly_mode_change(locus, cusp) for cusp in cusps(locus))))
+    ax = plot_motor_locus(locus, change)
+    drawn = [line.get_xydata() for line in ax.lines]
+    assert any(len(line) == len(change.motors) and np.allclose(line, change.motors[:, 1:]) for line in drawn)
+    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    assert low < change.cusp.motors[1] < high
+    assert bottom < change.cusp.motors[2] < top
+    assert ax.get_xlabel() == "motor_2  [m]"
+
+
 def test_a_locus_over_the_workspace_has_no_motors_to_lead():
     robot = robots.load("five_bar")
     locus = trace_locus(robot, robot.reference.q, starts=4)
     with pytest.raises(InvalidInput, match="two motors"):
         assembly_mode_change(locus, None)
+    with pytest.raises(InvalidInput, match="two motors"):
+        plot_motor_locus(locus)

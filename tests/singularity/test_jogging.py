@@ -10,7 +10,6 @@ from framework import InvalidInput, ParallelRobot, assemble
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.forward_kinematics import motors_are_free
 from framework.kinematics.frames import frames_at
-from framework.singularity import jogging
 from framework.singularity.jogging import drag_platform, loose_motion, move_motor, move_platform, pose_at
 from tests.singularity.test_locus import LINK, MOTORS, elbows
 
@@ -145,13 +144,12 @@ def test_what_is_moved_by_hand_stays_within_the_limits_of_the_urdf(write_robot, 
         assert "left_elbow" in pose.stopped
 
 
-def test_on_the_locus_the_platform_moves_along_t_s_and_the_motors_by_the_square_of_it(robot, monkeypatch):
+def test_on_the_locus_the_platform_moves_along_t_s_and_the_motors_by_the_square_of_it(robot):
     middle = move_platform(robot, assemble(robot).q, 0, 0.0)
     on = move_platform(robot, middle.q, 1, float(np.sqrt(0.06)))
     travel = []
     for way in (0.04, 0.02, 0.01):
-        monkeypatch.setattr(jogging, "WAY", way)
-        loose = loose_motion(robot, on)
+        loose = loose_motion(robot, on, way=way)
         assert loose.shift == pytest.approx(way * robot.length)
         np.testing.assert_allclose(loose.q[4], on.q, atol=1e-12)
         assert max(gap(robot, q) for q in loose.q) < 1e-9

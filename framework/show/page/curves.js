@@ -39,7 +39,9 @@ class Chart {
   // grey, and begin anew. `band` has a least and a largest value for each time. events: [{time, value, said, alarm}], a line each and, with a value, a ring on it.
   constructor(parent, { title, time, series, limit, events = [], unreal = Infinity, seek, height = 150, band }) {
     Object.assign(this, { time, series, unreal, breaks: events.filter(({ alarm }) => alarm).map((event) => event.time) });
-    const width = Math.max(300, parent.clientWidth - 16), left = 52, right = 10, top = 22, bottom = 20;
+    // drawn for letters of 14 px, and as much larger as those of the page are
+    const scale = parseFloat(getComputedStyle(document.documentElement).fontSize) / 14;
+    const width = Math.max(300, (parent.clientWidth - 16) / scale), left = 52, right = 10, top = 22, bottom = 20;
     const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "chart", role: "img", "aria-label": title }, parent);
     const duration = time[time.length - 1];
     let largest = limit;

@@ -41,7 +41,7 @@ class Hand {
       locus ? key("var(--locus)", `singular locus${locus.whole ? "" : " (platform not turned)"}`) : "",
       key("var(--twist)", "t<sub>s</sub>: direction least held"),
       start.sides ? given : no_figure ? `<div>what motors can give: ${plain(no_figure)}</div>` : "",
-      start.lines !== undefined && this.content.motors.length > 1 ? key("var(--given)", `${turns ? "axes of the motors’ torques" : "lines of the motors’ forces"}, near a Type 2 singularity`) : "",
+      this.content.lines ? key("var(--given)", `${turns ? "axes of the motors’ torques" : "lines of the motors’ forces"}, near a Type 2 singularity`) : "",
     ].join("");
   }
 
@@ -81,7 +81,7 @@ class Hand {
     if (start.torques) {
       this.full = this.full || 6 * Math.max(...start.torques, 1e-9);
       const rows = motors.map(({ name, unit }, k) => {
-        const value = state.torques ? state.torques[k] : Infinity, share = Math.min(1, value / this.full);
+        const value = state.torques ? (state.torques[k] < 1e-9 * Math.max(...state.torques) ? 0 : state.torques[k]) : Infinity, share = Math.min(1, value / this.full);
         const text = isFinite(value) ? `${Number(value.toPrecision(3))} ${unit}` : "no bound";
         return `<div><span>${plain(name).replace(/_/g, " ")}</span><i><b style="width:${100 * share}%"></b></i><output>${text}</output></div>`;
       });
@@ -222,7 +222,7 @@ class Hand {
     const badge = this.side.querySelector(".class");
     badge.className = `class ${state.level}`;
     badge.innerHTML = symbols(state.verdict);
-    this.side.querySelector(".g").textContent = state.g === null ? "none: every joint has a motor" : state.g.toPrecision(4);
+    this.side.querySelector(".g").textContent = state.g === null ? "none" : state.g.toPrecision(4);
     this.side.querySelector(".smallest").textContent = state.smallest === null ? "none" : state.smallest.toPrecision(4);
     this.side.querySelector(".stop").textContent = state.stopped;
     this.view.element.className = `view ${state.level}`;
