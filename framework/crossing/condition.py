@@ -129,8 +129,14 @@ def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | N
         NoLaw: the path's tangent leaves t_s . W_p untouched by s", so no law can meet the condition.
         NotConverged: the same, but only with these deflections.
     """
-    robot = branch.robot
-    condition, own = coefficients_at(branch, here, deflection)
+    return effective(branch, here, coefficients_at(branch, here, deflection), deflection)
+
+
+def effective(
+    branch: Branch, here: CrossingPoint, coefficients: tuple[Condition8, float], deflection: Deflection | None
+) -> Condition8:
+    """The condition of `coefficients_at`, if s" can meet it; raises as `condition_at`."""
+    robot, (condition, own) = branch.robot, coefficients
     if condition.holds_anyway or abs(condition.alpha) > NO_HOLD * own:
         return condition
     where = f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = {point(branch.path(here.s))}"

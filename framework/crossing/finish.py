@@ -107,9 +107,10 @@ def _condition(
     time: float,
 ) -> Condition8:
     """The coefficients of condition (8) where and when the motion crosses, with its own deflections."""
-    here = None
-    if request.geometry == "deformed" and dynamics.robot.n_e:
-        here = Deflection(*(dynamics.deflection(time, order) for order in range(3)))
+    if request.geometry != "deformed" or not dynamics.robot.n_e:
+        found = zip(targeted.targets, targeted.at_rest, strict=True)
+        return next(coefficients[0] for one, (_, coefficients) in found if one is target)
+    here = Deflection(*(dynamics.deflection(time, order) for order in range(3)))
     place = (
         crossing_point(targeted.branch, target, here, float(dynamics.law(np.array(time))))
         if isinstance(target, SingularPoint)

@@ -11,6 +11,7 @@ from framework.crossing.condition import (
     Deflection,
     condition_at,
     crossing_point,
+    effective,
 )
 from framework.crossing.request import Request
 from framework.crossing.targets import TargetedPath
@@ -48,9 +49,11 @@ def polynomial_motion(targeted: TargetedPath, request: Request) -> PolynomialMot
     def crossings(
         deflections: TimeFunction | None, before: MotionLaw | None
     ) -> list[tuple[CrossingPoint, Condition8]]:
+        if deflections is None or request.geometry != "deformed":
+            return _at_rest(targeted)
         found = []
         for target, crossing_time in zip(targets, choice, strict=True):
-            here = _deflection(deflections, crossing_time.time) if request.geometry == "deformed" else None
+            here = Deflection(*(deflections(crossing_time.time, order) for order in range(3)))
             if isinstance(target, SingularPoint):
                 near = target.s if before is None else float(before(crossing_time.time))
                 place = crossing_point(branch, target, here, near)
@@ -80,26 +83,18 @@ def polynomial_at_rest(targeted: TargetedPath, request: Request) -> Law:
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
-    crossings = [(place, condition_at(targeted.branch, place, None)) for place in _at_rest(targeted)]
+    crossings = _at_rest(targeted)
     law = _law(crossings, timing_of(targeted, request), request)
     check_advance(law, [point.s for point in targeted.points], targeted.branch.robot.name)
     return law
 
 
-def _at_rest(targeted: TargetedPath) -> list[CrossingPoint]:
-    """The crossing points of the undeformed robot."""
+def _at_rest(targeted: TargetedPath) -> list[tuple[CrossingPoint, Condition8]]:
+    """The crossing points of the undeformed robot, and what condition (8) asks there."""
     return [
-        crossing_point(targeted.branch, target, None, target.s)
-        if isinstance(target, SingularPoint)
-        else target
-        for target in targeted.targets
+        (place, effective(targeted.branch, place, coefficients, None))
+        for place, coefficients in targeted.at_rest
     ]
-
-
-def _deflection(deflections: TimeFunction | None, t: float) -> Deflection | None:
-    if deflections is None:
-        return None
-    return Deflection(*(deflections(t, order) for order in range(3)))
 
 
 def _law(
@@ -137,7 +132,7 @@ def timing_of(targeted: TargetedPath, request: Request) -> tuple[CrossingTime, .
                 f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
                 f"{OF_A_SCENE}"
             )
-    crossings = [(place, condition_at(targeted.branch, place, None)) for place in _at_rest(targeted)]
+    crossings = _at_rest(targeted)
 
     def build(crossing_times: Sequence[CrossingTime]) -> Law:
         return _law(crossings, crossing_times, request)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 from framework.crossing.condition import (
     NO_HOLD,
+    Condition8,
     CrossingPoint,
     coefficients_at,
     crossing_point,
@@ -22,7 +24,8 @@ from framework.singularity.points_on_path import SearchedPath, SingularPoint
 END = 1e-9  # of the path: a singular point this near to an end is at it
 
 
-class TargetedPath(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class TargetedPath:
     """The path followed, its singular points, and where on it condition (8) is to hold."""
 
     searched: SearchedPath
@@ -37,6 +40,17 @@ class TargetedPath(NamedTuple):
     def points(self) -> tuple[SingularPoint, ...]:
         """The singular points of the undeformed robot on it."""
         return self.searched.points
+
+    @cached_property
+    def at_rest(self) -> list[tuple[CrossingPoint, tuple[Condition8, float]]]:
+        """For every target the point of the undeformed robot, and what `coefficients_at` says of it."""
+        places = [
+            crossing_point(self.branch, target, None, target.s)
+            if isinstance(target, SingularPoint)
+            else target
+            for target in self.targets
+        ]
+        return [(place, coefficients_at(self.branch, place, None)) for place in places]
 
 
 def targeted_path(searched: SearchedPath, request: Request) -> TargetedPath:

@@ -88,7 +88,8 @@ def check_advance(law: Law, s: Sequence[float], name: str) -> None:
                 f"s = {values[worst]:.4g} at t = {times[worst]:.4g} s; {OTHERWISE}"
             )
     inside = (values > 0) & (values < 1)
-    backwards = law(times, 1) < -1e-9 * np.abs(law(times, 1)).max()
+    rates = law(times, 1)
+    backwards = rates < -1e-9 * np.abs(rates).max()
     if np.any(inside & backwards):
         k = int(np.argmax(inside & backwards))
         raise NoLaw(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import eigh
 
 from framework.arrays import Array
 from framework.kinematics.closures import loop_equations, scaled
@@ -25,6 +24,8 @@ def first_frequencies(robot: ParallelRobot, q: Array) -> Array:
     Raises:
         numpy.linalg.LinAlgError: a motion has neither mass nor stiffness.
     """
+    from scipy.linalg import eigh
+
     if not robot.n_e:
         return np.full(len(q), np.inf)
     scale = robot.column_scale

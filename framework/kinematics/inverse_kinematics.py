@@ -18,7 +18,7 @@ from framework.kinematics.assembly import Configuration
 from framework.kinematics.closures import closure_drift, loop_wrenches, scaled
 from framework.kinematics.equations import Equations
 from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at
-from framework.kinematics.newton import ITERATIONS, Linear, NewtonResult, Which, newton
+from framework.kinematics.newton import ITERATIONS, LAST_STEP, Linear, NewtonResult, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.placements import configuration
 from framework.linalg.banded_lu import Factors
@@ -160,15 +160,15 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
     return ClosedStack(q, robot.platform.coordinates(at), _system_of(robot, at, None))
 
 
-def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
+def close_loops(robot: ParallelRobot, x: Array, guess: Array, *, last_step: float = LAST_STEP) -> ClosedStack:
     """Close all loops at platform coordinates x (T, n), from guess (T, nq) near the solution.
 
-    The elastic coordinates keep the values of the guess.
+    The elastic coordinates keep the values of the guess. `last_step` as in `newton`.
 
     Raises:
         NotAssembled: some instant does not close; carries its last iterate and residual.
     """
-    q, system, closed = close_each(robot, x, guess)
+    q, system, closed = close_each(robot, x, guess, last_step=last_step)
     if closed.all():
         return ClosedStack(q, x, system)
     left = np.where(closed, 0.0, np.nan_to_num(np.abs(system.residual), nan=np.inf).max(axis=1))
@@ -189,6 +189,7 @@ def close_each(
     *,
     iterations: int = ITERATIONS,
     farthest: float = np.inf,
+    last_step: float = LAST_STEP,
 ) -> NewtonResult[System]:
     """Close the loops wherever they close, as `close_loops` does, and tell where; options of `newton`."""
 
@@ -198,8 +199,16 @@ def close_each(
     def linear(system: System) -> Linear:
         return Linear(system.residual, system.factors)
 
-    columns = robot.moving
-    return newton(robot, guess, columns, evaluate, linear, iterations=iterations, farthest=farthest)
+    return newton(
+        robot,
+        guess,
+        robot.moving,
+        evaluate,
+        linear,
+        iterations=iterations,
+        farthest=farthest,
+        last_step=last_step,
+    )
 
 
 def joint_rates(robot: ParallelRobot, system: System, platform: Array, elastic: Array) -> Array:

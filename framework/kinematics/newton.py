@@ -52,6 +52,7 @@ def newton(
     *,
     iterations: int = ITERATIONS,
     farthest: float = np.inf,
+    last_step: float = LAST_STEP,
 ) -> NewtonResult[S]:
     """Configurations q (T, nq) near the guess (T, nq) that meet the equations; only `columns` (k,) move.
 
@@ -61,13 +62,14 @@ def newton(
         evaluate: the equations at q (t, nq) for some of the instants.
         linear: their values and derivatives.
         farthest: an instant is given up when a step asks for more [rad, lengths of the robot].
+        last_step: an instant is closed after a step as small as this, but for about its square.
     """
     lengths = robot.column_scale[columns]
     q, largest, size = guess, np.inf, np.full(len(guess), np.inf)
     live: Which = slice(None)
     for _ in range(iterations):
         system = evaluate(q[live], live)
-        if largest < LAST_STEP or not len(size):
+        if largest < last_step or not len(size):
             break
         residual, factors = linear(system)
         sound = None
@@ -102,7 +104,7 @@ def newton(
     else:
         system = evaluate(q[live], live)
     closed = np.zeros(len(guess), dtype=bool)
-    closed[live] = size < LAST_STEP
+    closed[live] = size < last_step
     if len(size) < len(guess):
         system = evaluate(q, slice(None))
     return NewtonResult(q, system, closed)

@@ -32,11 +32,13 @@ from framework.kinematics.inverse_kinematics import (
     system_at,
 )
 from framework.kinematics.loop_matrices import lost_equations, mobile_matrix
+from framework.kinematics.newton import LAST_STEP
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.path import Line, Path
 from framework.motion.path_check import check_path
 
 BESIDE = 1e-6  # [lengths] from the reference: what a file's rounded angles leave
+KNOTS = 1e-6  # last step to a knot of a branch: guesses between knots are no better
 LOST_AHEAD = 1e-4  # singular values of the loop equations this small where no step is left: lost just ahead
 LOOPS = "a singularity of the loop equations, where no configuration can be told from its neighbours"
 CROSSING = 0.1  # least singular value of the loop equations above which no branches cross near by
@@ -92,10 +94,11 @@ def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
     return finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
 
 
-def follow_path(robot: ParallelRobot, path: Path, q: Array) -> Way:
+def follow_path(robot: ParallelRobot, path: Path, q: Array, *, last_step: float = LAST_STEP) -> Way:
     """Lead the platform along the path from a configuration q (nq,) on its first point, as far as that goes.
 
-    Within one working mode; Type 2 singularities are no obstacle. Springs keep the deflections of q.
+    Within one working mode; Type 2 singularities are no obstacle. Springs keep the deflections of q. Places
+    are closed as `newton` closes them with this `last_step`.
     """
 
     def place(s: float, closed: ClosedStack) -> Place:
@@ -103,7 +106,7 @@ def follow_path(robot: ParallelRobot, path: Path, q: Array) -> Way:
 
     def arrive(s: float, predicted: Array) -> Place | None:
         try:
-            return place(s, close_loops(robot, path(np.array([s])), predicted))
+            return place(s, close_loops(robot, path(np.array([s])), predicted, last_step=last_step))
         except NotAssembled:
             return None
 
@@ -119,7 +122,7 @@ def follow_path(robot: ParallelRobot, path: Path, q: Array) -> Way:
 
 def _followed(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
     """The branch along the path from a configuration q (nq,) on its first point."""
-    way = follow_path(robot, path, q)
+    way = follow_path(robot, path, q, last_step=KNOTS)
     if not way.complete:
         raise _end_of_reach(robot, path, float(way.at[-1]), way.last.q[0], way.last.system, what)
     return Branch(robot, path, q, way.at, difference(robot, q, way.q), way.rate)

@@ -10,6 +10,8 @@ over a few short intervals between the knots, with Gauss's rule: no step of a di
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from framework.arrays import Array
@@ -32,7 +34,7 @@ def check_path(path: Path) -> None:
     """
     expect_path(path)
     starts, lengths = _intervals(path)
-    nodes, weights = np.polynomial.legendre.leggauss(5)
+    nodes, weights = _gauss()
     inside = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)
     ends = np.concatenate([starts, starts + lengths])
     for order in (1, 2):
@@ -51,6 +53,12 @@ def check_path(path: Path) -> None:
                 f"{starts[i]:.4g} coordinate {component} has {means[i, component]:.6g} instead of "
                 f"{quotients[i, component]:.6g}"
             )
+
+
+@cache
+def _gauss() -> tuple[Array, Array]:
+    """Nodes and weights (5,) on [-1, 1]."""
+    return np.polynomial.legendre.leggauss(5)
 
 
 def _intervals(path: Path) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -69,6 +70,11 @@ class Panel:
         """Path coordinates of local ones in [-1, 1]."""
         return self.start + 0.5 * (self.end - self.start) * (np.asarray(local) + 1.0)
 
+    @cached_property
+    def turning(self) -> Array:
+        """Where in [-1, 1] g turns."""
+        return extrema(self.series)
+
     def matrix(self, s: float) -> Array:
         """The matrix (n, n) at s, interpolated."""
         local = (2 * s - self.start - self.end) / (self.end - self.start)
@@ -117,7 +123,10 @@ def candidates(found: list[Panel]) -> list[tuple[Panel, float, bool]]:
     deepest = 1e3 * RESOLVED * largest_on(found)
     places = []
     for panel in found:
-        turning = extrema(panel.series)
+        constant, *others = np.abs(panel.series)
+        if constant - sum(others) > deepest:  # g is nowhere near zero
+            continue
+        turning = panel.turning
         deep = np.abs(chebyshev.chebval(turning, panel.series)) < deepest
         places += [(panel, float(s), True) for s in panel.at(turning[deep])]
         places += [(panel, float(s), False) for s in panel.at(real_roots(panel.series))]
@@ -126,7 +135,7 @@ def candidates(found: list[Panel]) -> list[tuple[Panel, float, bool]]:
 
 def turning_places(found: list[Panel]) -> list[tuple[Panel, float]]:
     """All places on the panels where g turns."""
-    return [(panel, float(s)) for panel in found for s in panel.at(extrema(panel.series))]
+    return [(panel, float(s)) for panel in found for s in panel.at(panel.turning)]
 
 
 def largest_on(found: list[Panel]) -> float:

@@ -12,7 +12,7 @@ from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput, NotConverged, Type1Singularity, point
 from framework.kinematics.branch import Branch, with_continuation
 from framework.kinematics.closures import loop_equations, scaled
-from framework.kinematics.inverse_kinematics import system_at
+from framework.kinematics.inverse_kinematics import System, system_at
 from framework.kinematics.loop_matrices import VANISHED, measured_matrix, mobile_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import escaping, track_path, weakest_leg
@@ -92,8 +92,6 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
         missed = near_misses(passive, resolved, found)
     except Unresolved as unresolved:
         raise _too_near(passive, unresolved) from None
-    for contact in found:
-        _check_dropped_rows(continued, contact.s)
     return SearchedPath(branch, tuple(_singular_point(passive, contact) for contact in found), tuple(missed))
 
 
@@ -171,13 +169,13 @@ def _too_near(passive: Measured, unresolved: Unresolved) -> Exception:
     return escaping(branch.robot, s, branch.path(s), count, what)
 
 
-def _check_dropped_rows(branch: Branch, s: float) -> None:
+def _check_dropped_rows(branch: Branch, s: float, system: System) -> None:
     """Raise NotConverged if the loops keep their rank at s and only the rows chosen at the reference lose it.
 
     An overconstrained robot repeats its loop equations in proportions that change as it moves; the rows
     that say it all at the reference need not do so everywhere.
     """
-    robot, system = branch.robot, branch.closed(s).system
+    robot = branch.robot
     columns = robot.moving
     whole = scaled(robot, loop_equations(robot.rows, system.frames).jacobian, robot.rows.rotation)[0][
         :, columns
@@ -198,8 +196,8 @@ def _is_type_1(mobile: Measured, s: float) -> bool:
     """Whether the platform stops following the joints at s; not that joints stop following the platform,
     as they do where they move without it."""
     robot, branch = mobile.branch.robot, mobile.branch
-    _check_dropped_rows(branch, s)
     system = branch.closed(s).system
+    _check_dropped_rows(branch, s, system)
     followed = float(np.linalg.svd(mobile.matrix(system)[0], compute_uv=False)[-1])
     values = np.linalg.svd(measured_matrix(robot, system)[0], compute_uv=False)
     smallest = values.min(initial=np.inf)
@@ -213,7 +211,9 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     branch, s = passive.branch, contact.s
     robot, at = branch.robot, stencil(s)
     closed = branch.closed(at)
-    uncontrolled = uncontrolled_motion(robot, closed.system.at(1))
+    here = closed.system.at(1)
+    _check_dropped_rows(branch, s, here)
+    uncontrolled = uncontrolled_motion(robot, here)
     along = sign_along(uncontrolled.twist, robot.platform.path_twist(branch.path, s))
     P = passive.matrix(closed.system)
     if uncontrolled.corank > 1:

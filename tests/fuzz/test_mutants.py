@@ -54,6 +54,10 @@ FOREIGN = {  # file that is changed: file that is given, and what has to be said
     "gepetto/robot.urdf": ("robot.yaml", {"platform": "tip_A", **PLAIN}),
     "five_bar_plus.urdf": ("five_bar_plus.urdf", {"platform": "tip_predecessor", "motors": MOTORS, **PLAIN}),
     "five_bar_ros.urdf": ("five_bar_ros.urdf", {"platform": "tip_parent", "reference": POSE, **PLAIN}),
+    "five_bar_onshape.urdf": (
+        "five_bar_onshape.urdf",
+        {"platform": "closing_tip_1", "reference": POSE, "motors": MOTORS, **PLAIN},
+    ),
     "five_bar_sites.xml": ("five_bar_sites.xml", {"platform": "left_tip", **PLAIN}),
     "five_bar_anchor.xml": ("five_bar_anchor.xml", {"platform": "connect_1_1", **PLAIN}),
 }

@@ -19,7 +19,10 @@ from tests.robots.every_robot import crossing
 SHIFT = 0.01  # [m]
 
 
-@pytest.mark.parametrize("name", ["five_bar", "biglide", "three_rpr", "three_rrr", "delta", "gough_stewart"])
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("three_rpr", "three_rrr")]
+
+
+@pytest.mark.parametrize("name", ["five_bar", "biglide", "delta", "gough_stewart", *SLOW])
 def test_loops_shifted_in_the_code_that_all_share_are_seen_by_the_witness_alone(name, monkeypatch):
     """Every loop closes 10 mm beside itself, along the x axis of its first frame."""
     original = closures.loop_wrenches

@@ -45,8 +45,8 @@ def test_the_deformed_5R_comes_back_on_its_path_through_the_singularity(robot, p
 PATHS = [
     ("four_bar", "flexible_links", "dead_point", 1e-9),
     ("bricard", "flexible_links", "dead_point", 1e-10),
-    ("spherical_rrr", "flexible_joints", "cross", 1e-9),
-    ("three_rpr", "rigid", "crossing", 1e-11),
+    pytest.param("spherical_rrr", "flexible_joints", "cross", 1e-9, marks=pytest.mark.slow),
+    pytest.param("three_rpr", "rigid", "crossing", 1e-11, marks=pytest.mark.slow),
     ("gough_stewart", "rigid", "turn", 1e-9),
 ]
 

@@ -14,7 +14,7 @@ from framework.input import read_text
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import BLANK, naming, parse_xml, parse_yaml
 from framework.model.parameters import with_parameters
-from framework.model.readers import gepetto, ros_constraint, urdf_plus
+from framework.model.readers import gepetto, onshape, ros_constraint, urdf_plus
 from framework.model.readers.missing_fields import Options, checked_reference, resolve
 from framework.model.readers.mjcf.reader import read_mjcf
 from framework.model.readers.ros_constraint import read_ros_constraint
@@ -29,6 +29,7 @@ DIALECTS = {
     "urdf+": "URDF with <loop> and <coupling>",
     "ros": "URDF with <constraint> (urdfdom pull request 264)",
     "mjcf": "MuJoCo's XML with <equality>",
+    "onshape": "URDF of onshape-to-robot with frames closing_NAME_1 and closing_NAME_2",
 }
 _OWN_KEYS = ("version", "urdf", "platform", "actuators", "closures")
 
@@ -99,10 +100,13 @@ def _dialect_of_xml(root: ElementTree.Element) -> str:
         raise RobotFileError("mixes two dialects: <loop> or <coupling> (URDF+) with <constraint> (ROS)")
     if plus or ros:
         return "urdf+" if plus else "ros"
+    if onshape.has_closing_frames(root):
+        return "onshape"
     UrdfTree(root)  # a mistyped element is the likelier complaint
     raise RobotFileError(
-        "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS) or in a YAML file "
-        "beside it (ours, or Gepetto's with closed_loop), and give that file"
+        "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, links closing_X_1 "
+        "and closing_X_2 of onshape-to-robot) or in a YAML file beside it (ours, or Gepetto's with "
+        "closed_loop), and give that file"
     )
 
 
@@ -121,7 +125,12 @@ def _dialect_of_yaml(content: Any) -> str:
 
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
     root = parse_xml(text)
-    read = {"mjcf": read_mjcf, "urdf+": read_urdf_plus, "ros": read_ros_constraint}
+    read = {
+        "mjcf": read_mjcf,
+        "urdf+": read_urdf_plus,
+        "ros": read_ros_constraint,
+        "onshape": onshape.read_onshape,
+    }
     dialect = _dialect_of_xml(root)
     return read[dialect](path, root, options)._replace(dialect=dialect)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,6 +32,10 @@ FIVE_BARS = {
         {"platform": "tip_predecessor", "motors": ["left_motor", "right_motor"], **AXES},
     ),
     "ros": (DATA / "five_bar_ros.urdf", {"platform": "tip_parent", "reference": POSE, **AXES}),
+    "onshape": (
+        DATA / "five_bar_onshape.urdf",
+        {"platform": "closing_tip_1", "reference": POSE, "motors": ["left_motor", "right_motor"], **AXES},
+    ),
     "mjcf, sites": (DATA / "five_bar_sites.xml", {"platform": "left_tip", **AXES}),
     "mjcf, anchor": (DATA / "five_bar_anchor.xml", {"platform": "tip", **AXES}),
 }
@@ -60,6 +65,19 @@ def test_the_dialect_is_recognised(name):
     file, options = FIVE_BARS[name]
     assert parse_any(file, **options).dialect == expected
     assert expected in DIALECTS
+
+
+def test_a_hinge_of_onshape_has_a_second_pair_of_frames_on_its_axis(tmp_path):
+    text = (DATA / "five_bar_onshape.urdf").read_text()
+    for k in (1, 2):
+        lines = re.search(rf'  <link name="closing_tip_{k}"/>.*?</joint>\n', text, flags=re.DOTALL)[0]
+        second = lines.replace(f"closing_tip_{k}", f"closing_tip_{k}_z").replace("0.25 0 0", "0.25 0 0.1")
+        text = text.replace(lines, lines + second)
+    (tmp_path / "robot.urdf").write_text(text)
+    description = read_any(tmp_path / "robot.urdf", **FIVE_BARS["onshape"][1])
+    assert [closure.name for closure in description.closures] == ["tip", "tip_z"]
+    found = check_robot(ParallelRobot.from_description(description))
+    assert (found.mobility, found.rank, found.loop_equations) == (2, 2, 6)
 
 
 def test_mjcf_motors_carry_their_gear_rotor_and_limit():

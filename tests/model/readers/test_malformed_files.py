@@ -386,6 +386,11 @@ def test_a_changed_file_gives_its_error(number, tmp_path):
             "<sdf>: SDF is not read; convert it first: to MJCF with sdf2mjcf",
         ),
         ("plain.urdf", "<robot name='r'><link name='a'/></robot>", "a URDF without loops"),
+        (
+            "half.urdf",
+            "<robot name='r'><link name='closing_tip_2_z'/></robot>",
+            "link 'closing_tip_2_z': the other end of its loop, 'closing_tip_1_z', is missing",
+        ),
         ("nothing.urdf", "<robot name='r'/>", "needs exactly one root link, got none"),
         ("nothing.xml", "<mujoco/>", "<worldbody> is missing"),
         ("bodies.xml", "<mujoco><worldbody/></mujoco>", "there is no loop in it"),

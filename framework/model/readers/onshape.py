@@ -1,0 +1,49 @@
+"""URDFs of onshape-to-robot, whose loops are pairs of links: `closing_NAME_1` and `closing_NAME_2`.
+
+A mate named closing_NAME in the CAD makes the two (onshape-to-robot.readthedocs.io, kinematic loops); the
+file says where they are, and not of which kind the mate was. Their origins coincide, as in the exporter's own
+use of them (a relative position of zero in PlaCo, `connect` in MuJoCo): a ball. A hinge whose axis nothing
+else holds has a second pair on it, `closing_NAME_1_z` and `closing_NAME_2_z`. The file says nothing about
+platform and motors.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+from framework.errors import RobotFileError
+from framework.model.description import Closure, ParsedRobot, locked_axes
+from framework.model.readers.describe import describe
+from framework.model.readers.missing_fields import Options
+from framework.model.readers.urdf_tree import UrdfTree
+
+_END = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
+
+
+def has_closing_frames(root: ElementTree.Element) -> bool:
+    """Whether a URDF has a link that ends a loop by its name."""
+    return any(_END.fullmatch(link.get("name", "")) for link in root.findall("link"))
+
+
+def read_onshape(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
+    """The description in a URDF with closing frames.
+
+    Raises:
+        RobotFileError: one of a pair of closing frames is missing, or as `describe`.
+    """
+    tree = UrdfTree(root)
+    pairs: dict[str, dict[str, str]] = {}
+    for link in tree.links:
+        if found := _END.fullmatch(link):
+            pairs.setdefault(found["name"] + (found["second"] or ""), {})[found["end"]] = link
+    closures = []
+    for name, ends in pairs.items():
+        if len(ends) < 2:
+            (there,) = ends.values()
+            end, missing = ("1", "2") if "1" in ends else ("2", "1")
+            missing = re.sub(rf"_{end}(_z)?$", rf"_{missing}\1", there)
+            raise RobotFileError(f"link {there!r}: the other end of its loop, {missing!r}, is missing")
+        closures.append(Closure(name, (ends["1"], ends["2"]), locked_axes("spherical")))
+    return describe(tree, file, options, closures)
