@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 from framework.arrays import Array
 from framework.chart import closed_form, elastic_form
 from framework.chart import robot as given
-from framework.chart.measure import Judged, Method, Row, Setting, Stage, singles
+from framework.chart.measure import Judged, Method, Row, Setting, Stage, relative_error, singles
 from framework.chart.reading import finite, short
 from framework.crossing.plan import plan_crossing
 from framework.dynamics.elastic_pass import Pass, one_pass
@@ -133,10 +133,7 @@ def _exact(scale: float) -> Array:
 
 def judge(method: Method, setting: Setting, result: Elongated) -> Judged:
     """The largest error of the rods' elongations over the largest of them, and the passes."""
-    exact = _exact(setting[0])
-    with np.errstate(all="ignore"):
-        error = np.abs(result.rods(CHECKED) - exact).max() / np.abs(exact).max()
-    return Judged(float(error), (float(result.passes),))
+    return Judged(relative_error(result.rods(CHECKED), _exact(setting[0])), (float(result.passes),))
 
 
 def _sentence(rows: Sequence[Row]) -> str:

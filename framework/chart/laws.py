@@ -19,7 +19,7 @@ from scipy.interpolate import KroghInterpolator
 
 from framework.arrays import Array, ArrayLike
 from framework.chart import closed_form
-from framework.chart.measure import Judged, Method, Row, Setting, Stage, singles
+from framework.chart.measure import Judged, Method, Row, Setting, Stage, relative_error, singles
 from framework.chart.reading import finite, short
 from framework.crossing.optimal import DEGREES as OPTIMAL_DEGREES
 from framework.crossing.optimal import MANY, Best, OnPath, Units, points_of
@@ -195,9 +195,7 @@ def judge(method: Method, setting: Setting, result: TimedLaw) -> Judged:
     )
     if method.name == "optimal":
         return Judged(missed, (np.nan,))
-    exact = _exact(float(conditions))
-    apart = np.abs(result.law(BETWEEN, 2) - exact).max() / np.abs(exact).max()
-    return Judged(missed, (float(apart),))
+    return Judged(missed, (relative_error(result.law(BETWEEN, 2), _exact(float(conditions))),))
 
 
 def _sentence(rows: Sequence[Row]) -> str:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from framework.arrays import Array
 from framework.errors import FrameworkError, InvalidInput, choose_from
 
 Setting = tuple[float, ...]
@@ -172,6 +173,13 @@ def _timed(run: Callable[[], Any], repeats: int) -> tuple[float, Any]:
         if spent > ENOUGH:
             break
     return best, result
+
+
+def relative_error(found: Array, exact: Array) -> float:
+    """The largest error over the largest exact value; infinite where something found is no number."""
+    with np.errstate(all="ignore"):
+        error = float(np.abs(found - exact).max() / np.abs(exact).max())
+    return error if np.isfinite(error) else np.inf
 
 
 def read_setting(text: str) -> Setting:

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from framework.arrays import Array
 from framework.chart import elastic_form
 from framework.chart.elastic import CHECKED, FEW, T_C, T, branch_of, law
-from framework.chart.measure import Judged, Method, Row, Setting, Stage
+from framework.chart.measure import Judged, Method, Row, Setting, Stage, relative_error
 from framework.chart.reading import finite, short
 from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.finite_differences import finite_difference_torques
@@ -66,10 +66,7 @@ def _exact(scale: float) -> Array:
 
 def judge(method: Method, setting: Setting, result: Torque) -> Judged:
     """The largest error over the largest torque."""
-    exact = _exact(setting[0])
-    with np.errstate(all="ignore"):
-        error = np.abs(result(CHECKED) - exact).max() / np.abs(exact).max()
-    return Judged(float(error) if np.isfinite(error) else np.inf)
+    return Judged(relative_error(result(CHECKED), _exact(setting[0])))
 
 
 def _sentence(rows: Sequence[Row]) -> str:

@@ -16,8 +16,9 @@ from scipy.interpolate import CubicSpline
 
 from framework.arrays import Array, ArrayLike
 from framework.chart import robot as given
+from framework.chart.formula import torques
 from framework.chart.measure import Judged, Method, Row, Setting, Stage, singles
-from framework.chart.reading import best_within, error_at_best, gain, short
+from framework.chart.reading import best_within, error_at_best, gain, quickest_to, short
 from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.forces import motor_torque, tree_forces
 from framework.dynamics.inverse_dynamics import inverse_dynamics
@@ -32,6 +33,7 @@ ENDS = np.array([0.0, T])
 # No table has a sample on the singular instant, 2/3 of the duration: 2^k intervals are no multiple of three.
 SAMPLES = singles(*(2**k + 1 for k in range(4, 13)))
 NODES = singles(16, 24, 32, 48, 64, 96, 128, 192, 256)
+FORMULA = 1e-10  # [N m] the error for which the reader is told what the robot's own formula takes
 TABLE = 1025  # samples where the setting is something else
 
 Solve = Callable[[Array, Array], Array]  # P' (T, m, m) and r (T, m) -> lambda (T, m) with P' lambda = r
@@ -112,6 +114,11 @@ def tabulated(torque: Callable[[Array], Array], samples: float) -> Torques:
 def _pointwise(setting: Setting) -> Callable[[], Torques]:
     law = given.law()
     return lambda: tabulated(lambda t: pointwise(law, t, direct), setting[0])
+
+
+def _formula(setting: Setting) -> Callable[[], Torques]:
+    law = given.law()
+    return lambda: tabulated(lambda t: torques(*(law(t, order) for order in range(3))), setting[0])
 
 
 def _differences(setting: Setting) -> Callable[[], Torques]:
@@ -201,6 +208,12 @@ def _sentence(rows: Sequence[Row]) -> str:
             f"At 1 ns from the singular instant a solve for that instant is off by {short(nearest[0])} N m, "
             f"the series by {short(nearest[1])}."
         )
+    known = quickest_to(rows, "formula", FORMULA)
+    if known is not None:
+        lines.append(
+            f"A formula written for this robot alone has a table to {short(known.error)} N m in "
+            f"{1e3 * known.seconds:.2g} ms; no other method here knows its formulas."
+        )
     whole = best_within(rows, "certified")
     if whole is not None:
         lines.append(f"Path followed, point located and result proved: {1e3 * whole.seconds:.3g} ms.")
@@ -225,6 +238,7 @@ STAGE = Stage(
             ours=True,
         ),
         Method("pointwise", "best pointwise solve", _GIVEN, "samples", SAMPLES, _pointwise),
+        Method("formula", "this robot's own formula", "s, s', s\" exact", "samples", SAMPLES, _formula),
         Method(
             "differences", "finite differences", "path followed; s alone", "samples", SAMPLES, _differences
         ),

@@ -10,6 +10,7 @@ import pytest
 
 from framework.chart import measure, stages, table
 from framework.chart.measure import Row
+from framework.chart.reading import gain
 from framework.cli import main
 from framework.errors import InvalidInput
 from framework.show.chart import chart_figure, map_figure, styles
@@ -118,6 +119,22 @@ def test_peers_that_are_not_installed_are_left_out_and_named(monkeypatch):
     assert any("mujoco" in text.get_text() for text in chart_figure(stage, rows).texts)
     with pytest.raises(InvalidInput, match="mujoco"):
         stages.made_again("torque:mujoco:17")
+
+
+def test_factors_are_read_off_the_curves():
+    """1e-2 in 1 s and 1e-8 in 10 s, against 1e-2 in 10 s and 1e-4 in 1000 s, straight lines in logarithms."""
+    curves = {"one": [(1.0, 1e-2), (10.0, 1e-8)], "other": [(10.0, 1e-2), (1000.0, 1e-4)]}
+    rows = [
+        Row("torque", name, (float(k),), seconds, error)
+        for name, points in curves.items()
+        for k, (seconds, error) in enumerate(points)
+    ]
+    found = gain(rows, "one", "other")
+    assert found.error == 1e-4
+    assert found.time == pytest.approx(1000 / 10 ** (1 / 3))
+    assert found.within == 10.0
+    assert found.accuracy == pytest.approx(1e-2 / 1e-8)
+    assert gain(rows, "other", "one") is None
 
 
 def test_a_method_without_a_result_is_a_row_that_says_so():

@@ -63,6 +63,12 @@ def test_a_series_has_the_torque_at_the_singular_instant():
     assert row("torque", "chebyshev", 16).error > 1e6 * found.error
 
 
+def test_the_robots_own_formula_is_the_pointwise_solve():
+    one, other = (row("torque", method, 65) for method in ("formula", "pointwise"))
+    assert one.error == pytest.approx(other.error, rel=1e-6)
+    assert max(one.profile[:3]) < 1e-12
+
+
 def test_mujoco_agrees():
     pytest.importorskip("mujoco")
     assert row("torque", "mujoco", 513).error < 1e-9
