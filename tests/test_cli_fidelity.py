@@ -51,6 +51,13 @@ def test_numbers_and_a_figure_are_written_together(capsys, tmp_path, monkeypatch
     assert max(least["torque"], least["platform"]) <= 0.001
 
 
+@pytest.mark.slow
+def test_another_motion_than_that_of_the_scene_is_nothing_to_keep(capsys):
+    code, text, _ = run(capsys, "fidelity", "five_bar", "--scene", "A", "--duration", "3", "--json")
+    assert code == 0
+    assert "fidelity" not in json.loads(text)
+
+
 def test_no_rung_enough_is_an_answer_with_its_table(capsys, monkeypatch):
     study = replace(fidelity_study(robots.load("five_bar"), "A"), tolerance=1e-15)
     monkeypatch.setattr("framework.cli.fidelity.fidelity_study", lambda *_, **__: study)

@@ -124,9 +124,9 @@ if __name__ == "__main__":
     robot = robots.load("five_bar", flexibility="flexible_links")
     quantities = chosen(robot, None)
     window = Window((0, 1), np.array([-0.3, -0.4]), np.array([0.3, 0.5]), (120, 60), robot.reference.x)
-    kept = KeptChunks.of(out, setup_document(robot, window, [one.key for one in quantities]))
+    kept = KeptChunks.of(out, setup_document(robot, window, quantities))
     with executor_of(workers=workers, dask=dask) as executor:
-        found = workspace_map(robot, window, quantities, executor=executor, keeper=kept)
+        found = workspace_map(robot, window, executor=executor, keeper=kept)
     write_map(found, out)
 """
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from framework.arrays import Array, ReadOnlyArrays
 from framework.atlas.map_files import versions
 from framework.atlas.quantities import chosen, unit_of
-from framework.atlas.window import Window, held_coordinates, map_axes
+from framework.atlas.window import Window, map_axes
 from framework.atlas.workspace_map import Keeper, WorkspaceMap, surveyed, workspace_map
 from framework.errors import FrameworkError, InvalidInput, choose_from
 from framework.input import read_text
@@ -156,13 +156,12 @@ def column_units(robot: ParallelRobot, task: Task) -> dict[str, str]:
 
 def _mapped(task: Task, parameters: Mapping[str, float]) -> WorkspaceMap:
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility, parameters=parameters)
-    axes, held, shape = map_axes(robot, task.axes), held_coordinates(robot, None), (task.size, task.size)
     if task.window is None:
-        window = surveyed(robot, axes, held, shape)
+        window = surveyed(robot, axes=task.axes, size=task.size)
     else:
-        ends = np.array(task.window)
-        window = Window(axes, ends[::2], ends[1::2], shape, held)
-    return workspace_map(robot, window, chosen(robot, task.keys))
+        ends, shape = np.array(task.window), (task.size, task.size)
+        window = Window(map_axes(robot, task.axes), ends[::2], ends[1::2], shape, robot.reference.x)
+    return workspace_map(robot, window, task.keys)
 
 
 def _told(found: WorkspaceMap) -> dict[str, float]:

@@ -8,14 +8,16 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from framework.atlas.quantities import unit_of
+from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.sweep import WORDS, Reason
+from framework.atlas.window import Window
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.kinematics.parallel_robot import ParallelRobot
 
@@ -40,10 +42,10 @@ def versions() -> dict[str, str]:
 
 def map_setup(found: WorkspaceMap) -> dict[str, Any]:
     """What a map depends on, a document of JSON."""
-    return setup_document(found.robot, found.window, [one.key for one in found.quantities])
+    return setup_document(found.robot, found.window, found.quantities)
 
 
-def setup_document(robot: ParallelRobot, window: Any, quantities: list[str]) -> dict[str, Any]:
+def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Quantity]) -> dict[str, Any]:
     """What a map of a robot over a window depends on."""
     names = robot.axis_names
     return {
@@ -59,7 +61,7 @@ def setup_document(robot: ParallelRobot, window: Any, quantities: list[str]) -> 
             for k, (name, value) in enumerate(zip(names, window.held, strict=True))
             if k not in window.axes
         },
-        "quantities": quantities,
+        "quantities": [one.key for one in quantities],
         "parameters": dict(robot.description.parameters),
         "versions": versions(),
     }

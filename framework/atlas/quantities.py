@@ -101,15 +101,18 @@ QUANTITIES = {
 
 
 def chosen(robot: ParallelRobot, names: Sequence[str] | None) -> tuple[Quantity, ...]:
-    """The quantities of these names; without names g, conditioning, torque and those of the springs.
+    """The quantities of these names, and g, from which the locus is drawn; without names all that apply.
+
+    "Apply" leaves out torques that differ by gears or by a norm alone.
 
     Raises:
         InvalidInput: an unknown name, or one that asks for springs which the robot has not.
     """
     has_springs = bool(robot.n_e or robot.joint_stiffness.any())
     if names is None:
-        names = ["g", "conditioning", *(["torque"] if robot.translations.any() else [])]
+        names = ["conditioning", *(["torque"] if robot.translations.any() else [])]
         names += ["stiffness", "frequency"] if has_springs else []
+    names = ["g", *names]
     for name in names:
         if name not in QUANTITIES:
             raise InvalidInput(choose_from("quantity", name, QUANTITIES))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, finite_numbers, whole_number
 from framework.kinematics.parallel_robot import ParallelRobot
 
@@ -76,6 +76,6 @@ def map_axes(robot: ParallelRobot, names: tuple[str, str] | None = None) -> tupl
     return int(order[0]), int(order[1])
 
 
-def held_coordinates(robot: ParallelRobot, at: Array | None) -> Array:
+def held_coordinates(robot: ParallelRobot, at: ArrayLike | None) -> Array:
     """The point about which a map lies: `at` (n,), the reference by default."""
     return robot.reference.x if at is None else finite_numbers("at", at, robot.n)

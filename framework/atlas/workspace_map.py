@@ -10,7 +10,7 @@ joined to the reference only across the border of two bands are reached from the
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,16 +19,17 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, BoolArray, ReadOnlyArrays
-from framework.atlas.quantities import Quantity, evaluate
+from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
+from framework.atlas.quantities import Quantity, chosen, evaluate
 from framework.atlas.sweep import WORDS, Reason, spread
-from framework.atlas.window import Window
+from framework.atlas.window import Window, held_coordinates, map_axes
 from framework.errors import NoAnswer, OutOfReach
 from framework.kinematics.inverse_kinematics import mode_signs, require_square, system_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tracking import assemble
 from framework.parallel.tasks import completed
 
+SIZE = 200  # poses along an edge
 ROWS = 8  # of a band; poses between coarse ones at most
 LONGEST = 0.15  # [robot lengths, rad] between neighbours that are reached one from the other
 NEAREST = 9  # coarse poses near the reference that are tried as the first one
@@ -89,8 +90,8 @@ class Band(NamedTuple):
 
 def workspace_map(
     robot: ParallelRobot,
-    window: Window,
-    quantities: tuple[Quantity, ...],
+    window: Window | None = None,
+    quantities: Sequence[str] | None = None,
     *,
     executor: Executor | None = None,
     keeper: Keeper | None = None,
@@ -99,6 +100,8 @@ def workspace_map(
     """Quantities over a window, at the poses that continuation from the reference reaches.
 
     Args:
+        window: what is reached over the first two translations by default, see `surveyed`.
+        quantities: keys of `QUANTITIES`; those that apply by default, and g always.
         executor: where bands are computed; this process when None. It must be able to pickle the robot.
         keeper: where finished bands are kept, and taken from if they are there already.
         progress: called with the number of poses that are done.
@@ -110,13 +113,14 @@ def workspace_map(
     expect_robot(robot)
     require_square(robot)
     started = time.perf_counter()
-    x = window.points()
-    bands = _bands(robot, window)
+    wanted = chosen(robot, quantities)
+    window = surveyed(robot) if window is None else window
+    x, bands = window.points(), _bands(robot, window)
     found = {} if keeper is None else dict(keeper.found())
-    chunks = {band.name: found[band.name] for band in bands if _fits(found.get(band.name), band, quantities)}
+    chunks = {band.name: found[band.name] for band in bands if _fits(found.get(band.name), band, wanted)}
     done = sum(band.stop - band.first for band in bands if band.name in chunks)
     progress(done * window.shape[1])
-    task = partial(filled_band, robot, window, quantities)
+    task = partial(filled_band, robot, window, wanted)
     for band, chunk in completed(task, [band for band in bands if band.name not in chunks], executor):
         chunks[band.name] = chunk
         if keeper is not None:
@@ -124,13 +128,13 @@ def workspace_map(
         done += band.stop - band.first
         progress(done * window.shape[1])
     whole = {key: np.concatenate([chunks[band.name][key] for band in bands]) for key in chunks[bands[0].name]}
-    _join_bands(robot, x, quantities, whole)
+    _join_bands(robot, x, wanted, whole)
     reference = system_at(robot, robot.reference.q[None], robot.reference.x[None])
     return WorkspaceMap(
         robot=robot,
         window=window,
-        quantities=quantities,
-        values={quantity.key: whole[quantity.key] for quantity in quantities},
+        quantities=wanted,
+        values={quantity.key: whole[quantity.key] for quantity in wanted},
         q=whole["q"],
         reason=whole["reason"],
         working_mode=int(mode_signs(robot, reference)[0][0]),
@@ -149,21 +153,35 @@ def filled_band(robot: ParallelRobot, window: Window, quantities: tuple[Quantity
     return _evaluated(robot, x[:rows], quantities, q[:rows], reason[:rows])
 
 
-def surveyed(robot: ParallelRobot, axes: tuple[int, int], held: Array, shape: tuple[int, int]) -> Window:
+def surveyed(
+    robot: ParallelRobot,
+    *,
+    axes: tuple[str, str] | None = None,
+    at: ArrayLike | None = None,
+    size: int = SIZE,
+) -> Window:
     """The window about all that the reference's working mode reaches, within bounds.
 
-    Those are `REACH` robot lengths and `REACH_OF_TURNS` about the point `held` (n,).
+    Those are `REACH` robot lengths and `REACH_OF_TURNS` about the point `at`.
+
+    Args:
+        axes: two of the platform's axes, by default its first translations.
+        at: platform point (n,), the reference by default; its other coordinates are held.
+        size: poses along an edge.
 
     Raises:
+        InvalidInput: see `map_axes`; or `at` has the wrong length.
         OutOfReach: no pose near the reference is reached.
     """
-    half = np.where(robot.translations, REACH * robot.length, REACH_OF_TURNS)[list(axes)]
-    about = held[list(axes)]
-    whole = Window(axes, about - half, about + half, (SURVEY, SURVEY), held)
+    over, held = map_axes(robot, axes), held_coordinates(robot, at)
+    half = np.where(robot.translations, REACH * robot.length, REACH_OF_TURNS)[list(over)]
+    about = held[list(over)]
+    whole = Window(over, about - half, about + half, (SURVEY, SURVEY), held)
     reached = np.argwhere(_seeded(robot, whole, 1)[1] == Reason.REACHED)
     low, high = reached.min(axis=0) - MARGIN, reached.max(axis=0) + MARGIN
     lower, upper = whole.lower + low * whole.cell, whole.lower + high * whole.cell
-    return Window(axes, np.maximum(lower, whole.lower), np.minimum(upper, whole.upper), shape, held)
+    lower, upper = np.maximum(lower, whole.lower), np.minimum(upper, whole.upper)
+    return Window(over, lower, upper, (size, size), held)
 
 
 # ------------------------------------------------------------------ the parts

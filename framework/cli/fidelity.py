@@ -20,6 +20,7 @@ from framework.output import written_together
 
 FILE = "fidelity.json"
 SAME_LAW = 1e-12  # in s
+GROWS = 2.0  # times as far as by itself: worth a line
 
 
 def add(commands: Any) -> None:
@@ -46,27 +47,32 @@ def run(options: argparse.Namespace) -> Report:
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     if options.out is None:
-        study = _studied(options)
-        document, text = study.to_dict(), fidelity_text(study)
+        study, document, text = _studied(options)
     else:
         out = FilePath(options.out)
         with written_together(out, document=FILE) as folder:
             from framework.show.fidelity import plot_fidelity
             from framework.show.plots import save
 
-            study = _studied(options)
-            document, text = study.to_dict(), f"{fidelity_text(study)}\n  written to        {out}"
+            study, document, text = _studied(options)
+            text += f"\n  written to        {out}"
             (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
             save(lambda: plot_fidelity(study), folder / "fidelity")
     options.refusal = study.refusal
     return document, text
 
 
-def _studied(options: argparse.Namespace) -> FidelityStudy:
+def _studied(options: argparse.Namespace) -> tuple[FidelityStudy, dict[str, Any], str]:
+    """The study, for machines and for people; what a scene may keep if it is of the scene as it stands."""
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path_and_motion(options, robot)
     with progress_bar(float(len(LADDER)), "rungs", silent=options.json) as progress:
-        return fidelity_study(robot, path, tolerance=tolerance, progress=progress, **typed)
+        study = fidelity_study(robot, path, tolerance=tolerance, progress=progress, **typed)
+    document, text, kept = study.to_dict(), fidelity_text(study), study.kept
+    if kept is None or options.scene is None or typed:
+        return study, document, text
+    line = f"fidelity: {{rung: {kept['rung']}, tolerance: {kept['tolerance']:g}}}"
+    return study, {**document, "fidelity": kept}, f"{text}\n  to keep           {line}"
 
 
 def fidelity_text(study: FidelityStudy) -> str:
@@ -80,12 +86,16 @@ def fidelity_text(study: FidelityStudy) -> str:
     ]
     at = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
     lines.append(f"  crossing          {f's = {at}' if at else 'none'}")
+    if study.foretold.growth >= GROWS:
+        lines.append(
+            f"  growth            what is off grows {study.foretold.growth:.2g} times: weight and torques "
+            f"carry the platform away, and nothing corrects them"
+        )
     if found is not None:
         torque, platform = (_where(study, errors) for errors in (found.torque_error, found.platform_error))
         lines += [
             f"  enough            {found.rung.name}: torques off by {torque}, platform by {platform}",
             f"  foretold          {study.foretold_rung.rung.name}, by the indicators alone",
-            f"  to keep           fidelity: {{rung: {found.rung.name}, tolerance: {study.tolerance:g}}}",
         ]
     return "\n".join(lines)
 
@@ -120,6 +130,8 @@ def _percent(share: float) -> str:
     """A share in per cent; what is rounding is 0."""
     if not np.isfinite(share):
         return "-"
+    if share >= 10.0:
+        return "> 1000 %"
     return f"{100.0 * share:.0f} %" if share >= 0.1 or share < ROUNDING else f"{100.0 * share:.2g} %"
 
 

@@ -11,7 +11,7 @@ from framework.atlas.map_files import DOCUMENT, map_document, setup_document, wr
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
 from framework.atlas.quantities import QUANTITIES, Quantity, chosen, unit_of
 from framework.atlas.window import Window, held_coordinates, map_axes
-from framework.atlas.workspace_map import WorkspaceMap, surveyed, workspace_map
+from framework.atlas.workspace_map import SIZE, WorkspaceMap, surveyed, workspace_map
 from framework.cli import arguments
 from framework.cli.design_study import STUDIED, finite_window, studied
 from framework.cli.parser import (
@@ -33,7 +33,7 @@ from framework.output import written_together
 from framework.parallel.kept import KeptChunks, forget
 from framework.parallel.tasks import executor_of
 
-SIZE, MOST = 200, 4000  # poses along an edge
+MOST = 4000  # poses along an edge
 TEXT = "quantities over the workspace on one working mode, with the singular locus on top"
 MORE = (
     "Poses are reached from the reference by continuation, so the map never leaves its working mode; what is "
@@ -108,7 +108,7 @@ def run(options: argparse.Namespace) -> Report:
     if options.out is None:
         return _told(_mapped(options, robot, window, quantities, None), margin)
     out = FilePath(options.out)
-    kept = KeptChunks.of(out, setup_document(robot, window, [one.key for one in quantities]))
+    kept = KeptChunks.of(out, setup_document(robot, window, quantities))
     with written_together(out, document=DOCUMENT) as folder:  # long work wants a place to go to
         try:
             found = _mapped(options, robot, window, quantities, kept)
@@ -121,17 +121,13 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None) -> Window:
-    axes = map_axes(robot, None if options.over is None else tuple(options.over))
-    if options.at is None and path is not None:
-        held = held_coordinates(robot, path(np.zeros(1))[0])
-    else:
-        held = held_coordinates(robot, options.at)
+    axes = None if options.over is None else tuple(options.over)
+    at = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or SIZE
-    shape = (size, size)
     if options.window is None:
-        return surveyed(robot, axes, held, shape)
+        return surveyed(robot, axes=axes, at=at, size=size)
     given = np.array(finite_window(options))
-    return Window(axes, given[::2], given[1::2], shape, held)
+    return Window(map_axes(robot, axes), given[::2], given[1::2], (size, size), held_coordinates(robot, at))
 
 
 def _mapped(
@@ -145,7 +141,8 @@ def _mapped(
         executor_of(workers=options.workers, dask=options.dask) as executor,
         progress_bar(float(np.prod(window.shape)), "pose", silent=options.json) as progress,
     ):
-        return workspace_map(robot, window, quantities, executor=executor, keeper=kept, progress=progress)
+        keys = [one.key for one in quantities]
+        return workspace_map(robot, window, keys, executor=executor, keeper=kept, progress=progress)
 
 
 def _what_is_kept(options: argparse.Namespace, kept: KeptChunks) -> list[str]:

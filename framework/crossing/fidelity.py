@@ -117,7 +117,7 @@ class FidelityStudy(ReadOnlyArrays):
             "crossings": [{"s": at.s, "time": at.time} for at in self.highest.crossings],
             "enough": None if self.enough is None else self.enough.rung.name,
             "foretold": self.foretold_rung.rung.name,
-            "fidelity": self.kept,
+            "growth": _finite(self.foretold.growth),
             "rungs": [self._entry(judged) for judged in self.rungs],
             "simulating": self.simulating,
             "seconds": self.seconds,

@@ -13,8 +13,9 @@ undeformed robot and from its vibrations:
   undeformed point has no equilibrium is as wide as the deflection.
 
 A share of the force is taken for the same share of the path. But a share of the weight W_g pushes all the
-time, and moves the platform by 1/2 W_g T^2 / m, times max |d2s/dt2| / (W - W_g) in path lengths. What a
-rung leaves out in all is the largest of what it and those above it leave out.
+time, and moves the platform by 1/2 W_g T^2 / m, times max |d2s/dt2| / (W - W_g) in path lengths; and what
+is off grows where weight and torques carry it farther off. What a rung leaves out in all is the largest of
+what it and those above it leave out.
 """
 
 from __future__ import annotations
@@ -27,9 +28,12 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.result import CrossingPlan
+from framework.dynamics.open_loop import open_loop_growth
 from framework.dynamics.platform_wrench import platform_wrench
 from framework.dynamics.vibrations import first_frequencies
+from framework.errors import NotAssembled
 from framework.kinematics.frames import difference
+from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.rungs import LADDER
 
 INSTANTS = 65
@@ -40,6 +44,7 @@ class Foretold(NamedTuple):
 
     error: Mapping[str, float]
     words: Mapping[str, str]
+    growth: float  # of what is off, by weight and torques that nothing corrects; see `open_loop_growth`
 
     def chosen(self, tolerance: float) -> str:
         """The least rung that leaves out no more than the tolerance."""
@@ -50,7 +55,7 @@ def foretell(plans: Mapping[str, CrossingPlan | None], highest: CrossingPlan, le
     """The indicators of a motion, from the plans by name of rung; `length` of the path [m]."""
     rigid = plans["rigid"]
     if rigid is None:  # nothing to foretell from: everything may matter
-        return _told({}, {})
+        return _told({}, {}, np.inf)
     shares = _shares(rigid, plans["payload"])
     out, words = dict[str, float](), dict[str, str]()
     out["kinematics"] = shares.bodies * shares.drift
@@ -71,17 +76,30 @@ def foretell(plans: Mapping[str, CrossingPlan | None], highest: CrossingPlan, le
     ratio, cycles = _slowness(rigid, links)
     out["deformed"] = ratio * shares.legs
     words["deformed"] = f"legs make {_percent(shares.legs)} of the force"
-    return _told(out, words)
+    return _told(out, words, _growth(rigid))
 
 
-def _told(out: Mapping[str, float], words: Mapping[str, str]) -> Foretold:
+def _growth(plan: CrossingPlan) -> float:
+    try:
+        return open_loop_growth(plan.dynamics)
+    except NotAssembled:  # on the border of the workspace: nobody knows
+        return np.inf
+
+
+def _told(out: Mapping[str, float], words: Mapping[str, str], growth: float) -> Foretold:
     """Errors that do not grow upwards: each rung also leaves out what those above it do."""
     error, names = dict[str, float](), [rung.name for rung in LADDER]
     largest = 0.0
     for name in reversed(names):
-        largest = max(largest, 0.0 if name == names[-1] else out.get(name, np.inf))
+        largest = max(largest, 0.0 if name == names[-1] else _times(growth, out.get(name, np.inf)))
         error[name] = largest
-    return Foretold({name: error[name] for name in names}, {name: words.get(name, "") for name in names})
+    told = {name: words.get(name, "") for name in names}
+    return Foretold({name: error[name] for name in names}, told, growth)
+
+
+def _times(growth: float, error: float) -> float:
+    """The error as it grows; none does not grow."""
+    return growth * error if error > 0.0 else 0.0
 
 
 class _Shares(NamedTuple):
@@ -135,14 +153,15 @@ def _bending(rigid: CrossingPlan, elastic: CrossingPlan) -> float:
 
     What a motor takes up, such as the twist of its own gear, changes no geometry.
     """
-    times = np.linspace(0.0, rigid.duration, 257)
-    moved = []
-    for plan in (rigid, elastic):
-        robot = plan.robot
+    times = np.linspace(0.0, elastic.duration, 257)
+    near = rigid.configuration(np.minimum(times, rigid.duration))
+    undeformed = close_loops(rigid.robot, elastic.platform(times), near).q  # with the platform where it is
+    turned = []
+    for robot, q in ((rigid.robot, undeformed), (elastic.robot, elastic.configuration(times))):
         columns = {robot.joint_of(int(column)): column for column in robot.following}
-        turned = difference(robot, robot.neutral, plan.configuration(times)) / robot.column_scale
-        moved.append(turned[:, [columns[name] for name in sorted(columns)]])
-    return float(np.abs(moved[0] - moved[1]).max(initial=0.0))
+        joints = difference(robot, robot.neutral, q) / robot.column_scale
+        turned.append(joints[:, [columns[name] for name in sorted(columns)]])
+    return float(np.abs(turned[0] - turned[1]).max(initial=0.0))
 
 
 def _percent(share: float) -> str:

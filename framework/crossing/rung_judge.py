@@ -25,9 +25,9 @@ SAME = 1e-9  # of the peak: torques are planned to 1e-10; those that differ by l
 # far off is another motion, and not simulated
 LOST = 0.1
 METHOD = "stiff"  # quick vibrations that nobody excites cost nothing
-STEP_ERRORS = (1e-3, 1e-5, 1e-7)  # of the tolerance, that a step may leave unresolved, tried in turn
+STEP_ERRORS = (1e-3, 1e-5)  # of the tolerance, that a step may leave unresolved, tried in turn
 FLOOR = 0.1  # of the tolerance: the highest rung's own torques may leave the path by no more
-LEAST_STEP_ERROR = 1e-13  # [robot lengths] near rounding
+LEAST_STEP_ERROR = 1e-12  # [robot lengths] what planned torques are good for
 INSTANTS = 1001
 NEAR = np.geomspace(1e-6, 0.1, 41)  # of the duration, from a crossing: where differences may be narrow
 
@@ -38,7 +38,7 @@ class Judged(ReadOnlyArrays):
 
     torque_error, platform_error: at the judge's instants (T,): the difference from the highest rung's torques
         over their peak, and the distance of the platform from the rung's own plan over the path's length. nan
-        where there is no plan, and after the simulation has ended.
+        where there is no plan, and after that plan or its simulation has ended.
     reason: why there is no plan, or where the platform was lost; empty otherwise.
     same_as: the lowest rung that gives the same torques; empty if none does.
     """
@@ -58,7 +58,7 @@ class Judged(ReadOnlyArrays):
     @property
     def platform(self) -> float:
         """The largest platform error; infinite where the platform was lost."""
-        return np.inf if self.reason else float(self.platform_error.max())
+        return np.inf if self.reason else float(np.nanmax(self.platform_error))
 
     @property
     def deflection(self) -> tuple[str, float] | None:

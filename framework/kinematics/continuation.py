@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import Array, BoolArray
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import System
 from framework.kinematics.mechanism import Mechanism
@@ -61,6 +61,24 @@ class Way(NamedTuple):
         return bool(self.at[-1] == 1.0)
 
 
+class StepMeasure(NamedTuple):
+    """What tells whether T steps have stayed on their branches."""
+
+    correction: Array  # (T,) [rad, lengths] by which the predictor was corrected
+    small: BoolArray  # (T,) whether that is small, or small against the step
+    straight: BoolArray  # (T,) whether the tangent has turned no more than one branch allows
+
+
+def measure(robot: Mechanism, moved: Array, along: Array, beyond: Array) -> StepMeasure:
+    """Of corrections, and of steps along the tangents before and after, each (T, nv)."""
+    lengths = robot.column_scale
+    correction, advance, turned = (
+        np.abs(motion / lengths).max(axis=1, initial=0.0) for motion in (moved, along, beyond - along)
+    )
+    small = correction <= np.maximum(LARGEST_CORRECTION, 0.25 * advance)
+    return StepMeasure(correction, small, turned <= LARGEST_TURN * correction + 0.25 * advance)
+
+
 def follow(
     robot: Mechanism,
     start: Place,
@@ -77,7 +95,6 @@ def follow(
             whether the tangent has turned no more than the corrections of one branch allow.
         step: the first one, as a share of the way.
     """
-    lengths = robot.column_scale
     at, here, parameters, places = 0.0, start, [0.0], [start]
     while at < 1.0:
         step = min(step, 1.0 - at)
@@ -89,11 +106,10 @@ def follow(
         if there is None:
             step *= 0.5
             continue
-        correction = np.abs(difference(robot, predicted[0], there.q) / lengths).max()
-        advance = np.abs(here.rate * (following - at) / lengths).max()
-        turned = np.abs((there.rate - here.rate) * (following - at) / lengths).max()
-        straight = bool(turned <= LARGEST_TURN * correction + 0.25 * advance)
-        if correction > max(LARGEST_CORRECTION, 0.25 * advance) or not belongs(here, there, straight):
+        moved = difference(robot, predicted[0], there.q)
+        measured = measure(robot, moved, (following - at) * here.rate, (following - at) * there.rate)
+        correction = float(measured.correction[0])
+        if not (measured.small[0] and belongs(here, there, bool(measured.straight[0]))):
             step *= 0.5
             continue
         at, here = following, there

@@ -71,34 +71,53 @@ def forward_kinematics(
     """
     expect_robot(robot)
     target = finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a)
+    check_motors_are_free(robot)
+    start = start_pose(robot, near)
+    way, x = _follow_motors(robot, start.place, target), start.x[None]
+    for place in way.places[1:]:
+        x = robot.platform.unwrap(robot.platform.coordinates(place.system.frames), x[0])
+    if not way.complete:
+        raise _stopped(robot, way, x[0], target)
+    clearance = min(place.clearance for place in way.places)
+    return _pose_at(robot, way.last, x[0], clearance, steps=len(way.at) - 1)
+
+
+def _pose_at(robot: ParallelRobot, place: Place, x: Array, clearance: float, *, steps: int) -> ForwardPose:
+    """The pose of a place, its platform at x (n,)."""
+    freeze(place)
+    residual = loop_wrenches(robot.rows, place.system.frames).residual
+    return ForwardPose(
+        q=place.q[0],
+        x=x,
+        residual=float(np.abs(residual).max(initial=0.0)),
+        iterations=steps,
+        clearance=clearance,
+        robot=robot,
+        place=place,
+    )
+
+
+def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> ForwardPose:
+    """The pose of an assembled configuration (nq,), the reference by default, at which a way begins.
+
+    Raises:
+        InvalidInput: it is not assembled.
+    """
+    if isinstance(near, ForwardPose) and near.robot is robot:
+        return near
+    closed = assembled_at(robot, robot.reference.q if near is None else near)
+    still = np.zeros((1, robot.model.nv))
+    place = Place(closed.q, closed.system, still, _clearance(robot, closed.system))
+    return _pose_at(robot, place, closed.x[0], place.clearance, steps=0)
+
+
+def check_motors_are_free(robot: ParallelRobot) -> None:
+    """Raise InvalidInput unless one motor can move while the others rest."""
     if not motors_are_free(robot):
         raise InvalidInput(
             f"{robot.name}: its {robot.n_a} motors drive {robot.n} degrees of freedom, so none of them can "
             f"move while all others rest; move the platform"
         )
-    if isinstance(near, ForwardPose) and near.robot is robot:
-        x, start = near.x[None], near.place
-    else:
-        closed = assembled_at(robot, robot.reference.q if near is None else near)
-        still = np.zeros((1, robot.model.nv))
-        x, start = closed.x, Place(closed.q, closed.system, still, _clearance(robot, closed.system))
-    way = _follow_motors(robot, start, target)
-    for place in way.places[1:]:
-        x = robot.platform.unwrap(robot.platform.coordinates(place.system.frames), x[0])
-    if not way.complete:
-        raise _stopped(robot, way, x[0], target)
-    last = way.last
-    freeze(last)
-    residual = loop_wrenches(robot.rows, last.system.frames).residual
-    return ForwardPose(
-        q=last.q[0],
-        x=x[0],
-        residual=float(np.abs(residual).max(initial=0.0)),
-        iterations=len(way.at) - 1,
-        clearance=min(place.clearance for place in way.places),
-        robot=robot,
-        place=last,
-    )
 
 
 def motors_are_free(robot: ParallelRobot) -> bool:

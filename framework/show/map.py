@@ -79,7 +79,8 @@ def plot_map(
     axes = list(found.window.axes)
     if path is not None:
         way = path(np.linspace(0.0, 1.0, SAMPLES))[:, axes]
-        ax.plot(*way.T, color=PATH, linewidth=1.6, linestyle="--", path_effects=halo, label="path")
+        label = "path" if lies_in(found, path) else "path, projected"
+        ax.plot(*way.T, color=PATH, linewidth=1.6, linestyle="--", path_effects=halo, label=label)
         ax.plot(*way[0], "o", color=PATH, markersize=4, markeredgecolor="white", markeredgewidth=0.8)
     else:
         start = robot.reference.x[axes]
@@ -103,6 +104,12 @@ def _axes(found: WorkspaceMap) -> tuple[Axes, Axes]:
         return drawing.add_axes((*corner, *size))
 
     return placed(LEFT, width), placed(LEFT + width + 0.5 * BAR, 0.5 * BAR)
+
+
+def lies_in(found: WorkspaceMap, path: Path) -> bool:
+    """Whether a path keeps the coordinates that the map holds."""
+    apart = np.abs(path(np.linspace(0.0, 1.0, SAMPLES)) - found.window.held)
+    return bool(np.delete(apart, found.window.axes, axis=1).max(initial=0.0) < 1e-9)
 
 
 def is_to_scale(found: WorkspaceMap) -> bool:
@@ -131,7 +138,7 @@ def title(found: WorkspaceMap) -> str:
     """The robot, the mode that the map shows, and what is held."""
     robot, axes = found.robot, found.window.axes
     held = [
-        f"{name} = {value + 0.0:.4g} {'m' if slides else 'rad'}"
+        f"{name} = {round(value, 9) + 0.0:.4g} {'m' if slides else 'rad'}"
         for k, (name, value, slides) in enumerate(
             zip(robot.axis_names, found.window.held, robot.translations, strict=True)
         )

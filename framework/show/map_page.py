@@ -17,7 +17,7 @@ from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.sweep import WORDS, Reason
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
-from framework.show.map import SAMPLES, UNREACHED, cell_edges, colours, is_to_scale, title
+from framework.show.map import SAMPLES, UNREACHED, cell_edges, colours, is_to_scale, lies_in, title
 from framework.show.style import LOCUS, PATH
 
 SHADES = 256
@@ -46,7 +46,8 @@ def _document(found: WorkspaceMap, path: Path | None) -> dict[str, Any]:
     if path is not None:
         way = path(np.linspace(0.0, 1.0, SAMPLES))[:, list(window.axes)]
         curves.append(_curve(way, PATH, 2.5, [7, 4]))
-        legend.append(("path, from the dot on", PATH, False))
+        where = "" if lies_in(found, path) else ", projected"
+        legend.append((f"path, from the dot on{where}", PATH, False))
         mark = way[0]
     else:
         mark = robot.reference.x[list(window.axes)]

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework.atlas.quantities import chosen
 from framework.atlas.sweep import PARTS, Reason, stepped
-from framework.atlas.window import map_axes
 from framework.atlas.workspace_map import surveyed, workspace_map
 
 CATALOGUE = (
@@ -38,8 +36,8 @@ def turns_apart(robot, one, two):
 )
 def test_a_step_between_neighbours_leads_from_the_one_to_the_other(name, size):
     robot = robots.load(name)
-    window = surveyed(robot, map_axes(robot), robot.reference.x, (size, size))
-    found = workspace_map(robot, window, chosen(robot, ["g"]))
+    window = surveyed(robot, size=size)
+    found = workspace_map(robot, window, ["g"])
     asked = refused = 0
     for expected, step in pairs(found):
         told = step.reason == Reason.REACHED

@@ -31,7 +31,7 @@ def window(robot, size, lower=(-0.32, -0.5), upper=(0.33, 0.5)):
 @cache
 def five_bar_map(flexibility="flexible_links", size=41):
     robot = robots.load("five_bar", flexibility=flexibility)
-    return workspace_map(robot, window(robot, size), chosen(robot, None))
+    return workspace_map(robot, window(robot, size))
 
 
 def test_every_pose_of_the_5r_has_the_values_of_its_geometry():
@@ -80,8 +80,7 @@ def test_the_locus_on_a_map_is_where_the_rods_are_in_line():
 @pytest.mark.parametrize("name", ["three_rrr", "gough_stewart", "agile_eye"])
 def test_a_pose_of_a_map_is_the_one_that_tracking_reaches(name):
     robot = robots.load(name)
-    axes = map_axes(robot)
-    found = workspace_map(robot, surveyed(robot, axes, robot.reference.x, (9, 9)), chosen(robot, ["g"]))
+    found = workspace_map(robot, surveyed(robot, size=9), ["g"])
     near = np.abs(found.window.points() - robot.reference.x).max(axis=2)
     places = [tuple(map(int, at)) for at in np.argwhere(found.reached & (near < 0.3 * near.max()))[::3]]
     assert places
@@ -104,7 +103,7 @@ def test_a_map_does_not_depend_on_the_executor(tmp_path):
     robot = robots.load("five_bar", flexibility="flexible_joints")
     files = []
     for pool in (None, ThreadPoolExecutor(2)):
-        found = workspace_map(robot, window(robot, 30), chosen(robot, None), executor=pool)
+        found = workspace_map(robot, window(robot, 30), executor=pool)
         folder = tmp_path / str(pool is None)
         folder.mkdir()
         files.append([file.read_bytes() for file in write_map(found, folder)])
@@ -118,7 +117,7 @@ class Stopped(KeyboardInterrupt):
 def test_an_interrupted_map_goes_on_and_computes_nothing_twice(tmp_path, monkeypatch):
     robot = robots.load("five_bar")
     at, quantities = window(robot, 40), chosen(robot, None)
-    kept = KeptChunks.of(tmp_path, setup_document(robot, at, [one.key for one in quantities]))
+    kept = KeptChunks.of(tmp_path, setup_document(robot, at, quantities))
     computed = []
     module = "framework.atlas.workspace_map"
     filled = workspace_map.__globals__["filled_band"]
@@ -131,19 +130,19 @@ def test_an_interrupted_map_goes_on_and_computes_nothing_twice(tmp_path, monkeyp
 
     monkeypatch.setattr(f"{module}.filled_band", counted)
     with pytest.raises(Stopped):
-        workspace_map(robot, at, quantities, keeper=kept)
+        workspace_map(robot, at, keeper=kept)
     assert sorted(kept.found()) == computed
     first = list(computed)
     monkeypatch.setattr(
         f"{module}.filled_band", lambda *given: computed.append(given[3].name) or filled(*given)
     )
     done = []
-    resumed = workspace_map(robot, at, quantities, keeper=kept, progress=done.append)
+    resumed = workspace_map(robot, at, keeper=kept, progress=done.append)
     assert sorted(computed) == sorted(set(computed))
     assert len(computed) == 5 > len(first)
     assert done[0] == 16 * 40
     assert done[-1] == 1600
-    fresh = workspace_map(robot, at, quantities)
+    fresh = workspace_map(robot, at)
     for key, values in fresh.values.items():
         np.testing.assert_array_equal(resumed.values[key], values)
     np.testing.assert_array_equal(resumed.q, fresh.q)
@@ -152,7 +151,7 @@ def test_an_interrupted_map_goes_on_and_computes_nothing_twice(tmp_path, monkeyp
 def test_a_kept_band_of_another_map_is_not_taken(tmp_path):
     robot = robots.load("five_bar")
     at = window(robot, 20)
-    small, large = ([one.key for one in chosen(robot, keys)] for keys in (["g"], None))
+    small, large = (chosen(robot, keys) for keys in (["g"], None))
     places = {
         KeptChunks.of(tmp_path, setup_document(robot, one, keys)).folder
         for one in (at, window(robot, 21))

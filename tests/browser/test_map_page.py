@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import robots
-from framework.atlas.quantities import chosen
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import workspace_map
 from framework.show.map_page import map_page
@@ -23,7 +22,7 @@ SIZE = 41
 def found():
     robot = robots.load("five_bar", flexibility="flexible_links")
     window = Window((0, 1), np.array([-0.3, -0.45]), np.array([0.3, 0.45]), (SIZE, SIZE), robot.reference.x)
-    return workspace_map(robot, window, chosen(robot, None))
+    return workspace_map(robot, window)
 
 
 def told(tab):

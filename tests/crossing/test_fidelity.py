@@ -130,6 +130,11 @@ def test_other_torques_are_those_of_another_motion():
     assert "not simulated" in lowest.reason
 
 
+def test_a_plan_that_ends_before_the_highest_is_judged_up_to_its_end():
+    judged = replace(crossing_study().rungs[-1], platform_error=np.array([0.0, 0.02, np.nan]))
+    assert judged.platform == 0.02
+
+
 @pytest.mark.slow
 def test_a_platform_that_is_lost_is_lost_at_some_instant():
     study = fidelity_study(robots.load("two_arms"), "lift", tolerance=0.01)
@@ -203,6 +208,7 @@ def test_a_scene_that_keeps_nothing_is_told():
         kept_options(robots.load("five_bar").description, "A")
 
 
+@pytest.mark.slow
 def test_the_path_of_a_scene_is_judged_like_the_scene():
     robot = robots.load("five_bar")
     scene = robot.description.scenes["A"]

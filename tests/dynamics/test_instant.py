@@ -12,6 +12,7 @@ import robots
 from framework import InvalidInput, ParallelRobot, SingularPose, assemble, plan_scene
 from framework.dynamics.instant import dynamics_at
 from framework.model.description import Actuator, Platform
+from framework.motion.chebyshev import TimeGrid
 from tests.robots.cut_elsewhere import cut_elsewhere
 
 
@@ -99,21 +100,30 @@ def test_a_joint_passes_on_along_its_axis_what_its_motor_gives_and_nothing_else(
         np.testing.assert_allclose(given, expected, rtol=0, atol=1e-9 * scale)
 
 
-def test_what_the_motors_give_is_what_the_energy_takes(moving):
+def test_what_the_motors_give_is_what_platform_and_energy_take(moving):
+    """Against the energy's Chebyshev series about the instant, with a wrench of the world on the platform."""
     plan, time, found = moving
-    robot, h = plan.robot, 1e-3 * plan.duration
-
-    def energy(t):
-        motion, data = plan.dynamics.motion(t), robot.model.createData()
-        kinetic = pin.computeKineticEnergy(robot.model, data, motion.q[0], motion.v[0])
-        rotors = 0.5 * robot.rotor_inertia @ (robot.gear_ratio * motion.v[0, robot.actuated]) ** 2
-        return kinetic + rotors + pin.computePotentialEnergy(robot.model, data, motion.q[0])
-
-    gained = (energy(time - 2 * h) - 8 * energy(time - h) + 8 * energy(time + h) - energy(time + 2 * h)) / (
-        12 * h
+    robot, model = plan.robot, plan.robot.model
+    frame = robot.description.platform.frame
+    pushed = np.array([3.0, -1.0, 2.0, 0.5, -0.2, 0.4])
+    loaded = dynamics_at(
+        robot, found.q, dx=plan.platform(time, 1), ddx=plan.platform(time, 2), wrenches={frame: pushed}
     )
-    power = found.torque @ (robot.gear_ratio * found.v[robot.actuated])
-    assert power == pytest.approx(gained, abs=1e-8 * np.abs(found.torque).max() * plan.robot.gear_ratio.max())
+    data = model.createData()
+    pin.forwardKinematics(model, data, found.q, found.v)
+    here = pin.getFrameVelocity(model, data, model.getFrameId(frame), pin.LOCAL_WORLD_ALIGNED).vector
+    half = 0.1 * plan.duration
+    grid = TimeGrid(np.array([time - half, time + half]), 32)
+    motion = plan.dynamics.motion(grid.times)
+    energies = []
+    for q, v in zip(motion.q, motion.v, strict=True):
+        kinetic = pin.computeKineticEnergy(model, data, q, v)
+        rotors = 0.5 * robot.rotor_inertia @ (robot.gear_ratio * v[robot.actuated]) ** 2
+        energies.append(kinetic + rotors + pin.computePotentialEnergy(model, data, q))
+    gained = float(grid.fit(np.array(energies)[:, None] - energies[0])(time, 1)[0])
+    powers = loaded.torque * robot.gear_ratio * found.v[robot.actuated]
+    size = np.abs([*powers, pushed @ here, gained]).sum()
+    assert powers.sum() == pytest.approx(gained - pushed @ here, rel=0, abs=1e-12 * size)
 
 
 def test_inertia_is_what_kinetic_energy_says(moving):

@@ -131,6 +131,7 @@ def test_spherical_robots_have_at_most_eight(name, count):
     np.testing.assert_allclose(found.modes[0].x, robot.reference.x, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_symmetric_platform_is_not_said_to_be_complete():
     robot = robots.load("gough_stewart")
     q_a = robot.actuated_coordinates(robot.reference.q[None])[0]

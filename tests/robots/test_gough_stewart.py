@@ -17,6 +17,7 @@ from framework import (
     Law,
     Line,
     assemble,
+    forward_kinematics,
     inverse_dynamics,
     locate_singularities,
     plan_scene,
@@ -73,6 +74,16 @@ def legs(x):
 def lengths(x):
     leg = legs(x)
     return np.sqrt(np.sum(leg * leg, axis=1))
+
+
+def test_leg_lengths_lead_to_the_pose_that_has_them():
+    """Its motors are its legs: the joint coordinate of a leg is its length [m]."""
+    robot, rng = robots.load("gough_stewart"), np.random.default_rng(5)
+    start = assemble(robot)
+    for _ in range(5):
+        x = start.x + 0.03 * rng.uniform(-1, 1, 6) * np.repeat([robot.length, 1.0], 3)
+        found = forward_kinematics(robot, lengths(x).real)
+        np.testing.assert_allclose(found.x, x, rtol=0, atol=1e-12 / found.clearance)
 
 
 def plucker(x):

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import robots
-from framework.atlas.quantities import chosen
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import workspace_map
 from framework.crossing.scenes import scene, scene_path
@@ -24,7 +23,7 @@ from framework.show.map_page import map_page
 def found():
     robot = robots.load("five_bar", flexibility="flexible_links")
     window = Window((0, 1), np.array([-0.3, -0.1]), np.array([0.3, 0.5]), (25, 25), robot.reference.x)
-    return workspace_map(robot, window, chosen(robot, None))
+    return workspace_map(robot, window)
 
 
 def path():

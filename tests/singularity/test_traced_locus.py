@@ -166,6 +166,7 @@ def test_a_curve_that_leaves_the_workspace_is_followed_to_its_edge():
         assert off[[0, -1]].min() > 1.2 * robot.length
 
 
+@pytest.mark.slow  # the hyperbola would have holes without it
 def test_branches_are_switched_where_a_leg_has_no_length():
     robot = robots.load("three_rpr")
     traced = trace_locus(robot, robot.reference.q, one_mode=True)
