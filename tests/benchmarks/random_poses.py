@@ -5,8 +5,8 @@
 Every set of motor angles is at least a tenth away from the reference, in radians and robot lengths, by the
 motor that turns most. What arrives is closed again from beside by the inverse kinematics, which is another
 Newton's method on other unknowns, and is led from the reference once more in 64 small steps without any
-certificate, for the branch (where the two differ, in steps a sixteenth as long: beside a singularity 64 are
-too few). What is refused is counted by the class of its error.
+certificate, for the branch (where the two differ, in steps a 64th as long: beside a singularity 64 are too
+few). What is refused is counted by the class of its error.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def evidence(robot: ParallelRobot, poses: int, *, seed: int = 0) -> Evidence:
     apart = np.abs((again.q - q) / scale).max(axis=1)
     on_reference = _conditions(robot, start[None])[0]
     off = np.abs((in_small_steps(robot, turns[there], SMALL_STEPS) - q) / scale).max(axis=1) > SAME
-    finer = in_small_steps(robot, turns[there][off], 16 * SMALL_STEPS)
+    finer = in_small_steps(robot, turns[there][off], 64 * SMALL_STEPS)
     off[off] = np.abs((finer - q[off]) / scale).max(axis=1, initial=0.0) > SAME
     conditions = _conditions(robot, q)
     return Evidence(
