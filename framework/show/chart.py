@@ -37,7 +37,9 @@ def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
         sentence += textwrap.wrap(f"Left out, not installed: {', '.join(stage.missing)}.", LETTERS)
     count = len(stage.panels) + bool(stage.profile)
     drawn = [method for method in stage.methods if any(row.method == method.name for row in rows)]
-    named = {method.label: method for method in reversed(drawn)}  # one entry a label, the first one's
+    named: dict[str, Method] = {}  # one entry a label, the first one's
+    for method in drawn:
+        named.setdefault(method.label, method)
     legend = -(-len(named) // LEGEND_COLUMNS)
     below = BELOW + LINE * (legend + len(sentence) + 1)
     height = TOP + AXES + below
@@ -56,8 +58,7 @@ def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
     if stage.profile:
         _plot_profile(axes[-1], stage, drawn, rows, looks)
     handles = [
-        axes[0].plot([], [], **looks[method.name], label=_label(method))[0]
-        for method in reversed(named.values())
+        axes[0].plot([], [], **looks[method.name], label=_label(method))[0] for method in named.values()
     ]
     figure.legend(
         handles=handles,

@@ -23,7 +23,7 @@ def lens(radius):
 @pytest.fixture(scope="module")
 def given(tmp_path_factory):
     file = parametric_five_bar(tmp_path_factory.mktemp("named"))
-    task = Task(str(file), ("l1", "l2"), "rigid", ("x", "y"), None, 17, ("g", "torque"))
+    task = Task(str(file), ("l1", "l2"), "rigid", ("x", "y"), (-0.36, 0.36, -0.56, 0.56), 17, ("g", "torque"))
     return task, designs_of(file)
 
 

@@ -32,7 +32,7 @@ def turns_apart(robot, one, two):
 
 @pytest.mark.parametrize(
     ("name", "size"),
-    [("five_bar", 31), *(pytest.param(name, 48, marks=pytest.mark.slow) for name in CATALOGUE)],
+    [("five_bar", 21), *(pytest.param(name, 32, marks=pytest.mark.slow) for name in CATALOGUE)],
 )
 def test_a_step_between_neighbours_leads_from_the_one_to_the_other(name, size):
     robot = robots.load(name)
@@ -44,4 +44,4 @@ def test_a_step_between_neighbours_leads_from_the_one_to_the_other(name, size):
         asked, refused = asked + len(told), refused + int(np.sum(~told))
         assert turns_apart(robot, expected[told], step.q[told]).max() < 1e-5
     assert asked > size**2 / 2
-    assert refused < 0.03 * asked  # beside a stretched leg no single step is trusted
+    assert refused < 1.5 * size  # beside a stretched leg, on the rim, no single step is trusted

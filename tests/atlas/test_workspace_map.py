@@ -68,13 +68,13 @@ def test_what_is_reached_is_the_workspace_and_no_elbow_has_turned_over():
 
 
 def test_the_locus_on_a_map_is_where_the_rods_are_in_line():
-    found = five_bar_map("rigid", 81)
+    found = five_bar_map("rigid", 61)
     points = np.concatenate(locus_on_map(found))
     inside = five_bar_pose.reachable(points) > 2 * found.window.cell.max()
     away = np.linalg.norm(points[:, None] - five_bar_pose.BASES, axis=2).min(axis=1) > 0.1
     at = five_bar_pose.pose(points[inside & away])
     assert len(at.sine) > 50
-    assert np.abs(at.sine).max() < 3e-3  # a cell has 0.01 m: between two poses g is taken for straight
+    assert np.abs(at.sine).max() < 5e-3  # a cell has 0.015 m: between two poses g is taken for straight
 
 
 @pytest.mark.parametrize("name", ["three_rrr", "gough_stewart", "agile_eye"])
@@ -103,7 +103,7 @@ def test_a_map_does_not_depend_on_the_executor(tmp_path):
     robot = robots.load("five_bar", flexibility="flexible_joints")
     files = []
     for pool in (None, ThreadPoolExecutor(2)):
-        found = workspace_map(robot, window(robot, 30), executor=pool)
+        found = workspace_map(robot, window(robot, 20), executor=pool)
         folder = tmp_path / str(pool is None)
         folder.mkdir()
         files.append([file.read_bytes() for file in write_map(found, folder)])

@@ -48,7 +48,7 @@ def methods(name: str, flexibility: str) -> dict[str, Method]:
         found["Exudyn, generalised alpha"] = method(simulate)
         found["Exudyn, trapezoidal, index 2"] = method(simulate, solver="TrapezoidalIndex2")
     if find_spec("mujoco"):
-        from tests.witness import mujoco_forward
+        from framework.chart.peers import mujoco_forward
 
         light = robot.link_mass == 0 and robot.drive_stiffness is not None
         for integrator, ratio in MASS_PER_STEP.items():

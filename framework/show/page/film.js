@@ -128,7 +128,9 @@ class Film {
     const units = [...new Set(content.motors.map(({ unit }) => unit))].join(", ");
     const dashes = ["", "7 4", "2 3", "9 3 2 3"];
     const names = content.motors.map(({ name }) => plain(name).replace(/_/g, " "));
-    const short = names.join("").length < 36;
+    // beside the title of their curves, if all of them find room there
+    const scale = parseFloat(getComputedStyle(document.documentElement).fontSize) / 14;
+    const short = names.reduce((sum, name) => sum + 6.4 * name.length + 24, 130) * scale < side.clientWidth;
     side.insertAdjacentHTML("beforeend", `<p class="summary">${symbols(content.summary)}</p>`);
     if (content.refusal) side.insertAdjacentHTML("beforeend", `<p class="summary refusal">The planner: ${symbols(content.refusal)}</p>`);
     this.panels = [new Chart(side, {

@@ -211,6 +211,8 @@ class Hand {
     const size = linear.length() || 1;
     this.arrows.linear.set(origin, linear.multiplyScalar(0.3 * L / size), 0.15 + 0.85 * nearness);
     this.arrows.angular.set(origin, angular.multiplyScalar(0.22 * L / (angular.length() || 1)), 0.15 + 0.85 * nearness);
+    this.view.extra = Object.values(this.arrows).filter(({ object }) => object.visible).flatMap(({ tip }) =>
+      [tip.clone(), origin.clone().multiplyScalar(2).sub(tip)]); // the arrow has to be in sight, too
     for (const part of ["platform", "motor"]) {
       this.inputs[part].forEach(({ input, output }, index) => {
         const dragged = held && held.part === part && held.index === index && !this.settle;
