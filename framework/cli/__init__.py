@@ -14,49 +14,35 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from framework.cli import (
-    chart,
-    check,
-    convert,
-    export,
-    fidelity,
-    locate,
-    plan,
-    pose,
-    report,
-    robots,
-    robustness,
-    show,
-    simulate,
-    workspace_map,
-)
 from framework.cli.console import complain, one_line, tell
 from framework.cli.parser import Misuse, OneLineParser
 from framework.errors import FrameworkError, NoAnswer
 from framework.interruption import Heard, Terminated, exit_code, interruptible
 
-COMMANDS = (
-    robots,
-    check,
-    convert,
-    locate,
-    workspace_map,
-    pose,
-    plan,
-    fidelity,
-    simulate,
-    robustness,
-    show,
-    report,
-    export,
-    chart,
-)  # in the order of --help
+# Commands in the order of --help, and the modules that have them: imported when they are asked for.
+COMMANDS = {
+    "robots": "robots",
+    "check": "check",
+    "convert": "convert",
+    "locate": "locate",
+    "map": "workspace_map",
+    "pose": "pose",
+    "plan": "plan",
+    "fidelity": "fidelity",
+    "simulate": "simulate",
+    "robustness": "robustness",
+    "show": "show",
+    "report": "report",
+    "export": "export",
+    "chart": "chart",
+}
 UNEXPECTED = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback
 
@@ -79,7 +65,7 @@ def interrupted(stop: KeyboardInterrupt, given: Sequence[str]) -> int:
 
 def _run(given: Sequence[str], heard: Heard) -> int:
     try:
-        options = _parser().parse_args(given)
+        options = _parser(given).parse_args(given)
         options.warnings = []
         options.refusal = None
         with np.errstate(all="ignore"):  # what is not finite is told as an error, not as a warning
@@ -141,7 +127,8 @@ def _error_document(error: BaseException, message: str) -> dict[str, Any]:
     return document
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser of the command that is given, or of all where none is."""
     parser = OneLineParser(
         prog="crossing",
         description="Carry parallel robots through Type 2 singularities with finite motor torques.",
@@ -150,8 +137,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=_version())
     commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=OneLineParser)
 
-    for command in COMMANDS:
-        command.add(commands)
+    for command in given[:1] if given and given[0] in COMMANDS else COMMANDS:
+        import_module(f"framework.cli.{COMMANDS[command]}").add(commands)
     return parser
 
 
