@@ -241,18 +241,18 @@ def _by_full_turns(x: Array, near: Array) -> Array:
 
 
 def _logarithm(rotation: Array) -> Array:
-    """Rotation vectors (T, 3) of rotations (T, 3, 3), NaN where one is not finite."""
+    """Rotation vectors (T, 3) of rotations (T, 3, 3), each as if alone; NaN where one is not finite."""
     trace = rotation[:, 0, 0] + rotation[:, 1, 1] + rotation[:, 2, 2]
-    if (trace > 0.0).all():  # by less than 120 degrees: what is not symmetric says it all
-        doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # 2 sin(t) times the axis
-        angle = np.arctan2(0.5 * np.sqrt(dot(doubled, doubled)), 0.5 * (trace - 1.0))
-        return np.asarray(0.5 * doubled / np.sinc(angle / np.pi)[:, None])
-    from scipy.spatial.transform import Rotation
+    # turned by less than 120 degrees: what is not symmetric says it all
+    doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # 2 sin(t) times the axis
+    angle = np.arctan2(0.5 * np.sqrt(dot(doubled, doubled)), 0.5 * (trace - 1.0))
+    vectors = np.asarray(0.5 * doubled / np.sinc(angle / np.pi)[:, None])
+    wide = np.flatnonzero((trace <= 0.0) & np.isfinite(angle))
+    if len(wide):
+        from scipy.spatial.transform import Rotation
 
-    finite = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
-    if not finite.all():
-        rotation = np.where(finite[:, None, None], rotation, np.eye(3))
-    return np.where(finite[:, None], Rotation.from_matrix(rotation).as_rotvec(), np.nan)
+        vectors[wide] = Rotation.from_matrix(rotation[wide]).as_rotvec()
+    return vectors
 
 
 def _left_jacobian_series(square: Array, half_rate: Array) -> tuple[Array, Array, Array, Array]:
