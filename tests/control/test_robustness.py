@@ -100,6 +100,7 @@ def tuned(reference):
     return FeedforwardPD.tuned(reference)
 
 
+@pytest.mark.slow
 def test_robust_controllers_pass_with_a_wrong_payload_where_naive_computed_torque_does_not():
     passed = {
         name: run_chunk(controller(name), ControlLoop(), PAYLOAD, 0, range(12)).passed.mean()
@@ -117,6 +118,7 @@ def test_a_run_does_not_depend_on_its_neighbours():
     np.testing.assert_array_equal(together.peak_torque[2], alone.peak_torque[0])
 
 
+@pytest.mark.slow
 def test_a_study_does_not_depend_on_the_executor(monkeypatch):
     monkeypatch.setattr(study_module, "CHUNK", 2)
     spread = Spread(payload=0.05, friction=0.05, places=1e-5, noise=1e-6, speed_noise=1e-4)
@@ -133,6 +135,7 @@ def test_a_study_does_not_depend_on_the_executor(monkeypatch):
     assert not np.array_equal(serial.payload, other.payload)
 
 
+@pytest.mark.slow
 def test_a_failure_comes_back_by_its_seed():
     naive = controller("naive_computed_torque")
     study = run_study(naive, ControlLoop(), PAYLOAD, runs=6, seed=1)
@@ -158,6 +161,7 @@ def test_torques_stay_within_the_limit():
     assert not run.passed.any()
 
 
+@pytest.mark.slow
 def test_what_comes_late_and_what_rubs_leaves_a_larger_error():
     one = controller("feedforward")
     nothing = unvaried(one)[0]

@@ -220,13 +220,13 @@ def test_a_stop_on_the_locus_is_refused(robot):
         plan_crossing(robot, ends_there, duration=1.5)
 
 
-def test_a_tangential_touch_is_refused(robot):
+def test_a_tangential_touch_is_no_case_for_the_polynomial(robot):
     middle, tangent = locus(1.7), locus_tangent(1.7)
     reach = 0.06 * tangent / np.linalg.norm(tangent)
     path = Line(middle - reach, middle + reach)
     for options in ({}, {"times": [0.7]}, {"times": [0.7], "speeds": [1.0]}):
         with pytest.raises(NoLaw, match="touches the locus without crossing"):
-            plan_crossing(robot, path, duration=1.5, **options)
+            plan_crossing(robot, path, duration=1.5, law="polynomial", **options)
     with pytest.raises(
         NotConverged, match="torques are not resolved"
     ):  # nor does a law without conditions pass

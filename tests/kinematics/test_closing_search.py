@@ -113,6 +113,7 @@ def test_a_pose_is_found_where_there_is_one(tmp_path, seed):
             find_closed_pose(robot)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("low", "high", "closes"), [(0.9, 1.1, True), (-1.1, -0.9, True), (-0.1, 0.4, False)]
 )
@@ -153,6 +154,7 @@ def test_legs_are_closed_one_by_one(tmp_path):
         assert max(apart(robot, pose.q, f"{side}end_1", f"{side}end_2")) < 1e-9
 
 
+@pytest.mark.slow
 def test_what_cannot_close_is_told_with_the_least_gap(write_robot):
     """Motors 1.6 m apart and 1 m of links: the tips stay 0.6 m apart at least."""
     robot = Mechanism.from_file(write_robot(urdf=(('xyz="0.2 0 0"', 'xyz="1.4 0 0"'),)))

@@ -203,6 +203,7 @@ def test_the_phase_plane_holds_both_laws_between_what_the_motors_allow(crossing_
     assert "within 0.165 N m" in legend
 
 
+@pytest.mark.slow
 def test_an_optimal_law_is_saved_with_its_phase_plane(tmp_path, crossing_plan):
     plan = plan_crossing(robots.load("five_bar"), crossing_plan.path, duration=1.5, law="optimal")
     assert {"phase_plane.pdf", "phase_plane.png"} <= {

@@ -108,6 +108,7 @@ def test_a_robot_file_given_by_a_relative_path_finds_its_meshes_too(write_robot,
     assert "mesh" in {shape.kind for shape in shapes}
 
 
+@pytest.mark.slow
 def test_a_body_of_the_robot_file_is_the_box_that_its_inertia_says():
     robot = robots.load("two_arms")
     (box,) = [shape for shape in body_shapes(robot) if shape.color == (0.93, 0.72, 0.13, 1.0)]

@@ -78,6 +78,7 @@ def test_torque_from_the_ends_of_a_stiff_spring_loses_its_digits():
     assert ours.max() < 1e-12  # whatever the stiffness: rounding of 64 nodes and two derivatives
 
 
+@pytest.mark.slow
 def test_rods_balance_or_are_refused_as_too_soft():
     refused, differences = [], []
     t = np.linspace(0.0, 1.5, 61)
