@@ -9,6 +9,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -54,6 +55,7 @@ def interruptible() -> Iterator[Heard]:
     def stop(number: int, frame: FrameType | None) -> NoReturn:
         for other in heard:
             signal.signal(other, signal.SIG_IGN)
+        warnings.simplefilter("ignore")  # what is broken off halfway, such as an import, has its own to say
         heard_one.stop = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
         raise heard_one.stop
 
@@ -61,7 +63,8 @@ def interruptible() -> Iterator[Heard]:
         signal.signal(number, stop)
     hook, sys.unraisablehook = sys.unraisablehook, _other_than_interruptions
     try:
-        yield heard_one
+        with warnings.catch_warnings():
+            yield heard_one
     finally:
         sys.unraisablehook = hook
         for number in heard:
