@@ -69,11 +69,6 @@ def test_the_robots_own_formula_is_the_pointwise_solve():
     assert max(one.profile[:3]) < 1e-12
 
 
-def test_mujoco_agrees():
-    pytest.importorskip("mujoco")
-    assert row("torque", "mujoco", 513).error < 1e-9
-
-
 # ------------------------------------------------------------------ closing
 
 
@@ -131,14 +126,6 @@ def test_the_closed_form_torques_bring_the_payload_along_its_path():
 
 def test_the_squeezer_ends_where_it_is_published_to_end():
     assert row("forward", "squeezer_radau_5", 1e-6).error < 1e-5
-
-
-@pytest.mark.parametrize(("peer", "method"), [("exudyn", "exudyn_alpha"), ("mujoco", "mujoco")])
-def test_other_simulators_go_along_the_path_too(peer, method):
-    pytest.importorskip(peer)
-    coarse, fine = (row("forward", method, step).error for step in (1e-2, 5e-3))
-    assert fine < 1e-4
-    assert 1.5 < np.log2(coarse / fine) < 4.5
 
 
 # ------------------------------------------------------------------ laws

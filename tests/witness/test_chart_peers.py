@@ -1,0 +1,23 @@
+"""The simulators as rows of `crossing chart`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.chart.test_methods import row
+from tests.witness.installed import witness
+
+witness("exudyn", "framework.chart.peers.exudyn_five_bar")
+witness("mujoco", "framework.chart.peers.mujoco_forward")
+
+
+def test_mujoco_agrees():
+    assert row("torque", "mujoco", 513).error < 1e-9
+
+
+@pytest.mark.parametrize("method", ["exudyn_alpha", "mujoco"])
+def test_other_simulators_go_along_the_path_too(method):
+    coarse, fine = (row("forward", method, step).error for step in (1e-2, 5e-3))
+    assert fine < 1e-4
+    assert 1.5 < np.log2(coarse / fine) < 4.5
