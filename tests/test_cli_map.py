@@ -7,11 +7,17 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import robots
+from framework import ParallelRobot
+from framework.atlas.map_files import setup_document
+from framework.atlas.quantities import chosen
+from framework.atlas.window import Window
 from framework.atlas.workspace_map import workspace_map
 from framework.cli import main
 
@@ -63,6 +69,20 @@ def test_the_margin_of_a_pose_is_told_with_its_status(capsys):
     assert found["status"].startswith("at most 0.05505")
 
 
+def test_what_is_kept_of_a_map_is_named_by_the_working_mode_too():
+    described = robots.load("five_bar").description
+    given = described.reference  # the left leg turned over, about the line from its base to the tip
+    turned = given["left_motor"] + given["left_elbow"]
+    other = {**given, "left_motor": turned, "left_elbow": -given["left_elbow"]}
+    window, keys = Window((0, 1), np.array([0.0, 0.25]), np.array([0.05, 0.3]), (4, 4), np.zeros(2)), ()
+    setups = []
+    for reference in (described.reference, other):
+        robot = ParallelRobot.from_description(replace(described, reference=reference))
+        setups.append(setup_document(robot, window, chosen(robot, keys)))
+    assert setups[0]["robot_hash"] == setups[1]["robot_hash"]
+    assert setups[0] != setups[1]
+
+
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
@@ -71,6 +91,7 @@ def test_the_margin_of_a_pose_is_told_with_its_status(capsys):
         (["five_bar", "--over", "x", "z"], "axes of a map"),
         (["five_bar", "--window", "1", "0", "0", "1"], "window"),
         (["five_bar", "--window", "0", "1", "0", "inf"], "--window"),
+        (["five_bar", "--window", "-1000", "1000", "-1000", "1000"], "lengths are in m"),
         (["five_bar", "--at", "1"], "at"),
         (["five_bar", "--out", ""], "--out"),
         (["five_bar", "--nearest", "1"], "platform coordinates"),

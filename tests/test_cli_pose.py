@@ -68,6 +68,7 @@ def test_limits_that_a_pose_leaves_are_named(capsys):
         (("--platform", "0", "nan"), 2, "must be 2 finite numbers"),
         (("--platform", "0", "3"), 1, "left_motor"),
         (("--motors", "1.2", "-1.9"), 1, "Type 2 singularity on the way"),
+        (("--motors", "1.2", "1.9", "--all", "--torque-limit", "1"), 2, "--all: lists poses alone"),
     ],
 )
 def test_what_cannot_be_is_one_line(arguments, code, words, capsys):

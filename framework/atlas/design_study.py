@@ -11,6 +11,7 @@ import csv
 import hashlib
 import io
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -90,7 +91,7 @@ def designs_of(file: str | Path, table: str | Path | None = None) -> Designs:
         )
     if table is not None:
         return _read_table(Path(table), declared)
-    count = int(np.prod([len(values) for values in declared.values()]))
+    count = math.prod(len(values) for values in declared.values())
     if count > MOST:
         raise InvalidInput(f"{file}: {count} designs; at most {MOST} are studied")
     return Designs(tuple(declared), np.array(list(product(*declared.values())), dtype=float))

@@ -51,6 +51,9 @@ def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Qu
     return {
         "robot": robot.name,
         "robot_hash": robot_hash(robot),
+        "platform": robot.description.platform.frame,
+        "motors": list(robot.actuator_names),
+        "reference": robot.reference.q.tolist(),  # which working mode is mapped
         "flexibility": robot.flexibility,
         "axes": [names[k] for k in window.axes],
         "lower": window.lower.tolist(),

@@ -202,8 +202,7 @@ def _foot(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
         move = float(np.linalg.norm((ahead - y) / scale))
         if move < FOUND:
             return Foot(float(np.linalg.norm(away)), y, q) if abs(g[0]) < SINGULAR else None
-        share = min(1.0, STEP / move) if abs(g[0]) < SINGULAR or move > STEP else 1.0
-        ahead = y + share * (ahead - y)
+        ahead = y + min(1.0, STEP / move) * (ahead - y)
         one = stepped(robot, q[None], y[None], ahead[None], PARTS)
         if one.reason[0] != Reason.REACHED:
             return None

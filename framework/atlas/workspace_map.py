@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.atlas.quantities import Quantity, chosen, evaluate
 from framework.atlas.sweep import WORDS, Reason, spread
-from framework.atlas.window import Window, held_coordinates, map_axes
-from framework.errors import NoAnswer, OutOfReach
+from framework.atlas.window import MOST, Window, held_coordinates, map_axes
+from framework.errors import InvalidInput, NoAnswer, OutOfReach
 from framework.kinematics.inverse_kinematics import mode_signs, require_square, system_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tracking import assemble
@@ -205,6 +205,11 @@ def _seeded(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, N
     """
     finer = max(1, int(np.ceil(_cell(robot, window) / LONGEST)))
     shape = tuple((count - 1) * finer + 1 for count in window.shape)
+    if max(shape) > MOST:
+        wide = float((window.upper - window.lower).max()) / robot.length
+        raise InvalidInput(
+            f"window: {wide:.3g} robot lengths wide is more than poses can be followed over; lengths are in m"
+        )
     x = replace(window, shape=(shape[0], shape[1])).points()
     q = np.full((*shape, robot.model.nq), np.nan)
     reason = np.full(shape, Reason.NO_NEIGHBOUR, dtype=np.uint8)

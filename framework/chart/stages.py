@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
+import numpy as np
+
 from framework.chart.measure import Row, Stage, measured, read_setting, rows_of
 from framework.errors import InvalidInput, choose_from
 
@@ -41,17 +43,17 @@ def made_again(key: str) -> tuple[Stage, Row]:
     """The row of that key, STAGE:METHOD:SETTING, made anew.
 
     Raises:
-        InvalidInput: no such stage or method, no such setting, or its peer is not installed.
+        InvalidInput: no such stage, method or setting, or its peer is not installed.
     """
     parts = key.split(":")
     if len(parts) != 3:
         raise InvalidInput(f"--row: needs STAGE:METHOD:SETTING as in the table's last column, got {key!r}")
     one = stage(parts[0])
     method, setting = one.method(parts[1]), read_setting(parts[2])
-    if len(setting) != len(method.settings[0]):
-        raise InvalidInput(
-            f"--row: {method.name} takes {method.unit}, {len(method.settings[0])} numbers, got {parts[2]!r}"
-        )
+    alike = [known for known in method.settings if len(known) == len(setting)]
+    if not any(np.allclose(setting, known, rtol=1e-9, atol=0.0) for known in alike):
+        valid = " ".join(",".join(f"{number:.12g}" for number in known) for known in method.settings)
+        raise InvalidInput(f"--row: {method.name} has the settings {valid} ({method.unit}), got {parts[2]!r}")
     if not method.installed:
         raise InvalidInput(f"--row: {method.peer} is not installed")
     return one, measured(one, method, setting)

@@ -93,7 +93,9 @@ def _told(found: DesignStudy, robot: str) -> Report:
     for k in range(min(count, SHOWN)):
         numbers = [*found.designs.values[k], *(values[k] for values in shown.values())]
         told = [f"{value:.4g}".ljust(len(head)) for value, head in zip(numbers, heads, strict=True)]
-        lines.append("  " + ("  ".join(told) if not found.why[k] else found.why[k]).rstrip())
+        if found.why[k]:
+            told[len(found.designs.names) :] = [found.why[k]]
+        lines.append("  " + "  ".join(told).rstrip())
     if count > SHOWN:
         lines.append(f"  and {count - SHOWN} more; --out or --json keeps all")
     document = {

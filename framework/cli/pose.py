@@ -54,6 +54,8 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput("give either --motors or --platform")
     robot = arguments.load(options)
     given = options.motor_joints
+    if options.every and (options.torque_limit or options.speed_limit):
+        raise InvalidInput("--all: lists poses alone; --torque-limit and --speed-limit are for a single pose")
     if options.every:
         return _working(robot, options.point) if given is None else _assembly(robot, given)
     closed = assemble(robot, options.point) if given is None else forward_kinematics(robot, given)

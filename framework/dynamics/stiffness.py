@@ -144,17 +144,13 @@ class PlatformStiffness(ReadOnlyArrays):
     modes: Array  # (k, nv) joint rates of each; its generalised mass is 1 kg m^2
     platform_modes: Array  # (k, n) the platform's twist in each
     loaded: bool
+    is_stable: bool  # whether every motion with locked motors is resisted, of the platform or of a leg alone
 
     @property
     def frequencies(self) -> Array:
         """Natural frequencies (k,) [Hz]; NaN for what does not vibrate but buckles."""
         with np.errstate(invalid="ignore"):
             return np.asarray(np.sqrt(self.squares) / (2 * np.pi))
-
-    @property
-    def is_stable(self) -> bool:
-        """Whether every motion of the platform is resisted."""
-        return bool(np.linalg.eigvalsh(self.stiffness)[0] > 0)
 
 
 def platform_stiffness(
@@ -199,6 +195,7 @@ def platform_stiffness(
         modes=modes,
         platform_modes=shapes @ free.X[0].T,
         loaded=loaded,
+        is_stable=bool(np.linalg.eigvalsh(H).min(initial=np.inf) > 0),
     )
 
 

@@ -10,6 +10,7 @@ import hashlib
 import json
 import shutil
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,7 +45,7 @@ class KeptChunks:
             try:
                 with open(file, "rb") as stream, np.load(stream) as kept:
                     found[file.stem] = {name: kept[name] for name in kept.files}
-            except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+            except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error):
                 continue  # not one of ours: computed anew
         return found
 

@@ -41,6 +41,8 @@ def test_a_row_made_again_has_the_same_error(capsys):
         ("torque:chebychev:24", "chebyshev"),
         ("torque:chebyshev:many", "number"),
         ("torque:chebyshev:1,2", "nodes"),
+        ("torque:chebyshev:nan", "16 24 32"),
+        ("torque:pointwise:0", "samples"),
     ],
 )
 def test_a_row_that_is_none_is_refused_with_what_would_be_one(key, named, capsys):

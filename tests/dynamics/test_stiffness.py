@@ -41,6 +41,7 @@ def test_at_type_2_stiffness_and_compliance_across_stay_finite_and_along_t_s_not
     )
     assert found.frequencies[0] == 0.0
     assert found.frequencies[1] > 1.0
+    assert platform_stiffness(robot, assemble(robot, [0.0, 0.35])).is_stable
 
 
 @pytest.mark.parametrize("x", [*POINTS, SINGULAR])
