@@ -26,7 +26,9 @@ SAME = 1e-9  # of the peak: torques are planned to 1e-10; those that differ by l
 LOST = 0.1
 METHOD = "stiff"  # quick vibrations that nobody excites cost nothing
 STEP_ERRORS = (1e-3, 1e-5)  # of the tolerance, that a step may leave unresolved, tried in turn
-FLOOR = 0.1  # of the tolerance: the highest rung's own torques may leave the path by no more
+# of the tolerance: by how much the highest rung's own torques may leave the path before shorter steps are
+# tried; what is left with the shortest stands in its row
+FLOOR = 0.1
 LEAST_STEP_ERROR = 1e-12  # [robot lengths] what planned torques are good for
 INSTANTS = 1001
 NEAR = np.geomspace(1e-6, 0.1, 41)  # of the duration, from a crossing: where differences may be narrow

@@ -4,9 +4,9 @@ With G' tau the wrench of the motors and W the wrench that the platform asks for
 
     M d" = -d (W - G' tau)/dx d,
 
-velocities left aside. Where that repels, weight or the torques themselves carry the platform off, the faster
-the farther it is: a robot that stands on its legs falls over unless somebody looks. Nothing is divided by
-what vanishes at a Type 2 singularity.
+velocities left aside, and in W the planned accelerations. Where that repels, weight or the torques themselves
+carry the platform off, the faster the farther it is: a robot that stands on its legs falls over unless
+somebody looks. Nothing is divided by what vanishes at a Type 2 singularity.
 """
 
 from __future__ import annotations

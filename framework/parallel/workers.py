@@ -128,11 +128,15 @@ class Workers(Executor):
                 break
             try:
                 worker.pipe.send_bytes(message)
-                fine, found = pickle.loads(worker.pipe.recv_bytes())
+                answer = worker.pipe.recv_bytes()
             except (EOFError, OSError):
                 self._ended(worker)
                 worker = None
                 continue
+            try:
+                fine, found = pickle.loads(answer)
+            except Exception as error:  # noqa: BLE001 - whatever keeps a result from being read here
+                fine, found = False, error
             if fine:
                 task.future.set_result(found)
             else:
@@ -173,15 +177,16 @@ def _work(pipe: Connection) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     while True:
         try:
-            fn, args, kwargs = pickle.loads(pipe.recv_bytes())
+            call = pipe.recv_bytes()
         except EOFError:
             return
-        pipe.send_bytes(_answer(fn, *args, **kwargs))
+        pipe.send_bytes(_answer(call))
 
 
-def _answer(fn: Callable[..., Any], *args: Any, **kwargs: Any) -> bytes:
-    """What a call returned or raised, pickled."""
+def _answer(call: bytes) -> bytes:
+    """What a pickled call returned or raised, or why it cannot be read here, pickled."""
     try:
+        fn, args, kwargs = pickle.loads(call)
         return pickle.dumps((True, fn(*args, **kwargs)))
     except Exception as error:  # noqa: BLE001 - an executor hands on whatever its tasks raise
         error.add_note(f"in a worker process:\n{traceback.format_exc()}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,13 @@ class Stubborn(Exception):
 
     def __reduce__(self):
         return Stubborn, ()
+
+
+class FromElsewhere:
+    """Unpickled by importing a module that is not there."""
+
+    def __reduce__(self):
+        return import_module, ("no_such_module",)
 
 
 def square(number: int) -> int:
