@@ -22,7 +22,8 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.feasibility import Feasibility, feasibility_on_path
-from framework.crossing.optimal_motion import Task, best_undeformed
+from framework.crossing.optimal_motion import best_undeformed
+from framework.crossing.optimal_task import Task
 from framework.crossing.request import Request
 from framework.crossing.specification import specification_of
 from framework.crossing.targets import END, TargetedPath

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.condition import NO_HOLD, CrossingPoint, Deflection, coefficients_at, crossing_point
+from framework.crossing.condition import CrossingPoint
 from framework.crossing.optimal import (
     DEGREES,
     MANY,
@@ -28,22 +28,19 @@ from framework.crossing.optimal import (
     guessed_units,
     points_of,
 )
-from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, crossing_rows, demand
-from framework.crossing.refusal_proofs import HoldingTorque, NoAdmissibleSpeed, UnmetCondition
-from framework.crossing.request import Request
+from framework.crossing.optimal_task import Task, check_speeds, check_unfolded, conditions_at, crossing_places
+from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, demand
+from framework.crossing.refusal_proofs import HoldingTorque, NoAdmissibleSpeed
 from framework.crossing.specification import Specification
-from framework.crossing.targets import TargetedPath
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw, NotConverged
-from framework.kinematics.tracking import Branch, escaping
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.cone_program import Optimum, Unsolved
 from framework.motion.exact_duration import adjusted
 from framework.motion.infeasibility import Infeasible
 from framework.motion.law import MotionLaw
-from framework.motion.optimal_law import OptimalLaw, Smoothstep, Stretch
-from framework.singularity.points_on_path import SingularPoint
+from framework.motion.optimal_law import OptimalLaw
 
 MOST_PASSES = 8  # of optimising and resolving in turn
 FORESEEN = 2e-3  # peak torque of the program and of the certified motion may differ by this share
@@ -51,42 +48,6 @@ SMOOTHER = 30.0  # times the weight on roughness, for a law that could not be re
 ROUGHEST = 1e-2
 GAIN = 1e-2  # what a law may cost more than its degree's bound before a higher degree is tried
 ROOM = 1e-5  # share of a limit that is left free when it was exceeded
-
-
-class Task(NamedTuple):
-    """Where a law is to pass, and what it is to be best at."""
-
-    targeted: TargetedPath
-    request: Request
-    specification: Specification
-
-    @property
-    def geometry(self) -> str:
-        return self.request.geometry
-
-    @property
-    def speeds(self) -> Sequence[float] | None:
-        """s' at each target [1/s], if asked."""
-        return self.request.speeds
-
-    @property
-    def branch(self) -> Branch:
-        """The path as it was followed."""
-        return self.targeted.branch
-
-    @property
-    def targets(self) -> Sequence[SingularPoint | CrossingPoint]:
-        """Where condition (8) is to hold."""
-        return self.targeted.targets
-
-    @property
-    def phi(self) -> Smoothstep:
-        return Smoothstep(self.specification.smoothness)
-
-    @property
-    def stretch(self) -> Stretch:
-        """Dense at the crossings of the undeformed robot."""
-        return Stretch(tuple(float(self.phi.inverse(target.s)) for target in self.targets))
 
 
 class OptimalMotion(NamedTuple):
@@ -105,12 +66,12 @@ def optimal_motion(task: Task) -> OptimalMotion:
         NotConverged: deflections and law do not settle together, or the solver gave up.
         As `resolve`.
     """
-    _check_unfolded(task)
+    check_unfolded(task)
     deflections: Deflections | None = None
-    places = _places(task, None, None)
+    places = crossing_places(task, None, None)
     specification = task.specification
     elastic = task.branch.robot.n_e > 0
-    _check_speeds(task, places)
+    check_speeds(task, places)
     setting, best = _first(task, places)
     degree, units = setting.degree, setting.units
     roughness, excess = ROUGHNESS, np.inf
@@ -139,7 +100,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
                 abs(_peak(dynamics, best.reference) / best.peak - 1.0) <= FORESEEN and deflections is not None
             )
             deflections = DeflectionsOnPath(law, dynamics.deflections)
-            places = _places(task, deflections, places)
+            places = crossing_places(task, deflections, places)
         if settled and excess <= 1.0:
             return OptimalMotion(dynamics, law, best)
         if excess > 1.0 and settled:
@@ -158,99 +119,9 @@ def best_undeformed(task: Task) -> Best:
         NoLaw: no law is admissible; says what stands against it.
         NotConverged: the solver gave up.
     """
-    places = _places(task, None, None)
-    _check_speeds(task, places)
+    places = crossing_places(task, None, None)
+    check_speeds(task, places)
     return _first(task, places)[1]
-
-
-def _places(
-    task: Task, deflections: Deflections | None, before: Sequence[CrossingPoint] | None
-) -> list[CrossingPoint]:
-    """The crossing points of the robot with these deflections; `before` are points near them."""
-    found = []
-    for k, target in enumerate(task.targets):
-        if not isinstance(target, SingularPoint):
-            found.append(target)
-            continue
-        near = target.s if before is None else before[k].s
-        deflection = None
-        if deflections is not None and task.geometry == "deformed":
-            at = deflections(task.phi.inverse(np.array([near])))[0]
-            deflection = Deflection(at, 0 * at, 0 * at)
-        found.append(crossing_point(task.branch, target, deflection, near))
-    return found
-
-
-def _conditions(
-    task: Task, places: Sequence[CrossingPoint], deflections: Deflections | None
-) -> tuple[Array, Array]:
-    """sigma (k,) and rows (k, 4) of all conditions on z and u: (8) at each place, and the speeds asked."""
-    carrying = deflections if task.geometry == "deformed" else None
-    found = [crossing_rows(task.branch, task.phi, place, carrying) for place in places]
-    at = [sigma for sigma, rows in found for _ in rows]
-    conditions = [row for _, rows in found for row in rows]
-    for place, speed in zip(places, task.speeds or (), strict=bool(task.speeds)):
-        sigma = float(task.phi.inverse(place.s))
-        at.append(sigma)
-        conditions.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))
-    return np.array(at), np.array(conditions).reshape(-1, 4)
-
-
-def _check_speeds(task: Task, places: Sequence[CrossingPoint]) -> None:
-    """Raise NoLaw where no speed meets what the conditions at a place leave to it.
-
-    One condition leaves beta s'^2 + gamma = 0 where the path is orthogonal to t_s; two determine s'^2 and s".
-    """
-    for place in places:
-        rows = crossing_rows(task.branch, task.phi, place, None)[1]
-        constant, per_z, per_u, _ = rows[0]
-        if place.corank > 1:
-            _check_common_speed(task, place, rows)
-        elif per_u == 0.0 and (per_z != 0.0 or constant != 0.0) and not -constant * per_z > 0.0:
-            why = (
-                "both pull the same way"
-                if constant * per_z > 0.0
-                else "one of them is zero and the other not"
-            )
-            raise NoLaw(
-                f"{task.branch.robot.name}: at s = {place.s:.6g} the path runs orthogonal to t_s: condition "
-                f"(8) leaves beta s'^2 + gamma = 0, which no speed meets ({why})",
-                proof=UnmetCondition(place.s, *coefficients_at(task.branch, place, None)[0][:3], stop=False),
-            )
-
-
-def _check_common_speed(task: Task, place: CrossingPoint, rows: Array) -> None:
-    """Raise UncontrolledMotions unless an s'^2 > 0 and an s" meet all conditions (8) at a place."""
-    size = np.abs(rows).max()
-    left, values, right = np.linalg.svd(rows[:, 1:3])
-    rank = int(np.sum(values > NO_HOLD * size))
-    asked = -left.T @ rows[:, 0]
-    solution = right[:rank].T @ (asked[:rank] / values[:rank])
-    met = np.abs(asked[rank:]).max(initial=0.0) <= NO_HOLD * size
-    if not met or (rank == 2 and not solution[0] > 0.0):
-        raise escaping(
-            task.branch.robot,
-            place.s,
-            task.branch.path(place.s),
-            place.corank,
-            "no s' and s\" meet the condition (8) of each; cross in another direction",
-        )
-
-
-def _check_unfolded(task: Task) -> None:
-    """Raise NoLaw where small deflections would change what the path meets: two crossings, or none.
-
-    Where the path only touches the locus, or several motions escape at once, that is so.
-    """
-    if not task.branch.robot.n_e or task.geometry == "rigid":
-        return
-    for target in task.targets:
-        if isinstance(target, SingularPoint) and (target.contact == "tangential" or target.corank > 1):
-            what = "touches the locus" if target.corank == 1 else f"lets {target.corank} motions go at once"
-            raise NoLaw(
-                f"{task.branch.robot.name}: at s = {target.s:.6g} the path {what}; the deflections make two "
-                f"crossings of that or none: move the path off the locus or across it, or use geometry rigid"
-            )
 
 
 def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[Setting, Best]:
@@ -295,7 +166,7 @@ def _setting(
     degree: int,
     units: Units | None,
 ) -> Setting:
-    at, conditions = _conditions(task, places, deflections)
+    at, conditions = conditions_at(task, places, deflections)
     sigma = points_of(degree, at, task.stretch)
     asked = demand(task.branch, task.phi, sigma, deflections, task.geometry)
     on_path = OnPath(sigma, asked, at, conditions, task.stretch)
@@ -366,12 +237,12 @@ def _resolved(
 ) -> tuple[InverseDynamics, OptimalLaw]:
     """The certified motion of this law, its speed moved with the conditions of the deflecting robot."""
     branch, searched, tolerance = task.branch, task.targeted.searched, task.request.tolerance
-    at_rest = _places(task, None, None)
+    at_rest = crossing_places(task, None, None)
 
     def follow(
         here: Sequence[CrossingPoint], deflections: Deflections | None, base: OptimalLaw
     ) -> OptimalLaw:
-        at, conditions = _conditions(task, here, deflections)
+        at, conditions = conditions_at(task, here, deflections)
         equalities = conditions_on_speed(at, conditions, base.degree, base.stretch)
         try:
             y = adjusted(base.coefficients, equalities, base.duration, base.stretch)
@@ -394,7 +265,7 @@ def _resolved(
             chosen.append(follow(at_rest, None, law))
         else:
             on_path = DeflectionsOnPath(last, deflections)
-            near[:] = _places(task, on_path, near)
+            near[:] = crossing_places(task, on_path, near)
             chosen.append(follow(near, on_path, law))
         return chosen[-1]
 

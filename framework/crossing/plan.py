@@ -9,7 +9,8 @@ from typing import NamedTuple
 from framework.crossing.durations import optimal_durations, polynomial_durations
 from framework.crossing.feasibility import feasibility_on_path
 from framework.crossing.finish import finished_plan
-from framework.crossing.optimal_motion import Task, optimal_motion
+from framework.crossing.optimal_motion import optimal_motion
+from framework.crossing.optimal_task import Task
 from framework.crossing.polynomial import polynomial_at_rest, polynomial_motion
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan, Optimality
