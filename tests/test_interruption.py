@@ -17,8 +17,8 @@ import pytest
 from framework.cli import main, robots
 from framework.errors import InvalidInput
 from framework.interruption import Terminated, exit_code, interruptible, uninterrupted
+from tests.watchdog import PATIENCE, wait_for
 
-PATIENCE = 120.0  # [s] on a machine with much else to do
 # what is sent before the program has begun to import is Python's own affair
 PROGRAM = (
     "import sys; from framework.cli import main\n"
@@ -89,15 +89,6 @@ def members(group: int) -> dict[int, str]:
                 continue
             if int(their_group) == group and state != "Z":
                 found[int(folder.name)] = words
-    return found
-
-
-def wait_for(condition):
-    """What a condition gives once it gives something."""
-    end = time.monotonic() + PATIENCE
-    while not (found := condition()):
-        assert time.monotonic() < end, "it never came"
-        time.sleep(0.02)
     return found
 
 

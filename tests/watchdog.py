@@ -4,11 +4,24 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import TypeVar
 
 import pytest
+
+T = TypeVar("T")
+PATIENCE = 120.0  # [s] on a machine with much else to do
+
+
+def wait_for(condition: Callable[[], T]) -> T:
+    """What a condition gives once it gives something."""
+    end = time.monotonic() + PATIENCE
+    while not (found := condition()):
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.02)
+    return found
 
 
 @contextmanager

@@ -7,7 +7,6 @@ import pickle
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -16,17 +15,7 @@ from framework import errors
 from framework.errors import LostWorkers, NotAssembled
 from framework.parallel.workers import TRIES, Workers
 from tests.parallel import chores
-
-PATIENCE = 60.0  # [s] on a machine with much else to do
-
-
-def wait_for(condition):
-    """What a condition gives once it gives something."""
-    end = time.monotonic() + PATIENCE
-    while not (found := condition()):
-        assert time.monotonic() < end, "it never came"
-        time.sleep(0.02)
-    return found
+from tests.watchdog import PATIENCE, wait_for
 
 
 def is_alive(pid: int) -> bool:
