@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -26,6 +27,7 @@ def main() -> int:
     for number in SIGNALS:  # what has been said stands: only the interpreter is left to end
         signal.signal(number, signal.SIG_IGN)
     if code in ENDED_BY:  # one that came up in an extension's code would end the interpreter in its own way
+        gc.collect()  # a `with` that was interrupted as it was entered or left is cleaned up when it is freed
         with suppress(OSError):
             sys.stdout.flush()
             sys.stderr.flush()

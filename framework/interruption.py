@@ -10,12 +10,14 @@ import signal
 import sys
 import threading
 import warnings
+from _thread import interrupt_main
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SOON = 0.01  # s, long for a callback to end and short for who waits
 
 
 class Terminated(KeyboardInterrupt):
@@ -59,22 +61,30 @@ def interruptible() -> Iterator[Heard]:
         heard_one.stop = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
         raise heard_one.stop
 
+    def lost(unraisable: sys.UnraisableHookArgs) -> None:
+        """An interruption that came up in a callback of weakref or __del__ ends there: raise it once more."""
+        if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+            sys.__unraisablehook__(unraisable)
+            return
+        number = signal.SIGTERM if isinstance(unraisable.exc_value, Terminated) else signal.SIGINT
+        signal.signal(number, stop)
+        timers.append(threading.Timer(SOON, interrupt_main, [number]))
+        timers[-1].daemon = True
+        timers[-1].start()
+
+    timers: list[threading.Timer] = []
     for number in heard:
         signal.signal(number, stop)
-    hook, sys.unraisablehook = sys.unraisablehook, _other_than_interruptions
+    hook, sys.unraisablehook = sys.unraisablehook, lost
     try:
         with warnings.catch_warnings():
             yield heard_one
     finally:
         sys.unraisablehook = hook
+        for timer in timers:
+            timer.cancel()
         for number in heard:
             signal.signal(number, before[number])
-
-
-def _other_than_interruptions(unraisable: sys.UnraisableHookArgs) -> None:
-    """An interruption in a callback, where Python can only complain, is in `Heard` all the same."""
-    if not isinstance(unraisable.exc_value, KeyboardInterrupt):
-        sys.__unraisablehook__(unraisable)
 
 
 @contextmanager

@@ -37,14 +37,15 @@ def written_together(
     """
     place = f"{option}: cannot write {f'into {folder}' if file is None else file}"
     new = [above for above in (folder, *folder.parents) if not os.path.lexists(above)]
+    own: tuple[Path, int] | None = None
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        _remove_abandoned(folder)
-        temporary, lock = _own_folder(folder)
-    except (OSError, ValueError) as error:
-        _remove_empty(new)
-        raise OutputError(f"{place}: {_reason(error)}") from None
-    try:
+        try:
+            with uninterrupted():  # an interruption meanwhile is raised at its end, where all is known
+                folder.mkdir(parents=True, exist_ok=True)
+                _remove_abandoned(folder)
+                temporary, _ = own = _own_folder(folder)
+        except ValueError as error:
+            raise OutputError(f"{place}: {error}") from None
         yield temporary
         files = sorted(temporary.iterdir())
         there = [written.name for written in files if os.path.lexists(folder / written.name)]
@@ -60,12 +61,22 @@ def written_together(
         with uninterrupted():
             for written in files:
                 os.replace(written, folder / written.name)
+            _remove(own)
+            own = None
     except OSError as error:
         raise OutputError(f"{place}: {_reason(error)}") from None
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-        os.close(lock)
-        _remove_empty(new)
+        with uninterrupted():
+            if own is not None:
+                _remove(own)
+            _remove_empty(new)
+
+
+def _remove(own: tuple[Path, int]) -> None:
+    """Remove a temporary folder and its lock."""
+    temporary, lock = own
+    shutil.rmtree(temporary, ignore_errors=True)
+    os.close(lock)
 
 
 def _own_folder(folder: Path) -> tuple[Path, int]:
