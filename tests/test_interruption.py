@@ -238,12 +238,13 @@ def test_a_signal_in_a_callback_where_python_loses_exceptions_interrupts_what_co
 
     one = Referred()
     callback = weakref.ref(one, lambda gone: signal.raise_signal(number))
-    with interruptible() as heard:
-        with pytest.raises(KeyboardInterrupt) as caught:
-            del one
-            assert callback() is None and heard.stop is not None  # arrived, and lost
-            time.sleep(PATIENCE)
-    assert caught.value is not None and exit_code(caught.value) == SIGNALS[number][0]
+    with interruptible() as heard, pytest.raises(KeyboardInterrupt) as caught:
+        del one
+        arrived = heard.stop  # and lost in the callback
+        time.sleep(PATIENCE)
+    assert callback() is None
+    assert caught.value is arrived
+    assert exit_code(arrived) == SIGNALS[number][0]
 
 
 def test_what_the_caller_ignores_stays_ignored():
