@@ -49,9 +49,9 @@ class FrameStack(NamedTuple):
     carried: Array  # (F, nv) 1 where the joint carries the frame, else 0
     q: Array  # (T, nq) the configurations
 
-    def at(self, k: int) -> FrameStack:
-        """The frames of one configuration, T = 1."""
-        here = slice(k, k + 1)
+    def at(self, k: int | slice) -> FrameStack:
+        """The frames of one configuration, T = 1, or of some."""
+        here = slice(k, k + 1) if isinstance(k, int) else k
         return FrameStack(
             self.position[here], self.rotation[here], self.screws[here], self.carried, self.q[here]
         )

@@ -37,10 +37,10 @@ class System:
     residual: Array  # (T, n + m)
     entries: Array  # (T, E) of dF/dq, as `equations.pattern` has them
 
-    def at(self, k: int) -> System:
-        """The system of one instant, T = 1."""
-        here = slice(k, k + 1)
-        return System(self.equations, self.frames.at(k), self.residual[here], self.entries[here])
+    def at(self, k: int | slice) -> System:
+        """The system of one instant, T = 1, or of some."""
+        here = slice(k, k + 1) if isinstance(k, int) else k
+        return System(self.equations, self.frames.at(here), self.residual[here], self.entries[here])
 
     @cached_property
     def jacobian(self) -> Array:
