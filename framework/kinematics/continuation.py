@@ -103,11 +103,11 @@ def follow(
         step = min(step, 1.0 - at)
         if step < SHORTEST_STEP:
             break
-        ahead = at + step * np.arange(1, at_once + 1)
+        ahead: Array = at + step * np.arange(1.0, at_once + 1.0)
         ahead = ahead[ahead < 1.0 + 0.5 * SHORTEST_STEP]
         ahead[ahead > 1.0 - 1e-12] = 1.0
-        tangent, correction = here.rate * (ahead - at)[:, None], np.inf
-        for following, there in zip(ahead, arrive(ahead, integrate(robot, here.q, tangent)), strict=False):
+        predicted, correction = integrate(robot, here.q, here.rate * (ahead - at)[:, None]), np.inf
+        for following, there in zip(ahead, arrive(ahead, predicted), strict=False):
             along, beyond = (following - at) * here.rate, (following - at) * there.rate
             moved = difference(robot, integrate(robot, here.q, along)[0], there.q)
             measured = measure(robot, moved, along, beyond)

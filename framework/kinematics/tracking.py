@@ -104,7 +104,11 @@ def follow_path(robot: ParallelRobot, path: Path, q: Array, *, last_step: float 
 
     def arrive(s: Array, predicted: Array) -> list[Place]:
         q, system, closed = close_each(robot, path(s), predicted, last_step=last_step, farthest=LONGEST_STEP)
-        return places(s, q, system, len(s) if closed.all() else int(np.argmin(closed)))
+        count = len(s) if closed.all() else int(np.argmin(closed))
+        try:
+            return places(s, q, system, count) if count else []
+        except NotAssembled:  # one of them is singular, to the last bit
+            return arrive(s[:1], predicted[:1]) if len(s) > 1 else []
 
     def places(s: Array, q: Array, system: System, count: int) -> list[Place]:
         """The first `count` places of a stack."""
