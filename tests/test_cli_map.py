@@ -54,10 +54,10 @@ def test_a_map_is_told_and_written(tmp_path, capsys):
 
 def test_a_map_of_a_slice_holds_the_other_coordinates(capsys):
     code, told, _ = mapped(
-        capsys, "delta", "--over", "x", "z", "--at", 0, 0.1, -1.2, "--size", 6, "--quantity", "g"
+        capsys, "three_rpr", "--over", "x", "rz", "--at", 0, 0.1, 0.2, "--size", 6, "--quantity", "g"
     )
     assert code == 0
-    assert told["axes"] == ["x", "z"]
+    assert told["axes"] == ["x", "rz"]
     assert told["held"] == {"y": 0.1}
 
 
