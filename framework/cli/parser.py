@@ -11,8 +11,8 @@ from typing import Any, NoReturn
 from framework.crossing.request import LAWS
 from framework.model.description import FLEXIBILITIES
 from framework.motion.cone_program import GOALS
+from framework.parallel.workers import MOST_WORKERS
 
-MOST_WORKERS = 1000
 Report = tuple[dict[str, Any], str]  # for machines, for people
 
 

@@ -60,7 +60,7 @@ def forward_dynamics(
     motion = replace(at_rest, a=found.a[None])
     r = loaded_tree_forces(robot, motion, loads)
     rotors = robot.rotor_inertia * robot.gear_ratio**2 * found.a[robot.actuated]
-    springs = -robot.stiffness * closed.q[:, robot.elastic]
+    springs = -robot.stiffness * robot.positions(closed.q)[:, robot.elastic]
     forces = Forces((robot.gear_ratio * given - rotors)[None], springs)
     instant = instant_of(
         robot, motion, loads, r, forces, clearance=clearance_of(robot, closed.system), single=True

@@ -70,6 +70,6 @@ def describe(
         closures=tuple(closures),
         joint_springs=tuple(joint_springs),
         gravity=gravity,
-        reference=checked_reference(options, joints, reference or {}),
+        reference=checked_reference(options, tree.coordinates, reference or {}),
     )
     return ParsedRobot(description, tree.root)

@@ -22,6 +22,7 @@ from framework.model.readers.sdf import raise_for_sdf
 from framework.model.readers.urdf_plus import read_urdf_plus
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_file import parse_robot
+from framework.model.urdf_elements import MOVING, coordinates_of
 
 DIALECTS = {
     "robot file": "our own YAML beside a URDF",
@@ -152,17 +153,16 @@ def _from_yaml(path: Path, text: str, options: Options, given: Mapping[str, floa
 def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
     """Our robot file with what the options overrule."""
     description, root = robot.description, robot.urdf
-    joints = [
-        joint.get("name", "") for joint in root.findall("joint") if joint.get("type") not in ("fixed", None)
-    ]
+    kinds = {joint.get("name", ""): joint.get("type", "") for joint in root.findall("joint")}
+    coordinates = [name for joint, kind in kinds.items() for name in coordinates_of(joint, kind)]
     resolved = resolve(
         options,
         frames=[element.get("name", "") for tag in ("link", "joint") for element in root.findall(tag)],
-        joints=joints,
+        joints=[joint for joint, kind in kinds.items() if kind in MOVING],
         platform=description.platform,
         actuators=description.actuators,
     )
-    reference = checked_reference(options, joints, description.reference)
+    reference = checked_reference(options, coordinates, description.reference)
     description = replace(
         description, platform=resolved.platform, actuators=resolved.actuators, reference=reference
     )
