@@ -13,7 +13,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.forces import Forces
-from framework.dynamics.instant import Instant, clearance_of, instant_of
+from framework.dynamics.instant import Instant, instant_of
 from framework.dynamics.reactions import given_wrenches, loaded_tree_forces, loads_on
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.closures import scaled
@@ -62,9 +62,7 @@ def forward_dynamics(
     rotors = robot.rotor_inertia * robot.gear_ratio**2 * found.a[robot.actuated]
     springs = -robot.stiffness * closed.q[:, robot.elastic]
     forces = Forces((robot.gear_ratio * given - rotors)[None], springs)
-    instant = instant_of(
-        robot, motion, loads, r, forces, clearance=clearance_of(robot, closed.system), single=True
-    )
+    instant = instant_of(robot, motion, loads, r, forces, single=True)
     return replace(instant, torque=given, a=np.where(found.undetermined, np.nan, found.a))
 
 

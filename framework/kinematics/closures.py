@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array
+from framework.arrays import Array, IntArray
 from framework.kinematics.frames import FrameMotions, FrameStack, cross
 from framework.kinematics.mechanism import Mechanism
 from framework.linalg.ordered_sums import dot, matmul
@@ -36,6 +36,12 @@ class LoopWrenches(NamedTuple):
 
     residual: Array  # (T, m)
     wrench: Array  # (T, m, 6) force and couple at the origin of the second frame
+
+    def take(self, rows: IntArray) -> LoopWrenches:
+        """Those of some of the equations, ascending."""
+        if len(rows) == self.residual.shape[1]:
+            return self
+        return LoopWrenches(self.residual.take(rows, axis=1), self.wrench.take(rows, axis=1))
 
 
 def loop_equations(rows: LoopRows, at: FrameStack) -> LoopEquations:

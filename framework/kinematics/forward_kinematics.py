@@ -27,7 +27,7 @@ from framework.kinematics.inverse_kinematics import (
     reference_system,
     system_at,
 )
-from framework.kinematics.loop_matrices import VANISHED, passive_matrix
+from framework.kinematics.loop_matrices import VANISHED, clearance
 from framework.kinematics.newton import Linear, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 
@@ -78,12 +78,12 @@ def forward_kinematics(
         x = robot.platform.unwrap(robot.platform.coordinates(place.system.frames), x[0])
     if not way.complete:
         raise _stopped(robot, way, x[0], target)
-    clearance = min(place.clearance for place in way.places)
-    return _pose_at(robot, way.last, x[0], clearance, steps=len(way.at) - 1)
+    least = min(place.clearance for place in way.places)
+    return _pose_at(robot, way.last, x[0], least, steps=len(way.at) - 1)
 
 
-def _pose_at(robot: ParallelRobot, place: Place, x: Array, clearance: float, *, steps: int) -> ForwardPose:
-    """The pose of a place, its platform at x (n,)."""
+def _pose_at(robot: ParallelRobot, place: Place, x: Array, least: float, *, steps: int) -> ForwardPose:
+    """The pose of a place, its platform at x (n,), with the least clearance of the way there."""
     freeze(place)
     residual = loop_wrenches(robot.rows, place.system.frames).residual
     return ForwardPose(
@@ -91,7 +91,7 @@ def _pose_at(robot: ParallelRobot, place: Place, x: Array, clearance: float, *, 
         x=x,
         residual=float(np.abs(residual).max(initial=0.0)),
         iterations=steps,
-        clearance=clearance,
+        clearance=least,
         robot=robot,
         place=place,
     )
@@ -107,7 +107,7 @@ def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> 
         return near
     closed = assembled_at(robot, robot.reference.q if near is None else near)
     still = np.zeros((1, robot.model.nv))
-    place = Place(closed.q, closed.system, still, _clearance(robot, closed.system))
+    place = Place(closed.q, closed.system, still, float(clearance(robot, closed.system)[0]))
     return _pose_at(robot, place, closed.x[0], place.clearance, steps=0)
 
 
@@ -137,14 +137,14 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
     def linear(system: System) -> Linear:
         return Linear(system.residual[:, robot.n :], system.passive_factors)
 
-    def place(q: Array, system: System, clearance: float) -> Place | None:
+    def place(q: Array, system: System, distance: float) -> Place | None:
         rate = turn.copy()
         if len(columns):
             try:
                 rate[:, columns] = -system.passive_factors.solve(system.closures @ turn[0])
             except np.linalg.LinAlgError:
                 return None
-        return Place(q, system, rate, clearance)
+        return Place(q, system, rate, distance)
 
     def arrive(share: float, predicted: Array) -> Place | None:
         step = np.zeros_like(turn)  # what the rounding of many steps has left of the motors' angles
@@ -154,7 +154,7 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
         if not len(columns):
             return place(guess, evaluate(guess, slice(None)), np.inf)
         q, system, closed = newton(robot, guess, columns, evaluate, linear)
-        return place(q, system, _clearance(robot, system)) if closed.all() else None
+        return place(q, system, float(clearance(robot, system)[0])) if closed.all() else None
 
     def belongs(before: Place, after: Place, straight: bool) -> bool:
         apart = straight or after.clearance > CROSSING
@@ -167,11 +167,6 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
     return follow(robot, here, arrive, belongs, step=1.0 if short else FIRST_STEP)
 
 
-def _clearance(robot: ParallelRobot, system: System) -> float:
-    """Least singular value of P of one configuration (T = 1); infinite without passive joints."""
-    return float(np.linalg.svd(passive_matrix(robot, system)[0], compute_uv=False).min(initial=np.inf))
-
-
 def _stopped(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembled:
     """What ends the way of the motors to q_a, at platform x."""
     where = (
@@ -180,7 +175,7 @@ def _stopped(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembl
     )
     residual = float(np.abs(way.last.system.residual[:, robot.n :]).max(initial=0.0))
     largest = max(place.clearance for place in way.places)
-    usual = max(largest, _clearance(robot, reference_system(robot)))
+    usual = max(largest, float(clearance(robot, reference_system(robot))[0]))
     if way.last.clearance > NEAR_TYPE_2 * usual:
         return NotAssembled(
             f"{robot.name}: the loops cannot be followed {where}", q=way.q[-1], residual=residual

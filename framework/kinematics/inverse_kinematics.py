@@ -15,7 +15,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, NotAssembled, point
 from framework.kinematics.assembly import Configuration
-from framework.kinematics.closures import closure_drift, loop_wrenches, scaled
+from framework.kinematics.closures import LoopWrenches, closure_drift, loop_wrenches, scaled
 from framework.kinematics.equations import Equations
 from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at
 from framework.kinematics.newton import ITERATIONS, LAST_STEP, Linear, NewtonResult, Which, newton
@@ -123,16 +123,17 @@ def require_square(robot: ParallelRobot) -> None:
 
 def system_at(robot: ParallelRobot, q: Array, x: Array | None) -> System:
     """F, its rows and their derivatives at q (T, nq) for the platform at x (T, n); None: where it is."""
-    return _system_of(robot, frames_at(robot, q), x)
+    at = frames_at(robot, q)
+    return _system_of(robot, at, loop_wrenches(robot.loops, at), x)
 
 
-def _system_of(robot: ParallelRobot, at: FrameStack, x: Array | None) -> System:
+def _system_of(robot: ParallelRobot, at: FrameStack, loops: LoopWrenches, x: Array | None) -> System:
     equations, count = robot.equations, len(at.position)
-    loops = loop_wrenches(equations.loops, at)
     wrench = np.empty((count, len(equations.bodies), 6))
     wrench[:, : robot.n] = robot.platform.wrenches(at)
     wrench[:, robot.n :] = loops.wrench
-    wrench[..., 3:] += cross(at.position[:, equations.bodies], wrench[..., :3])  # about the base's origin
+    arm = at.position.take(equations.bodies, axis=1)
+    wrench[..., 3:] += cross(arm, wrench[..., :3])  # about the base's origin
     off = np.zeros((count, robot.n)) if x is None else robot.platform.residual(at, x)
     residual = np.concatenate([off, loops.residual], axis=1)
     return System(equations, at, residual, equations.pattern.entries(wrench, at.screws))
@@ -148,16 +149,18 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
         InvalidInput: q has the wrong shape, is not finite, or leaves a loop open.
     """
     expect_robot(robot)
-    q = np.atleast_2d(configuration(robot, q, stacks=stacks))
+    q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: what was given may change
     at = frames_at(robot, q)
-    residual = np.abs(loop_wrenches(robot.rows, at).residual)
-    gaps = (residual / np.where(robot.rows.rotation, 1.0, robot.length)).max(axis=1, initial=0.0)
+    loops = loop_wrenches(robot.rows, at)  # all of them, those dropped as redundant too
+    gaps = np.abs(loops.residual) / robot.row_lengths
     if gaps.max(initial=0.0) > OPEN:
+        worst = int(gaps.max(axis=1).argmax())
         raise InvalidInput(
-            f"q: the loops of {robot.name} are open by {residual[np.argmax(gaps)].max():.3g} m or rad there; "
-            f"see `assemble`"
+            f"q: the loops of {robot.name} are open by {np.abs(loops.residual[worst]).max():.3g} m or rad "
+            f"there; see `assemble`"
         )
-    return ClosedStack(q, robot.platform.coordinates(at), _system_of(robot, at, None))
+    system = _system_of(robot, at, loops.take(robot.independent), None)
+    return ClosedStack(q, robot.platform.coordinates(at), system)
 
 
 def close_loops(robot: ParallelRobot, x: Array, guess: Array, *, last_step: float = LAST_STEP) -> ClosedStack:
@@ -221,7 +224,7 @@ def joint_rates(robot: ParallelRobot, system: System, platform: Array, elastic: 
 def _solve_rates(robot: ParallelRobot, system: System, right: Array, elastic: Array) -> Array:
     rates = np.zeros((*right.shape[:-1], robot.model.nv))
     rates[..., robot.elastic] = elastic
-    if np.count_nonzero(elastic):
+    if elastic.any():
         right = right - system.equations.elastic.times(system.entries, elastic)
     try:
         rates[..., robot.moving] = system.factors.solve(right)

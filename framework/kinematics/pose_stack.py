@@ -27,7 +27,7 @@ from framework.kinematics.forward_kinematics import (
 )
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import VANISHED, System, system_at
-from framework.kinematics.loop_matrices import passive_matrix
+from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.newton import Linear, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 
@@ -86,9 +86,8 @@ def _lead(robot: ParallelRobot, q: Array, x: Array, targets: Array) -> tuple[dic
     q = np.repeat(q[None], count, axis=0)
     system = system_at(robot, q, None)
     on_branch, rate = np.ones(count, dtype=bool), _rates(robot, system, turn)
-    clearance, determinant = _clearances(robot, system), _determinants(system)
-    on_branch &= clearance > VANISHED
-    least = clearance
+    least, determinant = clearance(robot, system), _determinants(system)
+    on_branch &= least > VANISHED
 
     def evaluate(q: Array, which: Which) -> System:
         return system_at(robot, q, None)
@@ -108,14 +107,14 @@ def _lead(robot: ParallelRobot, q: Array, x: Array, targets: Array) -> tuple[dic
         there = np.where(on_branch[:, None], there, q)  # who has lost the branch stays where it was
         system = system_at(robot, there, None)
         ahead = _rates(robot, system, turn)
-        clearance, now = _clearances(robot, system), _determinants(system)
+        clear, now = clearance(robot, system), _determinants(system)
         moved = _differences(robot, predicted, there)
         measured = measure(robot, moved, rate / STEPS, ahead / STEPS)
-        on_branch &= measured.small & (measured.straight | (clearance > CROSSING))
+        on_branch &= measured.small & (measured.straight | (clear > CROSSING))
         on_branch &= (now[0] == determinant[0]) & (now[1] - determinant[1] > np.log(VANISHED))
         q = np.where(on_branch[:, None], there, q)
         rate = np.where(on_branch[:, None], ahead, 0.0)
-        determinant, least = now, np.minimum(least, clearance)
+        determinant, least = now, np.minimum(least, clear)
         x = robot.platform.unwrap(robot.platform.coordinates(system.frames), x)
     residual = np.abs(loop_wrenches(robot.rows, system.frames).residual).max(axis=1, initial=0.0)
     return {"q": q, "x": x, "residual": residual, "clearance": least}, on_branch
@@ -138,12 +137,6 @@ def _rates(robot: ParallelRobot, system: System, turn: Array) -> Array:
         except np.linalg.LinAlgError:
             return turn
     return rate
-
-
-def _clearances(robot: ParallelRobot, system: System) -> Array:
-    """Least singular values (T,) of P; infinite without passive joints."""
-    values = np.linalg.svd(passive_matrix(robot, system), compute_uv=False)
-    return np.asarray(values.min(axis=1, initial=np.inf))
 
 
 def _determinants(system: System) -> tuple[Array, Array]:
