@@ -144,7 +144,7 @@ class Instant(ReadOnlyArrays):
     @cached_property
     def _loops(self) -> LoopLoads:
         torque = np.atleast_2d(self.joint_torque)
-        loads = loop_loads(self.robot, self._motion.system.frames, self._forces, torque)
+        loads = loop_loads(self.robot, self._motion.system, self._forces, torque)
         freeze(loads)
         return loads
 
@@ -206,7 +206,7 @@ def dynamics_at(
             )
         limit = forces_through_singularity(
             robot,
-            ClosedStack(closed.q[k : k + 1], closed.x[k : k + 1], closed.system.at(k)),
+            ClosedStack(closed.q[k : k + 1], closed.x[k : k + 1], closed.system.at(slice(k, k + 1))),
             rates=(rates[0][k], rates[1][k], rates[2][k]),
             wrenches={frame: wrench[k] for frame, wrench in given.items()},
         )

@@ -17,7 +17,6 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, freeze
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
 from framework.kinematics.assembly import Configuration
-from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.continuation import FIRST_STEP, Place, Way, follow
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import (
@@ -85,11 +84,10 @@ def forward_kinematics(
 def _pose_at(robot: ParallelRobot, place: Place, x: Array, least: float, *, steps: int) -> ForwardPose:
     """The pose of a place, its platform at x (n,), with the least clearance of the way there."""
     freeze(place)
-    residual = loop_wrenches(robot.rows, place.system.frames).residual
     return ForwardPose(
         q=place.q[0],
         x=x,
-        residual=float(np.abs(residual).max(initial=0.0)),
+        residual=float(place.system.gap[0]),
         iterations=steps,
         clearance=least,
         robot=robot,

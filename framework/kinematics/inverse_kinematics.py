@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
+from framework.arrays import Array, ArrayLike, freeze
 from framework.errors import InvalidInput, NotAssembled, point
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.closures import LoopWrenches, closure_drift, loop_wrenches, scaled
@@ -34,18 +34,26 @@ class System:
 
     equations: Equations
     frames: FrameStack
+    loops: LoopWrenches  # all loop equations of the robot, those dropped as redundant too
     residual: Array  # (T, n + m)
     entries: Array  # (T, E) of dF/dq, as `equations.pattern` has them
 
-    def at(self, k: int) -> System:
-        """The system of one instant, T = 1."""
-        here = slice(k, k + 1)
-        return System(self.equations, self.frames.at(k), self.residual[here], self.entries[here])
+    def at(self, which: Which) -> System:
+        """The system of some of the instants."""
+        loops = LoopWrenches(*(part[which] for part in self.loops))
+        return System(self.equations, self.frames.at(which), loops, self.residual[which], self.entries[which])
+
+    @property
+    def gap(self) -> Array:
+        """By how much the loops are open (T,) [m or rad], the largest of all their equations."""
+        return np.asarray(np.abs(self.loops.residual).max(axis=1, initial=0.0))
 
     @cached_property
     def jacobian(self) -> Array:
         """dF/dq (T, n + m, nv)."""
-        return self.equations.pattern.dense(self.entries)
+        jacobian = self.equations.pattern.dense(self.entries)
+        freeze(jacobian)
+        return jacobian
 
     @property
     def platform(self) -> Array:
@@ -67,7 +75,7 @@ class System:
         band = self.equations.moving_band
         if band is None:
             raise np.linalg.LinAlgError("the platform and the loops do not make a square system")
-        return band.factor(self.entries[:, self.equations.moving.entry])
+        return band.factor(self.entries.take(self.equations.moving.entry, axis=1))
 
     @cached_property
     def passive_factors(self) -> Factors:
@@ -79,7 +87,7 @@ class System:
         band = self.equations.passive_band
         if band is None:
             raise np.linalg.LinAlgError("the loops do not make a square system for the passive joints")
-        return band.factor(self.entries[:, self.equations.passive.entry])
+        return band.factor(self.entries.take(self.equations.passive.entry, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,20 +131,16 @@ def require_square(robot: ParallelRobot) -> None:
 
 def system_at(robot: ParallelRobot, q: Array, x: Array | None) -> System:
     """F, its rows and their derivatives at q (T, nq) for the platform at x (T, n); None: where it is."""
-    at = frames_at(robot, q)
-    return _system_of(robot, at, loop_wrenches(robot.loops, at), x)
-
-
-def _system_of(robot: ParallelRobot, at: FrameStack, loops: LoopWrenches, x: Array | None) -> System:
-    equations, count = robot.equations, len(at.position)
-    wrench = np.empty((count, len(equations.bodies), 6))
-    wrench[:, : robot.n] = robot.platform.wrenches(at)
-    wrench[:, robot.n :] = loops.wrench
+    equations, at, count, n = robot.equations, frames_at(robot, q), len(q), robot.n
+    loops = loop_wrenches(robot.rows, at)
+    residual, wrench = np.zeros((count, len(equations.bodies))), np.empty((count, len(equations.bodies), 6))
+    if x is not None:
+        residual[:, :n] = robot.platform.residual(at, x)
+    wrench[:, :n] = robot.platform.wrenches(at)
+    residual[:, n:], wrench[:, n:] = loops.take(robot.independent)
     arm = at.position.take(equations.bodies, axis=1)
     wrench[..., 3:] += cross(arm, wrench[..., :3])  # about the base's origin
-    off = np.zeros((count, robot.n)) if x is None else robot.platform.residual(at, x)
-    residual = np.concatenate([off, loops.residual], axis=1)
-    return System(equations, at, residual, equations.pattern.entries(wrench, at.screws))
+    return System(equations, at, loops, residual, equations.pattern.entries(wrench, at.screws))
 
 
 def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False) -> ClosedStack:
@@ -150,17 +154,15 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
     """
     expect_robot(robot)
     q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: what was given may change
-    at = frames_at(robot, q)
-    loops = loop_wrenches(robot.rows, at)  # all of them, those dropped as redundant too
-    gaps = np.abs(loops.residual) / robot.row_lengths
+    system = system_at(robot, q, None)
+    gaps = np.abs(system.loops.residual) / robot.row_lengths
     if gaps.max(initial=0.0) > OPEN:
-        worst = int(gaps.max(axis=1).argmax())
+        worst = gaps.max(axis=1).argmax()
         raise InvalidInput(
-            f"q: the loops of {robot.name} are open by {np.abs(loops.residual[worst]).max():.3g} m or rad "
-            f"there; see `assemble`"
+            f"q{f', row {worst}' if len(q) > 1 else ''}: the loops of {robot.name} are open by "
+            f"{system.gap[worst]:.3g} m or rad there; see `assemble`"
         )
-    system = _system_of(robot, at, loops.take(robot.independent), None)
-    return ClosedStack(q, robot.platform.coordinates(at), system)
+    return ClosedStack(q, robot.platform.coordinates(system.frames), system)
 
 
 def close_loops(robot: ParallelRobot, x: Array, guess: Array, *, last_step: float = LAST_STEP) -> ClosedStack:
@@ -223,8 +225,8 @@ def joint_rates(robot: ParallelRobot, system: System, platform: Array, elastic: 
 
 def _solve_rates(robot: ParallelRobot, system: System, right: Array, elastic: Array) -> Array:
     rates = np.zeros((*right.shape[:-1], robot.model.nv))
-    rates[..., robot.elastic] = elastic
-    if elastic.any():
+    if robot.n_e:
+        rates[..., robot.elastic] = elastic
         right = right - system.equations.elastic.times(system.entries, elastic)
     try:
         rates[..., robot.moving] = system.factors.solve(right)

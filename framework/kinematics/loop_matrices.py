@@ -34,10 +34,8 @@ def near_type_2(robot: ParallelRobot, system: System, level: float) -> IntArray:
     above c where P'P - c^2 has a Cholesky factor.
     """
     P = passive_matrix(robot, system)
-    squares = P.swapaxes(1, 2) @ P
-    squares -= SURELY_CLEAR**2 * np.eye(P.shape[2])
     try:
-        np.linalg.cholesky(squares)
+        np.linalg.cholesky(P.swapaxes(1, 2) @ P - SURELY_CLEAR**2 * np.eye(P.shape[2]))
     except np.linalg.LinAlgError:
         return np.flatnonzero(clearance(robot, system) < level)
     return np.empty(0, dtype=np.intp)

@@ -8,7 +8,6 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import ArrayLike
-from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import assembled_at, mode_signs
 from framework.kinematics.joint_limits import positions_beyond_limits
@@ -42,7 +41,6 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
     working, assembly = (int(sign[0]) for sign in mode_signs(robot, closed.system))
     turned = difference(robot, np.asarray(pin.neutral(robot.model)), closed.q)[0]
     motors = turned[robot.actuated]
-    closures = loop_wrenches(robot.rows, closed.system.frames).residual
     return Pose(
         robot=robot.name,
         flexibility=robot.flexibility,
@@ -56,6 +54,6 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
         },
         working_mode=working,
         assembly_mode=assembly,
-        closure_error=float(np.abs(closures).max(initial=0.0)),
+        closure_error=float(closed.system.gap[0]),
         exceeded=positions_beyond_limits(robot.limits, closed.q),
     )

@@ -16,7 +16,6 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.errors import NotAssembled, finite_numbers
 from framework.kinematics.assembly import Configuration
-from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.continuation import FIRST_STEP, measure
 from framework.kinematics.forward_kinematics import (
     CROSSING,
@@ -116,8 +115,7 @@ def _lead(robot: ParallelRobot, q: Array, x: Array, targets: Array) -> tuple[dic
         rate = np.where(on_branch[:, None], ahead, 0.0)
         determinant, least = now, np.minimum(least, clear)
         x = robot.platform.unwrap(robot.platform.coordinates(system.frames), x)
-    residual = np.abs(loop_wrenches(robot.rows, system.frames).residual).max(axis=1, initial=0.0)
-    return {"q": q, "x": x, "residual": residual, "clearance": least}, on_branch
+    return {"q": q, "x": x, "residual": system.gap, "clearance": least}, on_branch
 
 
 def _differences(robot: ParallelRobot, start: Array, q: Array) -> Array:

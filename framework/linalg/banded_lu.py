@@ -110,9 +110,9 @@ class Factors:
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:
         """Signs and logarithms of the sizes of the determinants, each (T,); 0 and -inf where singular."""
-        size = self.band.size
-        diagonal = self.lu[self.band.lower + self.band.upper].reshape(-1, size)
-        swapped = (self.pivots != np.arange(len(self.pivots))).reshape(-1, size).sum(axis=1)
-        sign = np.prod(np.sign(diagonal), axis=1) * (-1.0) ** swapped * self.band.orientation
+        diagonal = self.lu[self.band.lower + self.band.upper]
+        turned = (diagonal < 0) ^ (self.pivots != np.arange(len(self.pivots)))
+        odd = np.logical_xor.reduce(turned.reshape(-1, self.band.size), axis=1)
         with np.errstate(divide="ignore"):
-            return sign, np.log(np.abs(diagonal)).sum(axis=1)
+            sizes = np.log(np.abs(diagonal)).reshape(-1, self.band.size).sum(axis=1)
+        return np.where(sizes > -np.inf, self.band.orientation * (1.0 - 2.0 * odd), 0.0), sizes
