@@ -10,7 +10,6 @@ import signal
 import sys
 import threading
 import warnings
-from _thread import interrupt_main
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -68,10 +67,11 @@ def interruptible() -> Iterator[Heard]:
             return
         number = signal.SIGTERM if isinstance(unraisable.exc_value, Terminated) else signal.SIGINT
         signal.signal(number, stop)
-        timers.append(threading.Timer(SOON, interrupt_main, [number]))
+        timers.append(threading.Timer(SOON, signal.pthread_kill, [main_thread.ident, number]))
         timers[-1].daemon = True
         timers[-1].start()
 
+    main_thread = threading.main_thread()
     timers: list[threading.Timer] = []
     for number in heard:
         signal.signal(number, stop)

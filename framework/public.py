@@ -45,6 +45,7 @@ from framework.motion.law import Condition, Law
 from framework.motion.path import Arc, Line, Spline
 from framework.simulation import Simulation, simulate
 from framework.singularity.classify import classify
+from framework.singularity.paving import SingularPaving, pave_singularities
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
 from framework.singularity.traced_locus import trace_locus
 
@@ -73,6 +74,7 @@ __all__ = [
     "RobotFileError",
     "Simulation",
     "SingularPath",
+    "SingularPaving",
     "SingularPoint",
     "SingularPose",
     "SingularReference",
@@ -91,6 +93,7 @@ __all__ = [
     "inverse_dynamics",
     "load_plan",
     "locate_singularities",
+    "pave_singularities",
     "plan_crossing",
     "plan_scene",
     "platform_limits",

@@ -76,6 +76,13 @@ def map_document(found: WorkspaceMap) -> dict[str, Any]:
     document["working_mode"] = found.working_mode
     document["characteristic_length"] = found.robot.length
     document["poses"] = found.counts
+    document["locus"] = {
+        "status": found.locus.told,
+        "traced": not found.locus.why_not,
+        "curves": len(found.locus.curves),
+        "sign_changes_of_g": found.locus.sign_changes,
+        "unexplained_sign_changes": found.locus.unexplained.tolist(),
+    }
     document["quantities"] = {
         one.key: {"name": one.name, "unit": unit_of(found.robot, one), **_range(found.values[one.key])}
         for one in found.quantities
@@ -98,11 +105,22 @@ def write_map(found: WorkspaceMap, folder: Path) -> list[Path]:
         q=found.q,
         reason=found.reason,
         assembly=found.assembly,
+        **_locus_arrays(found),
         **found.values,
     )
     with open(files[2], "w", encoding="utf-8", newline="") as stream:
         _write_table(found, stream)
     return files
+
+
+def _locus_arrays(found: WorkspaceMap) -> dict[str, np.ndarray]:
+    """The points of all curves (m, ...), and which curve each belongs to."""
+    curves = found.locus.curves
+    return {
+        "locus": np.concatenate([np.zeros((0, 2)), *(curve.x for curve in curves)]),
+        "locus_q": np.concatenate([np.zeros((0, found.q.shape[2])), *(curve.q for curve in curves)]),
+        "locus_curve": np.repeat(np.arange(len(curves)), [len(curve.x) for curve in curves]),
+    }
 
 
 def _write_table(found: WorkspaceMap, stream: Any) -> None:

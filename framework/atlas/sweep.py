@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import scaled
-from framework.kinematics.continuation import LARGEST_CORRECTION, LARGEST_TURN
+from framework.kinematics.continuation import LARGEST_TURN, is_small
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import (
     VANISHED,
@@ -31,6 +31,7 @@ from framework.kinematics.tracking import CROSSING
 
 STEPS = 10  # Newton steps to a neighbour; a step along the tangent that needs more is no good one
 NEIGHBOUR = 0.5  # [rad, lengths] that such a step may move a joint by
+ReasonArray = NDArray[np.uint8]
 PARTS = 4  # of a step that is too long to be trusted, with the last stride
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
@@ -145,7 +146,7 @@ def _one_step(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step:
     with np.errstate(invalid="ignore"):
         correction = np.abs(_between(robot, ahead, there) / lengths).max(axis=1)
         advance = np.abs(move / lengths).max(axis=1)
-        near = closed & (correction <= np.maximum(LARGEST_CORRECTION, 0.25 * advance))
+        near = closed & is_small(correction, advance)
         kept = near.copy()
         kept[near] = _same_branch(robot, before, after, end, twist, move, correction, advance, near)
     reason = np.where(closed, np.where(kept, Reason.REACHED, Reason.OTHER_MODE), Reason.OPEN)

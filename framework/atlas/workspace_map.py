@@ -13,13 +13,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
+from framework.atlas.locus_on_map import MapLocus, locus_on_map
 from framework.atlas.quantities import Quantity, chosen, evaluate
 from framework.atlas.sweep import WORDS, Reason, spread
 from framework.atlas.window import MOST, Window, held_coordinates, map_axes
@@ -56,6 +57,11 @@ class WorkspaceMap(ReadOnlyArrays):
     @property
     def reached(self) -> BoolArray:
         return self.reason == Reason.REACHED
+
+    @cached_property
+    def locus(self) -> MapLocus:
+        """The singular locus over the window on this branch, traced when it is first asked for."""
+        return locus_on_map(self.robot, self.window, self.q, self.reason, self.values["g"])
 
     @property
     def counts(self) -> dict[str, int]:

@@ -22,12 +22,11 @@ from framework.chart import closed_form
 from framework.chart.measure import Judged, Method, Row, Setting, Stage, relative_error, singles
 from framework.chart.reading import finite, short
 from framework.crossing.optimal import DEGREES as OPTIMAL_DEGREES
-from framework.crossing.optimal import MANY, Best, OnPath, Units, points_of
-from framework.crossing.optimal import Setting as Program
+from framework.crossing.optimal import MANY, Best, best_law
 from framework.crossing.phase_plane import AffineInSpeed, Demand
 from framework.crossing.specification import Specification
+from framework.crossing.speed_program import OnPath, SpeedProgram, Units, points_of
 from framework.errors import NoLaw
-from framework.motion.cone_program import Optimum
 from framework.motion.law import Condition, Law
 from framework.motion.optimal_law import Smoothstep, Stretch
 
@@ -153,12 +152,8 @@ def _optimal(setting: Setting) -> Callable[[], TimedLaw]:
         )
         wanted = np.array([one.values[2] for one in asked])
         conditions = np.column_stack([-wanted, step(inside, 2), step(inside, 1), np.zeros(len(inside))])
-        program = Program(
-            OnPath(sigma, demand, inside, conditions), specification, degree, Units(T, np.array([4.0]))
-        )
-        start = program.program()
-        found = program.solved(start)
-        best = program.within_limits(start, found) if isinstance(found, Optimum) else found
+        on_path = OnPath(sigma, demand, inside, conditions)
+        best = best_law(SpeedProgram(on_path, specification, degree, Units(T, np.array([4.0]))))
         if not isinstance(best, Best):
             raise NoLaw(f"no optimal law of degree {degree}: {best}")
         return TimedLaw(best.law, tuple(float(t) for t in best.law.time(inside)))

@@ -130,7 +130,14 @@ def _assembly(robot: ParallelRobot, motors: list[float]) -> Report:
         pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
         lines.append(f"  platform          {_listed(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
         modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _document(kind)})
-    about = {"complete": found.complete, "bound": found.bound, "method": found.method, "modes": modes}
+    about = {
+        "complete": found.complete,
+        "status": found.status,
+        "bound": found.bound,
+        "paths": None if found.count is None else asdict(found.count),
+        "method": found.method,
+        "modes": modes,
+    }
     return {"robot": robot.name, "flexibility": robot.flexibility, "assembly_modes": about}, "\n".join(lines)
 
 

@@ -178,6 +178,7 @@ def _told(found: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
     )
     lines = [f"{robot.name}: {window.shape[0]} x {window.shape[1]} poses, {spans}, {found.seconds:.2f} s"]
     lines += [f"  {why:40s}  {count}" for why, count in found.counts.items() if count]
+    lines.append(f"  locus: {found.locus.told}, {found.locus.seconds:.2f} s")
     lines.append(f"  {'':56s}  least       median      largest")
     for one in found.quantities:
         told = document["quantities"][one.key]

@@ -15,10 +15,10 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint, crossing_point
-from framework.crossing.optimal import OnPath, Units
 from framework.crossing.phase_plane import crossing_rows, demand
 from framework.crossing.result import CrossingPlan
 from framework.crossing.specification import Specification
+from framework.crossing.speed_program import OnPath, Units
 from framework.errors import NotConverged
 from framework.kinematics.tracking import Branch, track_path
 from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve

@@ -15,23 +15,21 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint
-from framework.crossing.optimal import (
-    DEGREES,
-    MANY,
+from framework.crossing.optimal import DEGREES, MANY, Best, best_law, off_limits, within_limits
+from framework.crossing.optimal_task import Task, check_speeds, check_unfolded, conditions_at, crossing_places
+from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, demand
+from framework.crossing.refusal_proofs import HoldingTorque, NoAdmissibleSpeed
+from framework.crossing.specification import Specification
+from framework.crossing.speed_program import (
     ROUGHNESS,
-    Best,
     OnPath,
-    Setting,
+    SpeedProgram,
     Units,
     better_units,
     conditions_on_speed,
     guessed_units,
     points_of,
 )
-from framework.crossing.optimal_task import Task, check_speeds, check_unfolded, conditions_at, crossing_places
-from framework.crossing.phase_plane import Deflections, DeflectionsOnPath, demand
-from framework.crossing.refusal_proofs import HoldingTorque, NoAdmissibleSpeed
-from framework.crossing.specification import Specification
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw, NotConverged
@@ -72,13 +70,13 @@ def optimal_motion(task: Task) -> OptimalMotion:
     specification = task.specification
     elastic = task.branch.robot.n_e > 0
     check_speeds(task, places)
-    setting, best = _first(task, places)
-    degree, units = setting.degree, setting.units
+    program, best = _first(task, places)
+    degree, units = program.degree, program.units
     roughness, excess = ROUGHNESS, np.inf
     for k in range(MOST_PASSES):
         try:
             if k > 0:
-                again = _setting(task, places, deflections, specification, degree, units)
+                again = _program(task, places, deflections, specification, degree, units)
                 best = _solved(replace(again, roughness=roughness), task)
         except NotConverged:
             higher = [more for more in DEGREES if more > degree]
@@ -124,18 +122,18 @@ def best_undeformed(task: Task) -> Best:
     return _first(task, places)[1]
 
 
-def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[Setting, Best]:
-    """The setting of the least degree that leaves little to be gained, and the best law of that degree."""
-    found: tuple[Setting, Best] | None = None
-    failures: list[tuple[Setting, Infeasible | Unsolved]] = []
+def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[SpeedProgram, Best]:
+    """The program of the least degree that leaves little to be gained, and the best law of that degree."""
+    found: tuple[SpeedProgram, Best] | None = None
+    failures: list[tuple[SpeedProgram, Infeasible | Unsolved]] = []
     for degree in DEGREES[len(task.targets) > MANY :]:
-        setting, optimum = _in_fitting_units(_setting(task, places, None, task.specification, degree, None))
-        best = setting.within_limits(setting.program(), optimum) if isinstance(optimum, Optimum) else optimum
+        program, optimum = _in_fitting_units(_program(task, places, None, task.specification, degree, None))
+        best = within_limits(program, program.cones(), optimum) if isinstance(optimum, Optimum) else optimum
         if not isinstance(best, Best):
-            failures.append((setting, best))
+            failures.append((program, best))
             continue
         if found is None or best.cost < found[1].cost:
-            found = setting, best
+            found = program, best
         if best.cost <= (1.0 + GAIN) * best.bound:
             break
     if found is None:  # what the highest degree cannot do no lower one can
@@ -144,28 +142,28 @@ def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[Setting, Best]:
     return found
 
 
-def _in_fitting_units(setting: Setting) -> tuple[Setting, Optimum | Infeasible | Unsolved]:
-    """The setting in units near its own optimum, and that optimum."""
-    found = setting.solved(setting.program())
+def _in_fitting_units(program: SpeedProgram) -> tuple[SpeedProgram, Optimum | Infeasible | Unsolved]:
+    """The program in units near its own optimum, and that optimum."""
+    found = program.solved(program.cones())
     for _ in range(2):
         better = (
-            better_units(setting.units, setting.specification, found) if isinstance(found, Optimum) else None
+            better_units(program.units, program.specification, found) if isinstance(found, Optimum) else None
         )
-        if better is None or better is setting.units:
+        if better is None or better is program.units:
             break
-        setting = replace(setting, units=better)
-        found = setting.solved(setting.program())
-    return setting, found
+        program = replace(program, units=better)
+        found = program.solved(program.cones())
+    return program, found
 
 
-def _setting(
+def _program(
     task: Task,
     places: Sequence[CrossingPoint],
     deflections: Deflections | None,
     specification: Specification,
     degree: int,
     units: Units | None,
-) -> Setting:
+) -> SpeedProgram:
     at, conditions = conditions_at(task, places, deflections)
     sigma = points_of(degree, at, task.stretch)
     asked = demand(task.branch, task.phi, sigma, deflections, task.geometry)
@@ -173,29 +171,27 @@ def _setting(
     guessed = guessed_units(on_path, specification)
     if units is not None:
         guessed = Units(units.time, guessed.torque if specification.limited else units.torque)
-    return Setting(on_path, specification, degree, guessed)
+    return SpeedProgram(on_path, specification, degree, guessed)
 
 
-def _solved(setting: Setting, task: Task) -> Best:
-    """The law that a setting finds best.
+def _solved(program: SpeedProgram, task: Task) -> Best:
+    """The law that a program finds best.
 
     Raises:
         NoLaw: none is admissible; NotConverged: the solver gave up.
     """
-    program = setting.program()
-    found = setting.solved(program)
-    best = setting.within_limits(program, found) if isinstance(found, Optimum) else found
+    best = best_law(program)
     if not isinstance(best, Best):
-        raise _refusal(task, setting, best, setting)
+        raise _refusal(task, program, best, program)
     return best
 
 
 def _refusal(
-    task: Task, setting: Setting, found: Infeasible | Unsolved, quicker: Setting
+    task: Task, program: SpeedProgram, found: Infeasible | Unsolved, quicker: SpeedProgram
 ) -> NoLaw | NotConverged:
-    """Why there is no law; how far off the limits are is told from the `quicker` setting."""
+    """Why there is no law; how far off the limits are is told from the `quicker` program."""
     name = task.branch.robot.name
-    holding = _holding(task, setting.on_path)
+    holding = _holding(task, program.on_path)
     if holding is not None:
         where, unit = "start" if holding.s == 0 else "end", _unit(task, holding.joint)
         return NoLaw(
@@ -205,11 +201,11 @@ def _refusal(
         )
     if not isinstance(found, Infeasible):
         return NotConverged(
-            f"{name}: no optimal law of degree {setting.degree} found ({found.status})", residual=np.inf
+            f"{name}: no optimal law of degree {program.degree} found ({found.status})", residual=np.inf
         )
-    proof = NoAdmissibleSpeed(setting.degree, *quicker.off_limits(), found)
+    proof = NoAdmissibleSpeed(program.degree, *off_limits(quicker), found)
     return NoLaw(
-        f"{name}: no law of free shape (degree {setting.degree}) is admissible: "
+        f"{name}: no law of free shape (degree {program.degree}) is admissible: "
         f"{proof.sentence or 'none within all limits meets condition (8)'}",
         proof=proof,
     )

@@ -20,7 +20,7 @@ from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw
 from framework.motion.chebyshev import TimeFunction
-from framework.motion.law import Condition, Law, MotionLaw
+from framework.motion.law import Condition, Law, MotionLaw, advance_through
 from framework.singularity.points_on_path import SingularPoint
 
 OF_A_SCENE = (
@@ -102,13 +102,7 @@ def _law(
     crossing_times: Sequence[CrossingTime],
     request: Request,
 ) -> Law:
-    inner = [
-        Condition(crossing_time.time, order, value)
-        for (place, condition), crossing_time in zip(crossings, crossing_times, strict=True)
-        for order, value in enumerate(
-            (place.s, crossing_time.speed, condition.acceleration(crossing_time.speed))
-        )
-    ]
+    inner = _inner(crossings, crossing_times)
     duration = request.fixed_duration
     try:
         return Law.rest_to_rest(duration, request.smoothness, inner)
@@ -118,6 +112,19 @@ def _law(
             f"times: no polynomial over {duration:g} s through {through or 'the ends'} could be computed: "
             f"{problem}; {OF_A_SCENE}"
         ) from None
+
+
+def _inner(
+    crossings: list[tuple[CrossingPoint, Condition8]], crossing_times: Sequence[CrossingTime]
+) -> list[Condition]:
+    """What the law has to meet at the crossings: s, s' and the s" that condition (8) asks for."""
+    return [
+        Condition(crossing_time.time, order, value)
+        for (place, condition), crossing_time in zip(crossings, crossing_times, strict=True)
+        for order, value in enumerate(
+            (place.s, crossing_time.speed, condition.acceleration(crossing_time.speed))
+        )
+    ]
 
 
 def timing_of(targeted: TargetedPath, request: Request) -> tuple[CrossingTime, ...]:
@@ -134,10 +141,10 @@ def timing_of(targeted: TargetedPath, request: Request) -> tuple[CrossingTime, .
             )
     crossings = _at_rest(targeted)
 
-    def build(crossing_times: Sequence[CrossingTime]) -> Law:
-        return _law(crossings, crossing_times, request)
+    def advance(crossing_times: Sequence[CrossingTime]) -> float:
+        return advance_through(duration, request.smoothness, _inner(crossings, crossing_times))
 
-    return choose_timing([place.s for place, _ in crossings], request, build, targeted.branch.robot.name)
+    return choose_timing([place.s for place, _ in crossings], request, advance, targeted.branch.robot.name)
 
 
 def check_contacts(targeted: TargetedPath) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.request import Request
+from framework.dynamics.crossings import instants
 from framework.errors import InvalidInput, NoLaw
 from framework.motion.law import OVERSHOOT, Law
 
@@ -31,13 +32,13 @@ class CrossingTime(NamedTuple):
 def choose_timing(
     s: Sequence[float],
     request: Request,
-    build: Callable[[Sequence[CrossingTime]], Law],
+    advance: Callable[[Sequence[CrossingTime]], float],
     name: str,
 ) -> tuple[CrossingTime, ...]:
     """Timing of the crossings at path coordinates s (k,), ascending.
 
     What the request gives is kept. What is open starts from the law that would ignore the crossings, and
-    is then moved, if need be, until the law built by `build` advances comfortably.
+    is then moved, if need be, until the law through it advances comfortably, as told by `advance`.
 
     Raises:
         NoLaw: no law that always advances was found.
@@ -53,12 +54,12 @@ def choose_timing(
     best: tuple[CrossingTime, ...] = ()
     score = -np.inf
     for start in _starts(s, request):
-        found = _advance(build, start, request)
+        found = _advance(advance, start, request)
         if found > score or not best:
             best, score = start, found
         if score >= COMFORTABLE:
             return best
-    best, score = _improve(best, request, build)
+    best, score = _improve(best, request, advance)
     if score <= 0:
         raise NoLaw(
             f"{name}: no law that always advances found through s = "
@@ -110,7 +111,8 @@ def _starts(s: Sequence[float], request: Request) -> Iterator[tuple[CrossingTime
     """First the law that ignores the crossings, then laws of one cruising speed, ever faster."""
     duration, times, speeds = request.fixed_duration, request.times, request.speeds
     plain = Law.rest_to_rest(duration, request.smoothness)
-    when = np.array([_inverse(plain, value) for value in s]) if times is None else np.array(times)
+    ends = np.array([0.0, duration])
+    when = np.array([instants(plain, ends, value)[0] for value in s]) if times is None else np.array(times)
     how_fast = plain(when, 1) if speeds is None else np.array(speeds)
     yield _timings(when, how_fast)
     for cruising in np.linspace(1.2, 2.4, 7) / duration:
@@ -123,17 +125,8 @@ def _timings(times: Array, speeds: Array) -> tuple[CrossingTime, ...]:
     return tuple(CrossingTime(float(t), float(v)) for t, v in zip(times, speeds, strict=True))
 
 
-def _inverse(law: Law, s: float) -> float:
-    """Time at which a monotone law has the value s, by bisection."""
-    low, high = 0.0, law.duration
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if law(middle) < s else (low, middle)
-    return 0.5 * (low + high)
-
-
 def _advance(
-    build: Callable[[Sequence[CrossingTime]], Law],
+    advance: Callable[[Sequence[CrossingTime]], float],
     crossing_times: Sequence[CrossingTime],
     request: Request,
 ) -> float:
@@ -143,7 +136,7 @@ def _advance(
     if np.any(np.diff(t) < 1e-3 * duration) or any(m.speed <= 0 for m in crossing_times):
         return -np.inf
     try:
-        return build(crossing_times).advance(request.smoothness)
+        return advance(crossing_times)
     except InvalidInput:
         return -np.inf
 
@@ -151,7 +144,7 @@ def _advance(
 def _improve(
     first: tuple[CrossingTime, ...],
     request: Request,
-    build: Callable[[Sequence[CrossingTime]], Law],
+    advance: Callable[[Sequence[CrossingTime]], float],
 ) -> tuple[tuple[CrossingTime, ...], float]:
     """Nelder-Mead on what is open, until the law advances comfortably."""
     from scipy.optimize import OptimizeResult, minimize
@@ -168,7 +161,7 @@ def _improve(
         )
 
     def cost(free: Array) -> float:
-        score = _advance(build, crossing_times(free), request)
+        score = _advance(advance, crossing_times(free), request)
         return 1e6 if np.isneginf(score) else -min(score, COMFORTABLE)
 
     def stop_when_comfortable(intermediate_result: OptimizeResult) -> None:
@@ -190,4 +183,4 @@ def _improve(
         },
     )
     best = crossing_times(found.x)
-    return best, _advance(build, best, request)
+    return best, _advance(advance, best, request)

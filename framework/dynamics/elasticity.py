@@ -82,6 +82,7 @@ def solve_deflections(
     before: MotionLaw,
     *,
     tolerance: float = 1e-10,
+    is_fine: Callable[[Pass], bool] = lambda _: True,
 ) -> Deflected:
     """Deflections and forces at the nodes of the grid, as near to agreement as they come.
 
@@ -90,6 +91,8 @@ def solve_deflections(
             "deformed" goes on until the deflections settle.
         start, before: the deflections and the law to begin with.
         tolerance: change over the largest deflection that counts as settled.
+        is_fine: whether the grid resolves the forces of the undeformed robot; if not, no deflections are
+            sought on it.
 
     Raises:
         NotConverged: the springs are too soft: the forces of the undeformed robot deflect them by more
@@ -103,6 +106,8 @@ def solve_deflections(
         if geometry == "rigid":
             return _small_displacements(branch, grid, here)
         _check_stiffness(robot, grid, here)
+        if not is_fine(here):
+            return Deflected(grid, here.law, here.motion, here.forces, rest, here.caused, change=np.inf)
     else:
         function = grid.resolved(start(grid.times))
         here = one_pass(branch, grid, choose_law(function, before), function, None)

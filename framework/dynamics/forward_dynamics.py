@@ -70,7 +70,9 @@ def forward_dynamics(
     motion = replace(at_rest, a=found.a)
     r = loaded_tree_forces(robot, motion, loads)
     rotors = robot.rotor_inertia * robot.gear_ratio**2 * found.a[:, robot.actuated]
-    forces = Forces(robot.gear_ratio * given - rotors, -robot.stiffness * closed.q[:, robot.elastic])
+    forces = Forces(
+        robot.gear_ratio * given - rotors, -robot.stiffness * robot.positions(closed.q)[:, robot.elastic]
+    )
     single = np.ndim(getattr(q, "q", q)) == 1
     here = 0 if single else slice(None)
     known = np.where(found.undetermined, np.nan, found.a)

@@ -22,6 +22,7 @@ from framework.dynamics.crossings import (
     panel_edges,
     rigid_crossings,
 )
+from framework.dynamics.elastic_pass import Pass
 from framework.dynamics.elasticity import Deflected, LawChoice, solve_deflections
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.near_misses import unseen_near_miss
@@ -36,6 +37,8 @@ from framework.errors import (
     expect_call,
 )
 from framework.kinematics.frames import difference
+from framework.kinematics.idle_spin import without_spin
+from framework.kinematics.inverse_kinematics import ClosedStack
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction, TimeGrid
@@ -123,11 +126,26 @@ def resolve(
     changes: list[float] = []
     enough, unseen = np.inf, None
     own_panels = isinstance(law, PlannedLaw) and len(law.edges) > 0
+    regular_at_rest = all(crossing.residual <= PROVED for crossing in crossings)
     for size in (FEW, *SIZES) if own_panels else SIZES:
         grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law, instants), size)
+
+        def is_fine(here: Pass, grid: TimeGrid = grid) -> bool:
+            """Whether what the undeformed robot asks for is resolved, or beyond resolution on any grid."""
+            if grid.size >= SIZES[-1] or not regular_at_rest:
+                return True
+            return _torque_tail(branch.robot, grid, here) <= tolerance
+
         try:
             state = solve_deflections(
-                branch, grid, choose_law, geometry, start, law, tolerance=min(tolerance, TOLERANCE)
+                branch,
+                grid,
+                choose_law,
+                geometry,
+                start,
+                law,
+                tolerance=min(tolerance, TOLERANCE),
+                is_fine=is_fine,
             )
         except NotAssembled as failure:
             check_bounded(branch.robot, crossings, pole)
@@ -219,7 +237,8 @@ def _result(
 ) -> InverseDynamics:
     robot, grid = branch.robot, state.grid
     torques = grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque))
-    u = difference(robot, branch.origin, state.motion.q)
+    closed = ClosedStack(state.motion.q, branch.path(state.law(grid.times)), state.motion.system)
+    u = difference(robot, branch.origin, without_spin(robot, branch.origin, closed))
     offsets = grid.fit(u)
     turned = difference(robot, pin.neutral(robot.model), branch.origin[None]) + u
     motor = grid.fit(robot.gear_ratio * turned[:, robot.actuated])
@@ -239,7 +258,7 @@ def _result(
         certificate=Certificate(
             nodes=len(grid.times),
             tail=max(
-                _tail(torques, _torque_rounding(robot, state.law.duration)),
+                _torque_tail(robot, grid, state),
                 _tail(grid.fit(state.caused), 1e-14 * robot.column_scale[robot.elastic]),
             ),
             passes=passes,
@@ -267,6 +286,12 @@ def _tail(function: TimeFunction, rounding: Array) -> float:
     """The tail of the components (k,) that are more than rounding."""
     size = np.abs(function.coefficients).max(axis=(0, 1))
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
+
+
+def _torque_tail(robot: ParallelRobot, grid: TimeGrid, here: Pass | Deflected) -> float:
+    """The tail of the motors' torques."""
+    torques = grid.fit(motor_torque(robot, here.motion, here.forces.joint_torque))
+    return _tail(torques, _torque_rounding(robot, here.law.duration))
 
 
 def _torque_rounding(robot: ParallelRobot, duration: float) -> Array:

@@ -79,12 +79,11 @@ def check_idle_joints(branch: Branch, state: Deflected, result: InverseDynamics)
     if abs(load) * scale[column] <= LOADED * float(np.abs(tree_forces(robot, motion) * scale).max()):
         return
     joint = robot.joint_of(column)
-    slides = robot.model.joints[robot.model.getJointId(joint)].shortname().startswith("JointModelP")
     raise LoadedJoint(
         f"{robot.name}: nothing holds {joint}, which this motion would load with {load:.3g} "
-        f"{'N' if slides else 'N m'} at t = {times[instant]:.6g} s: it would move, and change all other "
-        f"forces; lock it (`locked`, or a closure), give it a motor or a spring, or leave out the inertia "
-        f"that it carries",
+        f"{'N' if robot.sliding[column] else 'N m'} at t = {times[instant]:.6g} s: it would move, and change "
+        f"all other forces; lock it (`locked`, or a closure), give it a motor or a spring, or leave out the "
+        f"inertia that it carries",
         joint=joint,
         torque=load,
         time=float(times[instant]),

@@ -3,10 +3,15 @@
 Where every leg asks a linear condition of the platform's displacement (`leg_conditions`: rods between two
 points, whatever drives them), these make a system of quadrics with a known bound on its solutions: 40 for six
 legs in space, 8 for three about a point, 6 for three in a plane, 2 for points on circles or spheres. All its
-complex solutions are led from those of a random system (`linalg.quadrics`), and each is enclosed by the test
-of Krawczyk: one solution there and no other. Where as many as the bound are proved and apart, there are no
-others, and the count of real ones is complete. The test allows for coefficients off by `ROUNDING`, which is
-more than their own rounding.
+complex solutions are led from those of a random system (`linalg.path_ends`), and each is enclosed by the test
+of Krawczyk: one solution there and no other, for all coefficients within their rounding. In which sense the
+real ones are all is the `status`:
+
+proved                     as many as the bound are proved and apart: there are no others
+numerically complete       as many paths as the bound end at solutions that are proved and apart, or leave
+                           for infinity by their growth: symmetric platforms have fewer poses than the bound
+at least                   paths end at solutions that are not single, or are lost; or there is no known bound
+architecturally singular   in every pose the conditions depend on one another: no pose is isolated
 
 For all other robots closed poses are sought from many starts, and enclosed by the theorem of Newton and
 Kantorovich; their number is a lower bound.
@@ -33,26 +38,10 @@ from framework.kinematics.passive_joints import (
     random_starts,
     way_from_reference,
 )
-from framework.linalg.displacements import Displacements
-from framework.linalg.krawczyk import are_apart, chart_for, enclosures
-from framework.linalg.quadrics import refined
+from framework.linalg.real_displacements import PathCount, RealSolutions, Status, real_solutions
 
-ROUNDING = 1e-13  # of the coefficients, relative to the entries of their quadrics
-REAL = 1e-6  # imaginary part of a solution that may be real, its size 1: proved or not afterwards
 MANY_STARTS = 300  # of the joints, where poses of the platform are not known
 ALIKE = 1e-6  # [rad, lengths] between poses of the platform that are one
-
-
-@dataclass(frozen=True, eq=False)
-class RealSolutions(ReadOnlyArrays):
-    """The real solutions of a system of leg conditions."""
-
-    R: Array  # (k, 3, 3) rotations of the displacements
-    p: Array  # (k, 3) translations, in the unit of the conditions
-    proved: Array  # (k,) 1 where the solution is proved to exist, to be real and to be single
-    found: int  # complex solutions at which paths have arrived
-    bound: int  # on the number of complex solutions
-    complete: bool  # as many as the bound are proved and apart: no other exists
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,39 +58,30 @@ class AssemblyModes:
     """All assembly modes that were found, the nearest to the reference first."""
 
     modes: tuple[AssemblyMode, ...]
-    complete: bool  # no other exists
-    bound: int | None  # on complex solutions; None where none is known
+    status: Status  # in which sense they are all
+    bound: int | None  # on isolated complex solutions; None where none is known
+    count: PathCount | None  # None without a homotopy
     method: str
+
+    @property
+    def complete(self) -> bool:
+        """Whether it is proved that no other exists."""
+        return self.status == "proved"
 
     @property
     def sentence(self) -> str:
         """How many there are, and what that rests on."""
+        if self.status == "architecturally singular":
+            return f"none is isolated: the robot is architecturally singular; {self.method}"
         proved = sum(mode.proved for mode in self.modes)
         bound = "" if self.bound is None else f" of at most {self.bound}"
-        count = f"{len(self.modes)} real{bound}" if self.complete else f"at least {proved} real{bound}"
+        count = f"{len(self.modes)} real{bound}"
+        if self.status == "at least":
+            count = f"at least {proved} real{bound}"
+        if self.status == "numerically complete":
+            count += ", complete up to numerical path tracking"
         rest = "" if proved == len(self.modes) else f", {len(self.modes) - proved} found and not proved"
         return f"{count}, each proved to exist and to be single{rest}; {self.method}"
-
-
-def real_solutions(group: Displacements, coefficients: Array) -> RealSolutions:
-    """All real displacements that meet conditions (K, M), proved, and whether they are all."""
-    family = group.family
-    coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
-    z, arrived = family.solve(coefficients)
-    z, quadrics = z[arrived], family.quadrics(coefficients)
-    if not len(z):
-        nothing = np.zeros((0, 3))
-        return RealSolutions(np.zeros((0, 3, 3)), nothing, nothing[:, 0], 0, family.bound, False)
-    chart = chart_for(z)
-    z = refined(quadrics, z, chart.astype(complex))
-    real = np.abs(z.imag).max(axis=1) < REAL * np.linalg.norm(z, axis=1)
-    z[real] = z[real].real
-    proof = enclosures(quadrics, ROUNDING * np.abs(quadrics), chart, z)
-    complex_ones = (np.abs(z.imag) > proof.radii).any(axis=1)
-    decided = proof.proved & (real | complex_ones)
-    complete = len(z) == family.bound and bool(decided.all()) and are_apart(z, proof.radii)
-    R, p = group.in_space(z[real].real)
-    return RealSolutions(R, p, proof.proved[real].astype(float), len(z), family.bound, complete)
 
 
 def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
@@ -122,7 +102,7 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
     conditions = leg_conditions(robot, q[0])
     if conditions is None:
         return _searched(robot, q)
-    found = real_solutions(conditions.group, conditions.coefficients)
+    found = real_solutions(conditions.group, conditions.coefficients, conditions.rounding)
     return _assembled(robot, q, conditions, found)
 
 
@@ -143,9 +123,9 @@ def _assembled(
             modes.append(AssemblyMode(pose, robot.platform.unwrap(x, robot.reference.x)[0], bool(proved)))
     modes.sort(key=lambda mode: way_from_reference(robot, mode.q))
     # a solution without joints would be one of the conditions that are not the legs' own
-    complete = found.complete and len(modes) == len(found.R)
-    method = f"{found.found} solutions by homotopy in {conditions.group.family.name}"
-    return AssemblyModes(tuple(modes), complete, found.bound, method)
+    status = found.status if len(modes) == len(found.R) else "at least"
+    method = f"homotopy in {conditions.group.family.name}: {found.count.sentence}"
+    return AssemblyModes(tuple(modes), status, found.bound, found.count, method)
 
 
 def _searched(robot: ParallelRobot, q: Array) -> AssemblyModes:
@@ -161,4 +141,4 @@ def _searched(robot: ParallelRobot, q: Array) -> AssemblyModes:
         off = [robot.platform.residual(at, mode.x[None])[0] / scale for mode in modes]
         if all(np.abs(one).max() > ALIKE for one in off) and turned_over(robot, at) is None:
             modes.append(AssemblyMode(pose, x, is_proved(robot, pose)))
-    return AssemblyModes(tuple(modes), False, None, f"{MANY_STARTS} starts of Newton's method")
+    return AssemblyModes(tuple(modes), "at least", None, None, f"{MANY_STARTS} starts of Newton's method")

@@ -20,6 +20,9 @@ from framework.kinematics.mechanism import Mechanism
 FIRST_STEP = 1 / 8  # of the way
 SHORTEST_STEP = 1e-7  # of the way: between the last place that closes and the first that does not
 LARGEST_CORRECTION = 0.03  # [rad, lengths]: the corrector of a step, or a quarter of the predictor
+# [rad, lengths]: beside a singularity the tangent may lead round by whole turns, and what closes there is a
+# pose on another turn, however small the correction is against such a step.
+LONGEST_ADVANCE = 1.0
 # Where branches cross, the corrector may land on another one, close by but heading elsewhere. On one branch
 # the rates change over a step by k times its correction if the offset goes as s^k.
 LARGEST_TURN = 5.0
@@ -73,8 +76,13 @@ def measure(robot: Mechanism, moved: Array, along: Array, beyond: Array) -> Step
     """Of corrections, and of steps along the tangents before and after, each (T, nv)."""
     motions = np.array([moved, along, beyond - along]) / robot.column_scale
     correction, advance, turned = np.abs(motions).max(axis=2, initial=0.0)
-    small = correction <= np.maximum(LARGEST_CORRECTION, 0.25 * advance)
-    return StepMeasure(correction, small, turned <= LARGEST_TURN * correction + 0.25 * advance)
+    straight = turned <= LARGEST_TURN * correction + 0.25 * advance
+    return StepMeasure(correction, is_small(correction, advance), straight)
+
+
+def is_small(correction: Array, advance: Array) -> BoolArray:
+    """Whether steps by `advance` (T,) along the tangent needed no more correction (T,) than on one branch."""
+    return (correction <= np.maximum(LARGEST_CORRECTION, 0.25 * advance)) & (advance <= LONGEST_ADVANCE)
 
 
 def follow(
@@ -83,6 +91,7 @@ def follow(
     arrive: Callable[[float, Array], Place | None],
     belongs: Callable[[Place, Place, bool], bool],
     *,
+    end: Callable[[float, Place], tuple[float, Place] | None] | None = None,
     step: float = FIRST_STEP,
 ) -> Way:
     """The branch through `start`, at parameter 0, towards parameter 1.
@@ -91,23 +100,33 @@ def follow(
         arrive: the place at a parameter near a configuration (1, nq); None where no loops close.
         belongs: whether a place (the second) is on the branch of the one before it; the third argument says
             whether the tangent has turned no more than the corrections of one branch allow.
+        end: where the branch ends not far ahead of a place, if that is known: its parameter and the place.
+            It is asked where a step does not count; without an answer the step is halved.
         step: the first one, as a share of the way.
     """
     at, here, parameters, places = 0.0, start, [0.0], [start]
     while at < 1.0:
+        fastest = float(np.abs(here.rate / robot.column_scale).max(initial=0.0))
         step = min(step, 1.0 - at)
+        if step * fastest > LONGEST_ADVANCE:
+            step = 0.99 * LONGEST_ADVANCE / fastest  # rounding is not to make it longer again
         if step < SHORTEST_STEP:
             break
         following = 1.0 if at + step > 1.0 - 1e-12 else at + step
         predicted = integrate(robot, here.q, here.rate * (following - at))
         there = arrive(following, predicted)
-        if there is None:
-            step *= 0.5
-            continue
-        moved = difference(robot, predicted[0], there.q)
-        measured = measure(robot, moved, (following - at) * here.rate, (following - at) * there.rate)
-        correction = float(measured.correction[0])
-        if not (measured.small[0] and belongs(here, there, bool(measured.straight[0]))):
+        correction = np.inf
+        if there is not None:
+            moved = difference(robot, predicted[0], there.q)
+            measured = measure(robot, moved, (following - at) * here.rate, (following - at) * there.rate)
+            if measured.small[0] and belongs(here, there, bool(measured.straight[0])):
+                correction = float(measured.correction[0])
+        if there is None or correction == np.inf:
+            ended = None if end is None else end(at, here)
+            if ended is not None:
+                parameters.append(ended[0])
+                places.append(ended[1])
+                break
             step *= 0.5
             continue
         at, here = following, there

@@ -29,6 +29,7 @@ from framework.kinematics.inverse_kinematics import (
 from framework.kinematics.loop_matrices import VANISHED, clearance
 from framework.kinematics.newton import Linear, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.turning_point import turning_points
 
 CROSSING = 0.1  # least singular value of P above which no assembly modes meet near by
 SHORT = 0.05  # [rad, lengths] that the joints may move by in a single step
@@ -65,7 +66,7 @@ def forward_kinematics(
     Raises:
         InvalidInput: q_a or near has the wrong length or is not finite, the loops are open at near, or the
             motors depend on one another, so that none can be chosen by itself.
-        Type2Singularity: one lies between, or near is one; carries the last configuration before it.
+        Type2Singularity: one lies between, or near is one; carries its configuration.
         NotAssembled: the way cannot be followed for another reason.
     """
     expect_robot(robot)
@@ -158,31 +159,49 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
         apart = straight or after.clearance > CROSSING
         return bool(apart) and keeps_assembly_mode(before.system, after.system)
 
+    def end(share: float, before: Place) -> tuple[float, Place] | None:
+        ahead = turning_points(robot, start.q[0], before.q, np.array([share]), turn)
+        if not ahead.found[0]:
+            return None
+        there = Place(ahead.q, ahead.system, np.zeros_like(turn), float(clearance(robot, ahead.system)[0]))
+        return float(ahead.share[0]), there
+
     here = place(start.q, start.system, start.clearance)
     if here is None or start.clearance < VANISHED:  # on the meeting of two modes
         return Way(np.zeros(1), (start,))
     short = np.abs(here.rate / robot.column_scale).max() < SHORT
-    return follow(robot, here, arrive, belongs, step=1.0 if short else FIRST_STEP)
+    return follow(robot, here, arrive, belongs, end=end, step=1.0 if short else FIRST_STEP)
 
 
 def _stopped(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembled:
     """What ends the way of the motors to q_a, at platform x."""
-    where = (
-        f"on the way to {', '.join(robot.actuator_names)} = {point(q_a)}, after {way.at[-1]:.6g} of it, at "
-        f"{', '.join(robot.axis_names)} = {point(x)}"
-    )
     residual = float(np.abs(way.last.system.residual[:, robot.n :]).max(initial=0.0))
     largest = max(place.clearance for place in way.places)
     usual = max(largest, float(clearance(robot, reference_system(robot))[0]))
     if way.last.clearance > NEAR_TYPE_2 * usual:
+        where = _on_the_way(robot, way.at[-1], x, q_a)
         return NotAssembled(
             f"{robot.name}: the loops cannot be followed {where}", q=way.q[-1], residual=residual
         )
+    return type2_singularity(robot, way.at[-1], way.q[-1], x, q_a, residual)
+
+
+def type2_singularity(
+    robot: ParallelRobot, share: float, q: Array, x: Array, q_a: Array, residual: float
+) -> Type2Singularity:
+    """The error to raise where the way to q_a (n_a,) ends, after a share of it, at q with platform x."""
     return Type2Singularity(
-        f"{robot.name}: a Type 2 singularity {where}: with its motors locked the robot can still move there, "
-        f"and this assembly mode ends",
-        q=way.q[-1],
+        f"{robot.name}: a Type 2 singularity {_on_the_way(robot, share, x, q_a)}: with its motors locked the "
+        f"robot can still move there, and this assembly mode ends",
+        q=q,
         residual=residual,
-        share=float(way.at[-1]),
+        share=float(share),
         platform=x,
+    )
+
+
+def _on_the_way(robot: ParallelRobot, share: float, x: Array, q_a: Array) -> str:
+    return (
+        f"on the way to {', '.join(robot.actuator_names)} = {point(q_a)}, after {share:.6g} of it, at "
+        f"{', '.join(robot.axis_names)} = {point(x)}"
     )

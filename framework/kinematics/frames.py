@@ -19,7 +19,7 @@ from numpy.lib.stride_tricks import as_strided
 
 from framework.arrays import Array, IntArray
 from framework.kinematics.mechanism import Mechanism
-from framework.linalg.ordered_sums import FEW
+from framework.linalg.ordered_sums import FEW, matvec
 
 _PLUS, _MINUS = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
 
@@ -264,6 +264,15 @@ def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
     if model.nq == model.nv:
         return q - start
     return np.array([pin.difference(model, start, np.ascontiguousarray(row)) for row in q])
+
+
+def difference_rates(mechanism: Mechanism, start: Array, q: Array, v: Array) -> Array:
+    """Rates (T, nv) of `difference` from `start` (nq,) to q (T, nq) when the joints move with v (T, nv)."""
+    model = mechanism.model
+    if model.nq == model.nv:
+        return v
+    by_q = [pin.dDifference(model, start, np.ascontiguousarray(row), pin.ArgumentPosition.ARG1) for row in q]
+    return matvec(np.array(by_q), v)
 
 
 def between(mechanism: Mechanism, start: Array, q: Array) -> Array:

@@ -25,6 +25,7 @@ from framework.model.description import Closure
 SAMPLES = 60  # poses of a leg: three for each of the functions
 VANISHED = 1e-10  # singular value of the table, over the largest: a condition that all of its poses meet
 MOST_LEGS = 32
+ROUNDING = 2e-15  # of the table and its null space, relative to their size: thrice what was measured
 SEED = 3
 
 
@@ -35,6 +36,7 @@ class LegConditions(ReadOnlyArrays):
     group: Displacements
     coefficients: Array  # (K, M) of unit size, lengths in lengths of the robot
     others: Array  # (k, M) that have to be met as well
+    rounding: float  # of the coefficients, relative to the largest of their condition
 
 
 class _Edge(NamedTuple):
@@ -52,14 +54,16 @@ def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     if group is None:
         return None
     of_point = group.family.name == "translations"
-    sampler, found = _Sampler.of(robot, q, of_point=of_point), list[Array]()
+    sampler, found, rounding = _Sampler.of(robot, q, of_point=of_point), list[Array](), 0.0
     for count, chain in enumerate(_chains(robot)):
         poses = sampler.displacements(chain) if count < MOST_LEGS else None
         if poses is None:
             return None
         table = functions(*poses)[:, group.chosen]
         values, right = np.linalg.svd(table)[1:]
-        found += list(right[int(np.sum(values > VANISHED * values[0])) :])
+        rank = int(np.sum(values > VANISHED * values[0]))
+        rounding = max(rounding, ROUNDING * float(values[0] / values[rank - 1]))
+        found += list(right[rank:])
     rows, K = np.array(found).reshape(-1, len(group.chosen)), group.family.equations
     if not len(rows):
         return None
@@ -68,8 +72,8 @@ def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
         return None
     if len(rows) > K:  # more conditions than freedoms: as many as needed, mixed, and all to be met in the end
         mixed = np.random.default_rng(SEED).standard_normal((K, len(rows))) @ rows
-        return LegConditions(group, mixed / np.linalg.norm(mixed, axis=1, keepdims=True), rows)
-    return LegConditions(group, rows, rows[:0])
+        return LegConditions(group, mixed / np.linalg.norm(mixed, axis=1, keepdims=True), rows, rounding)
+    return LegConditions(group, rows, rows[:0], rounding)
 
 
 def _group(robot: ParallelRobot) -> Displacements | None:

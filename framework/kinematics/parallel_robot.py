@@ -17,7 +17,7 @@ from framework.kinematics.assembly import (
     nearby_configurations,
 )
 from framework.kinematics.equations import Equations
-from framework.kinematics.frames import difference, frames_at
+from framework.kinematics.frames import frames_at
 from framework.kinematics.independence import (
     idle_columns,
     independent_rows,
@@ -160,7 +160,7 @@ class ParallelRobot(Mechanism):
 
     def actuated_coordinates(self, q: Array) -> Array:
         """The motors' joints q_a (T, n_a) at q (T, nq), joint side of the gears [rad, m]."""
-        return difference(self, self.neutral, q)[:, self.actuated]
+        return self.positions(q)[:, self.actuated]
 
     def __repr__(self) -> str:
         return (

@@ -21,7 +21,7 @@ from framework.errors import (
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.branch import Branch as Branch
 from framework.kinematics.continuation import FIRST_STEP, Place, Way, follow
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import difference, difference_rates, integrate
 from framework.kinematics.inverse_kinematics import (
     ClosedStack,
     System,
@@ -125,7 +125,8 @@ def _followed(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
     way = follow_path(robot, path, q, last_step=KNOTS)
     if not way.complete:
         raise _end_of_reach(robot, path, float(way.at[-1]), way.last.q[0], way.last.system, what)
-    return Branch(robot, path, q, way.at, difference(robot, q, way.q), way.rate)
+    offset, rate = difference(robot, q, way.q), difference_rates(robot, q, way.q, way.rate)
+    return Branch(robot, path, q, way.at, offset, rate)
 
 
 def _rates(robot: ParallelRobot, path: Path, s: float, system: System) -> Array:

@@ -80,6 +80,28 @@ class Displacements:
     chosen: IntArray  # (M,) which of the 17 functions are the members of the family
     places: IntArray  # (N,) which of the 8 coordinates of a dual quaternion z are; see `in_space`
 
+    def eliminated(self, coefficients: Array) -> tuple[Array, Array]:
+        """Equivalent conditions (K, M) of which the first alone has |p|^2, and bounds (K, M) on their terms.
+
+        Towards infinity |p|^2 outgrows all other functions, and the conditions differ in small terms alone.
+        What is eliminated is zero exactly, and of size zero: a multiple of the first makes it so, whatever
+        the rounding. An entry is as uncertain as the largest of its condition.
+        """
+        column = self.chosen == 1
+        sizes = np.repeat(np.abs(coefficients).max(axis=1, keepdims=True), len(column), axis=1)
+        shares = np.abs(coefficients[:, column]).max(axis=1, initial=0.0) / sizes[:, 0]
+        k = int(np.argmax(shares))
+        if not shares[k]:
+            return coefficients, sizes
+        others = np.arange(len(coefficients)) != k
+        first, times = coefficients[k] / coefficients[k, column], coefficients[others][:, column]
+        rows = np.vstack([first, coefficients[others] - times * first])
+        sizes = np.vstack(
+            [sizes[k] / shares[k] / sizes[k], sizes[others] + 2 * np.abs(times) * np.abs(first).max()]
+        )
+        rows[1:, column] = sizes[:, column] = 0.0
+        return rows, sizes
+
     def in_space(self, z: Array) -> tuple[Array, Array]:
         """R (T, 3, 3) and p (T, 3) of real solutions z (T, N)."""
         whole = np.zeros((len(z), 8))

@@ -25,7 +25,7 @@ from framework.linalg.quadrics import ComplexArray
 UNIT = 2.0**-53
 UP = 1.0 + 1e-10  # more than rounding takes from a sum of some hundred numbers without sign
 PASSES = 6  # to widen the radii until the test holds
-LEAST = 1e-300
+LEAST, WIDEST = 1e-300, 1e100  # radii, away from underflow and overflow
 
 
 class Enclosures(NamedTuple):
@@ -70,7 +70,7 @@ def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArr
                 proved[k], found[k] = True, r
                 break
             r = 1.5 * needed + LEAST
-            if not np.all(np.isfinite(r)):
+            if not r.max() < WIDEST:
                 break
     return Enclosures(proved, found)
 
@@ -80,7 +80,7 @@ def chart_for(z: ComplexArray, seed: int = 0) -> Array:
     charts = np.random.default_rng(seed).standard_normal((200, z.shape[1]))
     charts /= np.linalg.norm(charts, axis=1, keepdims=True)
     heights = np.abs(charts @ z.T) / np.linalg.norm(z, axis=1)
-    return np.asarray(charts[np.argmax(heights.min(axis=1))])
+    return np.asarray(charts[np.argmax(heights.min(axis=1, initial=np.inf))])
 
 
 def are_apart(z: ComplexArray, radii: Array) -> bool:

@@ -8,7 +8,8 @@ base points apart, where no equation of the family tells one member from another
 The solutions of one system with random complex coefficients are found by monodromy: the coefficients go round
 a closed way, and from one solution all others are reached (Duff et al., IMA J. Numerical Analysis 39, 2019).
 From it straight ways of coefficients, complex by random factors, lead to any other system; on them solutions
-neither meet nor leave, but with probability zero. Paths are followed in step, in stacks.
+neither meet nor leave before the end, but with probability zero (`linalg.path_ends`). Paths are followed in
+step, in stacks.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ GROW = 4  # steps that go well before the next is longer
 ALIKE = 1e-6  # distance of two solutions that are one, z of size 1
 ROUNDS = 60  # of monodromy, at most
 LARGEST = 1e7  # z in its chart: beyond, a path has left for infinity
+DEPENDENT = 1e-11  # singular value, over the largest: a hundred times the rounding of coefficients
 SEED = 20
 
 
@@ -58,11 +60,28 @@ class QuadricFamily:
         own = np.tensordot(coefficients, self.members, axes=1)
         return np.concatenate([own, self.fixed]).astype(complex)
 
+    def is_dependent(self, coefficients: Array) -> bool:
+        """Whether the functions of (K, M) depend on one another everywhere, so that no solution is single.
+
+        They are quotients by the first member: displacements are finite where that is not zero.
+        """
+        rng = np.random.default_rng(SEED + 2)
+        for _ in range(2):  # random points: one would do, with probability one
+            z = self.random_point(rng)
+            quadrics, first = self.quadrics(coefficients), self.members[0]
+            quadrics[: self.equations] -= (
+                np.einsum("kij,i,j->k", quadrics[: self.equations], z, z) / (z @ first @ z)
+            )[:, None, None] * first
+            values = np.linalg.svd(quadrics @ z, compute_uv=False)
+            if values[-1] > DEPENDENT * values[0]:
+                return False
+        return True
+
     @cached_property
     def start(self) -> tuple[ComplexArray, ComplexArray]:
         """Coefficients (K, M) of a random system and its solutions (bound, N), as many as monodromy found."""
         rng = np.random.default_rng(SEED)
-        z = self._random_point(rng)
+        z = self.random_point(rng)
         values = np.einsum("mij,i,j->m", self.members, z, z)
         nodes = [self._through(rng, values), self._through(rng, None)]
         known = [z[None] / np.linalg.norm(z), np.zeros((0, self.size), dtype=complex)]
@@ -70,18 +89,11 @@ class QuadricFamily:
             for here, there in ((0, 1), (1, 0)):
                 turned = [np.exp(2j * np.pi * rng.random((self.equations, 1))) * node for node in nodes]
                 arrived, good = self.track(turned[here], turned[there], known[here], rng)
-                known[there] = _distinct(np.concatenate([known[there], arrived[good]]))
+                both = np.concatenate([known[there], arrived[good]])
+                known[there] = both[is_first(both)]
             if len(known[0]) >= self.bound:
                 break
         return nodes[0], known[0]
-
-    def solve(self, coefficients: Array) -> tuple[ComplexArray, BoolArray]:
-        """The ends (S, N) of all paths to a real system (K, M), and which of them arrived (S,)."""
-        rng = np.random.default_rng(SEED + 1)
-        first, solutions = self.start
-        scale = np.linalg.norm(coefficients, axis=1, keepdims=True)
-        turned = np.exp(2j * np.pi * rng.random((self.equations, 1))) * first
-        return self.track(turned, (coefficients / scale).astype(complex), solutions, rng)
 
     def track(
         self, one: ComplexArray, two: ComplexArray, z: ComplexArray, rng: np.random.Generator
@@ -115,7 +127,7 @@ class QuadricFamily:
             live[k[lost | (at[k] >= 1.0)]] = False
         return z / np.linalg.norm(z, axis=1, keepdims=True), at >= 1.0
 
-    def _random_point(self, rng: np.random.Generator) -> ComplexArray:
+    def random_point(self, rng: np.random.Generator) -> ComplexArray:
         """A point on all fixed quadrics."""
         z = rng.standard_normal(self.size) + 1j * rng.standard_normal(self.size)
         for _ in range(50 if len(self.fixed) else 0):
@@ -152,13 +164,13 @@ class _Way(NamedTuple):
         """Half the Jacobian (S, N, N), the chart last, at z (S, N) and t (S,)."""
         S, N = z.shape
         own = self.start.reshape(-1, N) @ z.T + (self.change.reshape(-1, N) @ z.T) * t
-        rows = own.T.reshape(S, -1, N)
+        rows = own.T.reshape(S, N - 1, N)
         return np.concatenate([rows, np.broadcast_to(0.5 * self.chart, (S, 1, N))], axis=1)
 
     def rate(self, z: ComplexArray, t: Array) -> ComplexArray:
         """dz/dt (S, N) along the way."""
         S, N = z.shape
-        moved = np.einsum("ski,si->sk", (self.change.reshape(-1, N) @ z.T).T.reshape(S, -1, N), z)
+        moved = np.einsum("ski,si->sk", (self.change.reshape(-1, N) @ z.T).T.reshape(S, N - 1, N), z)
         return _solved(self.slopes(z, t), np.concatenate([-0.5 * moved, np.zeros((S, 1))], axis=1))
 
     def newton(self, z: ComplexArray, t: Array) -> ComplexArray:
@@ -176,10 +188,8 @@ def _solved(matrices: ComplexArray, right: ComplexArray) -> ComplexArray:
         return np.array([np.linalg.lstsq(m, r, rcond=None)[0] for m, r in zip(matrices, right, strict=True)])
 
 
-def _distinct(z: ComplexArray) -> ComplexArray:
-    """The points of projective space among z (S, N), of size 1, each once."""
-    if not len(z):
-        return z
+def is_first(z: ComplexArray) -> BoolArray:
+    """Which points (S,) of projective space among z (S, N), of size 1, are not there before."""
     cosine = np.abs(z.conj() @ z.T)
     same = np.tril(np.sqrt(np.maximum(1 - np.minimum(cosine, 1) ** 2, 0)) < ALIKE, -1)
-    return z[~same.any(axis=1)]
+    return np.asarray(~same.any(axis=1))

@@ -80,9 +80,20 @@ def real_roots(series: Array, *, margin: float = 1e-9) -> Array:
     largest = 1.0 + 2.0 * margin**0.25
     if degree == 0 or size[0] > size[1 : degree + 1] @ largest ** np.arange(1, degree + 1):
         return np.empty(0)
-    roots = chebyshev.chebroots(series[: degree + 1])
+    matrix, weights = _colleague(degree)
+    matrix = matrix.copy()
+    matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
+    roots = np.linalg.eigvals(matrix)
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(margin)])
     return np.sort(np.clip(real[np.abs(real) <= 1 + margin], -1.0, 1.0))
+
+
+@lru_cache(maxsize=64)
+def _colleague(degree: int) -> tuple[Array, Array]:
+    """The colleague matrix of T_degree, rotated for accuracy, and what the other coefficients weigh in it."""
+    weights = np.full(degree, 0.5)
+    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
+    return chebyshev.chebcompanion(np.eye(degree + 1)[degree])[::-1, ::-1], weights
 
 
 @dataclass(frozen=True, eq=False)

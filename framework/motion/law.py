@@ -18,7 +18,7 @@ from numpy.polynomial import chebyshev
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, check_order
-from framework.motion.chebyshev import derivative_matrix, extrema, nodes
+from framework.motion.chebyshev import derivative_matrix, evaluate, extrema, nodes
 
 # A law may overshoot the ends of the path by this much of it; the path goes on there as a curve.
 # The paper's case C needs 1.3e-4 when its conditions are met with degree 8 (rigid robot).
@@ -174,12 +174,34 @@ class Law(ReadOnlyArrays):
         The zeros that the ends force on s' are divided out first, so that the sign near the ends is
         decided by the law and not by rounding.
         """
-        to_slope, to_series = _without_ends(self.degree, smoothness)
-        slope = to_slope @ self.coefficients
-        series = to_series @ slope
-        ends = np.sum(series), np.sum(series[::2]) - np.sum(series[1::2])
-        turning = chebyshev.chebval(extrema(series), series)
-        return float(min(*ends, turning.min(initial=np.inf)) / np.mean(np.abs(slope)))
+        return _least_over_mean(_without_ends(self.degree, smoothness) @ self.coefficients)
+
+
+def advance_through(duration: float, smoothness: int, inner: Sequence[Condition]) -> float:
+    """`advance` of the law that `rest_to_rest` would give, for a search among many: the law is not made.
+
+    s' = (1 - x^2)^smoothness p(x) with x in [-1, 1] is at rest at both ends whatever p is, so that s(1) = 1
+    and the inner conditions, of order 2 at most, are all that p has to meet.
+
+    Raises:
+        InvalidInput: the conditions repeat or contradict each other.
+    """
+    scale = 2.0 / duration
+    times, orders, values = np.array([*inner, Condition(duration, 0, 1.0)]).T
+    integrals = _integrals(smoothness, len(times))[orders.astype(np.intp)]
+    angles = np.arccos(np.clip(times * scale - 1.0, -1.0, 1.0))
+    rows = np.einsum("ij,ijk->ik", np.cos(angles[:, None] * np.arange(integrals.shape[1])), integrals)
+    try:
+        return _least_over_mean(np.linalg.solve(rows, values / scale**orders))
+    except np.linalg.LinAlgError:
+        raise InvalidInput("the conditions on the law repeat or contradict each other") from None
+
+
+def _least_over_mean(series: Array) -> float:
+    """The least value on [-1, 1] of a Chebyshev series (size,), over the mean of its size."""
+    ends = np.sum(series), np.sum(series[::2]) - np.sum(series[1::2])
+    turning = evaluate(extrema(series), series)
+    return float(min(*ends, turning.min(initial=np.inf)) / np.mean(np.abs(_inside(len(series)) @ series)))
 
 
 @lru_cache(maxsize=64)
@@ -204,10 +226,26 @@ def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array
 
 
 @lru_cache(maxsize=64)
-def _without_ends(degree: int, smoothness: int) -> tuple[Array, Array]:
-    """From coefficients to s'(x) / (x (1 - x))^smoothness at points x of [0, 1], and on to its series."""
-    kept = max(degree - 1 - 2 * smoothness, 0)
-    local = nodes(2 * kept + 6)[1:-1]  # inner points, more than unknowns
-    slopes = 2.0 * chebyshev.chebvander(local, degree) @ derivative_matrix(degree + 1)
-    divided = slopes / (0.25 * (1 - local**2)[:, None]) ** smoothness
-    return divided, np.asarray(np.linalg.pinv(chebyshev.chebvander(local, kept)), dtype=float)
+def _inside(size: int) -> Array:
+    """Matrix from Chebyshev coefficients (size,) to values at points inside [-1, 1], more than unknowns."""
+    return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1), dtype=float)
+
+
+@lru_cache(maxsize=64)
+def _without_ends(degree: int, smoothness: int) -> Array:
+    """From the coefficients of s to those of s'(x) / (1 - x^2)^smoothness."""
+    size = max(degree - 2 * smoothness, 1)
+    local = nodes(2 * size + 4)[1:-1]
+    slopes = chebyshev.chebvander(local, degree) @ derivative_matrix(degree + 1)
+    return np.asarray(np.linalg.pinv(_inside(size)) @ (slopes / ((1 - local**2)[:, None]) ** smoothness))
+
+
+@lru_cache(maxsize=64)
+def _integrals(smoothness: int, size: int) -> Array:
+    """Series (n, size) of the integrals of (1 - x^2)^smoothness T_k(x) from -1 on, and two derivatives."""
+    ends = chebyshev.chebpow([0.5, 0.0, -0.5], smoothness)  # 1 - x^2 = (1 - T_2) / 2
+    integrals = np.zeros((2 * smoothness + size + 1, size))
+    for k, unit in enumerate(np.eye(size)):
+        series = chebyshev.chebint(chebyshev.chebmul(ends, unit[: k + 1]), lbnd=-1)
+        integrals[: len(series), k] = series
+    return np.array([derivative_matrix(len(integrals), order) @ integrals for order in range(3)])

@@ -18,7 +18,7 @@ from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.captions import stated
 from framework.show.film import Film
-from framework.show.style import ALARM, COLORS, CROSSING, GIVEN, GOOD, LOCUS, figure
+from framework.show.style import ALARM, COLORS, CROSSING, GIVEN, GOOD, LOCUS, figure, legend_above
 
 SAMPLES = 401
 BESIDE = 0.25  # of the duration, shown on either side of the crossing
@@ -71,7 +71,7 @@ def draw_eye(
     ax.set_xlim(time[0], time[-1])
     ax.set_xlabel("time from the singular instant  [s]")
     ax.set_ylabel(rf"{'force along' if unit == 'N' else 'torque about'} $\mathbf{{t}}_s$  [{unit}]")
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+    legend_above(ax)
     return ax
 
 
@@ -124,7 +124,7 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     ax.set_ylabel(
         rf"{'torque about' if turn else 'force along'} $\mathbf{{t}}_s$  [{'N m' if turn else 'N'}]"
     )
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+    legend_above(ax)
     return ax
 
 

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from framework.arrays import Array
-from framework.atlas.locus_on_map import locus_on_map
 from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
@@ -26,6 +25,7 @@ SEQUENTIAL, DIVERGING = "cividis", "BrBG"
 UNREACHED = "#e4e7eb"
 TAILS = (2.0, 98.0)  # percentiles between which colours change: a pole would take them all
 SAMPLES = 401  # of a path
+UNEXPLAINED, NOT_TRACED = "g changes sign, no curve found", "locus not traced"
 LONGEST_EDGE = 3.4  # [in] of the window drawn
 LEFT, RIGHT, BELOW, ABOVE, BAR = 0.55, 0.65, 0.45, 0.65, 0.25  # [in] about it
 
@@ -73,9 +73,13 @@ def plot_map(
     bar = ax.figure.colorbar(mesh, extend=extend[below, above], **beside)
     bar.set_label(f"[{unit_of(robot, quantity)}]")
     halo = [withStroke(linewidth=2.8, foreground="white")]
-    for k, curve in enumerate(locus_on_map(found)):
+    for k, curve in enumerate(found.locus.curves):
         label = "singular locus (Type 2)" if k == 0 else None
-        ax.plot(*curve.T, color=LOCUS, linewidth=1.4, path_effects=halo, label=label)
+        ax.plot(*curve.x.T, color=LOCUS, linewidth=1.4, path_effects=halo, label=label)
+    if len(found.locus.unexplained):
+        ax.plot(*found.locus.unexplained.T, "x", color=LOCUS, markersize=3, label=UNEXPLAINED)
+    if found.locus.why_not:
+        ax.plot([], [], " ", label=NOT_TRACED)
     axes = list(found.window.axes)
     if path is not None:
         way = path(np.linspace(0.0, 1.0, SAMPLES))[:, axes]

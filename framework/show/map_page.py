@@ -12,18 +12,26 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
-from framework.atlas.locus_on_map import locus_on_map
 from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.sweep import WORDS, Reason
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
-from framework.show.map import SAMPLES, UNREACHED, cell_edges, colours, is_to_scale, lies_in, title
+from framework.show.map import (
+    SAMPLES,
+    UNEXPLAINED,
+    UNREACHED,
+    cell_edges,
+    colours,
+    is_to_scale,
+    lies_in,
+    title,
+)
 from framework.show.style import LOCUS, PATH
 
 SHADES = 256
 LEAD = (
     "All poses are reached from the robot's reference without leaving its working mode. Bright is good, grey "
-    "is not reached. On the purple locus (Type 2) the motors do not hold the platform."
+    "is not reached. On the purple locus (Type 2) the motors do not hold the platform: $locus."
 )
 
 
@@ -32,7 +40,7 @@ def map_page(found: WorkspaceMap, *, path: Path | None = None) -> str:
     document = json.dumps(_document(found, path), allow_nan=False).replace("<", "\\u003c")
     return Template(_asset("map.html")).substitute(
         title=html.escape(title(found)),
-        lead=html.escape(LEAD),
+        lead=html.escape(Template(LEAD).substitute(locus=found.locus.told)),
         style=_asset("map.css"),
         document=document,
         script=_asset("map.js"),
@@ -41,8 +49,10 @@ def map_page(found: WorkspaceMap, *, path: Path | None = None) -> str:
 
 def _document(found: WorkspaceMap, path: Path | None) -> dict[str, Any]:
     robot, window = found.robot, found.window
-    curves = [_curve(curve, LOCUS, 2.0, []) for curve in locus_on_map(found)]
+    curves = [_curve(curve.x, LOCUS, 2.0, []) for curve in found.locus.curves]
     legend: list[tuple[str, str, bool]] = [("singular locus (Type 2)", LOCUS, False)] if curves else []
+    if len(found.locus.unexplained):
+        legend.append((UNEXPLAINED, LOCUS, False))
     if path is not None:
         way = path(np.linspace(0.0, 1.0, SAMPLES))[:, list(window.axes)]
         curves.append(_curve(way, PATH, 2.5, [7, 4]))
@@ -67,6 +77,7 @@ def _document(found: WorkspaceMap, path: Path | None) -> dict[str, Any]:
         "unreached": _rgb(UNREACHED),
         "curves": curves,
         "marks": [np.round(mark, 9).tolist()],
+        "crosses": np.round(found.locus.unexplained, 9).tolist(),
         "legend": legend,
     }
 

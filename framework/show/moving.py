@@ -16,6 +16,7 @@ from framework.errors import InvalidInput, choose_from
 from framework.show.captions import said
 from framework.show.eye import eye_twist, plot_eyes
 from framework.show.film import Film
+from framework.show.plots import torque_axes
 from framework.show.scene import stated_limit
 from framework.show.still import locus_of, plot_still
 from framework.show.style import ALARM, GOOD, line_style, styled
@@ -103,9 +104,7 @@ def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[Mark]]:
         return drawing, left, [_dot(one, eye_twist(films), right) for one in films]
     for k, (name, torque) in enumerate(zip(film.robot.actuator_names, film.torque.T, strict=True)):
         right.plot(film.time, torque, label=said(name), **line_style(k))
-    right.set_xlabel("time  [s]")
-    right.set_ylabel(f"motor torque  [{', '.join(dict.fromkeys(film.robot.torque_units))}]")
-    right.legend(ncols=2)
+    torque_axes(right, film.robot)
     line = right.axvline(0.0, color="black", linewidth=0.8)
     return drawing, left, [lambda t: line.set_xdata([t, t])]
 

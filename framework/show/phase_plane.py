@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from framework.crossing.limit_curves import limit_curves
 from framework.crossing.result import CrossingPlan
-from framework.show.style import COLORS, CROSSING, figure, line_style
+from framework.show.style import COLORS, CROSSING, figure, legend_above, line_style
 
 ROOM = 1.5  # the highest value shown over the largest of the laws
 SAMPLES = 601
@@ -66,5 +66,5 @@ def plot_phase_plane(
     axes[0].set_ylabel(r"$\dot s$  [1/s]")
     axes[1].set_ylabel(r"$\ddot s$  [1/s$^2$]")
     axes[1].set_xlabel("path coordinate  $s$")
-    axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=2)
+    legend_above(axes[0], 2)
     return axes

@@ -19,9 +19,10 @@ from framework.show.film import film_plan
 from framework.show.phase_plane import plot_phase_plane
 from framework.show.scene import CLIPPED
 from framework.show.still import plot_still
-from framework.show.style import ALARM, CROSSING, figure, line_style, save_figure, styled
+from framework.show.style import ALARM, CROSSING, figure, legend_above, line_style, save_figure, styled
 
 SAMPLES = 601
+FEW = 4  # curves, among which a legend finds room
 
 
 def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axes]:
@@ -48,7 +49,7 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     times = np.linspace(0.0, plan.duration, SAMPLES)
     for k, (joint, torque) in enumerate(zip(plan.robot.actuator_names, plan.torque(times).T, strict=True)):
         ax.plot(times, torque, label=joint.replace("_", " "), **line_style(k))
-    _torque_axes(ax, plan.robot)
+    torque_axes(ax, plan.robot)
     _time_axis(plan, ax)
     limits = np.empty(0) if plan.optimality is None else plan.optimality.specification.torque_limit
     for limit in np.unique(limits[np.isfinite(limits)]):
@@ -124,7 +125,7 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
         ax.plot([crossing.time], [0.0], "o", color=CROSSING, markersize=4, zorder=3)
     if plan.crossings:
         ax.lines[-1].set_label("0 here: condition (8)")
-        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+        legend_above(ax)
     return ax
 
 
@@ -135,7 +136,7 @@ def plot_raw_torques(
     ax = figure()[1][0] if ax is None else ax
     for k, (joint, torque) in enumerate(zip(robot.actuator_names, raw.torque.T, strict=True)):
         ax.plot(raw.time, torque, label=joint.replace("_", " "), **line_style(k))
-    _torque_axes(ax, robot)
+    torque_axes(ax, robot)
     finite = np.abs(raw.torque[np.isfinite(raw.torque).all(axis=1)]).max(axis=1)
     if len(poles) and finite.size:  # the height of a spike is that of the sampling: not drawn
         top = CLIPPED * float(np.quantile(finite, 0.8))
@@ -174,11 +175,15 @@ def save(draw: Callable[[], Axes], stem: Path) -> list[Path]:
         return save_figure(drawing, stem)
 
 
-def _torque_axes(ax: Axes, robot: ParallelRobot) -> None:
+def torque_axes(ax: Axes, robot: ParallelRobot) -> None:
+    """Name the axes of torques over time, and the motors."""
     unit = ", ".join(dict.fromkeys(robot.torque_units))
     ax.set_xlabel("time  [s]")
     ax.set_ylabel(f"motor torque  [{unit}]")
-    ax.legend()
+    if robot.n_a <= FEW:
+        ax.legend()
+    else:
+        legend_above(ax, 3)
 
 
 def _time_axis(plan: CrossingPlan, ax: Axes) -> None:

@@ -20,7 +20,7 @@ from framework.show.drawing import draw, hull
 from framework.show.film import Film
 from framework.show.scene import locus_lines
 from framework.show.sight import Projection, projection
-from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH
+from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, legend_above
 from framework.singularity.locus import locus_curves
 
 ARROW = 0.32  # length of t_s, over the robot's; the page's too
@@ -63,8 +63,9 @@ def plot_still(
     if film.instants and k == telling_frame(film) and len(robot.platform.sliding):
         _action_lines(film, ax, k, here, onto)
     reach = min(robot.length, 0.8 * float(np.ptp(ax.get_xlim())))
+    twist = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
     arrows = (
-        (platform_twists(robot, film.q, film.t_s), TWIST, True, ARROW, r"$\mathbf{t}_s$"),
+        (platform_twists(robot, film.q, film.t_s), TWIST, True, ARROW, twist),
         (platform_wrenches(robot, film.q, film.W_p), WRENCH, False, ARROW, r"$\mathbf{W}_p$"),
     )
     for six, color, both, size, label in arrows:
@@ -75,7 +76,7 @@ def plot_still(
             tip = part[k] * size * reach / (np.linalg.norm(part[k]) or 1.0 if both else largest)
             _arrow(ax, onto(here), onto(tip), color, both, label)
     ax.autoscale_view()
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=3, fontsize=6)
+    legend_above(ax, 3, fontsize=6)
     return ax
 
 

@@ -57,6 +57,12 @@ def figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> tuple[
     return drawing, list(axes)
 
 
+def legend_above(ax: Axes, columns: int = 1, **options: Any) -> None:
+    """The legend over the axes, where it hides no curve; none where nothing has a label."""
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=columns, **options)
+
+
 def line_style(k: int) -> dict[str, Any]:
     """Colour and dash of the k-th curve: either of them tells it from the others."""
     return {"color": COLORS[k % len(COLORS)], "linestyle": DASHES[k % len(DASHES)]}

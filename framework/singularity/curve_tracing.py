@@ -102,15 +102,19 @@ def points_at(equations: LocusEquations, q: Array) -> Points:
 
 
 def whole_curves(
-    equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray]
+    equations: LocusEquations,
+    starts: Points,
+    inside: Callable[[Array], BoolArray],
+    longest: float = LONGEST,
 ) -> list[Curve]:
     """The distinct curves through starts (S of them).
 
     Args:
         inside: which configurations (T, nq) are in the region; the first point outside is kept.
+        longest: step [rad, lengths].
     """
     starts = starts.take(_distinct(equations, starts.q))
-    pieces = _pieces(equations, starts, inside)
+    pieces = _pieces(equations, starts, inside, min(longest, LONGEST))
     curves, done = list[Curve](), set[int]()
     for first in range(len(starts.q)):
         if first in done:
@@ -135,13 +139,13 @@ class _Piece(NamedTuple):
 
 
 def _pieces(
-    equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray]
+    equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
 ) -> dict[tuple[int, int], _Piece]:
     """The pieces from every start (S of them) along its tangent (side 0) and against it (side 1), in step."""
     count = len(starts.q)
     here = Points.joined([starts, starts.turned()])
     bend = np.zeros_like(here.tangent)
-    step = np.full(2 * count, FIRST)
+    step = np.full(2 * count, min(FIRST, longest))
     live = np.arange(2 * count)
     way = [[here.one(k)] for k in range(2 * count)]
     pieces: dict[tuple[int, int], _Piece] = {}
@@ -170,7 +174,7 @@ def _pieces(
         turning = (there.tangent - here.tangent) / step[:, None]
         bend = np.where(good[:, None], turning, bend)
         turn = np.linalg.norm(turning, axis=1) * step
-        grown = np.minimum(step * np.clip(0.8 * TURN / (turn + 1e-9), 0.5, 2.0), LONGEST)
+        grown = np.minimum(step * np.clip(0.8 * TURN / (turn + 1e-9), 0.5, 2.0), longest)
         step = np.where(good, grown, step)
         here = Points.joined([there, here]).take(np.where(good, 0, len(live)) + np.arange(len(live)))
         on = ~stalled & ~(good & (met >= 0))

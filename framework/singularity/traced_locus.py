@@ -3,12 +3,13 @@
 Robots of two freedoms are traced as they are; of others a slice is: the platform's other coordinates held
 (a 3-RPR at one orientation, a Gough-Stewart platform at one orientation and height, or at one position and
 turn), or the other motors (the sections of the joint space in which cusps are drawn). Curves are found from
-starts drawn at random in joint space, always alike, and from the branch points of curves already traced. A
-curve that no start and no branch leads to is missed: nothing here proves that all are found.
+starts that are given or drawn at random in joint space, always alike, and from the branch points of curves
+already traced. A curve that no start and no branch leads to is missed: completeness is not claimed.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -69,13 +70,15 @@ class LocusCurve(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class TracedLocus:
-    """The locus as far as it was found; `curves` are distinct, in the order in which they were found."""
+    """The locus as far as it was found; `curves` are distinct, in the order in which they were found.
+
+    That each point is singular is certain, that there is no further curve is not claimed.
+    """
 
     robot: ParallelRobot
     free: tuple[str, str]  # the two freedoms of the slice
     curves: tuple[LocusCurve, ...]
     starts: int  # points of the locus that the search found, each on one of the curves
-    complete: bool = False  # no proof that there is no other curve
 
     @property
     def cusps(self) -> tuple[LocusPoint, ...]:
@@ -92,6 +95,8 @@ def trace_locus(
     starts: int = STARTS,
     seed: int = SEED,
     one_mode: bool = False,
+    near: Sequence[Array] = (),
+    longest: float = LONGEST,
 ) -> TracedLocus:
     """The singular locus in the slice through an assembled configuration q (nq,).
 
@@ -102,6 +107,8 @@ def trace_locus(
             translations and sliding motors about q. Hinges turn without bound.
         starts: configurations that the search begins from, drawn with `seed`.
         one_mode: follow curves in the working mode of q alone; quicker.
+        near: further configurations (nq,) that the search begins from.
+        longest: the longest step along a curve [rad, lengths of the robot].
 
     Raises:
         InvalidInput: see `LocusEquations.of`; or q is no assembled configuration.
@@ -111,12 +118,12 @@ def trace_locus(
     mode = leg_signs(robot, closed.system)[0] if one_mode else None
     region = Region(equations, closed.q[0], closed.x[0], reach * robot.length, mode)
     begun = drawn_in_mode(region, starts, seed) if one_mode else drawn(equations, closed.q[0], starts, seed)
-    found = solutions_near(equations, begun)
+    found = solutions_near(equations, np.concatenate([begun, np.reshape(near, (-1, robot.model.nq))]))
     found = found[region.contains(found)]
     count, curves, crossings = len(found), list[Curve](), list[list[Points]]()
     new = points_at(equations, found) if count else None
     while new is not None and len(curves) < MOST_CURVES:
-        traced = whole_curves(equations, new, region.contains)
+        traced = whole_curves(equations, new, region.contains, longest)
         curves += traced
         crossings += [_crossings(equations, curve) for curve in traced]
         new_crossings = (point for some in crossings[-len(traced) :] for point in some)

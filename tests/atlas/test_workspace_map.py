@@ -10,8 +10,7 @@ import pytest
 
 import robots
 from framework import InvalidInput
-from framework.atlas.locus_on_map import locus_on_map
-from framework.atlas.map_files import setup_document, write_map
+from framework.atlas.map_files import map_document, setup_document, write_map
 from framework.atlas.quantities import chosen
 from framework.atlas.sweep import Reason, stepped
 from framework.atlas.window import Window, held_coordinates, map_axes
@@ -19,6 +18,9 @@ from framework.atlas.workspace_map import surveyed, workspace_map
 from framework.kinematics.inverse_kinematics import mode_signs, system_at
 from framework.kinematics.tracking import assemble
 from framework.parallel.kept import KeptChunks
+from framework.show.map import NOT_TRACED, plot_map
+from framework.show.map_page import map_page
+from framework.singularity.traced_locus import TracedLocus
 from tests.oracles import five_bar_pose
 
 KEYS = ("g", "conditioning", "torque", "stiffness", "frequency")
@@ -67,14 +69,45 @@ def test_what_is_reached_is_the_workspace_and_no_elbow_has_turned_over():
         np.testing.assert_allclose(crank, at.crank[:, leg], rtol=0, atol=1e-7)
 
 
-def test_the_locus_on_a_map_is_where_the_rods_are_in_line():
-    found = five_bar_map("rigid", 61)
-    points = np.concatenate(locus_on_map(found))
-    inside = five_bar_pose.reachable(points) > 2 * found.window.cell.max()
-    away = np.linalg.norm(points[:, None] - five_bar_pose.BASES, axis=2).min(axis=1) > 0.1
-    at = five_bar_pose.pose(points[inside & away])
-    assert len(at.sine) > 50
-    assert np.abs(at.sine).max() < 5e-3  # a cell has 0.015 m: between two poses g is taken for straight
+@pytest.mark.parametrize("size", [9, 61])
+def test_the_locus_on_a_map_is_where_the_rods_are_in_line_however_coarse_the_map(size):
+    found = five_bar_map("rigid", size)
+    assert len(found.locus.curves) == 3
+    for curve in found.locus.curves:
+        inside = five_bar_pose.reachable(curve.x) > 1e-6  # beyond: the elbows' own end, to rounding
+        at = five_bar_pose.pose(curve.x[inside])  # of the map's working mode
+        assert inside.sum() > 20
+        assert np.abs(at.sine).max() < 1e-9
+    assert not len(found.locus.unexplained)
+    assert found.locus.sign_changes > size
+
+
+def test_a_window_much_smaller_than_the_robot_has_a_smooth_locus():
+    robot = robots.load("five_bar")
+    centre = np.array([0.0, np.sqrt(0.06)])  # on the locus
+    found = workspace_map(robot, window(robot, 9, centre - 2e-3, centre + 2e-3), ["g"])
+    (curve,) = found.locus.curves
+    middle = 0.5 * (curve.x[1:] + curve.x[:-1])  # a chord leaves the curve by less than is seen
+    assert np.abs(five_bar_pose.pose(middle).sine).max() < 1e-4
+
+
+def test_a_sign_of_g_that_no_curve_explains_is_told(monkeypatch):
+    robot = robots.load("five_bar")
+    module = "framework.atlas.locus_on_map"
+    monkeypatch.setattr(f"{module}.trace_locus", lambda *given, **more: TracedLocus(robot, ("x", "y"), (), 0))
+    found = workspace_map(robot, window(robot, 13), ["g"])
+    assert len(found.locus.unexplained) == found.locus.sign_changes > 0
+    assert f"at {found.locus.sign_changes} no curve passes" in map_document(found)["locus"]["status"]
+
+
+def test_where_no_locus_can_be_traced_a_map_says_why(tmp_path):
+    robot = robots.load("two_arms")
+    found = workspace_map(robot, surveyed(robot, size=5), ["g"])
+    locus = map_document(found)["locus"]
+    assert (locus["traced"], locus["curves"]) == (False, 0)
+    assert "one motor for each freedom" in locus["status"]
+    assert NOT_TRACED in [text.get_text() for text in plot_map(found).get_legend().get_texts()]
+    assert "one motor for each freedom" in map_page(found)
 
 
 @pytest.mark.parametrize("name", ["three_rrr", "gough_stewart", "agile_eye"])

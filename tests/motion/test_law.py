@@ -8,7 +8,7 @@ import pytest
 from numpy.polynomial import Chebyshev, Polynomial, chebyshev
 
 from framework.errors import InvalidInput
-from framework.motion.law import Condition, Law
+from framework.motion.law import Condition, Law, advance_through
 
 EPS = np.finfo(float).eps
 DURATION = 1.5
@@ -198,6 +198,17 @@ def test_advance_agrees_with_a_fine_look_at_random_laws(seed):
         least = (law(t, 1) / (t * (DURATION - t)) ** 2).min()
         if abs(least) > 0.05:  # what 4001 samples and the outermost hundredths decide for sure
             assert np.sign(law.advance(2)) == np.sign(least)
+
+
+@cases
+def test_how_a_law_advances_is_known_without_it(degree, smoothness, inner):
+    law = Law.rest_to_rest(DURATION, smoothness, inner)
+    assert advance_through(DURATION, smoothness, inner) == pytest.approx(law.advance(smoothness), abs=1e-8)
+
+
+def test_no_law_advances_through_a_point_twice():
+    with pytest.raises(InvalidInput, match="repeat or contradict"):
+        advance_through(DURATION, 2, [Condition(0.5 * DURATION, 0, 0.5)] * 2)
 
 
 @pytest.mark.parametrize("speed", [1.5, -1.5])

@@ -1,8 +1,8 @@
 """A robot more in the catalogue is a robot more in every generated test, with no edit of another file.
 
-The robot is a 3-PRR that is in no catalogue (tests/data/three_prr), added as the README's recipe says. Its
-drive springs sit behind motors without inertia, so they balance the motors and no torque depends on them, and
-its energy needs more nodes than most. The generated tests have to pass for it as for any right robot.
+The robot is a 3-PRR that is in no catalogue (tests/data/three_prr), added by the recipe of robots/README.md.
+Its drive springs sit behind motors without inertia, so they balance the motors and no torque depends on them,
+and its energy needs more nodes than most. The generated tests have to pass for it as for any right robot.
 """
 
 from __future__ import annotations

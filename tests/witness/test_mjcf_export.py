@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +13,7 @@ import pytest
 import robots
 from framework import ParallelRobot, assemble, plan_scene
 from framework.errors import InvalidInput
-from framework.export.mjcf import INERTIA, MASS, mjcf_text, ranges_left_out
+from framework.export.mjcf import INERTIA, MASS, mjcf_text, qpos_of, ranges_left_out
 from framework.export.mjcf_loops import equality_axes
 from framework.simulation.accelerations import accelerations
 from framework.simulation.equations import EquationsOfMotion
@@ -23,6 +24,7 @@ if not REQUIRED:
 mujoco = import_module("mujoco")
 
 NAMES = list(robots.CATALOGUE)
+DIALECTS = Path(__file__).parents[1] / "data" / "dialects"
 
 
 def loaded(robot):
@@ -71,6 +73,22 @@ def test_tree_and_loops_are_the_same(name, flexibility):
         np.testing.assert_allclose(one, two, rtol=0, atol=1e-12 * np.abs(two).max())
     assert data.nefc > 0
     assert np.abs(data.efc_pos).max() < 1e-11 * max(robot.length, 1.0)
+
+
+def test_balls_are_those_of_mujoco():
+    """The ankle on rods with balls, read from MJCF and written: the same tree and the same loops."""
+    said = {"platform": "roll_link", "axes": ["ry", "rx"], "motors": ["drive_a", "drive_b"]}
+    robot = ParallelRobot.from_file(DIALECTS / "humanoid_ankle.xml", **said)
+    model, data = loaded(robot)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    data.qvel[:] = np.random.default_rng(1).normal(size=model.nv)
+    theirs, q = tree_in_mujoco(model, data), assemble(robot, [-0.5, 0.3]).q
+    ours = tree_in_pinocchio(robot, with_stand_ins(robot), robot.reference.q, data.qvel.copy())
+    for one, two in zip(theirs, ours, strict=True):
+        np.testing.assert_allclose(one, two, rtol=0, atol=10 * INERTIA)  # of the thin rods' stand-ins
+    data.qpos[:] = qpos_of(robot.model, q)
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.efc_pos).max() < 1e-13
 
 
 @pytest.mark.parametrize("name", ["five_bar_heavy", "gough_stewart", "delta", "spherical_rrr", "n_four_bar"])

@@ -128,6 +128,10 @@ function draw() {
     }
   }
   pen.setLineDash([]);
+  pen.font = "13px system-ui, sans-serif";
+  pen.textAlign = "center";
+  pen.fillStyle = "#7b3fa6";
+  for (const [x, y] of doc.crosses) pen.fillText("×", f.x(x), f.y(y) + 4);
   for (const [x, y] of doc.marks) {
     pen.beginPath();
     pen.arc(f.x(x), f.y(y), 4, 0, 2 * Math.PI);

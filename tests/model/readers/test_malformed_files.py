@@ -91,8 +91,8 @@ CHANGES = [
     (
         "pair",
         'name="tip_B_frame" type="fixed"',
-        'name="tip_B_frame" type="floating"',
-        "unknown type 'floating'",
+        'name="tip_B_frame" type="planar"',
+        "unknown type 'planar'",
     ),
     ("pair", 'name="tip_B_frame"', 'name="tip_A_frame"', "duplicate joint 'tip_A_frame'"),
     ("pair", '<parent link="right_rod"/>', '<parent link="tip_B"/>', "joins 'tip_B' with itself"),
