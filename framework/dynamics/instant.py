@@ -206,7 +206,7 @@ def dynamics_at(
             )
         limit = forces_through_singularity(
             robot,
-            ClosedStack(closed.q[k : k + 1], closed.x[k : k + 1], closed.system.at(slice(k, k + 1))),
+            ClosedStack(closed.q[k : k + 1], closed.x[k : k + 1], closed.system.at(k)),
             rates=(rates[0][k], rates[1][k], rates[2][k]),
             wrenches={frame: wrench[k] for frame, wrench in given.items()},
         )

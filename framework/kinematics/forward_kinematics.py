@@ -145,15 +145,18 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
                 return None
         return Place(q, system, rate, distance)
 
-    def arrive(share: float, predicted: Array) -> Place | None:
+    def arrive(share: Array, predicted: Array) -> list[Place]:
+        """The place at one share (1,) of the way."""
         step = np.zeros_like(turn)  # what the rounding of many steps has left of the motors' angles
-        off = share * turn - difference(robot, start.q[0], predicted)
+        off = share[:, None] * turn - difference(robot, start.q[0], predicted)
         step[:, robot.actuated] = off[:, robot.actuated]
         guess = integrate(robot, predicted, step)
         if not len(columns):
-            return place(guess, evaluate(guess, slice(None)), np.inf)
-        q, system, closed = newton(robot, guess, columns, evaluate, linear)
-        return place(q, system, float(clearance(robot, system)[0])) if closed.all() else None
+            found = place(guess, evaluate(guess, slice(None)), np.inf)
+        else:
+            q, system, closed = newton(robot, guess, columns, evaluate, linear)
+            found = place(q, system, float(clearance(robot, system)[0])) if closed.all() else None
+        return [] if found is None else [found]
 
     def belongs(before: Place, after: Place, straight: bool) -> bool:
         apart = straight or after.clearance > CROSSING

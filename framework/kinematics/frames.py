@@ -49,10 +49,11 @@ class FrameStack(NamedTuple):
     carried: Array  # (F, nv) 1 where the joint carries the frame, else 0
     q: Array  # (T, nq) the configurations
 
-    def at(self, which: IntArray | slice) -> FrameStack:
-        """The frames at some of the configurations."""
+    def at(self, k: int | slice | IntArray) -> FrameStack:
+        """The frames of one configuration, T = 1, or of some."""
+        here = slice(k, k + 1) if isinstance(k, int) else k
         position, rotation, screws, carried, q = self
-        return FrameStack(position[which], rotation[which], screws[which], carried, q[which])
+        return FrameStack(position[here], rotation[here], screws[here], carried, q[here])
 
     @property
     def jacobian(self) -> Array:

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, freeze
+from framework.arrays import Array, ArrayLike, IntArray, freeze
 from framework.errors import InvalidInput, NotAssembled, point
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.closures import LoopWrenches, closure_drift, loop_wrenches, scaled
@@ -38,10 +38,11 @@ class System:
     residual: Array  # (T, n + m)
     entries: Array  # (T, E) of dF/dq, as `equations.pattern` has them
 
-    def at(self, which: Which) -> System:
-        """The system of some of the instants."""
-        loops = LoopWrenches(*(part[which] for part in self.loops))
-        return System(self.equations, self.frames.at(which), loops, self.residual[which], self.entries[which])
+    def at(self, k: int | slice | IntArray) -> System:
+        """The system of one instant, T = 1, or of some."""
+        here = slice(k, k + 1) if isinstance(k, int) else k
+        loops = LoopWrenches(*(part[here] for part in self.loops))
+        return System(self.equations, self.frames.at(here), loops, self.residual[here], self.entries[here])
 
     @property
     def gap(self) -> Array:

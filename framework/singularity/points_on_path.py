@@ -211,7 +211,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     branch, s = passive.branch, contact.s
     robot, at = branch.robot, stencil(s)
     closed = branch.closed(at)
-    here = closed.system.at(slice(1, 2))
+    here = closed.system.at(1)
     _check_dropped_rows(branch, s, here)
     uncontrolled = uncontrolled_motion(robot, here)
     along = sign_along(uncontrolled.twist, robot.platform.path_twist(branch.path, s))
