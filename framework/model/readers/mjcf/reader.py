@@ -4,9 +4,9 @@ Read are: bodies with hinge, slide, ball and free joints, `<inertial>` or the in
 sites as frames, primitive geoms as shapes, defaults and their classes, gravity, ranges and springs of joints,
 motors with gear and armature, the first keyframe as the reference (else the zero pose). Of `<equality>`:
 connect is spherical, weld is fixed, joint is read where it holds a joint or keeps two turns about parallel
-axes equal. Anchors are resolved at the zero pose, as MuJoCo does. What moves otherwise - tendons, flexes, mocap
-bodies, includes - is refused by name; contact, damping, friction, sensors, cameras and meshes are left out.
-The file says nothing about the platform.
+axes equal. Anchors are resolved at the zero pose, as MuJoCo does. What moves otherwise - tendons, flexes,
+mocap bodies, includes - is refused by name; contact, damping, friction, sensors, cameras and meshes are left
+out. The file says nothing about the platform.
 """
 
 from __future__ import annotations
