@@ -37,7 +37,7 @@ test: $(VENV)/.test  ## run the tests
 slow: $(VENV)/.test  ## run the tests marked slow
 	$(BIN)/python -m pytest -m slow --numprocesses auto $(PYTEST_ARGS) || [ $$? -eq 5 ]  # 5: there are none
 
-witness: $(VENV)/.witness  ## hold our torques against MuJoCo and Exudyn
+witness: $(VENV)/.witness  ## hold our torques against MuJoCo and Exudyn, and maps through a dask cluster against this process
 	CROSSING_WITNESS=required $(BIN)/python -m pytest tests/witness $(PYTEST_ARGS)
 
 test-browser: $(VENV)/.browser  ## run the tests in a headless Chromium (Debian: apt-get install chromium)
@@ -93,7 +93,7 @@ $(VENV)/.dev: $(VENV)/.created $(METADATA)
 
 $(VENV)/.witness: $(VENV)/.created $(METADATA)
 	@rm -f $(VENV)/.wheel
-	$(INSTALL) --editable '.[test,witness]'
+	$(INSTALL) --editable '.[test,witness,dask]'
 	@touch $(VENV)/.test $@
 
 $(VENV)/.browser: $(VENV)/.created $(METADATA)

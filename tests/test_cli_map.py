@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,10 +17,7 @@ from framework.atlas.quantities import chosen
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import workspace_map
 from framework.cli import main
-
-ROOT = Path(__file__).parents[1]
-ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
-FILES = ("map.json", "map.npz", "map.csv")
+from tests.maps_in_processes import FILES, begun, files, kept
 
 
 def mapped(capsys, *arguments):
@@ -128,44 +122,6 @@ def test_a_map_that_is_stopped_says_what_is_kept_and_goes_on(tmp_path, capsys, m
 
 # ------------------------------------------------------------------ in processes
 
-SCRIPT = """
-import sys
-from pathlib import Path
-import numpy as np
-import robots
-from framework.atlas.map_files import setup_document, write_map
-from framework.atlas.quantities import chosen
-from framework.atlas.window import Window
-from framework.atlas.workspace_map import workspace_map
-from framework.parallel.kept import KeptChunks
-from framework.parallel.tasks import executor_of
-
-if __name__ == "__main__":
-    out, workers, dask = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3] or None
-    robot = robots.load("five_bar", flexibility="flexible_links")
-    quantities = chosen(robot, None)
-    window = Window((0, 1), np.array([-0.3, -0.4]), np.array([0.3, 0.5]), (120, 60), robot.reference.x)
-    kept = KeptChunks.of(out, setup_document(robot, window, quantities))
-    with executor_of(workers=workers, dask=dask) as executor:
-        found = workspace_map(robot, window, executor=executor, keeper=kept)
-    write_map(found, out)
-"""
-
-
-def begun(out, workers=1, dask=""):
-    script = out.parent / "script.py"
-    script.write_text(SCRIPT)
-    out.mkdir(exist_ok=True)
-    return subprocess.Popen([sys.executable, str(script), str(out), str(workers), dask], env=ENVIRONMENT)
-
-
-def kept(out):
-    return sorted(Path(out).glob(".crossing-kept-*/*.npz"))
-
-
-def files(out):
-    return [(out / name).read_bytes() for name in FILES]
-
 
 @pytest.fixture(scope="module")
 def serial(tmp_path_factory):
@@ -198,13 +154,3 @@ def test_a_map_that_is_killed_goes_on_and_computes_nothing_twice(serial, tmp_pat
 def test_processes_give_the_same_files_bit_by_bit(serial, tmp_path):
     assert begun(tmp_path / "two", workers=2).wait() == 0
     assert files(tmp_path / "two") == serial
-
-
-@pytest.mark.slow
-def test_a_dask_cluster_gives_the_same_files_bit_by_bit(serial, tmp_path):
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as cluster:
-        assert begun(tmp_path / "dask", dask=cluster.scheduler_address).wait() == 0
-    assert files(tmp_path / "dask") == serial

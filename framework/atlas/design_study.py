@@ -110,7 +110,7 @@ def design_study(
     parts = [range(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK)]
     names = {f"{part.start:07d}-{part.stop:07d}": part for part in parts}
     found = {} if keeper is None else dict(keeper.found())
-    chunks = {name: found[name] for name in names if name in found}
+    chunks = {name: found[name] for name, part in names.items() if _fits(found.get(name), part, task)}
     progress(sum(len(names[name]) for name in chunks))
     todo = [(name, designs.values[part]) for name, part in names.items() if name not in chunks]
     for (name, _), chunk in completed(partial(studied, task), todo, executor):
@@ -122,6 +122,12 @@ def design_study(
     why = tuple(whole.pop("why").tolist())
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
     return DesignStudy(task, designs, whole, column_units(robot, task), why)
+
+
+def _fits(chunk: Chunk | None, part: range, task: Task) -> bool:
+    """Whether a kept chunk has the columns of these designs."""
+    keys = {*column_names(task), "why"}
+    return chunk is not None and set(chunk) == keys and all(a.shape == (len(part),) for a in chunk.values())
 
 
 def studied(task: Task, part: tuple[str, Array]) -> dict[str, NDArray[Any]]:

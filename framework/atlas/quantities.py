@@ -9,7 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.dynamics.stiffness import CompliantMotions, compliant_motions, first_frequency, least_stiffness
+from framework.dynamics.stiffness import (
+    CompliantMotions,
+    compliant_motions,
+    least_stiffness,
+    locked_motor_frequency,
+)
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.inverse_kinematics import System
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -93,7 +98,7 @@ QUANTITIES = {
         ),
         Quantity(
             *("frequency", "first natural frequency, motors locked", "Hz"),
-            lambda poses: first_frequency(poses.free),
+            lambda poses: locked_motor_frequency(poses.free),
             springs=True,
         ),
     )

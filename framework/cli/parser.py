@@ -11,8 +11,8 @@ from typing import Any, NoReturn
 from framework.crossing.request import LAWS
 from framework.model.description import FLEXIBILITIES
 from framework.motion.cone_program import GOALS
+from framework.parallel.workers import MOST_WORKERS
 
-MOST_WORKERS = 1000
 Report = tuple[dict[str, Any], str]  # for machines, for people
 
 
@@ -73,6 +73,7 @@ def add_missing_fields(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--reference", nargs="+", metavar="JOINT=VALUE", help="near an assembled configuration [rad, m]"
     )
+    group.add_argument("--base", metavar="LINK", help="only what this link carries moves, such as one leg")
 
 
 def add_moved_robot(parser: argparse.ArgumentParser) -> None:

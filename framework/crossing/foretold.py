@@ -30,7 +30,7 @@ from framework.arrays import Array
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.open_loop import open_loop_growth
 from framework.dynamics.platform_wrench import platform_wrench
-from framework.dynamics.vibrations import first_frequencies
+from framework.dynamics.vibrations import free_motor_frequency
 from framework.errors import NotAssembled
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import close_loops
@@ -142,7 +142,7 @@ def _slowness(rigid: CrossingPlan, elastic: CrossingPlan | None) -> tuple[float,
     if elastic is None:
         return np.inf, 0.0
     t = np.linspace(0.0, elastic.duration, INSTANTS)
-    frequency = float(first_frequencies(elastic.robot, elastic.configuration(t)).min())
+    frequency = float(free_motor_frequency(elastic.robot, elastic.configuration(t)).min())
     times = np.linspace(0.0, rigid.duration, 1001)
     fourth, second = (float(np.abs(rigid.law(times, order)).max()) for order in (4, 2))
     return fourth / (second * (2.0 * np.pi * frequency) ** 2), frequency * rigid.duration

@@ -123,8 +123,11 @@ def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
     return np.maximum(least_ratios(free.K, matmul(X.swapaxes(1, 2), X)), 0.0)
 
 
-def first_frequency(free: CompliantMotions) -> Array:
-    """The first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN if nothing has mass."""
+def locked_motor_frequency(free: CompliantMotions) -> Array:
+    """The first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN if nothing has mass.
+
+    With motors free to turn: `dynamics.vibrations.free_motor_frequency`.
+    """
     return np.sqrt(np.maximum(least_ratios(free.K, free.M), 0.0)) / (2 * np.pi)
 
 

@@ -1,6 +1,6 @@
 """How quickly a robot vibrates on its springs, motors free to turn: regular at Type 2 too.
 
-With locked motors, as in `dynamics.stiffness`, the first frequency vanishes there.
+With locked motors the first frequency vanishes there, see `dynamics.stiffness.locked_motor_frequency`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from framework.kinematics.frames import frames_at, scratch_of
 from framework.kinematics.parallel_robot import ParallelRobot
 
 
-def first_frequencies(robot: ParallelRobot, q: Array) -> Array:
-    """The lowest frequency (T,) [Hz] of the free vibrations at assembled configurations q (T, nq).
+def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
+    """The first natural frequency (T,) [Hz] with motors free to turn, at assembled configurations q (T, nq).
 
     With Z what the loops allow, Z'KZ z = omega^2 Z'MZ z; M carries the rotors, K the springs that make the
     robot flexible. The motors are free, so that as many modes as the robot has degrees of freedom have no

@@ -1,7 +1,7 @@
 """Proof that the joints of a leg have no other solutions: their angles are paved (`linalg.paving`).
 
-The equations are those of loops whose joints are the leg's or given, and of the platform's place and attitude;
-how far they bend is bounded along their chains of joints (`chain_bends`).
+The equations are those of loops whose joints are the leg's or given, and of the platform's place and
+attitude; how far they bend is bounded along their chains of joints (`chain_bends`).
 """
 
 from __future__ import annotations

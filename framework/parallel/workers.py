@@ -21,8 +21,9 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Any, NamedTuple, TypeVar
 
-from framework.errors import LostWorkers
+from framework.errors import LostWorkers, whole_number
 
+MOST_WORKERS = 1000
 TRIES = 3  # processes that a task may cost
 UNPORTABLE = (pickle.PicklingError, AttributeError, TypeError)  # what pickle says of what it cannot do
 T = TypeVar("T")
@@ -39,12 +40,16 @@ class _Worker(NamedTuple):
 
 
 class Workers(Executor):
-    """`count` processes. Tasks and what they return must be such as can be pickled.
+    """`count` processes, 1 or more. Tasks and what they return must be such as can be pickled.
 
     Leaving the `with` block by an exception, Ctrl-C included, kills the processes and drops what waits.
+
+    Raises:
+        InvalidInput: the count is no such number.
     """
 
     def __init__(self, count: int) -> None:
+        count = whole_number("workers", count, 1, MOST_WORKERS)
         self._tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._alive: set[SpawnProcess] = set()

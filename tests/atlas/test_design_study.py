@@ -63,6 +63,19 @@ def test_a_study_is_the_same_through_an_executor_and_after_a_stop(given, found, 
         assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes()
 
 
+@pytest.mark.parametrize("wrong", ["columns", "designs"])
+def test_a_kept_chunk_of_other_columns_or_designs_is_computed_anew(given, tmp_path, wrong):
+    task, designs = given[0]._replace(size=3), given[1]._replace(values=given[1].values[:2])
+    kept = KeptChunks.of(tmp_path, study_setup(task, designs))
+    chunk = studied(task, ("", designs.values))
+    less = {key: values for key, values in chunk.items() if key != "area"}
+    kept.keep("0000000-0000002", less if wrong == "columns" else {key: chunk[key][:1] for key in chunk})
+    calls = []
+    again = design_study(task, designs, keeper=kept, progress=calls.append)
+    assert calls == [0, 2]
+    np.testing.assert_array_equal(again.columns["area"], chunk["area"])
+
+
 def test_a_study_by_command_tells_one_line_a_design(given, tmp_path, capsys):
     task, _ = given
     table = tmp_path / "table.csv"

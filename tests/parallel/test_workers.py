@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from framework import errors
-from framework.errors import LostWorkers, NotAssembled
+from framework.errors import InvalidInput, LostWorkers, NotAssembled
 from framework.parallel.workers import TRIES, Workers
 from tests.parallel import chores
 from tests.watchdog import PATIENCE, wait_for
@@ -52,6 +52,12 @@ def test_an_error_comes_back_with_what_it_carries(workers):
     with pytest.raises(RuntimeError, match="Stubborn"):
         workers.submit(chores.fail, "stubborn").result()
     assert workers.submit(chores.square, 3).result() == 9
+
+
+@pytest.mark.parametrize("count", [0, -1, 1.5])
+def test_there_is_a_worker_at_least(count):
+    with pytest.raises(InvalidInput, match="workers"):
+        Workers(count)
 
 
 def test_what_cannot_be_sent_is_said(workers):

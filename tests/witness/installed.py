@@ -1,7 +1,8 @@
-"""The other simulators, which not everybody has installed.
+"""The other simulators, and dask, which not everybody has installed.
 
-They come with the extra `witness`. Without it the tests of this folder are skipped, and say so. Where they
-must run, as in CI, the environment sets CROSSING_WITNESS=required: then a missing simulator is a failure.
+They come with the extras `witness` and `dask`. Without these the tests of this folder are skipped, and say
+so. Where they must run, as in CI, the environment sets CROSSING_WITNESS=required: then a missing package is
+a failure.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ import pytest
 REQUIRED = os.environ.get("CROSSING_WITNESS") == "required"
 
 
-def witness(simulator: str, module: str) -> ModuleType:
-    """The module that uses the simulator; skips the calling test module without it."""
+def witness(package: str, module: str, *, extra: str = "witness") -> ModuleType:
+    """The module that uses the package; skips the calling test module without it."""
     if not REQUIRED:
-        pytest.importorskip(simulator, reason=f"{simulator} is not installed: pip install '.[witness]'")
+        pytest.importorskip(package, reason=f"{package} is not installed: pip install '.[{extra}]'")
     return import_module(module)

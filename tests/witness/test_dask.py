@@ -1,0 +1,37 @@
+"""Maps and studies through a local dask cluster are those of one process, byte for byte."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.maps_in_processes import ENVIRONMENT, begun, files
+from tests.urdf_edits import parametric_five_bar
+from tests.witness.installed import witness
+
+distributed = witness("distributed", "distributed", extra="dask")
+
+
+@pytest.fixture(scope="module")
+def address():
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_a_map_is_the_same(address, tmp_path):
+    for name, dask in (("serial", ""), ("dask", address)):
+        assert begun(tmp_path / name, dask=dask).wait() == 0
+    assert files(tmp_path / "dask") == files(tmp_path / "serial")
+
+
+def test_a_study_by_command_is_the_same(address, tmp_path):
+    file = parametric_five_bar(tmp_path)
+    command = [sys.executable, "-m", "framework", "map", str(file), "--study", "--size", "12"]
+    for name, more in (("serial", []), ("dask", ["--dask", address])):
+        subprocess.run([*command, "--out", tmp_path / name, *more], env=ENVIRONMENT, check=True)
+    for name in ("study.json", "study.npz", "study.csv"):
+        assert (tmp_path / "dask" / name).read_bytes() == (tmp_path / "serial" / name).read_bytes()
