@@ -66,17 +66,22 @@ class CompliantMotions(NamedTuple):
     M: Array  # (T, d, d) of all bodies; rotors rest
 
 
+def require_springs(robot: ParallelRobot) -> None:
+    """Raise InvalidInput for a robot that nothing makes give way."""
+    if not (robot.n_e or robot.joint_stiffness.any()):
+        raise InvalidInput(
+            f"{robot.name}, {robot.flexibility}: no springs, so the platform does not give way; load it with "
+            f"flexible_joints or flexible_links"
+        )
+
+
 def compliant_motions(robot: ParallelRobot, system: System, q: Array) -> CompliantMotions:
     """Motions, stiffness of the springs and mass at configurations q (T, nq).
 
     Raises:
         InvalidInput: a robot without springs: use --flexibility flexible_joints or flexible_links.
     """
-    if not (robot.n_e or robot.joint_stiffness.any()):
-        raise InvalidInput(
-            f"{robot.name}, {robot.flexibility}: no springs, so the platform does not give way; load it with "
-            f"flexible_joints or flexible_links"
-        )
+    require_springs(robot)
     columns = moving_columns(robot)
     loops = scaled(robot, system.closures, robot.loops.rotation)[:, :, columns]
     count = loops.shape[1]
