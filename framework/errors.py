@@ -194,7 +194,7 @@ class Type1Singularity(NoAnswer):
 class Type2Singularity(NotAssembled):
     """The motors lead into a Type 2 singularity, at `platform`, after this `share` of their way.
 
-    `q` is the last configuration before it.
+    `q` is the configuration there.
     """
 
     def __init__(self, message: str, *, q: Array, residual: float, share: float, platform: Array) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import scaled
-from framework.kinematics.continuation import LARGEST_CORRECTION, LARGEST_TURN
+from framework.kinematics.continuation import LARGEST_TURN, is_small
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import (
     VANISHED,
@@ -146,7 +146,7 @@ def _one_step(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step:
     with np.errstate(invalid="ignore"):
         correction = np.abs(_between(robot, ahead, there) / lengths).max(axis=1)
         advance = np.abs(move / lengths).max(axis=1)
-        near = closed & (correction <= np.maximum(LARGEST_CORRECTION, 0.25 * advance))
+        near = closed & is_small(correction, advance)
         kept = near.copy()
         kept[near] = _same_branch(robot, before, after, end, twist, move, correction, advance, near)
     reason = np.where(closed, np.where(kept, Reason.REACHED, Reason.OTHER_MODE), Reason.OPEN)
@@ -173,22 +173,16 @@ def _same_branch(
     places = places[same]
     # where branches cross, the tangent turns by more than the correction of one branch tells
     twist, _ = robot.platform.twist(end, twist)
-    some = _some(after, places)
+    some = after.at(places)
     turned = joint_rates(robot, some, twist[places], np.zeros((len(places), robot.n_e))) - move[places]
     turned = np.abs(turned / robot.column_scale).max(axis=1)
     bent = turned > LARGEST_TURN * correction[places] + 0.25 * advance[places]
     if bent.any():
-        loops = scaled(robot, _some(after, places[bent]).closures, robot.loops.rotation)[:, :, robot.moving]
+        loops = scaled(robot, after.at(places[bent]).closures, robot.loops.rotation)[:, :, robot.moving]
         values = np.linalg.svd(loops, compute_uv=False)
         crossing = values[:, -1] < CROSSING * np.maximum(values[:, 0], 1.0)
         same[np.flatnonzero(same)[bent]] = ~crossing
     return same
-
-
-def _some(system: System, which: IntArray) -> System:
-    at = system.frames
-    frames = at._replace(position=at.position[which], rotation=at.rotation[which], screws=at.screws[which])
-    return System(system.equations, frames, system.residual[which], system.entries[which])
 
 
 def _between(robot: ParallelRobot, one: Array, two: Array) -> Array:

@@ -130,8 +130,8 @@ def _write_csv(result: Simulation, plan: CrossingPlan, file: FilePath) -> None:
             times,
             result.platform(times),
             plan.platform(np.minimum(times, plan.duration)),
-            robot.gear_ratio * result.q[:, robot.actuated],
-            result.q[:, robot.elastic],
+            robot.gear_ratio * robot.actuated_coordinates(result.q),
+            robot.positions(result.q)[:, robot.elastic],
         ]
     )
     np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")

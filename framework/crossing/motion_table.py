@@ -9,12 +9,10 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from framework.arrays import Array
 from framework.dynamics.result import InverseDynamics
 from framework.errors import whole_number
-from framework.kinematics.frames import difference
 from framework.kinematics.parallel_robot import ParallelRobot
 
 RATES = ("", "/s", "/s2")  # of a unit, by the order of the derivative
@@ -84,7 +82,7 @@ def motion_table(dynamics: InverseDynamics, count: int) -> MotionTable:
     for sampled in (dynamics.platform, dynamics.motor_angle, dynamics.deflection):
         values += [sampled(times, order) for order in (1, 2)]
     values += [_passive_positions(dynamics, times)]
-    values += [dynamics.velocity(times, order)[:, robot.passive] for order in (1, 2)]
+    values += [robot.named(dynamics.velocity(times, order))[:, robot.passive] for order in (1, 2)]
     return MotionTable(motion_columns(robot), np.concatenate(values, axis=1))
 
 
@@ -96,6 +94,10 @@ def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
     motors = [(joint, "m" if unit == "N" else "rad") for joint, unit in forces]
     springs = list(zip(robot.elastic_names, _lengths(robot.sliding[robot.elastic]), strict=True))
     names = [robot.joint_of(column) for column in robot.passive]
+    ball = turning = ""
+    if robot.model.nq > robot.model.nv:
+        ball = "; of a ball, a component of the rotation vector about the axes of its origin"
+        turning = "; of a ball, the angular velocity about axes of what it carries"
     passive = list(zip(names, _lengths(robot.sliding[robot.passive]), strict=True))
     return (
         Column("time", "s", "instant"),
@@ -109,8 +111,8 @@ def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
         *_rates("platform", axes, "of the platform coordinate"),
         *_rates("motor", motors, "of the motor angle, motor side of the gear"),
         *_rates("deflection", springs, "of the deflection"),
-        *_group("joint", passive, 0, "position of a joint without a motor"),
-        *_rates("joint", passive, "of the position of a joint without a motor"),
+        *_group("joint", passive, 0, f"position of a joint without a motor{ball}"),
+        *_rates("joint", passive, f"of the position of a joint without a motor{turning}"),
     )
 
 
@@ -130,7 +132,6 @@ def _lengths(sliding: Iterable[bool]) -> list[str]:
 
 
 def _passive_positions(dynamics: InverseDynamics, times: Array) -> Array:
-    """Positions (T, n_p) of the joints without a motor, each of one degree of freedom; angles never jump."""
+    """Positions (T, n_p) of the joints without a motor."""
     robot = dynamics.robot
-    start = difference(robot, np.asarray(pin.neutral(robot.model)), dynamics.origin[None])[0]
-    return np.asarray((start + dynamics.offsets(times))[:, robot.passive])
+    return robot.positions(dynamics.configuration(times))[:, robot.passive]

@@ -37,6 +37,8 @@ from framework.errors import (
     expect_call,
 )
 from framework.kinematics.frames import difference
+from framework.kinematics.idle_spin import without_spin
+from framework.kinematics.inverse_kinematics import ClosedStack
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction, TimeGrid
@@ -235,7 +237,8 @@ def _result(
 ) -> InverseDynamics:
     robot, grid = branch.robot, state.grid
     torques = grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque))
-    u = difference(robot, branch.origin, state.motion.q)
+    closed = ClosedStack(state.motion.q, branch.path(state.law(grid.times)), state.motion.system)
+    u = difference(robot, branch.origin, without_spin(robot, branch.origin, closed))
     offsets = grid.fit(u)
     turned = difference(robot, pin.neutral(robot.model), branch.origin[None]) + u
     motor = grid.fit(robot.gear_ratio * turned[:, robot.actuated])

@@ -98,4 +98,7 @@ class InverseDynamics(ReadOnlyArrays):
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Joint velocities (order 1) or accelerations (order 2), (T, nv)."""
-        return self.offsets(np.atleast_1d(t), order)
+        if self.robot.model.nq == self.robot.model.nv:
+            return self.offsets(np.atleast_1d(t), order)
+        motion = self.motion(t)  # the rate of a ball's offset is no angular velocity
+        return motion.v if order == 1 else motion.a

@@ -25,6 +25,7 @@ from framework.arrays import Array
 from framework.export.mjcf_loops import OFF_ORIGIN, equality_axes, frame_names
 from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tree_model import is_ball
 
 MASS, INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of bodies without; MuJoCo refuses less than 1e-15
 STEP = 1e-3  # [s]
@@ -55,9 +56,19 @@ def mjcf_text(robot: ParallelRobot) -> str:
     _add_loops(robot, root, bodies)
     _add_motors(robot, root)
     keys = ElementTree.SubElement(root, "keyframe")
-    ElementTree.SubElement(keys, "key", name="reference", qpos=_numbers(q))
+    ElementTree.SubElement(keys, "key", name="reference", qpos=_numbers(qpos_of(robot.model, q)))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def qpos_of(model: pin.Model, q: Array) -> Array:
+    """q (nq,) as MuJoCo has it: quaternions with their real part first."""
+    qpos = q.copy()
+    for joint in model.joints[1:]:
+        if is_ball(joint):
+            own = slice(joint.idx_q, joint.idx_q + 4)
+            qpos[own] = np.roll(q[own], 1)
+    return qpos
 
 
 def ranges_left_out(robot: ParallelRobot) -> tuple[str, ...]:
@@ -89,13 +100,11 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
     body = ElementTree.SubElement(
         parent, "body", {"name": f"{name}_body"} | _placed(model.jointPlacements[j])
     )
-    linear, angular = np.split(np.asarray(data.joints[j].S).ravel(), 2)  # the axis, fixed in the joint
-    slides = np.linalg.norm(angular) == 0
-    joint = {
-        "name": name,
-        "type": "slide" if slides else "hinge",
-        "axis": _numbers(linear if slides else angular),
-    }
+    joint = {"name": name, "type": "ball"}
+    if not is_ball(model.joints[j]):
+        linear, angular = np.split(np.asarray(data.joints[j].S).ravel(), 2)  # the axis, fixed in the joint
+        slides = np.linalg.norm(angular) == 0
+        joint |= {"type": "slide" if slides else "hinge", "axis": _numbers(linear if slides else angular)}
     armature = np.zeros(model.nv)
     armature[robot.actuated] = robot.rotor_inertia * robot.gear_ratio**2
     stiffness = robot.joint_stiffness.copy()
@@ -127,11 +136,10 @@ def _accepted(inertia: Array) -> Array:
     """An inertia matrix that MuJoCo takes: with principal moments that a body can have.
 
     Planar robots are often given one moment of three; each of the others becomes half of it, which nothing in
-    the plane feels.
+    the plane feels. The lesser two grow by what their sum lacks: by rounding if the body is a thin rod.
     """
     moments, axes = np.linalg.eigh(inertia)
-    if moments[0] + moments[1] < moments[2]:
-        moments[:2] = np.maximum(moments[:2], 0.5 * moments[2])
+    moments[:2] += 0.5 * max(0.0, moments[2] - moments[0] - moments[1])
     return np.asarray(axes @ np.diag(np.maximum(moments, INERTIA)) @ axes.T)
 
 

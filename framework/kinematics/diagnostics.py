@@ -128,11 +128,7 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         mass=float(sum(masses.values())),
         massless_joints=massless,
         closure_error=reference.residual,
-        reference={
-            robot.joint_of(column): float(value)
-            for column, value in enumerate(reference.q)
-            if column not in robot.elastic
-        },
+        reference=robot.reference_values(reference.q),
         platform=tuple(map(float, reference.x)),
         working_mode=working,
         assembly_mode=assembly,
@@ -148,9 +144,9 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
 
 def _with_reference(mechanism: Mechanism, q: Array) -> Mechanism:
     """The mechanism with another reference, q (nq,)."""
-    values = {mechanism.joint_of(int(column)): float(q[column]) for column in mechanism.joints}
     return Mechanism.from_description(
-        replace(mechanism.description, reference=values), flexibility=mechanism.flexibility
+        replace(mechanism.description, reference=mechanism.reference_values(q)),
+        flexibility=mechanism.flexibility,
     )
 
 

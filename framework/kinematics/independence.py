@@ -16,7 +16,7 @@ from framework.arrays import Array, IntArray
 from framework.errors import SingularReference
 from framework.kinematics.assembly import CROSSED, REDUNDANT, loop_matrix
 from framework.kinematics.closures import scaled
-from framework.kinematics.frames import difference, frames_at
+from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
 
@@ -38,7 +38,7 @@ def singular_reference(
                 mechanism.name,
                 rows=[mechanism.rows.names[k] for k in lost],
                 joints=[mechanism.joint_of(int(passive[k])) for k in still],
-                poses=[_joint_angles(mechanism, pose) for pose in poses[1:]],
+                poses=[mechanism.reference_values(pose) for pose in poses[1:]],
             )
     return None
 
@@ -81,12 +81,6 @@ def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array)
     """Jacobian (n + rows, nv) of the platform and all loop equations at q (nq,), without dimension."""
     moved = scaled(mechanism, platform.jacobian(frames_at(mechanism, q[None])), ~platform.translations)[0]
     return np.concatenate([moved, loop_matrix(mechanism, q)])
-
-
-def _joint_angles(mechanism: Mechanism, q: Array) -> dict[str, float]:
-    """Angles [rad, m] of all joints but springs at q (nq,)."""
-    angles = difference(mechanism, mechanism.neutral, q[None])[0]
-    return {mechanism.joint_of(int(column)): float(angles[column]) for column in mechanism.joints}
 
 
 def _lost_rows(here: Array, nearby: Array) -> IntArray:

@@ -6,7 +6,6 @@ proof that a `ParallelRobot` starts from work on it.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from framework.arrays import Array, IntArray, ReadOnlyArrays, read_only
 from framework.errors import RobotFileError
 from framework.kinematics.joint_limits import JointLimit, joint_limits
+from framework.kinematics.tree_model import coordinate_names, named_axes, tree_model
 from framework.model.bare_urdf import bare_urdf
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import naming, parse_xml
@@ -63,20 +63,27 @@ class Mechanism(ReadOnlyArrays):
         axes: Sequence[str] | None = None,
         motors: Sequence[str] | None = None,
         reference: Mapping[str, float] | None = None,
+        base: str | None = None,
         parameters: Mapping[str, float] | None = None,
     ) -> Self:
         """The mechanism or robot of a file with the springs of one flexibility.
 
-        The file is ours or of any dialect that `framework.model.readers` knows; `platform`, `axes`, `motors`
-        and `reference` [rad, m] say what a foreign file does not, as for `read_any`; `parameters` are values
-        in place of those that a robot file declares.
+        The file is ours or of any dialect that `framework.model.readers` knows; `platform`, `axes`, `motors`,
+        `reference` [rad, m] and `base` say what a foreign file does not, as for `read_any`; `parameters` are
+        values in place of those that a robot file declares.
 
         Raises:
             RobotFileError: see `read_any`; or pinocchio refuses the URDF.
             NotAssembled, SingularReference: of a `ParallelRobot`, see `ParallelRobot.of`.
         """
         parsed = parse_any(
-            file, platform=platform, axes=axes, motors=motors, reference=reference, parameters=parameters
+            file,
+            platform=platform,
+            axes=axes,
+            motors=motors,
+            reference=reference,
+            base=base,
+            parameters=parameters,
         )
         return cls.of(_built(parsed, flexibility))
 
@@ -111,6 +118,11 @@ class Mechanism(ReadOnlyArrays):
         return read_only(np.setdiff1d(np.arange(self.model.nv), self.elastic))
 
     @cached_property
+    def has_joint_springs(self) -> bool:
+        """Whether springs act on joints of the URDF."""
+        return bool(self.joint_stiffness.any())
+
+    @cached_property
     def sliding(self) -> NDArray[np.bool_]:
         """Which coordinates of pinocchio's velocity vector slide [m], (nv,); the others turn [rad]."""
         sliding = np.zeros(self.model.nv, dtype=bool)
@@ -128,10 +140,31 @@ class Mechanism(ReadOnlyArrays):
         """The configuration (nq,) from which pinocchio counts."""
         return read_only(np.asarray(pin.neutral(self.model)))
 
+    @cached_property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """A name for each entry of the velocity vector: its joint's, of a ball NAME_rx, NAME_ry, NAME_rz."""
+        return coordinate_names(self.model)
+
     def joint_of(self, column: int) -> str:
-        """Name of the joint that owns one entry of the velocity vector."""
-        first_columns = [joint.idx_v for joint in self.model.joints[1:]]
-        return str(self.model.names[int(np.searchsorted(first_columns, column, "right"))])
+        """Name of one entry of the velocity vector."""
+        return self.coordinate_names[column]
+
+    def positions(self, q: Array) -> Array:
+        """The coordinates (T, nv) by which files say q (T, nq) [rad, m]: of balls, rotation vectors."""
+        model = self.model
+        if model.nq == model.nv:
+            return q
+        from_neutral = [pin.difference(model, self.neutral, np.ascontiguousarray(row)) for row in q]
+        return self.named(np.asarray(from_neutral))
+
+    def named(self, v: Array) -> Array:
+        """Velocities (T, nv), or other tangent vectors, on the axes that `coordinate_names` mean."""
+        return v if self.model.nq == self.model.nv else np.asarray(v @ named_axes(self.model).T)
+
+    def reference_values(self, q: Array) -> dict[str, float]:
+        """A `reference` that says q (nq,): all coordinates by name, springs left out."""
+        values = self.positions(q[None])[0]
+        return {self.joint_of(int(column)): float(values[column]) for column in self.joints}
 
     def __repr__(self) -> str:
         loops = ", ".join(closure.name for closure in self.description.closures)
@@ -139,8 +172,9 @@ class Mechanism(ReadOnlyArrays):
 
 
 def columns_of(model: pin.Model, joints: Iterable[str]) -> IntArray:
-    """Entries of the velocity vector that belong to joints of one degree of freedom."""
-    return np.array([model.joints[model.getJointId(name)].idx_v for name in joints], dtype=int)
+    """Entries of the velocity vector that have these names."""
+    names = coordinate_names(model)
+    return np.array([names.index(name) for name in joints], dtype=int)
 
 
 def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
@@ -150,7 +184,7 @@ def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     count_turns(moving)
     insert_springs(moving, springs)
     try:
-        model = pin.buildModelFromXML(ElementTree.tostring(moving, encoding="unicode"))
+        model = tree_model(moving)
     except (ValueError, RuntimeError) as error:
         raise RobotFileError(
             f"{description.file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}"
@@ -165,7 +199,8 @@ def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     frames = [description.platform.frame]
     for closure in description.closures:
         frames += [name for name in closure.frames if name not in frames]
-    q_near = np.asarray(pin.integrate(model, pin.neutral(model), _on_joints(model, description.reference)))
+    reference = named_axes(model).T @ _on_joints(model, description.reference)
+    q_near = np.asarray(pin.integrate(model, pin.neutral(model), reference))
     return Mechanism(
         description=description,
         flexibility=description.least_flexibility(flexibility),
@@ -194,8 +229,7 @@ def frame_of(model: pin.Model, name: str) -> int:
 def _on_joints(model: pin.Model, values: Mapping[str, float]) -> Array:
     """A vector (nv,) with values by joint name, zero elsewhere."""
     vector = np.zeros(model.nv)
-    for name, value in values.items():
-        vector[model.joints[model.getJointId(name)].idx_v] = value
+    vector[columns_of(model, values)] = list(values.values())
     return vector
 
 

@@ -4,12 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import pinocchio as pin
-
 from framework.arrays import ArrayLike
-from framework.kinematics.closures import loop_wrenches
-from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import assembled_at, mode_signs
 from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -40,22 +35,16 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
     expect_robot(robot)
     closed = assembled_at(robot, q)
     working, assembly = (int(sign[0]) for sign in mode_signs(robot, closed.system))
-    turned = difference(robot, np.asarray(pin.neutral(robot.model)), closed.q)[0]
-    motors = turned[robot.actuated]
-    closures = loop_wrenches(robot.rows, closed.system.frames).residual
+    motors = robot.actuated_coordinates(closed.q)[0]
     return Pose(
         robot=robot.name,
         flexibility=robot.flexibility,
         platform=dict(zip(robot.axis_names, map(float, closed.x[0]), strict=True)),
         motor_joints=dict(zip(robot.actuator_names, map(float, motors), strict=True)),
         motor_angles=dict(zip(robot.actuator_names, map(float, robot.gear_ratio * motors), strict=True)),
-        joints={
-            robot.joint_of(column): float(value)
-            for column, value in enumerate(turned)
-            if column not in robot.elastic
-        },
+        joints=robot.reference_values(closed.q[0]),
         working_mode=working,
         assembly_mode=assembly,
-        closure_error=float(np.abs(closures).max(initial=0.0)),
+        closure_error=float(closed.system.gap[0]),
         exceeded=positions_beyond_limits(robot.limits, closed.q),
     )

@@ -1,8 +1,9 @@
 """Poses for many sets of motor angles at once, and for motor angles that come one after the other.
 
 A stack is led from its start in a few equal steps, all rows in one call, and what is asked of a step of
-`continuation` is asked of every row. A row of which some step is refused is led alone, in steps as short as
-it takes (`forward_kinematics`), and there it is told whether it arrives, or where and why it cannot.
+`continuation` is asked of every row. Of rows of which some step is refused, the turning points
+ahead are looked for in one call as well. A row without one is led alone, in steps as short as it takes
+(`forward_kinematics`), and there it is told whether it arrives, or where and why it cannot.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.errors import NotAssembled, finite_numbers
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.closures import loop_wrenches
@@ -24,14 +25,17 @@ from framework.kinematics.forward_kinematics import (
     check_motors_are_free,
     forward_kinematics,
     start_pose,
+    type2_singularity,
 )
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import between, difference, frames_at, integrate
 from framework.kinematics.inverse_kinematics import VANISHED, System, system_at
-from framework.kinematics.loop_matrices import passive_matrix
+from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.newton import Linear, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.turning_point import turning_points
 
 STEPS = round(1 / FIRST_STEP)
+PASSES = 10  # of Newton's method; a step along the tangent that needs more is no good one
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,33 +66,61 @@ def forward_kinematics_stack(
     )
     check_motors_are_free(robot)
     start = start_pose(robot, near)
-    stack, arrived = _lead(robot, start.q, start.x, targets)
-    refused = {}
-    for k in map(int, np.flatnonzero(~arrived)):
-        try:
-            alone = forward_kinematics(robot, targets[k], near=start)
-        except NotAssembled as refusal:
-            refused[k] = refusal
-            for values in stack.values():
-                values[k] = np.nan
-        else:
-            for name, values in stack.items():
-                values[k] = getattr(alone, name)
-    return PoseStack(**stack, refused=MappingProxyType(refused))
+    turn = np.zeros((len(targets), robot.model.nv))
+    turn[:, robot.actuated] = targets - robot.actuated_coordinates(start.q[None])
+    stack, share = _lead(robot, start.q, start.x, turn)
+    short = np.flatnonzero(share < 1.0)
+    refused: dict[int, NotAssembled] = _turning(robot, start, stack, short, share, targets, turn)
+    for k in map(int, short):
+        if k not in refused:
+            try:
+                alone = forward_kinematics(robot, targets[k], near=start)
+            except NotAssembled as refusal:
+                refused[k] = refusal
+            else:
+                for name, values in stack.items():
+                    values[k] = getattr(alone, name)
+    for values in stack.values():
+        values[list(refused)] = np.nan
+    return PoseStack(**stack, refused=MappingProxyType(dict(sorted(refused.items()))))
 
 
-def _lead(robot: ParallelRobot, q: Array, x: Array, targets: Array) -> tuple[dict[str, Array], BoolArray]:
-    """Poses on the way to targets (T, n_a) in STEPS steps, and which of them (T,) have arrived."""
-    count, columns = len(targets), robot.following
-    turn = np.zeros((count, robot.model.nv))
-    turn[:, robot.actuated] = targets - robot.actuated_coordinates(q[None])
-    start, x = q, np.repeat(x[None], count, axis=0)
-    q = np.repeat(q[None], count, axis=0)
+def _turning(
+    robot: ParallelRobot,
+    start: ForwardPose,
+    stack: dict[str, Array],
+    short: IntArray,
+    share: Array,
+    targets: Array,
+    turn: Array,
+) -> dict[int, NotAssembled]:
+    """The refusals of those rows, led as far as `share` says, that have a turning point ahead."""
+    if not len(short) or not len(robot.following):
+        return {}
+    ahead = turning_points(robot, start.q, stack["q"][short], share[short], turn[short])
+    platform, residuals = robot.platform.coordinates(ahead.system.frames), ahead.system.residual[:, robot.n :]
+    x = robot.platform.unwrap(platform, stack["x"][short])
+    residual = np.abs(residuals).max(axis=1)
+    return {
+        int(k): type2_singularity(
+            robot, ahead.share[i], ahead.q[i], x[i], targets[k], residual=float(residual[i])
+        )
+        for i, k in enumerate(short)
+        if ahead.found[i]
+    }
+
+
+def _lead(robot: ParallelRobot, q: Array, x: Array, turn: Array) -> tuple[dict[str, Array], Array]:
+    """Poses on the way of motors that turn (T, nv), in STEPS steps, and the share (T,) gone of each way.
+
+    A row of which a step is refused stays before it.
+    """
+    count, columns, start, last = len(turn), robot.following, q, np.log(VANISHED)
+    q, x = np.repeat(q[None], count, axis=0), np.repeat(x[None], count, axis=0)
     system = system_at(robot, q, None)
-    on_branch, rate = np.ones(count, dtype=bool), _rates(robot, system, turn)
-    clearance, determinant = _clearances(robot, system), _determinants(system)
-    on_branch &= clearance > VANISHED
-    least = clearance
+    rate, share, least = _rates(robot, system, turn), np.zeros(count), clearance(robot, system)
+    sign, size = _determinants(system)
+    live = np.flatnonzero(least > VANISHED)
 
     def evaluate(q: Array, which: Which) -> System:
         return system_at(robot, q, None)
@@ -97,35 +129,27 @@ def _lead(robot: ParallelRobot, q: Array, x: Array, targets: Array) -> tuple[dic
         return Linear(system.residual[:, robot.n :], system.passive_factors)
 
     for k in range(1, STEPS + 1):
-        predicted = integrate(robot, q, rate / STEPS)
-        off = k / STEPS * turn - difference(robot, start, predicted)
-        exact = np.zeros_like(turn)
+        predicted = integrate(robot, q[live], rate[live] / STEPS)
+        off = k / STEPS * turn[live] - difference(robot, start, predicted)
+        exact = np.zeros_like(off)
         exact[:, robot.actuated] = off[:, robot.actuated]
         there = integrate(robot, predicted, exact)
         if len(columns):
-            there, system, closed = newton(robot, there, columns, evaluate, linear)
-            on_branch &= closed
-        there = np.where(on_branch[:, None], there, q)  # who has lost the branch stays where it was
+            there, _, closed = newton(robot, there, columns, evaluate, linear, iterations=PASSES)
+            live, predicted, there = live[closed], predicted[closed], there[closed]
         system = system_at(robot, there, None)
-        ahead = _rates(robot, system, turn)
-        clearance, now = _clearances(robot, system), _determinants(system)
-        moved = _differences(robot, predicted, there)
-        measured = measure(robot, moved, rate / STEPS, ahead / STEPS)
-        on_branch &= measured.small & (measured.straight | (clearance > CROSSING))
-        on_branch &= (now[0] == determinant[0]) & (now[1] - determinant[1] > np.log(VANISHED))
-        q = np.where(on_branch[:, None], there, q)
-        rate = np.where(on_branch[:, None], ahead, 0.0)
-        determinant, least = now, np.minimum(least, clearance)
-        x = robot.platform.unwrap(robot.platform.coordinates(system.frames), x)
-    residual = np.abs(loop_wrenches(robot.rows, system.frames).residual).max(axis=1, initial=0.0)
-    return {"q": q, "x": x, "residual": residual, "clearance": least}, on_branch
-
-
-def _differences(robot: ParallelRobot, start: Array, q: Array) -> Array:
-    """Tangent vectors (T, nv) from each of start (T, nq) to each of q (T, nq)."""
-    if robot.model.nq == robot.model.nv:
-        return q - start
-    return np.array([difference(robot, one, two[None])[0] for one, two in zip(start, q, strict=True)])
+        clear, ahead = clearance(robot, system), _rates(robot, system, turn[live])
+        sign_there, size_there = _determinants(system)
+        step = measure(robot, between(robot, predicted, there), rate[live] / STEPS, ahead / STEPS)
+        kept = step.small & (step.straight | (clear > CROSSING))
+        kept &= (sign_there == sign[live]) & (size_there - size[live] > last)
+        live = live[kept]
+        q[live], rate[live], share[live] = there[kept], ahead[kept], k / STEPS
+        sign[live], size[live] = sign_there[kept], size_there[kept]
+        least[live] = np.minimum(least[live], clear[kept])
+        x[live] = robot.platform.unwrap(robot.platform.coordinates(system.frames)[kept], x[live])
+    residual = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual).max(axis=1, initial=0.0)
+    return {"q": q, "x": x, "residual": residual, "clearance": least}, share
 
 
 def _rates(robot: ParallelRobot, system: System, turn: Array) -> Array:
@@ -138,12 +162,6 @@ def _rates(robot: ParallelRobot, system: System, turn: Array) -> Array:
         except np.linalg.LinAlgError:
             return turn
     return rate
-
-
-def _clearances(robot: ParallelRobot, system: System) -> Array:
-    """Least singular values (T,) of P; infinite without passive joints."""
-    values = np.linalg.svd(passive_matrix(robot, system), compute_uv=False)
-    return np.asarray(values.min(axis=1, initial=np.inf))
 
 
 def _determinants(system: System) -> tuple[Array, Array]:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 
+from framework.model.urdf_elements import MOVING
+
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _LIMIT = ("lower", "upper", "effort", "velocity")
 
@@ -34,7 +36,7 @@ def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
             assert found is not None  # checked by the reader
             ElementTree.SubElement(copy, end, link=found.get("link", ""))
         _copy(joint, copy, "origin", ("xyz", "rpy"))
-        if joint.get("type") != "fixed":
+        if joint.get("type") in MOVING:
             _copy(joint, copy, "axis", ("xyz",))
             _copy(joint, copy, "limit", _LIMIT)
     return bare

@@ -47,14 +47,14 @@ PATH_KINDS = {"line": 2, "arc": 3, "spline": 2}  # least number of points
 
 def robot_table(urdf: Urdf) -> Table:
     """The keys of the robot on the tree of this URDF."""
-    movable = [name for name, kind in urdf.joints.items() if kind != "fixed"]
+    movable = [name for name, kind in urdf.joints.items() if kind in MOVING]
     return {
         "platform": required(_platform(urdf)),
         "actuators": required(entries(_actuator(urdf))),
         "closures": required(entries(_closure(urdf))),
         "springs": optional(entries(_spring(urdf, movable)), ()),
         "gravity": optional(vector3, (0.0, 0.0, -9.81)),
-        "reference": optional(named(number, one_of("joint", movable)), {}),
+        "reference": optional(named(number, one_of("joint", urdf.coordinates)), {}),
         "scenes": optional(_scenes, {}),
     }
 

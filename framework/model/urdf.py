@@ -11,7 +11,7 @@ from pathlib import Path
 
 from framework.errors import MissingPackage, RobotFileError
 from framework.model.documents import naming
-from framework.model.urdf_elements import read_tree
+from framework.model.urdf_elements import coordinates_of, read_tree
 
 PACKAGE = "package://"
 
@@ -24,6 +24,11 @@ class Urdf:
     joints: dict[str, str]  # type by name
     parents: dict[str, tuple[str, str]]  # (joint, parent link) by child link
     children: dict[str, str]  # child link by joint
+
+    @property
+    def coordinates(self) -> list[str]:
+        """Names of the coordinates of all joints that move."""
+        return [name for joint, kind in self.joints.items() for name in coordinates_of(joint, kind)]
 
     @property
     def names(self) -> list[str]:

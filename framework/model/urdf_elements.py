@@ -21,7 +21,10 @@ from framework.model.inertia import ENTRIES, check_inertia, symmetric
 from framework.model.xml_reading import attribute, axis_of, numbers, origin_numbers, origin_of, required
 
 MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom
-JOINT_TYPES = ("fixed", *MOVING)
+# Types of joints with several, by the suffixes of their coordinates: metres along and a rotation vector about
+# the axes of the joint's origin. URDF itself has no spherical one; URDF+ and converters from SDF do.
+SEVERAL = {"spherical": ("_rx", "_ry", "_rz"), "floating": ("_x", "_y", "_z", "_rx", "_ry", "_rz")}
+JOINT_TYPES = ("fixed", *MOVING, *SEVERAL)
 LARGEST_TREE = 5000  # links or joints; more is no robot
 DEEPEST_TREE = 1000  # joints from the root to a link: pinocchio's parser calls itself once for each
 _LIMIT = ("lower", "upper", "effort", "velocity")
@@ -41,7 +44,12 @@ class Joint:
 
     @property
     def moves(self) -> bool:
-        return self.kind in MOVING
+        return self.kind != "fixed"
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of what says where it is: its own, or one for each of its freedoms."""
+        return coordinates_of(self.name, self.kind)
 
 
 class Tree(NamedTuple):
@@ -50,6 +58,13 @@ class Tree(NamedTuple):
     links: list[str]
     joints: dict[str, Joint]
     base: str
+
+
+def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
+    """Names of the coordinates of a joint of this type; none of a fixed one."""
+    if kind in SEVERAL:
+        return tuple(f"{name}{suffix}" for suffix in SEVERAL[kind])
+    return (name,) if kind in MOVING else ()
 
 
 def read_tree(root: ElementTree.Element, locked: Collection[str] = ()) -> Tree:
@@ -67,6 +82,12 @@ def read_tree(root: ElementTree.Element, locked: Collection[str] = ()) -> Tree:
         raise RobotFileError(f"<robot>: {most} links or joints; at most {LARGEST_TREE} are read")
     known = set(links)
     joints = {j.name: j for j in (read_joint(e, known, locked) for e in root.findall("joint"))}
+    for joint in joints.values():
+        for name in joint.coordinates:
+            if joint.kind in SEVERAL and name in joints:
+                raise RobotFileError(
+                    f"joint {joint.name!r}: its coordinate {name!r} has the name of another joint"
+                )
     for link in root.findall("link"):
         check_link(link)
     return Tree(links, joints, _base(links, joints))
@@ -149,7 +170,7 @@ def read_joint(element: ElementTree.Element, links: set[str], locked: Collection
         ends.append(link)
     axis = element.find("axis")
     direction = np.array([1.0, 0.0, 0.0])
-    if kind == "fixed" and axis is not None:
+    if kind not in MOVING and axis is not None:
         element.remove(axis)  # without a meaning, and some exporters write 0 0 0
     elif axis is not None:
         direction = axis_of(axis, f"{where}: <axis>")
@@ -158,7 +179,7 @@ def read_joint(element: ElementTree.Element, links: set[str], locked: Collection
         limit = required(element, where, "limit")
         for key in ("effort", "velocity"):
             attribute(limit, f"{where}: <limit>", key)
-    if kind != "fixed" and limit is not None:
+    if kind in MOVING and limit is not None:
         lower, upper, effort, velocity = (
             # some files mean no limit by 1.8e308
             numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]

@@ -35,6 +35,7 @@ WAY, TURN = (
     0.03,
     0.1,
 )  # [robot lengths], [rad]: how far the platform is moved along t_s to show that it can be
+BESIDE = 1e-8  # [rad, robot lengths] that a motor stops before a Type 2 singularity: on it, no way leads back
 SHARES = np.linspace(-1.0, 1.0, 9)  # of that way
 NEAR, ON = 0.3, 0.01  # of the reference's smallest singular value: near a singularity, on it
 
@@ -218,17 +219,24 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
     start = assembled_at(robot, q)
     _check(index, robot.n_a, value)
     motors = robot.actuated_coordinates(start.q)[0]
+    beside = BESIDE * robot.column_scale[robot.actuated[index]]
+
+    def to(angle: float) -> Array:
+        target = motors.copy()
+        target[index] = angle
+        return forward_kinematics(robot, target, near=q).q
 
     def turned(part: float) -> JoggedPose:
-        target = motors.copy()
-        target[index] += part * (value - motors[index])
+        way = part * (value - motors[index])
         try:
-            return pose_at(robot, forward_kinematics(robot, target, near=q).q)
-        except NotAssembled as end:
-            pose = pose_at(robot, end.q)
-            lost = isinstance(end, Type2Singularity)
+            return pose_at(robot, to(motors[index] + way))
+        except Type2Singularity as end:
+            free = max(end.share * abs(way) - beside, 0.0)
+            pose = pose_at(robot, to(motors[index] + np.copysign(free, way)) if free else q)
             name = CLASSES[pose.kind][0] if pose.kind in CLASSES else "Type 2 singularity"
-            return replace(pose, stopped=_MOTORS_END.format(name=name) if lost else str(end))
+            return replace(pose, stopped=_MOTORS_END.format(name=name))
+        except NotAssembled as end:
+            return pose_at(robot, end.q, str(end))
 
     return _within_limits(robot, q, turned)
 

@@ -23,13 +23,14 @@ from framework import ParallelRobot
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.forward_kinematics import motors_are_free
 from framework.kinematics.frames import frames_at
-from framework.kinematics.inverse_kinematics import close_each
+from framework.kinematics.inverse_kinematics import close_each, system_at
+from framework.kinematics.loop_matrices import mobile_matrix
 from framework.kinematics.pose_stack import forward_kinematics_stack
 
 FARTHEST = 0.15  # [rad, robot lengths] of the motor that turns most; the least is 0.1
 SMALL_STEPS = 64
 SAME = 1e-6  # [rad, robot lengths] between two ways to a pose of one branch
-ASIDE = 1e-3  # [rad, robot lengths] from a pose, where the inverse kinematics begins
+ASIDE = 1e-3  # [rad, robot lengths] from a pose, where the inverse kinematics begins, unless Type 1 is near
 
 
 class Evidence(NamedTuple):
@@ -57,13 +58,17 @@ def evidence(robot: ParallelRobot, poses: int, *, seed: int = 0) -> Evidence:
     q, scale = found.q[there], robot.column_scale
     rows = robot.rows
     gaps = loop_equations(rows, frames_at(robot, q)).residual / np.where(rows.rotation, 1.0, robot.length)
-    again = close_each(robot, found.x[there], q + ASIDE * scale * rng.uniform(-1, 1, q.shape))
+    # where a leg is nearly stretched the next working mode is as near as the least singular value is small
+    legs = mobile_matrix(robot, system_at(robot, q, found.x[there]))
+    legs = np.linalg.svd(legs, compute_uv=False)[:, -1]
+    aside = np.minimum(ASIDE, 0.1 * legs)[:, None] * rng.uniform(-1, 1, q.shape)
+    again = close_each(robot, found.x[there], q + aside * scale)
     apart = np.abs((again.q - q) / scale).max(axis=1)
     on_reference = _conditions(robot, start[None])[0]
     off = np.abs((in_small_steps(robot, turns[there], SMALL_STEPS) - q) / scale).max(axis=1) > SAME
     finer = in_small_steps(robot, turns[there][off], 64 * SMALL_STEPS)
     off[off] = np.abs((finer - q[off]) / scale).max(axis=1, initial=0.0) > SAME
-    conditions = _conditions(robot, q)
+    conditions = np.minimum(_conditions(robot, q), legs)
     return Evidence(
         poses=poses,
         arrived=int(there.sum()),

@@ -316,7 +316,7 @@ MALFORMED_URDFS = [
     (AT_ELBOW, AT_ELBOW.replace('"left_crank"', '"left_tip"'), ["left_rod"]),  # a ring beside the tree
     ("</robot>", '<link name="alone"/></robot>', ["one root link", "base", "alone"]),
     (ELBOW, f'{ELBOW}<mimic joint="left_motor"/>', ["left_elbow", "mimic"]),
-    (ELBOW, ELBOW.replace("revolute", "floating"), ["left_elbow", "'floating'", "continuous"]),
+    (ELBOW, ELBOW.replace("revolute", "planar"), ["left_elbow", "'planar'", "continuous"]),
     (ELBOW, '<joint name="left_elbow">', ["left_elbow", "'type'", "missing"]),
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', ["left_motor", "axis", "zero"]),
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 0"/>', ["left_motor", "<axis> xyz", "3 numbers", "'0 0'"]),

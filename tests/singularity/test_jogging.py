@@ -72,8 +72,12 @@ def test_a_motor_stops_where_the_rods_lie_in_line(robot):
     assert "Type 2" in apart.stopped
     assert apart.level != "regular"
     left, right = elbows(apart.x)
-    assert np.linalg.norm(left - right) == pytest.approx(2 * LINK, abs=1e-4)
+    assert np.linalg.norm(left - right) == pytest.approx(2 * LINK, abs=1e-7)
     assert gap(robot, apart.q) < 1e-9
+    again = move_motor(robot, apart.q, 0, float(start.motors[0]) + 3.0)
+    np.testing.assert_array_equal(again.q, apart.q)
+    back = move_motor(robot, again.q, 0, float(start.motors[0]))
+    np.testing.assert_allclose(back.q, start.q, rtol=0, atol=1e-9)
 
 
 def test_a_step_that_is_far_leads_to_the_same_place_as_many_small_ones(robot):

@@ -7,9 +7,8 @@ description" (Batto, de Matteis, Mansard 2025; Gepetto's example-parallel-robots
     joint_name: [joint, ...]                   joints of the URDF that stand for another type ...
     joint_type: [SPHERICAL, UJOINT_XY, FIXED]  ... which is this one
 
-A joint that becomes SPHERICAL is written as three turns, J_X, J_Y and J_Z, and a UJOINT_XY as the two
-of its letters, so that every joint has one degree of freedom; the three are singular where J_Y has
-turned by 90 degrees. The file says nothing about the platform.
+A UJOINT_XY is written as two turns that end in its letters, J_X and J_Y. The file says nothing about the
+platform.
 """
 
 from __future__ import annotations
@@ -84,9 +83,9 @@ def _replace_joints(tree: UrdfTree, content: Mapping[Any, Any]) -> None:
             raise RobotFileError(f"joint_name[{i}]: {choose_from('joint', name, tree.joints)}")
         joint = tree.joints[name]
         if kind == "FIXED":
-            tree.fix(joint, 0.0)
+            tree.fix(joint)
         elif kind == "SPHERICAL":
-            tree.replace_by_turns(joint, "XYZ")
+            tree.replace_by_ball(joint)
         elif kind.upper() in _U_JOINTS:
             tree.replace_by_turns(joint, kind[-2:].upper())
         else:

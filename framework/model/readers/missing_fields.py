@@ -16,14 +16,15 @@ _SHOWN = 24  # candidates named in a message
 class Options:
     """What was said beside the file; None is left to the file.
 
-    `reference` [rad, m] goes by joint name; a foreign file's zero pose is the reference unless it
-    says something else.
+    `reference` [rad, m] goes by the names of joints, of a ball J by J_rx, J_ry, J_rz (a rotation vector); a
+    foreign file's zero pose is the reference unless it says something else.
     """
 
     platform: str | None = None
     axes: tuple[str, ...] | None = None
     motors: tuple[str, ...] | None = None
     reference: Mapping[str, float] = field(default_factory=dict)
+    base: str | None = None  # a link: what it does not carry is locked
 
 
 class Resolved(NamedTuple):
@@ -88,12 +89,12 @@ def _actuators(
 
 
 def checked_reference(
-    options: Options, joints: Sequence[str], found: Mapping[str, float]
+    options: Options, coordinates: Sequence[str], found: Mapping[str, float]
 ) -> dict[str, float]:
-    """The reference of the file with that of the options over it."""
+    """The reference of the file with that of the options over it; `coordinates` are those of all joints."""
     for name in options.reference:
-        if name not in joints:
-            raise RobotFileError(f"--reference: {choose_from('movable joint', name, joints)}")
+        if name not in coordinates:
+            raise RobotFileError(f"--reference: {choose_from('movable joint', name, coordinates)}")
     return {**found, **{name: float(value) for name, value in options.reference.items()}}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 
@@ -14,6 +15,8 @@ from framework.model.description import Closure
 from framework.model.placement import about, inverse, placement, to_rpy, turning
 from framework.model.urdf_elements import (
     LARGEST_TREE,
+    MOVING,
+    SEVERAL,
     Joint,
     declared_motors,
     local_name,
@@ -23,7 +26,7 @@ from framework.model.urdf_writing import AXIS, joint_element, origin_element
 from framework.model.xml_reading import attribute
 
 MOST_LOOPS = 1000  # loops in a file
-MOST_MOVING = 1000  # movable joints in a file
+MOST_MOVING = 1000  # freedoms of the joints in a file
 PARALLEL = 1e-9  # how far two unit axes may differ and still be called parallel
 _PLAIN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 
@@ -55,9 +58,9 @@ class UrdfTree:
         self.links, self.joints, self.base = read_tree(root)
         if len(self.extra) > MOST_LOOPS:
             raise RobotFileError(f"<robot>: {len(self.extra)} loops; at most {MOST_LOOPS} are read")
-        if len(self.movable) > MOST_MOVING:
+        if len(self.coordinates) > MOST_MOVING:
             raise RobotFileError(
-                f"<robot>: {len(self.movable)} movable joints; at most {MOST_MOVING} are read"
+                f"<robot>: joints of {len(self.coordinates)} freedoms; at most {MOST_MOVING} are read"
             )
         self.parent_joint = {joint.child: joint for joint in self.joints.values()}
         self._added: dict[str, str] = {}  # the link that carries each frame
@@ -71,7 +74,13 @@ class UrdfTree:
 
     @property
     def movable(self) -> list[str]:
-        return [joint.name for joint in self.joints.values() if joint.moves]
+        """Names of the joints of one degree of freedom, which a motor can have."""
+        return [joint.name for joint in self.joints.values() if joint.kind in MOVING]
+
+    @property
+    def coordinates(self) -> list[str]:
+        """Names of the coordinates of all joints."""
+        return [name for joint in self.joints.values() for name in joint.coordinates]
 
     def link(self, where: str, name: str | None) -> str:
         """A link's name, if there is one.
@@ -146,12 +155,17 @@ class UrdfTree:
             or name.removesuffix("_mount") in self._added
         )
 
-    def fix(self, joint: Joint, value: float) -> None:
-        """Hold a joint at a value [rad, m]."""
-        if joint.kind == "prismatic":
-            motion = placement(None, value * joint.axis / np.linalg.norm(joint.axis))
+    def fix(self, joint: Joint, *values: float) -> None:
+        """Hold a joint at the values [rad, m] of its coordinates, zero by default."""
+        values = values or (0.0,) * len(joint.coordinates)
+        if joint.kind in SEVERAL:
+            *along, x, y, z = values
+            angle = math.hypot(x, y, z)
+            motion = placement(about((x, y, z), angle) if angle else None, along or (0.0, 0.0, 0.0))
+        elif joint.kind == "prismatic":
+            motion = placement(None, values[0] * joint.axis / np.linalg.norm(joint.axis))
         else:
-            motion = placement(about(joint.axis, value))
+            motion = placement(about(joint.axis, values[0]))
         joint.origin = joint.origin @ motion
         joint.kind = "fixed"
         joint.element.set("type", "fixed")
@@ -159,6 +173,14 @@ class UrdfTree:
             for element in joint.element.findall(tag):
                 joint.element.remove(element)
         joint.element.append(origin_element(joint.origin))
+
+    def replace_by_ball(self, joint: Joint) -> None:
+        """Make a joint a ball."""
+        for tag in ("axis", "limit"):
+            for element in joint.element.findall(tag):
+                joint.element.remove(element)
+        joint.kind = "spherical"
+        joint.element.set("type", joint.kind)
 
     def replace_by_turns(self, joint: Joint, axes: str) -> list[str]:
         """Put turns about axes (letters of x, y, z) in place of a joint; the names end in the letters."""
@@ -195,7 +217,7 @@ class UrdfTree:
         """
         one, two = self.moving_chains(first, second)
         axes = [self.axis_at_zero(joint) for joint in (*one, *two)]
-        if not axes or any(joint.kind == "prismatic" for joint in (*one, *two)):
+        if not axes or any(joint.kind in ("prismatic", *SEVERAL) for joint in (*one, *two)):
             return None
         if any(np.linalg.norm(axis - axes[0]) > PARALLEL for axis in axes):
             return None

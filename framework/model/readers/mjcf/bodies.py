@@ -12,9 +12,9 @@ from framework.errors import RobotFileError, choose_from
 from framework.model.description import JointSpring
 from framework.model.placement import placement
 from framework.model.readers.mjcf.geoms import inertial_element, visual_element
-from framework.model.readers.mjcf.settings import DEEPEST, TURNS, CompilerSettings, known
-from framework.model.urdf_writing import AXIS, joint_element, origin_element, vector_text
-from framework.model.xml_reading import numbers
+from framework.model.readers.mjcf.settings import DEEPEST, TURNS, CompilerSettings, known, word
+from framework.model.urdf_writing import joint_element, origin_element, vector_text
+from framework.model.xml_reading import numbers, required
 
 WORLD = "world"
 _BODY = ("name", "childclass", "mocap", "pos", *TURNS, "gravcomp", "user", "sleep")
@@ -25,15 +25,13 @@ _JOINT = (
     *("frictionloss", "user"),
 )
 _FREEJOINT = ("name", "group", "align")
-# The URDF joints of a joint of the file, by suffix: slides first, then turns about x, y and z.
-_PARTS = {"ball": ("_X", "_Y", "_Z"), "free": ("_TX", "_TY", "_TZ", "_X", "_Y", "_Z")}
+_IN_URDF = {"hinge": "continuous", "slide": "prismatic", "ball": "spherical", "free": "floating"}
 
 
 @dataclass
 class Coordinate:
-    """A joint of the file: its URDF joints, and where it is at the zero pose."""
+    """A joint of the file, and where it is at the zero pose."""
 
-    joints: list[str]
     kind: str
     ref: float
     armature: float
@@ -140,7 +138,7 @@ class Bodies:
     def joint(
         self, body: str, i: int, attributes: dict[str, str], parent: str, origin: Array, last: bool
     ) -> str:
-        """Add the URDF joints of one joint; returns the link behind them."""
+        """Add one joint; returns the link behind it."""
         name = attributes.get("name") or f"{body}_joint" + (f"_{i + 1}" if i else "")
         where = f"joint {name!r}"
         for key in attributes:
@@ -149,30 +147,41 @@ class Bodies:
         if name in self.coordinates:
             raise RobotFileError(f"{where}: duplicate name")
         kind = attributes.get("type", "hinge")
-        if kind not in ("hinge", "slide", "ball", "free"):
-            raise RobotFileError(f"{where}: {choose_from('type', kind, ('hinge', 'slide', 'ball', 'free'))}")
+        if kind not in _IN_URDF:
+            raise RobotFileError(f"{where}: {choose_from('type', kind, _IN_URDF)}")
         unit = 1.0 if kind == "slide" else self.settings.angle
         if any(numbers(f"{where} springdamper", attributes.get("springdamper", "0 0"), 2)):
             raise RobotFileError(f"{where} springdamper: not supported; give stiffness")
         armature = numbers(f"{where} armature", attributes.get("armature", "0"), 1)[0]
-        several = kind in _PARTS
+        several = kind in ("ball", "free")
         ref = 0.0 if several else unit * numbers(f"{where} ref", attributes.get("ref", "0"), 1)[0]
-        names = [f"{name}{part}" for part in _PARTS.get(kind, ("",))]
         axis = np.array(numbers(f"{where} axis", attributes.get("axis", "0 0 1"), 3))
         if not several and np.linalg.norm(axis) < 1e-13:
             raise RobotFileError(f"{where} axis: the axis is zero")
-        for k, joint in enumerate(names):
-            child = body if last and k == len(names) - 1 else self.new_name(f"{joint}_link")
-            self.new_link(child)
-            slides = kind == "slide" or len(names) - k > 3
-            along = AXIS["xyz"[k % 3]] if several else vector_text(axis)
-            urdf_kind = "prismatic" if slides else "continuous"
-            at = origin_element(origin if k == 0 else np.eye(4))
-            self.root.append(joint_element(joint, urdf_kind, parent, child, origin=at, axis=along))
-            parent = child
-        self.coordinates[name] = Coordinate(names, kind, ref, armature, origin)
+        child = body if last else self.new_name(f"{name}_link")
+        self.new_link(child)
+        along, at = None if several else vector_text(axis), origin_element(origin)
+        limits = () if several else self.range(where, attributes, unit, ref)
+        in_urdf = "revolute" if limits and kind == "hinge" else _IN_URDF[kind]
+        element = joint_element(name, in_urdf, parent, child, origin=at, axis=along)
+        for key, value in zip(("lower", "upper"), limits, strict=False):
+            required(element, where, "limit").set(key, repr(value))
+        self.root.append(element)
+        self.coordinates[name] = Coordinate(kind, ref, armature, origin)
         self.spring(name, kind, attributes, unit, ref)
-        return parent
+        return child
+
+    def range(self, where: str, attributes: dict[str, str], unit: float, ref: float) -> tuple[float, ...]:
+        """Lower and upper limit [rad, m] from the zero pose; empty without limits."""
+        limited = word(attributes, where, "limited", ("true", "false", "auto"), "auto")
+        lower, upper = numbers(f"{where} range", attributes.get("range", "0 0"), 2)
+        if limited == "false" or (limited == "auto" and lower == upper == 0.0):
+            return ()
+        if limited == "auto" and not self.settings.autolimits:
+            raise RobotFileError(f"{where} limited: needs true or false beside a range without autolimits")
+        if lower >= upper:
+            raise RobotFileError(f"{where} range: needs lower < upper, got {lower:g} {upper:g}")
+        return unit * lower - ref, unit * upper - ref
 
     def spring(self, name: str, kind: str, attributes: dict[str, str], unit: float, ref: float) -> None:
         """A spring on the joint, if it has one. MuJoCo's stiffness is per radian whatever the unit."""
@@ -183,7 +192,7 @@ class Bodies:
             raise RobotFileError(f"{where}: needs one number of at least zero, got {' '.join(parts)}")
         if values[0] == 0:
             return
-        if kind in _PARTS:
+        if kind in ("ball", "free"):
             raise RobotFileError(f"{where}: springs of {kind} joints are not supported")
         rest = unit * numbers(f"joint {name!r} springref", attributes.get("springref", "0"), 1)[0]
         self.springs.append(JointSpring(f"{name}_spring", name, values[0], rest - ref))

@@ -123,7 +123,7 @@ def _joint_equality(
         if key not in attributes and key == "joint2":
             continue
         given = attributes.get(key)
-        valid = [n for n, c in bodies.coordinates.items() if len(c.joints) == 1]
+        valid = [n for n, c in bodies.coordinates.items() if c.kind in ("hinge", "slide")]
         if given not in valid:
             raise RobotFileError(f"{where} {key}: {choose_from('hinge or slide', given, valid)}")
         names.append(given)

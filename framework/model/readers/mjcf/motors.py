@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
+import pinocchio as pin
 
-from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
 from framework.model.description import Actuator
 from framework.model.placement import from_quaternion
 from framework.model.readers.mjcf.bodies import Bodies
 from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.urdf_elements import coordinates_of
 from framework.model.xml_reading import numbers
 
 _MOTORS = ("motor", "position", "velocity", "intvelocity", "damper", "general")
@@ -91,14 +91,6 @@ def reference_of(root: ElementTree.Element, bodies: Bodies) -> dict[str, float]:
             zero = coordinate.place[:3, :3]
             slides = (zero.T @ (np.array(own[:3]) - coordinate.place[:3, 3])).tolist()
             turn = zero.T @ turn
-        reference.update(zip(coordinate.joints, [*slides, *_turns_xyz(turn)], strict=True))
+        names = coordinates_of(name, "floating" if slides else "spherical")
+        reference.update(zip(names, [*slides, *pin.log3(turn).tolist()], strict=True))
     return reference
-
-
-def _turns_xyz(m: Array) -> tuple[float, float, float]:
-    """Angles of the turns about x, y and z in series that make a rotation (3, 3)."""
-    return (
-        math.atan2(-m[1, 2], m[2, 2]),
-        math.atan2(m[0, 2], math.hypot(m[0, 0], m[0, 1])),
-        math.atan2(-m[0, 1], m[0, 0]),
-    )

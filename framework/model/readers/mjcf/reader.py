@@ -1,13 +1,12 @@
 """MJCF, MuJoCo's XML: its bodies become a URDF, its `<equality>` the closures.
 
-Read are: bodies with hinge, slide, ball and free joints (a ball becomes three turns J_X, J_Y, J_Z, a free
-body has the slides J_TX, J_TY, J_TZ before them; both are singular where J_Y is a right angle), `<inertial>`
-or the inertia of primitive geoms, sites as frames, primitive geoms as shapes, defaults and their classes,
-gravity, springs of joints, motors with gear and armature, the first keyframe as the reference (else the zero
-pose). Of `<equality>`: connect is spherical, weld is fixed, joint is read where it holds a joint or keeps two
-turns about parallel axes equal. Anchors are resolved at the zero pose, as MuJoCo does. What moves otherwise
-- tendons, flexes, mocap bodies, includes - is refused by name; contact, damping, friction, joint ranges,
-sensors, cameras and meshes are left out. The file says nothing about the platform.
+Read are: bodies with hinge, slide, ball and free joints, `<inertial>` or the inertia of primitive geoms,
+sites as frames, primitive geoms as shapes, defaults and their classes, gravity, ranges and springs of joints,
+motors with gear and armature, the first keyframe as the reference (else the zero pose). Of `<equality>`:
+connect is spherical, weld is fixed, joint is read where it holds a joint or keeps two turns about parallel
+axes equal. Anchors are resolved at the zero pose, as MuJoCo does. What moves otherwise - tendons, flexes,
+mocap bodies, includes - is refused by name; contact, damping, friction, sensors, cameras and meshes are left
+out. The file says nothing about the platform.
 """
 
 from __future__ import annotations
@@ -61,5 +60,5 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
         actuators=actuators,
         joint_springs=[spring for spring in bodies.springs if spring.joint in tree.movable],
         gravity=bodies.settings.gravity,
-        reference={name: value for name, value in reference.items() if name in tree.movable},
+        reference={name: value for name, value in reference.items() if name in tree.coordinates},
     )
