@@ -74,10 +74,8 @@ class StepMeasure(NamedTuple):
 
 def measure(robot: Mechanism, moved: Array, along: Array, beyond: Array) -> StepMeasure:
     """Of corrections, and of steps along the tangents before and after, each (T, nv)."""
-    lengths = robot.column_scale
-    correction, advance, turned = (
-        np.abs(motion / lengths).max(axis=1, initial=0.0) for motion in (moved, along, beyond - along)
-    )
+    motions = np.array([moved, along, beyond - along]) / robot.column_scale
+    correction, advance, turned = np.abs(motions).max(axis=2, initial=0.0)
     straight = turned <= LARGEST_TURN * correction + 0.25 * advance
     return StepMeasure(correction, is_small(correction, advance), straight)
 

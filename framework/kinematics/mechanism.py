@@ -118,6 +118,11 @@ class Mechanism(ReadOnlyArrays):
         return read_only(np.setdiff1d(np.arange(self.model.nv), self.elastic))
 
     @cached_property
+    def has_joint_springs(self) -> bool:
+        """Whether springs act on joints of the URDF."""
+        return bool(self.joint_stiffness.any())
+
+    @cached_property
     def sliding(self) -> NDArray[np.bool_]:
         """Which coordinates of pinocchio's velocity vector slide [m], (nv,); the others turn [rad]."""
         sliding = np.zeros(self.model.nv, dtype=bool)
