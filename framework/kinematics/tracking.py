@@ -38,7 +38,7 @@ from framework.motion.path import Line, Path
 from framework.motion.path_check import check_path
 
 BESIDE = 1e-6  # [lengths] from the reference: what a file's rounded angles leave
-KNOTS = 1e-4  # last step to a knot of a branch: what its square leaves is far below guesses between knots
+KNOTS = 1e-6  # last step to a knot of a branch: guesses between knots are no better
 AT_ONCE = 8  # places: a stack of them costs little more than one, and they span the way in first steps
 LOST_AHEAD = 1e-4  # singular values of the loop equations this small where no step is left: lost just ahead
 LOOPS = "a singularity of the loop equations, where no configuration can be told from its neighbours"
