@@ -15,10 +15,20 @@ from framework.kinematics.parallel_robot import ParallelRobot
 VANISHED = 1e-7  # of a unit motion (radians, robot lengths): less does not count as moving
 
 
+def loop_matrix(robot: ParallelRobot, system: System) -> Array:
+    """All columns (T, m, nv) of the independent loop equations, without dimension."""
+    return scaled(robot, system.closures, robot.loops.rotation) / robot.row_sizes[:, None]
+
+
 def passive_matrix(robot: ParallelRobot, system: System) -> Array:
     """P (T, m, n_p): passive columns of the independent loop equations, without dimension."""
-    loops = scaled(robot, system.closures, robot.loops.rotation) / robot.row_sizes[:, None]
-    return loops[:, :, robot.following]
+    return loop_matrix(robot, system)[:, :, robot.following]
+
+
+def equation_sizes(robot: ParallelRobot) -> Array:
+    """What the platform's and the loop equations (n + m,) are divided by to be without dimension."""
+    loops = np.where(robot.loops.rotation, 1.0, robot.length) * robot.row_sizes
+    return np.concatenate([np.where(robot.translations, robot.length, 1.0), loops])
 
 
 def measured_matrix(robot: ParallelRobot, system: System) -> Array:
@@ -36,8 +46,7 @@ def mobile_matrix(robot: ParallelRobot, system: System) -> Array:
 
     Columns: actuated, then passive. Singular in Type 1 singularities, and where the loop equations lose rank.
     """
-    loops = scaled(robot, system.closures, robot.loops.rotation) / robot.row_sizes[:, None]
-    both = [scaled(robot, system.platform, ~robot.translations), loops]
+    both = [scaled(robot, system.platform, ~robot.translations), loop_matrix(robot, system)]
     return np.concatenate(both, axis=1)[:, :, robot.moving]
 
 

@@ -108,7 +108,8 @@ def test_a_way_that_leaves_the_workspace_ends_on_its_edge():
     assert 0 <= 2 * LINK - reach < 1e-6
     with pytest.raises((OutOfReach, Type1Singularity)) as caught:
         assemble(robot, [0.0, 1.0])
-    assert caught.value.s == way.at[-1]
+    assert 0.0 < caught.value.s - way.at[-1] < 1e-6
+    assert np.linalg.norm(caught.value.platform - MOTORS, axis=1).max() == pytest.approx(2 * LINK, abs=1e-13)
 
 
 def test_springs_keep_their_deflections_along_a_path():
