@@ -9,6 +9,7 @@ import robots
 from framework import Arc, InvalidInput, Line, assemble, track_path
 from framework.errors import OutOfReach, Type1Singularity
 from framework.kinematics.tracking import follow_path
+from tests.benchmarks.random_motions import evidence
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
 from tests.robots.every_robot import RIGID, first_path
@@ -85,6 +86,16 @@ def test_there_and_back_is_where_it_began(name):
     size = 1e-9 * max(robot.length, 1.0)
     np.testing.assert_allclose(way.last.q[0], there.closed(0.0).q[0], rtol=0, atol=size)
     np.testing.assert_allclose(way.q, there.closed(1.0 - way.at).q, rtol=0, atol=size)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["five_bar", "biglide", "orthoglide", "par4", "three_rpr"])
+def test_random_motions_stay_on_their_branch_or_are_refused_at_a_singularity(name):
+    found = evidence(name, 24)
+    assert found.followed + found.refused.total() == 24
+    assert found.followed >= 6
+    assert found.off_branch == []
+    assert found.unexplained == []
 
 
 def test_the_way_to_a_point_does_not_matter_within_a_mode():
