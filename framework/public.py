@@ -8,6 +8,7 @@ from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene
+from framework.dynamics.forward_dynamics import forward_dynamics
 from framework.dynamics.instant import dynamics_at
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.dynamics.platform_limits import platform_limits
@@ -44,6 +45,7 @@ from framework.motion.law import Condition, Law
 from framework.motion.path import Arc, Line, Spline
 from framework.simulation import Simulation, simulate
 from framework.singularity.classify import classify
+from framework.singularity.paving import SingularPaving, pave_singularities
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
 from framework.singularity.traced_locus import trace_locus
 
@@ -72,6 +74,7 @@ __all__ = [
     "RobotFileError",
     "Simulation",
     "SingularPath",
+    "SingularPaving",
     "SingularPoint",
     "SingularPose",
     "SingularReference",
@@ -85,10 +88,12 @@ __all__ = [
     "classify",
     "dynamics_at",
     "fidelity_study",
+    "forward_dynamics",
     "forward_kinematics",
     "inverse_dynamics",
     "load_plan",
     "locate_singularities",
+    "pave_singularities",
     "plan_crossing",
     "plan_scene",
     "platform_limits",

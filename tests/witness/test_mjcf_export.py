@@ -147,14 +147,17 @@ def test_our_reader_takes_back_what_we_wrote(tmp_path):
         np.testing.assert_allclose(read, written, rtol=0, atol=1e-10 * np.abs(written).max())
 
 
+def accelerations_of(robot, q, v, torque):
+    """Joint accelerations (nv,) of one state."""
+    equations, still = EquationsOfMotion.of(robot), np.zeros((1, robot.model.nv))
+    return accelerations(equations, q[None], v[None], torque[None], still).a[0]
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_our_reader_takes_back_every_robot_and_it_moves_alike(name, tmp_path):
     robot, again = robots.load(name), read_back(robots.load(name), tmp_path)
     q, v, torque = at_rest(robot)
-    ours, theirs = (
-        accelerations(EquationsOfMotion.of(each), q, v, torque, np.zeros(each.model.nv)).a[robot.moving]
-        for each in (robot, again)
-    )
+    ours, theirs = (accelerations_of(each, q, v, torque)[robot.moving] for each in (robot, again))
     # the stand-ins weigh 1e-9 kg where the robot weighs nothing
     np.testing.assert_allclose(theirs, ours, rtol=0, atol=1e-8 * np.abs(ours).max())
 
@@ -190,7 +193,7 @@ def test_our_accelerations_are_those_of_mujocos_equations_with_rigid_loops(name)
     robot = robots.load(name)
     model, data = loaded(robot)
     q, v, torque = at_rest(robot)
-    a = accelerations(EquationsOfMotion.of(robot), q, v, torque, np.zeros(model.nv)).a
+    a = accelerations_of(robot, q, v, torque)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     data.ctrl[:] = torque
     mass = tree_in_mujoco(model, data)[0]
@@ -211,7 +214,7 @@ def test_mujocos_accelerations_come_to_ours_as_its_loops_harden(name):
     robot = robots.load(name)
     model, data = loaded(robot)
     q, v, torque = at_rest(robot)
-    ours = accelerations(EquationsOfMotion.of(robot), q, v, torque, np.zeros(model.nv)).a
+    ours = accelerations_of(robot, q, v, torque)
     apart = []
     for impedance in (0.999, 0.9999):
         model.eq_solimp[:, :2] = impedance

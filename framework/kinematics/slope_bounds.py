@@ -1,0 +1,344 @@
+"""Platform and loops as functions of the joints, with their first and second derivatives, bounded over boxes.
+
+A loop equation is made of vectors that turn: the axis e of a frame, and the point p of another one. Along
+the chain of joints from the one to the other, i not behind j,
+
+    dp/dq_j = u_j = w_j x (p - o_j),    d2p/dq_i dq_j = w_i x u_j,    |d3p/dq_h dq_i dq_j| <= |u_j|
+
+for joints that turn about w at o; for a slide u_j is its direction, and a slide before the last joint makes
+them zero. |u_j| is the lever of joint j; over a box it grows by what the joints behind it may move p. So
+slopes at the middle, and how they change over a box, need no interval of a sine.
+
+All is in radians and lengths of the robot, as `loop_matrices`. A point of a closure that holds all three
+translations is taken on the axes of the base, where the joints of the two chains do not mix: the same
+equations at closed loops. What pinocchio computes at the middle of a box is trusted to `rounding`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray, IntArray
+from framework.kinematics.frames import FrameStack, between, cross, frames_at, integrate, scratch_of
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.placements import planar_normal
+from framework.kinematics.platform import FramePlatform
+from framework.linalg.krawczyk import UP
+
+ROUNDING = 1e-13  # of positions and directions, in lengths of all links: a thousand units of rounding
+BASE = -1  # in place of a frame
+
+
+class _Chain(NamedTuple):
+    """The joints that move, from one frame to another one."""
+
+    first: int  # frame, as index into Mechanism.frames, or BASE
+    second: int
+    places: IntArray  # (L,) among the `moving` columns
+    columns: IntArray  # (L,) of pinocchio's velocity vector
+    signs: Array  # (L,) -1 where the joint carries the first frame
+    turns: BoolArray  # (L,)
+
+    @property
+    def outer(self) -> IntArray:
+        """(L, L) the later one of two joints."""
+        own = np.arange(len(self.places))
+        return np.asarray(np.maximum(own[:, None], own))
+
+
+class _Term(NamedTuple):
+    """What a chain has part in an equation."""
+
+    row: int
+    chain: int
+    kind: str  # point: axis . p; direction: axis . (axis of the second frame); distance; turn; joint
+    axis: int  # of the first frame
+    other: int  # axis of the second frame; place of the joint
+    factor: float  # of the equation; 1 / length of a distance
+
+
+class _Derivatives(NamedTuple):
+    """Of one chain at S configurations."""
+
+    turning: Array  # (S, L, 3) w_j, of the second frame as seen from the first; 0 of slides
+    point: Array  # (S, L, 3) u_j
+    bent: Array  # (S, L, L, 3) d2p
+    way: Array  # (S, 3) from the first frame's origin to the second one's
+    lever: Array  # (S, L) |u_j|
+
+
+@dataclass(frozen=True, eq=False)
+class SlopeBounds:
+    """The equations of a robot in its `moving` joints: a table made once."""
+
+    robot: ParallelRobot
+    chains: tuple[_Chain, ...]
+    terms: tuple[_Term, ...]
+    row_scale: Array  # (R,)
+    column_scale: Array  # (k,)
+    rounding: float  # of values and derivatives at one configuration, without dimension
+
+    @staticmethod
+    def of(robot: ParallelRobot) -> SlopeBounds:
+        """The table of a robot; slides are trusted within a length of the robot from the reference."""
+        loops = robot.loops
+        turning = np.concatenate([~robot.translations, loops.rotation])
+        sizes = np.concatenate([np.ones(robot.n), robot.row_sizes])
+        reach = sum(float(np.linalg.norm(placement.translation)) for placement in robot.model.jointPlacements)
+        reach += sum(float(np.linalg.norm(robot.model.frames[k].placement.translation)) for k in robot.frames)
+        reach += float(np.abs(between(robot, robot.neutral, robot.reference.q)[robot.sliding]).sum())
+        size = reach / robot.length + 1.0 + float(np.count_nonzero(robot.sliding[robot.moving]))
+        table = _Table.of(robot)
+        return SlopeBounds(
+            robot,
+            tuple(table.chains),
+            tuple(table.terms),
+            np.where(turning, 1.0, 1.0 / robot.length) / sizes,
+            robot.column_scale[robot.moving],
+            ROUNDING * size / min(float(sizes.min()), 1.0),
+        )
+
+    def moved(self, u: Array) -> Array:
+        """Configurations (S, nq) that are off the reference by u (S, k) [rad, lengths]."""
+        step = np.zeros((len(u), self.robot.model.nv))
+        step[:, self.robot.moving] = u * self.column_scale
+        return integrate(self.robot, np.repeat(self.robot.reference.q[None], len(u), axis=0), step)
+
+    def at(self, q: Array) -> Linearised:
+        """The equations at q (S, nq)."""
+        robot, at = self.robot, frames_at(self.robot, q)
+        derivatives = [_derivatives(chain, at) for chain in self.chains]
+        S, R, k = len(q), len(self.row_scale), len(self.column_scale)
+        values, slopes, seconds = np.zeros((S, R)), np.zeros((S, R, k)), np.zeros((S, R, k, k))
+        for term in self.terms:
+            chain, own = self.chains[term.chain], derivatives[term.chain]
+            places, row = chain.places, term.row
+            if term.kind == "joint":
+                slopes[:, row, term.other] = 1.0 / self.column_scale[term.other] / self.row_scale[row]
+                continue
+            value, first, second = _term(term, chain, own, at)
+            values[:, row] += value
+            slopes[:, row, places] += first
+            seconds[:, row, places[:, None], places] += second
+        distance = robot.loops.distance
+        values[:, robot.n :][:, distance] -= 0.5 * robot.loops.length[distance]
+        scale = self.row_scale[:, None] * self.column_scale
+        return Linearised(
+            self,
+            at,
+            values * self.row_scale,
+            slopes * scale,
+            seconds * scale[:, :, None] * self.column_scale,
+            derivatives,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Values and derivatives of the R equations at the middles of S boxes; the loops have their values."""
+
+    bounds: SlopeBounds
+    frames: FrameStack
+    values: Array  # (S, R) of the loops; those of the platform are not what its coordinates are
+    slopes: Array  # (S, R, k)
+    seconds: Array  # (S, R, k, k)
+    derivatives: list[_Derivatives]  # of each chain
+
+    def take(self, which: BoolArray | IntArray) -> Linearised:
+        """Some of the boxes."""
+        at = self.frames
+        return Linearised(
+            self.bounds,
+            FrameStack(at.position[which], at.rotation[which], at.screws[which], at.carried, at.q[which]),
+            self.values[which],
+            self.slopes[which],
+            self.seconds[which],
+            [_Derivatives(*(part[which] for part in own)) for own in self.derivatives],
+        )
+
+    def changes(self, radii: Array) -> Changes:
+        """How far all this can be from what it is at the middle within radii (S, k)."""
+        S, R, k = self.slopes.shape
+        bounds, way = self.bounds, radii * self.bounds.column_scale
+        thirds = np.zeros((S, R, k, k))
+        widened = [
+            _widened(chain, own, way[:, chain.places])
+            for chain, own in zip(bounds.chains, self.derivatives, strict=True)
+        ]
+        for term in bounds.terms:
+            chain = bounds.chains[term.chain]
+            if term.kind != "joint":
+                r = way[:, chain.places]
+                own = _thirds(term, chain, self.derivatives[term.chain], widened[term.chain], r)
+                thirds[:, term.row, chain.places[:, None], chain.places] += own
+        scale = bounds.row_scale[:, None] * bounds.column_scale
+        thirds *= UP * scale[:, :, None] * bounds.column_scale
+        rounding, seconds = bounds.rounding, np.abs(self.seconds) + bounds.rounding
+        slopes = np.einsum("srij,sj->sri", seconds + 0.5 * thirds, radii)
+        values = np.einsum("srij,si,sj->sr", 0.5 * seconds + thirds / 6, radii, radii, optimize=True)
+        more = rounding * (1 + radii.sum(axis=1, keepdims=True))
+        return Changes(UP * (values + more), UP * slopes + rounding, thirds + rounding)
+
+
+class Changes(NamedTuple):
+    """Bounds over S boxes, rounding and all."""
+
+    values: Array  # (S, R) of the exact ones there against values + slopes d
+    slopes: Array  # (S, R, k) of the exact ones there against those computed at the middle
+    seconds: Array  # (S, R, k, k)
+
+
+def _derivatives(chain: _Chain, at: FrameStack) -> _Derivatives:
+    screws = at.screws[:, chain.columns] * chain.signs[:, None]
+    turning = screws[..., 3:]
+    point = screws[..., :3] + cross(turning, at.position[:, chain.second, None])
+    own = np.arange(len(chain.places))
+    inner = np.minimum(own[:, None], own)
+    bent = cross(turning[:, inner], point[:, chain.outer])
+    origin = 0.0 if chain.first == BASE else at.position[:, chain.first]
+    lever = np.linalg.norm(point, axis=2)
+    return _Derivatives(turning, point, bent, at.position[:, chain.second] - origin, lever)
+
+
+def _term(term: _Term, chain: _Chain, own: _Derivatives, at: FrameStack) -> tuple[Array, Array, Array]:
+    """Value (S,), slopes (S, L) and their derivatives (S, L, L)."""
+    S = len(own.way)
+    if chain.first == BASE:
+        axis = np.broadcast_to(np.eye(3)[term.axis], (S, 3))
+    else:
+        axis = at.rotation[:, chain.first, :, term.axis]
+    f = term.factor
+    if term.kind == "point":
+        return (
+            f * np.einsum("sc,sc->s", axis, own.way),
+            f * np.einsum("sc,sjc->sj", axis, own.point),
+            f * np.einsum("sc,sijc->sij", axis, own.bent),
+        )
+    if term.kind == "distance":
+        first = np.einsum("sc,sjc->sj", own.way, own.point)
+        second = np.einsum("sic,sjc->sij", own.point, own.point)
+        second = second + np.einsum("sc,sijc->sij", own.way, own.bent)
+        return 0.5 * f * np.einsum("sc,sc->s", own.way, own.way), f * first, f * second
+    if term.kind == "turn":  # the rate of the turn, whose value is not that of a function
+        later = np.arange(len(chain.places))[:, None] < np.arange(len(chain.places))
+        swept = cross(own.turning[:, :, None], own.turning[:, None]) * later[:, :, None]
+        second = np.einsum("sc,sijc->sji", axis, swept)  # of slope j along i
+        return np.zeros(S), np.einsum("sc,sjc->sj", axis, own.turning), second
+    carried = at.rotation[:, chain.second, :, term.other]
+    own_turn = cross(own.turning, carried[:, None])
+    number = np.arange(len(chain.places))
+    bent = cross(own.turning[:, np.minimum(number[:, None], number)], own_turn[:, chain.outer])
+    return (
+        f * np.einsum("sc,sc->s", axis, carried),
+        f * np.einsum("sc,sjc->sj", axis, own_turn),
+        f * np.einsum("sc,sijc->sij", axis, bent),
+    )
+
+
+def _widened(chain: _Chain, own: _Derivatives, r: Array) -> Array:
+    """The levers (S, L) over a box: joints behind move the point."""
+    lever, reach = own.lever.copy(), np.zeros(len(r))
+    for j in reversed(range(len(chain.places))):
+        if chain.turns[j]:
+            lever[:, j] += reach
+        reach = UP * (reach + r[:, j] * lever[:, j])
+    return lever
+
+
+def _thirds(term: _Term, chain: _Chain, own: _Derivatives, lever: Array, r: Array) -> Array:
+    """Bounds (S, L, L) on the third derivatives, times the radii of the third joint."""
+    number, turns = np.arange(len(chain.places)), chain.turns
+    i, j, k = number[:, None, None], number[:, None], number
+    inner, outer = np.minimum(np.minimum(i, j), k), np.maximum(np.maximum(i, j), k)
+    middle = i + j + k - inner - outer
+    f = abs(term.factor)
+    if term.kind in ("direction", "turn"):
+        return f * np.einsum("ijk,sk->sij", (turns[i] & turns[j] & turns[k]).astype(float), r)
+    moved = turns[inner] & turns[middle] & (turns[outer] | (outer != middle))
+    if term.kind == "point":
+        return f * np.einsum("sijk,sk->sij", lever[:, outer] * moved, r)
+    first, last = np.minimum(i, j)[:, :, 0], chain.outer
+    bent = lever[:, last] * (turns[first] & (turns[last] | (first != last)))
+    mixed = lever[:, :, None, None] * bent[:, None]
+    mixed = mixed + mixed.transpose(0, 2, 1, 3) + mixed.transpose(0, 2, 3, 1)
+    far = np.linalg.norm(own.way, axis=1) + np.sum(lever * r, axis=1)
+    return f * np.einsum("sijk,sk->sij", mixed + far[:, None, None, None] * (lever[:, outer] * moved), r)
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """The terms of all equations, while they are collected."""
+
+    robot: ParallelRobot
+    chains: list[_Chain]
+    terms: list[_Term]
+
+    @staticmethod
+    def of(robot: ParallelRobot) -> _Table:
+        table = _Table(robot, [], [])
+        platform, loops, n = robot.platform, robot.loops, robot.n
+        chain = table.chain(BASE, 0)
+        for k in range(n):
+            if isinstance(platform, FramePlatform):
+                kind = "point" if robot.translations[k] else "turn"
+                table.terms.append(_Term(k, chain, kind, int(platform.axes[k]) % 3, 0, 1.0))
+            else:
+                place = int(np.flatnonzero(robot.moving == platform.columns[k])[0])  # type: ignore[attr-defined]
+                table.terms.append(_Term(k, chain, "joint", 0, place, 1.0))
+        on_base = _rows_on_base(robot, table)
+        for row in range(len(loops.names)):
+            one, two = int(loops.first[row]), int(loops.second[row])
+            if row in on_base:
+                for frame, sign in ((two, 1.0), (one, -1.0)):
+                    own = table.chain(BASE, frame)
+                    table.terms.append(_Term(n + row, own, "point", on_base[row], 0, sign))
+                continue
+            kind = "distance" if loops.distance[row] else "direction" if loops.rotation[row] else "point"
+            factor = {"distance": 1.0 / (loops.length[row] or 1.0), "direction": float(loops.sign[row])}
+            axes = int(loops.first_axis[row]), int(loops.second_axis[row])
+            own = table.chain(one, two)
+            table.terms.append(_Term(n + row, own, kind, *axes, factor.get(kind, 1.0)))
+        return table
+
+    def chain(self, first: int, second: int) -> int:
+        """The place of a chain in the table."""
+        for place, known in enumerate(self.chains):
+            if (known.first, known.second) == (first, second):
+                return place
+        model, bodies = self.robot.model, scratch_of(self.robot).bodies
+        one = [] if first == BASE else list(model.supports[int(bodies[first])])
+        two = list(model.supports[int(bodies[second])])
+        back, ahead = [j for j in reversed(one) if j not in two], [j for j in two if j not in one]
+        place_of = {int(column): place for place, column in enumerate(self.robot.moving)}
+        both = [(int(model.joints[j].idx_v), -1.0) for j in back if j]
+        both += [(int(model.joints[j].idx_v), 1.0) for j in ahead if j]
+        both = [(column, sign) for column, sign in both if column in place_of]
+        columns = np.array([column for column, _ in both], dtype=np.intp)
+        places = np.array([place_of[int(column)] for column in columns], dtype=np.intp)
+        signs = np.array([sign for _, sign in both], dtype=float)
+        self.chains.append(_Chain(first, second, places, columns, signs, ~self.robot.sliding[columns]))
+        return len(self.chains) - 1
+
+
+def _rows_on_base(robot: ParallelRobot, table: _Table) -> dict[int, int]:
+    """Axes of the base for the rows of points that are to coincide, where no joint carries both."""
+    loops, normal = robot.loops, planar_normal(robot)
+    across = None
+    if normal is not None and np.abs(normal).max() > 1 - 1e-12:
+        across = int(np.argmax(np.abs(normal)))
+    found: dict[int, int] = {}
+    points = ~(loops.rotation | loops.distance)
+    for one, two in sorted({(int(a), int(b)) for a, b in zip(loops.first, loops.second, strict=True)}):
+        carried = scratch_of(robot).carried[:, robot.moving]
+        if (carried[one] * carried[two]).any():
+            continue
+        rows = np.flatnonzero(points & (loops.first == one) & (loops.second == two))
+        whole = np.flatnonzero((robot.rows.first == one) & (robot.rows.second == two))
+        whole = whole[~(robot.rows.rotation | robot.rows.distance)[whole]]
+        axes = [k for k in range(3) if k != across]
+        if len(whole) == 3 and len(rows) == len(axes):
+            found |= dict(zip(rows.tolist(), axes, strict=True))
+    return found

@@ -1,0 +1,63 @@
+"""The derivatives of the equations along the joints, and bounds on how they change over boxes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework.kinematics.inverse_kinematics import reference_system
+from framework.kinematics.loop_matrices import mobile_matrix
+from framework.kinematics.slope_bounds import SlopeBounds
+
+# point rows on base axes and on a frame's, slides, directions, distances, turns and joints as platform
+ROBOTS = ("biglide", "three_rpr", "agile_eye", "delta", "par4", "orthoglide", "humanoid_ankle", "bricard")
+STEP = 1e-6
+
+
+def setup(name, boxes=6):
+    bounds = SlopeBounds.of(robots.load(name))
+    rng = np.random.default_rng(1)
+    return bounds, rng, rng.uniform(-1, 1, (boxes, len(bounds.column_scale)))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_slopes_are_derivatives_and_second_slopes_theirs(name):
+    bounds, _, u = setup(name)
+    n, at = bounds.robot.n, bounds.at(bounds.moved(u))
+    for joint, step in enumerate(STEP * np.eye(u.shape[1])):
+        ahead, behind = (bounds.at(bounds.moved(u + side * step)) for side in (1, -1))
+        rates = (ahead.values - behind.values)[:, n:] / (2 * STEP)
+        np.testing.assert_allclose(at.slopes[:, n:, joint], rates, atol=1e-8)
+        np.testing.assert_allclose(
+            at.seconds[:, :, :, joint], (ahead.slopes - behind.slopes) / (2 * STEP), atol=1e-8
+        )
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("size", [0.5, 0.02])
+def test_nothing_in_a_box_is_beyond_the_bounds(name, size):
+    bounds, rng, u = setup(name)
+    n, at = bounds.robot.n, bounds.at(bounds.moved(u))
+    radii = size * rng.uniform(0.1, 1.0, u.shape)
+    changes, rounding = at.changes(radii), 4 * bounds.rounding
+    for _ in range(12):
+        d = radii * rng.choice([-1.0, 1.0, 0.5], radii.shape)
+        there = bounds.at(bounds.moved(u + d))
+        off = there.values - at.values - np.einsum("sri,si->sr", at.slopes, d)
+        assert (np.abs(off)[:, n:] <= changes.values[:, n:] + rounding).all()
+        assert (np.abs(there.slopes - at.slopes) <= changes.slopes + rounding).all()
+        assert (np.abs(there.seconds - at.seconds) <= changes.seconds + rounding).all()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_at_closed_loops_they_are_the_equations_of_the_robot(name):
+    bounds = SlopeBounds.of(robots.load(name))
+    robot = bounds.robot
+    at = bounds.at(robot.reference.q[None])
+    assert np.abs(at.values[:, robot.n :]).max() < 1e-9
+    np.testing.assert_allclose(
+        np.linalg.svd(at.slopes, compute_uv=False),
+        np.linalg.svd(mobile_matrix(robot, reference_system(robot)), compute_uv=False),
+        rtol=1e-9,
+    )
