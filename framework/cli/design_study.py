@@ -28,7 +28,7 @@ from framework.parallel.tasks import executor_of
 
 STUDIED = 41  # poses along an edge
 SHOWN = 20  # designs that are printed
-NOT_FOR_STUDIES = ("scene", "at", "nearest", "platform", "axes", "motors", "reference", "base")
+NOT_FOR_STUDIES = ("scene", "at", "nearest", "wrench", "platform", "axes", "motors", "reference", "base")
 
 
 def studied(options: argparse.Namespace) -> Report:
