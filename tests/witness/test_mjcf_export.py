@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +16,7 @@ from framework.export.mjcf import INERTIA, MASS, mjcf_text, qpos_of, ranges_left
 from framework.export.mjcf_loops import equality_axes
 from framework.simulation.accelerations import accelerations
 from framework.simulation.equations import EquationsOfMotion
+from tests.model.readers.leg import ankle
 from tests.witness.installed import REQUIRED
 
 if not REQUIRED:
@@ -24,7 +24,6 @@ if not REQUIRED:
 mujoco = import_module("mujoco")
 
 NAMES = list(robots.CATALOGUE)
-DIALECTS = Path(__file__).parents[1] / "data" / "dialects"
 
 
 def loaded(robot):
@@ -75,10 +74,9 @@ def test_tree_and_loops_are_the_same(name, flexibility):
     assert np.abs(data.efc_pos).max() < 1e-11 * max(robot.length, 1.0)
 
 
-def test_balls_are_those_of_mujoco():
+def test_balls_are_those_of_mujoco(tmp_path):
     """The ankle on rods with balls, read from MJCF and written: the same tree and the same loops."""
-    said = {"platform": "roll_link", "axes": ["ry", "rx"], "motors": ["drive_a", "drive_b"]}
-    robot = ParallelRobot.from_file(DIALECTS / "humanoid_ankle.xml", **said)
+    robot = ankle(tmp_path)
     model, data = loaded(robot)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     data.qvel[:] = np.random.default_rng(1).normal(size=model.nv)
