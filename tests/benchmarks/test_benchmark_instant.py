@@ -67,8 +67,8 @@ def test_an_instant_a_stack_and_a_stream(name, capsys):
     with capsys.disabled():
         print(
             f"\n  {name}: torque at one instant {found['instant']:.0f} us (goal 300 for the 5R), with joint "
-            f"reactions {found['reactions']:.0f} us, forward dynamics {found['one back']:.0f} us; one update "
-            f"of the pose {found['update']:.0f} us (goal 300)\n    1000 instants {found['stack'] / 1e3:.1f} ms, "
-            f"{found['stack'] / floor:.1f} times the bare RNEA (goal 10); forward dynamics "
-            f"{found['back'] / floor:.1f} times"
+            f"reactions {found['reactions']:.0f} us, forward dynamics {found['one back']:.0f} us;\n    one "
+            f"update of the pose {found['update']:.0f} us (goal 300); 1000 instants "
+            f"{found['stack'] / 1e3:.1f} ms, {found['stack'] / floor:.1f} times the bare RNEA (goal 10),\n"
+            f"    forward dynamics {found['back'] / floor:.1f} times"
         )
