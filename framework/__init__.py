@@ -8,8 +8,9 @@ Bring a robot (`ParallelRobot.from_file`, or `robots.load` for the catalogue) an
 * `velocity_matrices`: A, B and C of A v = B dq_a + C dq_e; `locate_singularities`: singular points of a path;
 * `plan_crossing`, `plan_scene`: a motion law that passes, its torques and their proof, a `CrossingPlan`;
 * `fidelity_study`: the least model of a robot that is enough for a motion, a `FidelityStudy`;
-* `inverse_dynamics`: the torques of a law of one's own; `dynamics_at`: what is carried at one instant;
-  `simulate`: where torques bring the robot.
+* `inverse_dynamics`: the torques of a law of one's own; `simulate`: where torques bring the robot;
+* `dynamics_at`, `forward_dynamics`: from motion to torques and back at one instant or a stack of them, with
+  what loops and joints carry, an `Instant`.
 
 Errors have one base, `FrameworkError`: `InvalidInput` when what was given cannot be right, `NoAnswer` when
 the answer is no. Controllers and studies are in `framework.control`, figures in `framework.show.plots`,

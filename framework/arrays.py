@@ -25,7 +25,7 @@ def read_only(array: _Any) -> _Any:
 def freeze(value: object) -> None:
     """Let nobody write to the arrays of a tuple or a dataclass of our own making, and of those within."""
     if isinstance(value, np.ndarray):
-        value.flags.writeable = False
+        value.setflags(write=False)
     elif isinstance(value, tuple):
         for item in value:
             freeze(item)

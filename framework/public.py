@@ -8,6 +8,7 @@ from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene
+from framework.dynamics.forward_dynamics import forward_dynamics
 from framework.dynamics.instant import dynamics_at
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.dynamics.platform_limits import platform_limits
@@ -87,6 +88,7 @@ __all__ = [
     "classify",
     "dynamics_at",
     "fidelity_study",
+    "forward_dynamics",
     "forward_kinematics",
     "inverse_dynamics",
     "load_plan",

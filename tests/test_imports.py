@@ -72,6 +72,7 @@ QUESTIONS = {
     "framework.singularity.spring_shift": None,
     "framework.singularity.traced_locus": None,
     "framework.dynamics.finite_differences": None,
+    "framework.dynamics.loading": {"LOAD_WORDS", "LoadReason"},
     "framework.dynamics.measure_along_path": None,
     "framework.dynamics.platform_limits": None,
     "framework.dynamics.platform_wrench": None,

@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, ReadOnlyArrays
 from framework.atlas.map_files import versions
-from framework.atlas.quantities import chosen, unit_of
+from framework.atlas.quantities import QUANTITIES, chosen, unit_of
 from framework.atlas.window import Window, map_axes
 from framework.atlas.workspace_map import Keeper, WorkspaceMap, surveyed, workspace_map
+from framework.dynamics.loading import LoadReason
 from framework.errors import FrameworkError, InvalidInput, choose_from
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -150,7 +151,8 @@ def studied(task: Task, part: tuple[str, Array]) -> dict[str, NDArray[Any]]:
 
 def column_names(task: Task) -> tuple[str, ...]:
     """What is told of each design."""
-    return ("area", "free_area", *(f"{key}_{part}" for key in task.keys for part in PARTS))
+    loaded = ["carried_area"] if any(QUANTITIES[key].loaded for key in task.keys) else []
+    return ("area", "free_area", *loaded, *(f"{key}_{part}" for key in task.keys for part in PARTS))
 
 
 def column_units(robot: ParallelRobot, task: Task) -> dict[str, str]:
@@ -158,7 +160,7 @@ def column_units(robot: ParallelRobot, task: Task) -> dict[str, str]:
     edges = {"m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes)}
     area = "m^2" if edges == {"m"} else "rad^2" if edges == {"rad"} else "m rad"
     units = {f"{one.key}_{part}": unit_of(robot, one) for one in chosen(robot, task.keys) for part in PARTS}
-    return {"area": area, "free_area": area, **units}
+    return {key: area for key in column_names(task) if key.endswith("area")} | units
 
 
 def _mapped(task: Task, parameters: Mapping[str, float]) -> WorkspaceMap:
@@ -172,7 +174,7 @@ def _mapped(task: Task, parameters: Mapping[str, float]) -> WorkspaceMap:
 
 
 def _told(found: WorkspaceMap) -> dict[str, float]:
-    """Area of all poses reached, and on the reference's side of the locus, and what quantities span."""
+    """Areas of all poses reached, on the reference's side of the locus, and carrying the load; ranges."""
     away = np.abs(found.window.points() - found.robot.reference.x).max(axis=2)
     side = found.assembly.flat[np.argmin(np.where(found.reached, away, np.inf))]
     cell = float(np.prod(found.window.cell))
@@ -180,6 +182,8 @@ def _told(found: WorkspaceMap) -> dict[str, float]:
         "area": cell * int(found.reached.sum()),
         "free_area": cell * int((found.reached & (found.assembly == side)).sum()),
     }
+    if found.load is not None:
+        told["carried_area"] = cell * int((found.reached & (found.load == LoadReason.CARRIED)).sum())
     for one in found.quantities:
         values = found.values[one.key][found.reached]
         values = values[np.isfinite(values)]

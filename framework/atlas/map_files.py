@@ -19,6 +19,7 @@ from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.sweep import WORDS, Reason
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import WorkspaceMap
+from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.parallel_robot import ParallelRobot
 
 DOCUMENT = "map.json"
@@ -65,6 +66,7 @@ def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Qu
             if k not in window.axes
         },
         "quantities": [one.key for one in quantities],
+        "wrench": next((one.wrench for one in quantities if one.loaded), None),
         "parameters": dict(robot.description.parameters),
         "versions": versions(),
     }
@@ -76,6 +78,8 @@ def map_document(found: WorkspaceMap) -> dict[str, Any]:
     document["working_mode"] = found.working_mode
     document["characteristic_length"] = found.robot.length
     document["poses"] = found.counts
+    if found.load is not None:
+        document["load"] = found.load_counts
     document["locus"] = {
         "status": found.locus.told,
         "traced": not found.locus.why_not,
@@ -106,6 +110,7 @@ def write_map(found: WorkspaceMap, folder: Path) -> list[Path]:
         reason=found.reason,
         assembly=found.assembly,
         **_locus_arrays(found),
+        **({} if found.load is None else {"load": found.load}),
         **found.values,
     )
     with open(files[2], "w", encoding="utf-8", newline="") as stream:
@@ -128,13 +133,21 @@ def _write_table(found: WorkspaceMap, stream: Any) -> None:
     keys = [one.key for one in found.quantities]
     columns = [names[k] for k in found.window.axes]
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([*columns, "reached", "assembly_mode", *keys])
+    loads = [] if found.load is None else ["load"]
+    writer.writerow([*columns, "reached", "assembly_mode", *loads, *keys])
     x = found.window.points()[..., list(found.window.axes)].reshape(-1, 2)
     words = {int(kind): WORDS[kind] for kind in Reason}
     why = [words[kind] for kind in found.reason.ravel().tolist()]
     values = np.stack([found.values[key].ravel() for key in keys], axis=1)
-    rows = zip(x.tolist(), why, found.assembly.ravel().tolist(), values.tolist(), strict=True)
-    writer.writerows([*at, reached, mode or "", *_cells(row)] for at, reached, mode, row in rows)
+    load = [_load_word(found, k) for k in range(len(x))]
+    rows = zip(x.tolist(), why, found.assembly.ravel().tolist(), load, values.tolist(), strict=True)
+    writer.writerows([*at, reached, mode or "", *word, *_cells(row)] for at, reached, mode, word, row in rows)
+
+
+def _load_word(found: WorkspaceMap, k: int) -> list[str]:
+    if found.load is None:
+        return []
+    return [LOAD_WORDS[LoadReason(int(found.load.flat[k]))] if found.reached.flat[k] else ""]
 
 
 def _cells(row: list[float]) -> list[float | str]:

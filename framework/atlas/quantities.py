@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.dynamics.loading import LoadedStack, LoadReason, loaded_stack
 from framework.dynamics.stiffness import (
     CompliantMotions,
     compliant_motions,
     least_stiffness,
     locked_motor_frequency,
 )
+from framework.dynamics.tangent_stiffness import given_wrench
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.inverse_kinematics import System
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -28,6 +30,7 @@ class Poses(ReadOnlyArrays):
     robot: ParallelRobot
     q: Array  # (T, nq)
     system: System
+    wrench: Array | None  # (n,) see `loaded_stack`
 
     @cached_property
     def distances(self) -> Distances:
@@ -36,6 +39,14 @@ class Poses(ReadOnlyArrays):
     @cached_property
     def free(self) -> CompliantMotions:
         return compliant_motions(self.robot, self.system, self.q)
+
+    @cached_property
+    def loaded(self) -> LoadedStack:
+        return loaded_stack(self.robot, self.q, wrench=self.wrench)
+
+    def carried(self, values: Array) -> Array:
+        """Values (T,) of the loaded poses, not a number where the load is not carried."""
+        return np.where(self.loaded.reason == LoadReason.CARRIED, values, np.nan)
 
 
 @dataclass(frozen=True)
@@ -50,14 +61,16 @@ class Quantity:
     decades: bool = False  # told in decades: a colour for each factor of ten
     signed: bool = False
     springs: bool = False  # of robots that have some
+    loaded: bool = False  # under weight and `wrench`
+    wrench: tuple[float, ...] | None = None
 
-    def __reduce__(self) -> tuple[Callable[[str], Quantity], tuple[str]]:
-        return known, (self.key,)  # another process has its own functions
+    def __reduce__(self) -> tuple[Callable[..., Quantity], tuple[str, tuple[float, ...] | None]]:
+        return known, (self.key, self.wrench)  # another process has its own functions
 
 
-def known(key: str) -> Quantity:
+def known(key: str, wrench: tuple[float, ...] | None = None) -> Quantity:
     """The quantity of a key; KeyError for any other."""
-    return QUANTITIES[key]
+    return replace(QUANTITIES[key], wrench=wrench)
 
 
 QUANTITIES = {
@@ -101,17 +114,36 @@ QUANTITIES = {
             lambda poses: locked_motor_frequency(poses.free),
             springs=True,
         ),
+        Quantity(
+            *("loaded_stiffness", "stiffness under load in the softest direction, motors locked", "N/m"),
+            lambda poses: poses.carried(least_stiffness(poses.robot, poses.loaded.free)),
+            decades=True,
+            springs=True,
+            loaded=True,
+        ),
+        Quantity(
+            *("loaded_frequency", "first natural frequency under load, motors locked", "Hz"),
+            lambda poses: poses.carried(locked_motor_frequency(poses.loaded.free)),
+            springs=True,
+            loaded=True,
+        ),
     )
 }
 
 
-def chosen(robot: ParallelRobot, names: Sequence[str] | None) -> tuple[Quantity, ...]:
+def chosen(
+    robot: ParallelRobot, names: Sequence[str] | None, wrench: ArrayLike | None = None
+) -> tuple[Quantity, ...]:
     """The quantities of these names, and g, from which the locus is drawn; without names all that apply.
 
-    "Apply" leaves out torques that differ by gears or by a norm alone.
+    "Apply" leaves out torques that differ by gears or by a norm alone, and what takes a load.
+
+    Args:
+        wrench: (n,) of the world ON the platform beside the weight, for quantities under load.
 
     Raises:
-        InvalidInput: an unknown name, or one that asks for springs which the robot has not.
+        InvalidInput: an unknown name, or one that asks for springs which the robot has not; a wrench without
+            a potential, or that no quantity asks for.
     """
     has_springs = bool(robot.n_e or robot.joint_stiffness.any())
     if names is None:
@@ -131,7 +163,14 @@ def chosen(robot: ParallelRobot, names: Sequence[str] | None) -> tuple[Quantity,
                 f"quantity {name}: it is told against a unit force, and the platform of {robot.name} "
                 f"only turns"
             )
-    return tuple(QUANTITIES[name] for name in dict.fromkeys(names))
+    found = tuple(QUANTITIES[name] for name in dict.fromkeys(names))
+    if wrench is None:
+        return found
+    if not any(one.loaded for one in found):
+        loaded = [one.key for one in QUANTITIES.values() if one.loaded]
+        raise InvalidInput(f"wrench: counts for {' and '.join(loaded)} alone")
+    given = tuple(given_wrench(robot, wrench).tolist())
+    return tuple(replace(one, wrench=given) if one.loaded else one for one in found)
 
 
 def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
@@ -143,7 +182,7 @@ def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
             else {"N" if slide else "N m" for slide in robot.sliding[robot.actuated]}
         )
         return "N/N" if units == {"N"} else "N m/N" if units == {"N m"} else "N m/N, N/N"
-    if quantity.key == "stiffness" and not robot.translations.any():
+    if quantity.key in ("stiffness", "loaded_stiffness") and not robot.translations.any():
         return "N m/rad"
     return quantity.unit
 
@@ -151,7 +190,13 @@ def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
 def evaluate(
     robot: ParallelRobot, quantities: Sequence[Quantity], q: Array, system: System
 ) -> dict[str, Array]:
-    """Values (T,) by the quantity's key at assembled configurations q (T, nq)."""
-    poses = Poses(robot, q, system)
+    """Values (T,) by the quantity's key at assembled configurations q (T, nq).
+
+    With a quantity under load also what becomes of each pose under it, `LoadReason`, as "load".
+    """
+    loaded = [one for one in quantities if one.loaded]
+    wrench = np.array(loaded[0].wrench) if loaded and loaded[0].wrench is not None else None
+    poses = Poses(robot, q, system, wrench)
     with np.errstate(all="ignore"):  # infinite at Type 2
-        return {quantity.key: np.asarray(quantity.of(poses), dtype=float) for quantity in quantities}
+        found = {quantity.key: np.asarray(quantity.of(poses), dtype=float) for quantity in quantities}
+    return found | ({"load": poses.loaded.reason} if loaded else {})

@@ -173,22 +173,16 @@ def _same_branch(
     places = places[same]
     # where branches cross, the tangent turns by more than the correction of one branch tells
     twist, _ = robot.platform.twist(end, twist)
-    some = _some(after, places)
+    some = after.at(places)
     turned = joint_rates(robot, some, twist[places], np.zeros((len(places), robot.n_e))) - move[places]
     turned = np.abs(turned / robot.column_scale).max(axis=1)
     bent = turned > LARGEST_TURN * correction[places] + 0.25 * advance[places]
     if bent.any():
-        loops = scaled(robot, _some(after, places[bent]).closures, robot.loops.rotation)[:, :, robot.moving]
+        loops = scaled(robot, after.at(places[bent]).closures, robot.loops.rotation)[:, :, robot.moving]
         values = np.linalg.svd(loops, compute_uv=False)
         crossing = values[:, -1] < CROSSING * np.maximum(values[:, 0], 1.0)
         same[np.flatnonzero(same)[bent]] = ~crossing
     return same
-
-
-def _some(system: System, which: IntArray) -> System:
-    at = system.frames
-    frames = at._replace(position=at.position[which], rotation=at.rotation[which], screws=at.screws[which])
-    return System(system.equations, frames, system.residual[which], system.entries[which])
 
 
 def _between(robot: ParallelRobot, one: Array, two: Array) -> Array:

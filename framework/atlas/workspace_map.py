@@ -24,6 +24,7 @@ from framework.atlas.locus_on_map import MapLocus, locus_on_map
 from framework.atlas.quantities import Quantity, chosen, evaluate
 from framework.atlas.sweep import WORDS, Reason, spread
 from framework.atlas.window import MOST, Window, held_coordinates, map_axes
+from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.errors import InvalidInput, NoAnswer, OutOfReach
 from framework.kinematics.inverse_kinematics import mode_signs, require_square, system_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -52,6 +53,9 @@ class WorkspaceMap(ReadOnlyArrays):
     reason: NDArray[np.uint8]  # (I, J) why a pose is not reached, `sweep.Reason`
     working_mode: int  # sign at the reference
     assembly: NDArray[np.int8]  # (I, J) sign of the assembly mode, 0 where not reached
+    load: (
+        NDArray[np.uint8] | None
+    )  # (I, J) `LoadReason` of poses that are reached, with quantities under load
     seconds: float
 
     @property
@@ -67,6 +71,14 @@ class WorkspaceMap(ReadOnlyArrays):
     def counts(self) -> dict[str, int]:
         """How many poses are reached, and why others are not, in words."""
         return {WORDS[kind]: int(np.sum(self.reason == kind)) for kind in Reason}
+
+    @property
+    def load_counts(self) -> dict[str, int]:
+        """How many of the poses reached carry the load, and why others do not; empty without a load."""
+        if self.load is None:
+            return {}
+        load = self.load[self.reached]
+        return {LOAD_WORDS[kind]: int(np.sum(load == kind)) for kind in LoadReason}
 
 
 class Keeper(Protocol):
@@ -99,6 +111,7 @@ def workspace_map(
     window: Window | None = None,
     quantities: Sequence[str] | None = None,
     *,
+    wrench: ArrayLike | None = None,
     executor: Executor | None = None,
     keeper: Keeper | None = None,
     progress: Callable[[int], None] = lambda done: None,
@@ -108,6 +121,7 @@ def workspace_map(
     Args:
         window: what is reached over the first two translations by default, see `surveyed`.
         quantities: keys of `QUANTITIES`; those that apply by default, and g always.
+        wrench: (n,) of the world ON the platform [N, N m], beside the weight, for quantities under load.
         executor: where bands are computed; this process when None. It must be able to pickle the robot.
         keeper: where finished bands are kept, and taken from if they are there already.
         progress: called with the number of poses that are done.
@@ -119,7 +133,7 @@ def workspace_map(
     expect_robot(robot)
     require_square(robot)
     started = time.perf_counter()
-    wanted = chosen(robot, quantities)
+    wanted = chosen(robot, quantities, wrench)
     window = surveyed(robot) if window is None else window
     x, bands = window.points(), _bands(robot, window)
     found = {} if keeper is None else dict(keeper.found())
@@ -145,6 +159,7 @@ def workspace_map(
         reason=whole["reason"],
         working_mode=int(mode_signs(robot, reference)[0][0]),
         assembly=whole["assembly"],
+        load=whole.get("load"),
         seconds=time.perf_counter() - started,
     )
 
@@ -257,6 +272,7 @@ def _bands(robot: ParallelRobot, window: Window) -> list[Band]:
 def _fits(chunk: Chunk | None, band: Band, quantities: tuple[Quantity, ...]) -> bool:
     """Whether a kept chunk has what this band is to have."""
     keys = {"q", "reason", "assembly", *(quantity.key for quantity in quantities)}
+    keys |= {"load"} if any(quantity.loaded for quantity in quantities) else set()
     shape = (band.stop - band.first, band.q.shape[1])
     return chunk is not None and set(chunk) == keys and all(a.shape[:2] == shape for a in chunk.values())
 
@@ -267,6 +283,8 @@ def _evaluated(
     reached = reason == Reason.REACHED
     chunk: dict[str, NDArray] = {"q": q, "reason": reason, "assembly": np.zeros(reason.shape, dtype=np.int8)}
     chunk |= {quantity.key: np.full(reason.shape, np.nan) for quantity in quantities}
+    if any(quantity.loaded for quantity in quantities):
+        chunk["load"] = np.zeros(reason.shape, dtype=np.uint8)
     if reached.any():
         system = system_at(robot, q[reached], x[reached])
         for key, values in evaluate(robot, quantities, q[reached], system).items():

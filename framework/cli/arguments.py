@@ -82,6 +82,7 @@ def _missing_fields(options: argparse.Namespace) -> dict[str, Any]:
         "axes": getattr(options, "axes", None),
         "motors": getattr(options, "motors", None),
         "reference": _reference(getattr(options, "reference", None) or []),
+        "base": getattr(options, "base", None),
     }
 
 

@@ -12,7 +12,7 @@ from framework.model.robot_file_writer import write_robot_file
 
 TEXT = (
     "write our robot file from another dialect: Gepetto's robot.yaml beside robot.urdf, URDF+ <loop>, "
-    "ROS <constraint>, MJCF <equality>"
+    "ROS <constraint>, MJCF <equality>; --base LINK: of one part of it, such as a leg"
 )
 
 

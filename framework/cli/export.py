@@ -21,7 +21,7 @@ from framework.cli.parser import (
 )
 from framework.crossing.saved import is_plan_folder
 from framework.errors import InvalidInput
-from framework.export.joint_trajectory import DEFAULT, SAMPLES, joint_trajectory, side_told
+from framework.export.joint_trajectory import DEFAULT, SAMPLES, SIDES, joint_trajectory, side_told
 from framework.export.mjcf import mjcf_text, ranges_left_out
 from framework.output import write_file
 
@@ -41,6 +41,9 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--samples", type=whole(*SAMPLES), metavar="N", help="of the trajectory (default: 501)"
     )
+    parser.add_argument(
+        "--side", choices=tuple(SIDES), help="of the gears that the trajectory is on (default: joint)"
+    )
     parser.add_argument("--scene", metavar="S", help="a scene of the robot file, to be planned")
     parser.set_defaults(start=None, end=None)
     add_flexibility(parser)
@@ -57,8 +60,8 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput(f"--out: {options.program} is written to {valid}, got {options.out!r}")
     lines: list[str] = []
     if options.program == "mjcf":
-        if options.scene is not None or options.samples is not None:
-            raise InvalidInput("--scene, --samples: a MuJoCo model has no motion; leave them out")
+        if any(given is not None for given in (options.scene, options.samples, options.side)):
+            raise InvalidInput("--scene, --samples, --side: a MuJoCo model has no motion; leave them out")
         saved = is_plan_folder(options.robot)
         robot = arguments.planned(options).robot if saved else arguments.load(options)
         text, what = mjcf_text(robot), "a MuJoCo model with its loops"
@@ -68,14 +71,15 @@ def run(options: argparse.Namespace) -> Report:
         if not (is_plan_folder(options.robot) or options.scene):
             raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
         plan = arguments.planned(options)
-        robot, message = plan.robot, joint_trajectory(plan, samples=options.samples or DEFAULT)
+        robot, side = plan.robot, options.side or "joint"
+        message = joint_trajectory(plan, samples=options.samples or DEFAULT, side=side)
         as_json = file.suffix == ".json"
         if as_json:
             text = json.dumps(message, indent=2) + "\n"
         else:
-            text = f"# {side_told(plan)}\n" + yaml.safe_dump(message, sort_keys=False)
+            text = f"# {side_told(plan, side)}\n" + yaml.safe_dump(message, sort_keys=False)
         what = f"a joint trajectory of {len(message['points'])} points over {plan.duration:g} s"
-        lines.append(f"  {side_told(plan)}")
+        lines.append(f"  {side_told(plan, side)}")
     write_file(file, text, option="--out")
     document = {
         "robot": robot.name,

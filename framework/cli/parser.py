@@ -73,6 +73,7 @@ def add_missing_fields(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--reference", nargs="+", metavar="JOINT=VALUE", help="near an assembled configuration [rad, m]"
     )
+    group.add_argument("--base", metavar="LINK", help="only what this link carries moves, such as one leg")
 
 
 def add_moved_robot(parser: argparse.ArgumentParser) -> None:

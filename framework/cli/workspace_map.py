@@ -70,6 +70,14 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help=f"poses along an edge (default: {SIZE}, of a study {STUDIED})",
     )
     parser.add_argument(
+        "--wrench",
+        type=float,
+        nargs="+",
+        metavar="W",
+        help="of the world on the platform, beside the weight [N, N m], for loaded_stiffness and "
+        "loaded_frequency",
+    )
+    parser.add_argument(
         "--nearest",
         type=float,
         nargs="+",
@@ -86,7 +94,8 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--study",
         action="store_true",
-        help="a small map for each set of the parameters that the robot file declares, told in one table",
+        help="a small map for each set of the parameters that the robot file declares, told in one table and "
+        "one figure",
     )
     parser.add_argument("--table", metavar="CSV", help="of the sets of parameters, instead of all of them")
     add_missing_fields(parser)
@@ -102,7 +111,7 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput("--table: goes with --study")
     robot = arguments.load(options)
     path = None if options.scene is None else scene_path(scene(robot, options.scene))
-    quantities = chosen(robot, options.quantity)
+    quantities = chosen(robot, options.quantity, options.wrench)
     window = _window(options, robot, path)
     margin = _margin(options, robot)
     if options.out is None:
@@ -141,8 +150,15 @@ def _mapped(
         executor_of(workers=options.workers, dask=options.dask) as executor,
         progress_bar(float(np.prod(window.shape)), "pose", silent=options.json) as progress,
     ):
-        keys = [one.key for one in quantities]
-        return workspace_map(robot, window, keys, executor=executor, keeper=kept, progress=progress)
+        return workspace_map(
+            robot,
+            window,
+            [one.key for one in quantities],
+            wrench=options.wrench,
+            executor=executor,
+            keeper=kept,
+            progress=progress,
+        )
 
 
 def _what_is_kept(options: argparse.Namespace, kept: KeptChunks) -> list[str]:
@@ -178,6 +194,7 @@ def _told(found: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
     )
     lines = [f"{robot.name}: {window.shape[0]} x {window.shape[1]} poses, {spans}, {found.seconds:.2f} s"]
     lines += [f"  {why:40s}  {count}" for why, count in found.counts.items() if count]
+    lines += [f"  under load: {why:52s}  {count}" for why, count in found.load_counts.items() if count]
     lines.append(f"  locus: {found.locus.told}, {found.locus.seconds:.2f} s")
     lines.append(f"  {'':56s}  least       median      largest")
     for one in found.quantities:

@@ -9,7 +9,6 @@ import numpy as np
 
 from framework.crossing.condition import (
     Condition8,
-    CrossingPoint,
     Deflection,
     coefficients_at,
     crossing_point,
@@ -36,6 +35,7 @@ def finished_plan(
     seconds: float,
     reason: str,
     optimality: Optimality | None = None,
+    conditions: Sequence[Condition8] = (),
 ) -> CrossingPlan:
     """The plan of a motion that has its torques.
 
@@ -43,12 +43,15 @@ def finished_plan(
         timing: when and how fast the law was made to cross; a crossing that is found so to rounding has these
             numbers, any other its own.
         seconds, reason, optimality: of the plan.
+        conditions: those that the law was made to meet, one for each target; measured if not at hand.
     """
     asked = _asked(targeted, dynamics.crossings)
     crossings = []
-    for found, target in zip(dynamics.crossings, asked, strict=True):
+    for found, k in zip(dynamics.crossings, asked, strict=True):
         time, speed = _timing(found.time, law, timing)
-        condition = None if target is None else _condition(targeted, request, dynamics, target, time)
+        condition = None
+        if k is not None:
+            condition = conditions[k] if conditions else _condition(targeted, request, dynamics, k, time)
         crossings.append(
             Crossing(
                 s=found.s,
@@ -85,31 +88,25 @@ def _timing(found: float, law: PlannedLaw, timing: Sequence[CrossingTime]) -> Cr
     return CrossingTime(found, float(law(found, 1)))
 
 
-def _asked(
-    targeted: TargetedPath, found: Sequence[SingularityCrossing]
-) -> list[SingularPoint | CrossingPoint | None]:
-    """What was asked for where the motion crosses; None where nothing was."""
-    if len(targeted.targets) == len(found) and all(
-        isinstance(one, SingularPoint) for one in targeted.targets
-    ):
-        return list(targeted.targets)  # both in the order of the path; springs may have moved the crossings
+def _asked(targeted: TargetedPath, found: Sequence[SingularityCrossing]) -> list[int | None]:
+    """Which target was asked for where the motion crosses; None where nothing was."""
+    targets = targeted.targets
+    if len(targets) == len(found) and all(isinstance(one, SingularPoint) for one in targets):
+        return list(range(len(found)))  # both in the order of the path; springs may have moved the crossings
     return [
-        next((target for target in targeted.targets if abs(target.s - one.s) < SAME_PLACE), None)
+        next((k for k, target in enumerate(targets) if abs(target.s - one.s) < SAME_PLACE), None)
         for one in found
     ]
 
 
 def _condition(
-    targeted: TargetedPath,
-    request: Request,
-    dynamics: InverseDynamics,
-    target: SingularPoint | CrossingPoint,
-    time: float,
+    targeted: TargetedPath, request: Request, dynamics: InverseDynamics, k: int, time: float
 ) -> Condition8:
     """The coefficients of condition (8) where and when the motion crosses, with its own deflections."""
     if request.geometry != "deformed" or not dynamics.robot.n_e:
-        found = zip(targeted.targets, targeted.at_rest, strict=True)
-        return next(coefficients[0] for one, (_, coefficients) in found if one is target)
+        _, coefficients = targeted.at_rest[k]
+        return coefficients[0]
+    target = targeted.targets[k]
     here = Deflection(*(dynamics.deflection(time, order) for order in range(3)))
     place = (
         crossing_point(targeted.branch, target, here, float(dynamics.law(np.array(time))))

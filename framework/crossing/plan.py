@@ -184,13 +184,16 @@ class _Work(NamedTuple):
 def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
     """The plan with the polynomial law, and how well that advances."""
     targeted, request, started = work
-    dynamics, law, timing = polynomial_motion(targeted, request)
+    dynamics, law, timing, conditions = polynomial_motion(targeted, request)
     advance = law.advance(request.smoothness)
     reason = "the polynomial advances" if advance > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
     seconds = time.perf_counter() - started
-    return finished_plan(targeted, request, dynamics, law, timing, seconds=seconds, reason=reason), advance
+    plan = finished_plan(
+        targeted, request, dynamics, law, timing, seconds=seconds, reason=reason, conditions=conditions
+    )
+    return plan, advance
 
 
 def _optimal(work: _Work, reason: str) -> CrossingPlan:

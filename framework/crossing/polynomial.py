@@ -30,11 +30,12 @@ OF_A_SCENE = (
 
 
 class PolynomialMotion(NamedTuple):
-    """The certified motion, its law, and when and how fast that was made to cross."""
+    """The certified motion, its law, and what that was made to meet, when and how fast."""
 
     dynamics: InverseDynamics
     law: Law
     timing: tuple[CrossingTime, ...]
+    conditions: list[Condition8]
 
 
 def polynomial_motion(targeted: TargetedPath, request: Request) -> PolynomialMotion:
@@ -63,18 +64,19 @@ def polynomial_motion(targeted: TargetedPath, request: Request) -> PolynomialMot
         return found
 
     def choose_law(deflections: TimeFunction | None, before: MotionLaw | None) -> Law:
-        law = _law(crossings(deflections, before), choice, request)
+        met = crossings(deflections, before)
+        law = _law(met, choice, request)
         if before is None:
             check_advance(law, [point.s for point in points], robot.name)
-        chosen.append(law)
+        chosen.append((law, [condition for _, condition in met]))
         return law
 
-    chosen: list[Law] = []
-
+    chosen: list[tuple[Law, list[Condition8]]] = []
     dynamics = resolve(targeted.searched, choose_law, geometry=request.geometry, tolerance=request.tolerance)
-    law = next(law for law in reversed(chosen) if law is dynamics.law)
-    check_advance(law, [found.s for found in dynamics.crossings], robot.name)
-    return PolynomialMotion(dynamics, law, choice)
+    law, conditions = next(one for one in reversed(chosen) if one[0] is dynamics.law)
+    if len(chosen) > 1:  # else it is the first law, which has been checked
+        check_advance(law, [found.s for found in dynamics.crossings], robot.name)
+    return PolynomialMotion(dynamics, law, choice, conditions)
 
 
 def polynomial_at_rest(targeted: TargetedPath, request: Request) -> Law:

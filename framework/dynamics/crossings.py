@@ -9,7 +9,7 @@ from framework.dynamics.elasticity import Deflected
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque, point
-from framework.kinematics.inverse_kinematics import close_loops, mode_signs, motion_at, system_at
+from framework.kinematics.inverse_kinematics import ClosedStack, mode_signs, motion_at, system_at
 from framework.kinematics.loop_matrices import measured_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tracking import Branch, escaping
@@ -108,7 +108,8 @@ def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, at: SingularPoint)
     times = np.concatenate(([t], np.linspace(0.0, law.duration, 33)))
     s = [law(times, order) for order in range(3)]
     x, dx, ddx = along(branch.path, s)
-    closed = close_loops(branch.robot, x, branch.guess(s[0]))
+    q = np.concatenate((at.q[None], branch.guess(s[0][1:])))  # but for the crossing only a scale is wanted
+    closed = ClosedStack(q, x, system_at(branch.robot, q, x))
     forces = tree_forces(branch.robot, motion_at(branch.robot, closed, dx, ddx))
     mass = sum(inertia.mass for inertia in branch.robot.model.inertias)
     least = mass * branch.robot.length / law.duration**2

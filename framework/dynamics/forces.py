@@ -53,7 +53,7 @@ def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     forces: Array = np.empty((len(motion.q), model.nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         forces[k] = pin.rnea(model, data, q, v, a)
-    if robot.joint_stiffness.any():
+    if robot.has_joint_springs:
         turned = difference(robot, pin.neutral(model), motion.q)
         forces = forces + np.asarray(robot.joint_stiffness * (turned - robot.joint_rest), dtype=float)
     return forces
@@ -78,8 +78,8 @@ def balanced_forces(robot: ParallelRobot, system: System, r: Array) -> Forces:
     """
     columns = robot.moving  # the actuated ones first
     loads = np.zeros((1 + robot.n_a, len(r), len(columns)))
-    loads[0] = r[:, columns]
-    loads[np.arange(1, 1 + robot.n_a), :, np.arange(robot.n_a)] = 1.0
+    loads[0] = r.take(columns, axis=1)
+    loads[1:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
     carried = system.factors.solve_transposed(loads)
     wrench, matrix = carried[0, :, : robot.n], carried[1:, :, : robot.n].transpose(1, 2, 0)
     torque = _motor_share(robot, matrix, wrench)

@@ -1,4 +1,4 @@
-"""From motor torques to accelerations at one instant, with the forces in loops and joints.
+"""From motor torques to accelerations, with the forces in loops and joints, for one state or a stack.
 
 The accelerations are those of the simulation (`simulation.accelerations`), regular at Type 2; what loops and
 joints then carry is computed as for a motion that is prescribed (`instant`).
@@ -6,19 +6,22 @@ joints then carry is computed as for a motion that is prescribed (`instant`).
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.forces import Forces
-from framework.dynamics.instant import Instant, clearance_of, instant_of
-from framework.dynamics.reactions import given_wrenches, loaded_tree_forces, loads_on
-from framework.errors import InvalidInput, finite_numbers
+from framework.dynamics.instant import Instant, instant_of
+from framework.dynamics.reactions import given_wrenches, loaded_tree_forces, loads_on, stacked_rows
+from framework.errors import InvalidInput
 from framework.kinematics.closures import scaled
-from framework.kinematics.inverse_kinematics import Motion, assembled_at
+from framework.kinematics.inverse_kinematics import ClosedStack, Motion, assembled_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.linalg.ordered_sums import matvec
 from framework.simulation.accelerations import accelerations
 from framework.simulation.equations import EquationsOfMotion
 
@@ -35,45 +38,63 @@ def forward_dynamics(
 ) -> Instant:
     """What the robot does at an assembled configuration q (nq,) with joint rates v (nv,) under motor torques.
 
-    `a` of the answer has NaN where a motion without mass leaves the acceleration open (an elastic robot of
-    massless links); its `torque` are the given ones, its `spring_force` that of the springs' deflections.
+        M a + c + g + K (q - rest) = S' n tau + f + J' lambda,        J a + drift = 0
+
+    in all coordinates, so that nothing is singular at Type 2; it undoes `dynamics_at`. `a` of the answer has
+    NaN where a motion without mass leaves the acceleration open (an elastic robot of massless links); its
+    `torque` are the given ones, its `spring_force` that of the springs' deflections.
 
     Args:
-        v: as `dynamics_at(robot, q, dx=...)` or a plan gives them.
-        torque: (n_a,) [N m], motor side.
+        q: as `assemble` or `forward_kinematics` give it; or a stack of T states (T, nq), and all that is told
+            of one then has T as its first axis. Accelerations, loop forces and reactions of a state are those
+            that it has alone, to the last bit.
+        v: (nv,) or (T, nv) [rad/s, m/s], as `dynamics_at(robot, q, dx=...)` or a plan gives them.
+        torque: (n_a,) or (T, n_a) [N m, N], motor side.
         wrenches: of the world, as for `dynamics_at`.
 
     Raises:
-        InvalidInput: q or v opens the loops; an argument of the wrong length, or a frame that is not there;
-            parts without mass out of balance, or without mass and spring.
+        InvalidInput: q or v opens the loops; an argument of the wrong shape, or a frame that is not there;
+            parts without mass out of balance, or without mass and spring. Of a stack it names the row.
     """
     expect_robot(robot)
-    closed = assembled_at(robot, q)
-    rates = finite_numbers("v", v, robot.model.nv)
-    _check_rates(robot, closed.system.closures, rates)
-    given = finite_numbers(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a)
-    at_rest = Motion(closed.q, rates[None], np.zeros((1, robot.model.nv)), closed.system)
-    loads = loads_on(robot, at_rest, given_wrenches(robot, wrenches, 1))
-    applied = sum((load.generalised[0] for load in loads), start=np.zeros(robot.model.nv))
-    equations = EquationsOfMotion.of(robot)
-    found = accelerations(equations, closed.q[0], rates, given, applied)
-    motion = replace(at_rest, a=found.a[None])
+    closed = assembled_at(robot, q, stacks=True)
+    count, nv = len(closed.q), robot.model.nv
+    rates = stacked_rows("v", v, nv, count)
+    given = stacked_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
+    _check_rates(robot, closed, rates)
+    at_rest = Motion(closed.q, rates.copy(), np.zeros((count, nv)), closed.system)
+    loads = loads_on(robot, at_rest, given_wrenches(robot, wrenches, count))
+    applied = sum((load.generalised for load in loads), start=np.zeros((count, nv)))
+    equations = _equations(robot, threading.get_ident())
+    found = accelerations(equations, closed.q, rates, given, applied)
+    motion = replace(at_rest, a=found.a)
     r = loaded_tree_forces(robot, motion, loads)
-    rotors = robot.rotor_inertia * robot.gear_ratio**2 * found.a[robot.actuated]
-    springs = -robot.stiffness * robot.positions(closed.q)[:, robot.elastic]
-    forces = Forces((robot.gear_ratio * given - rotors)[None], springs)
-    instant = instant_of(
-        robot, motion, loads, r, forces, clearance=clearance_of(robot, closed.system), single=True
+    rotors = robot.rotor_inertia * robot.gear_ratio**2 * found.a[:, robot.actuated]
+    forces = Forces(
+        robot.gear_ratio * given - rotors, -robot.stiffness * robot.positions(closed.q)[:, robot.elastic]
     )
-    return replace(instant, torque=given, a=np.where(found.undetermined, np.nan, found.a))
+    single = np.ndim(getattr(q, "q", q)) == 1
+    here = 0 if single else slice(None)
+    known = np.where(found.undetermined, np.nan, found.a)
+    return replace(
+        instant_of(robot, motion, loads, r, forces, single=single), torque=given[here], a=known[here]
+    )
 
 
-def _check_rates(robot: ParallelRobot, loops: Array, v: Array) -> None:
-    """Refuse joint rates (nv,) under which the loop equations (1, m, nv) open."""
+@lru_cache(maxsize=16)  # megabytes each; their working memory serves one thread
+def _equations(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
+    return EquationsOfMotion.of(robot)
+
+
+def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
+    """Refuse joint rates (T, nv) under which the loop equations open."""
     speeds = v / robot.column_scale
-    opening = scaled(robot, loops, robot.loops.rotation)[0] @ speeds
-    worst = float(np.abs(opening).max(initial=0.0))
-    if worst > CLOSING * float(np.abs(speeds).max(initial=0.0)):
+    opening = matvec(scaled(robot, closed.system.closures, robot.loops.rotation), speeds)
+    left = np.abs(opening).max(axis=1, initial=0.0)
+    wrong = np.flatnonzero(left > CLOSING * np.abs(speeds).max(axis=1, initial=0.0))
+    if len(wrong):
+        row = f", row {wrong[0]}" if len(v) > 1 else ""
         raise InvalidInput(
-            f"v: the loops of {robot.name} open with {worst:.3g} rad/s or robot lengths/s; see `dynamics_at`"
+            f"v{row}: the loops of {robot.name} open with {left[wrong[0]]:.3g} rad/s or robot lengths/s; see "
+            f"`dynamics_at`"
         )

@@ -36,12 +36,11 @@ from framework.kinematics.frames import frame_motions, scratch_of
 from framework.kinematics.inverse_kinematics import (
     ClosedStack,
     Motion,
-    System,
     assembled_at,
     motion_at,
     require_square,
 )
-from framework.kinematics.loop_matrices import passive_matrix
+from framework.kinematics.loop_matrices import clearance, near_type_2
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.velocity_matrices import VelocityMatrices, matrices_and_rates
 
@@ -63,10 +62,15 @@ class Instant(ReadOnlyArrays):
     torque: Array  # (n_a,) motor side [N m]: rotor inertia and joint torque through the gear
     joint_torque: Array  # (n_a,) joint side, rotors not included [N m, N]
     spring_force: Array  # (n_e,) [N, N m]
-    clearance: Array | float  # least singular value of P (radians, robot lengths): 0 at Type 2
     _motion: Motion = field(repr=False)  # of T instants, T = 1 for one
     _loads: tuple[Load, ...] = field(repr=False)
     _forces: Array = field(repr=False)  # (T, nv) of the open tree, less the loads
+
+    @cached_property
+    def clearance(self) -> Array | float:
+        """The least singular value of P: 0 at Type 2, infinite without passive joints."""
+        found = clearance(self.robot, self._motion.system)
+        return read_only(found) if self.q.ndim == 2 else float(found[0])
 
     @cached_property
     def loop_forces(self) -> Mapping[str, Array]:
@@ -140,7 +144,7 @@ class Instant(ReadOnlyArrays):
     @cached_property
     def _loops(self) -> LoopLoads:
         torque = np.atleast_2d(self.joint_torque)
-        loads = loop_loads(self.robot, self._motion.system.frames, self._forces, torque)
+        loads = loop_loads(self.robot, self._motion.system, self._forces, torque)
         freeze(loads)
         return loads
 
@@ -191,8 +195,8 @@ def dynamics_at(
     motion = motion_at(robot, closed, *rates[:2])
     loads = loads_on(robot, motion, given)
     r = loaded_tree_forces(robot, motion, loads)
-    forces, clearance = balanced_forces(robot, motion.system, r), clearance_of(robot, motion.system)
-    for k in map(int, np.flatnonzero(clearance < LEAST_CLEARANCE)):
+    forces = balanced_forces(robot, motion.system, r)
+    for k in map(int, near_type_2(robot, motion.system, LEAST_CLEARANCE)):
         if dddx is None:
             raise SingularPose(
                 f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[k])} the motors do not "
@@ -209,7 +213,7 @@ def dynamics_at(
         for stack, alone in zip(forces, limit, strict=True):
             stack[k] = alone[0]
     single = np.ndim(getattr(q, "q", q)) == 1
-    return instant_of(robot, motion, loads, r, forces, clearance=clearance, single=single)
+    return instant_of(robot, motion, loads, r, forces, single=single)
 
 
 def instant_of(
@@ -219,7 +223,6 @@ def instant_of(
     r: Array,
     forces: Forces,
     *,
-    clearance: Array,
     single: bool,
 ) -> Instant:
     """The instant, or the stack of instants, of a motion with its loads and forces."""
@@ -233,17 +236,10 @@ def instant_of(
         torque=motor_torque(robot, motion, forces.joint_torque)[here],
         joint_torque=forces.joint_torque[here],
         spring_force=forces.spring_force[here],
-        clearance=clearance[here],
         _motion=motion,
         _loads=loads,
         _forces=r,
     )
-
-
-def clearance_of(robot: ParallelRobot, system: System) -> Array:
-    """Least singular values (T,) of P; infinite without passive joints."""
-    values = np.linalg.svd(passive_matrix(robot, system), compute_uv=False)
-    return np.asarray(values.min(axis=1, initial=np.inf))
 
 
 def _rows(name: str, given: ArrayLike | None, width: int, count: int) -> Array:

@@ -22,8 +22,6 @@ from framework.dynamics.elasticity import Deflected
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics
 from framework.errors import LoadedJoint, NotAssembled
-from framework.kinematics.closures import loop_wrenches
-from framework.kinematics.frames import FrameStack
 from framework.kinematics.inverse_kinematics import (
     ClosedStack,
     Motion,
@@ -54,11 +52,11 @@ def measure_neglected(branch: Branch, state: Deflected, result: InverseDynamics)
         NotAssembled: a loop equation that was dropped at the reference is open on a node.
     """
     robot, nodes = branch.robot, state.grid.times
-    on_nodes = _all_rows(robot, state.motion.system.frames)
+    on_nodes = state.motion.system.loops.residual
     _check_dropped_rows(robot, nodes, on_nodes, state.motion.q)
     times = _instants(robot, nodes)
     closed = planned_pose(result, times)
-    gaps = (on_nodes, _all_rows(robot, closed.system.frames), closed.system.residual[:, : robot.n])
+    gaps = (on_nodes, closed.system.loops.residual, closed.system.residual[:, : robot.n])
     motion = motion_of_forces(branch, result, times, closed)
     residual = _residual_torques(robot, motion, _joint_torques(state, times))
     return Neglected(
@@ -120,14 +118,9 @@ def _joint_torques(state: Deflected, times: Array) -> Array:
     return state.grid.fit(state.forces.joint_torque)(times)
 
 
-def _all_rows(robot: ParallelRobot, at: FrameStack) -> Array:
-    """Values (T, rows) of all loop equations."""
-    return np.asarray(loop_wrenches(robot.rows, at).residual)
-
-
 def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: Array) -> None:
     """Raise NotAssembled if a loop equation (T, rows) that is not among the independent ones is open."""
-    scale = np.where(robot.rows.rotation, 1.0, robot.length)
+    scale = robot.row_lengths
     dropped = np.setdiff1d(np.arange(len(scale)), robot.independent)
     if not len(dropped):
         return

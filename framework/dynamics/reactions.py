@@ -23,11 +23,11 @@ import pinocchio as pin
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.forces import tree_forces
 from framework.errors import InvalidInput, choose_from, finite_numbers, short
-from framework.kinematics.closures import loop_wrenches
-from framework.kinematics.frames import FrameStack, carriers, cross, rotations, scratch_of
-from framework.kinematics.inverse_kinematics import Motion
+from framework.kinematics.frames import carriers, cross, rotations, scratch_of
+from framework.kinematics.inverse_kinematics import Motion, System
 from framework.kinematics.mechanism import frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.ordered_sums import matmul, matvec
 
 REACHED = 1e-9  # [N, lengths] by which a unit of what may be added to lambda moves what is not rounding
 
@@ -80,7 +80,7 @@ def stacked_rows(name: str, given: ArrayLike, width: int, count: int) -> Array:
     values = finite_numbers(name, given, width, stacks=True)
     if values.ndim == 2 and len(values) != count:
         raise InvalidInput(f"{name}: got {len(values)} rows for {count} configurations")
-    return np.broadcast_to(values, (count, width))
+    return values if values.ndim == 2 else np.repeat(values[None], count, axis=0)
 
 
 def loads_on(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> tuple[Load, ...]:
@@ -105,29 +105,30 @@ def _load_on(robot: ParallelRobot, motion: Motion, frame: str, wrench: Array) ->
     joint = int(model.frames[index].parentJoint)
     wrench = _moved(np.broadcast_to(wrench, (len(at), 6)), at)
     carried = carriers(model, np.array([joint]))[0]
-    along = np.einsum("tvi,ti->tv", motion.system.frames.screws, wrench)
+    along = matvec(motion.system.frames.screws, wrench)
     return Load(joint, wrench, along * carried)
 
 
-def loop_loads(robot: ParallelRobot, at: FrameStack, r: Array, joint_torque: Array) -> LoopLoads:
+def loop_loads(robot: ParallelRobot, system: System, r: Array, joint_torque: Array) -> LoopLoads:
     """Solve r = S tau + J' lambda for all rows of J and the joints that follow; r (T, nv), tau (T, n_a)."""
-    rows, columns = robot.rows, robot.moving
-    wrench, position = loop_wrenches(rows, at).wrench, at.position[:, rows.second]
+    rows, columns, at = robot.rows, robot.moving, system.frames
+    wrench, position = system.loops.wrench, at.position[:, rows.second]
     signs = at.carried[rows.second] - at.carried[rows.first]
-    jacobian = (_moved(wrench, position) @ at.screws.swapaxes(1, 2) * signs)[:, :, columns]
+    screws = at.screws.swapaxes(1, 2)[:, :, columns]
+    jacobian = matmul(_moved(wrench, position), screws) * signs[:, columns]
     scale = robot.column_scale[columns]  # columns in radians and robot lengths, and so are the rows
-    lengths = np.where(rows.rotation, 1.0, robot.length)
+    lengths = robot.row_lengths
     left = r[:, columns].copy()
     left[:, : robot.n_a] -= joint_torque
     # J' lambda = left by the singular value decomposition of J
     along_rows, sizes, along_columns = np.linalg.svd(jacobian * scale / lengths[:, None])
     count = sizes.shape[1]
     sound = sizes > REACHED * sizes.max(axis=1, initial=0.0)[:, None]
-    parts = np.einsum("tkv,tv->tk", along_columns[:, :count], left * scale)
+    parts = matvec(along_columns[:, :count], left * scale)
     parts = np.where(sound, parts / np.where(sound, sizes, 1.0), 0.0)
     free = along_rows.swapaxes(1, 2).copy()
     free[:, :count] *= ~sound[:, :, None]
-    multipliers = np.einsum("tmk,tk->tm", along_rows[:, :, :count], parts)
+    multipliers = matvec(along_rows[:, :, :count], parts)
     displacement = position - at.position[:, rows.first]
     return LoopLoads(wrench, position, displacement, multipliers / lengths, free / lengths)
 
@@ -138,7 +139,7 @@ def loop_forces(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
     for closure in robot.description.closures:
         rows = slice(first, first + len(closure.axes))
         first = rows.stop
-        wrench = np.einsum("tm,tmi->ti", -loops.multipliers[:, rows], at_first[:, rows])
+        wrench = -matvec(at_first[:, rows].swapaxes(1, 2), loops.multipliers[:, rows])
         found[closure.name] = _determinate(robot, wrench, loops.free[:, :, rows] @ at_first[:, rows])
     return found
 
@@ -156,14 +157,14 @@ def joint_reactions(
             scratch.refresh()
         poses[k], own[k] = scratch.joints, scratch.forces
     position = poses[..., 9:]
-    carried = np.einsum("tjab,tjkb->tjka", rotations(poses), own.reshape(*own.shape[:2], 2, 3))
-    reactions = carried.reshape(own.shape)
+    turned = matvec(rotations(poses)[:, :, None], own.reshape(*own.shape[:2], 2, 3))
+    reactions = turned.reshape(own.shape)
     carrying = _carrying(model)
     ends = np.array([model.frames[frame].parentJoint for frame in robot.frames], dtype=np.intp)
     of_loops = carrying[ends[robot.rows.second]] - carrying[ends[robot.rows.first]]  # (rows, joints)
     about_base = _moved(loops.wrench, loops.position)
     # wrenches about the base's origin, summed for each joint and moved to its own
-    given = np.einsum("mj,tm,tmi->tji", of_loops, loops.multipliers, about_base)
+    given = matmul(of_loops.T, loops.multipliers[:, :, None] * about_base)
     for load in loads:
         given += carrying[load.joint][:, None] * load.wrench[:, None]
     reactions -= _moved(given, -position)

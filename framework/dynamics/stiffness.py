@@ -15,8 +15,6 @@ Nothing here divides by A. At a Type 2 singularity a motion that stretches no sp
 t_s: without load K_x, H and M stay finite, K_x t_s = 0, the compliance along t_s is infinite and the first
 frequency 0; under load what is left along t_s is the geometric stiffness alone, which may hold or buckle.
 
-Second derivatives are exact: lambda . closure_drift is the quadratic form of lambda . c", and its polar form,
-from drifts along pairs of motions, the matrix.
 Source: Quennouelle and Gosselin, Stiffness Matrix of Compliant Parallel Mechanisms, ARK 2008; the elimination
 by a null space as Briot and Khalil, Dynamics of Parallel Robots, Springer 2015, chapter 12, for Z.
 """
@@ -31,17 +29,22 @@ import pinocchio as pin
 
 from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.dynamics.elasticity import LARGEST
-from framework.errors import InvalidInput, NotConverged, finite_numbers
-from framework.kinematics.closures import closure_drift, loop_equations, scaled
+from framework.dynamics.tangent_stiffness import (
+    Load,
+    balance,
+    given_wrench,
+    moving_columns,
+    spring_stiffness,
+    tangent_stiffness,
+)
+from framework.errors import InvalidInput, NotConverged
+from framework.kinematics.closures import scaled
 from framework.kinematics.frames import (
-    FrameStack,
     difference,
-    frame_motions,
-    frames_at,
     integrate,
     scratch_of,
 )
-from framework.kinematics.inverse_kinematics import System, assembled_at, system_at
+from framework.kinematics.inverse_kinematics import System, assembled_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.ordered_sums import matmul
 
@@ -63,23 +66,28 @@ class CompliantMotions(NamedTuple):
     M: Array  # (T, d, d) of all bodies; rotors rest
 
 
+def require_springs(robot: ParallelRobot) -> None:
+    """Raise InvalidInput for a robot that nothing makes give way."""
+    if not (robot.n_e or robot.joint_stiffness.any()):
+        raise InvalidInput(
+            f"{robot.name}, {robot.flexibility}: no springs, so the platform does not give way; load it with "
+            f"flexible_joints or flexible_links"
+        )
+
+
 def compliant_motions(robot: ParallelRobot, system: System, q: Array) -> CompliantMotions:
     """Motions, stiffness of the springs and mass at configurations q (T, nq).
 
     Raises:
         InvalidInput: a robot without springs: use --flexibility flexible_joints or flexible_links.
     """
-    if not (robot.n_e or robot.joint_stiffness.any()):
-        raise InvalidInput(
-            f"{robot.name}, {robot.flexibility}: no springs, so the platform does not give way; load it with "
-            f"flexible_joints or flexible_links"
-        )
-    columns = np.concatenate([robot.elastic, robot.following])
+    require_springs(robot)
+    columns = moving_columns(robot)
     loops = scaled(robot, system.closures, robot.loops.rotation)[:, :, columns]
     count = loops.shape[1]
     null = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0][:, :, count:]
     Z = null * robot.column_scale[columns][:, None]
-    stiffness = _spring_stiffness(robot)[columns]
+    stiffness = spring_stiffness(robot)[columns]
     mass = _mass(robot, q)[:, columns[:, None], columns]
     turned = Z.swapaxes(1, 2)
     return CompliantMotions(
@@ -177,10 +185,10 @@ def platform_stiffness(
         raise InvalidInput("wrench: counts under load alone; give loaded=True")
     closed = assembled_at(robot, q)
     if loaded:
-        q, carried = _equilibrium(robot, closed.q[0], wrench)
+        q, load = _equilibrium(robot, closed.q[0], wrench)
         closed = assembled_at(robot, q)
         free = compliant_motions(robot, closed.system, closed.q)
-        H = free.Z[0].T @ carried @ free.Z[0]
+        H = tangent_stiffness(robot, closed.system, closed.q, free.Z, load)[0]
     else:
         free = compliant_motions(robot, closed.system, closed.q)
         H = free.K[0]
@@ -219,39 +227,25 @@ def equilibrium(robot: ParallelRobot, q: ArrayLike, *, wrench: ArrayLike | None 
 # ------------------------------------------------------------------ under load
 
 
-def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Array]:
-    """The least V - w . x with c = 0 near q (nq,), and the tangent stiffness there.
+def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Load]:
+    """The least V - w . x with c = 0 near q (nq,), and what pulls there.
 
     Newton's method with the size of each eigenvalue in place of the eigenvalue itself, so that steps lead
     downhill where the robot buckles.
     """
-    w = np.zeros(robot.n) if wrench is None else finite_numbers("wrench", wrench, robot.n)
-    if np.count_nonzero(~robot.translations) > 1 and np.any(w[~robot.translations]):
-        raise InvalidInput("wrench: a moment on a platform that turns about several axes has no potential")
-    columns = np.concatenate([robot.elastic, robot.following])
+    columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
-    weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
+    load = Load(given_wrench(robot, wrench), np.ones(1), np.zeros((1, robot.model.nv)))
     size = np.inf
     for _ in range(MOST_STEPS):
-        x = robot.platform.coordinates(frames_at(robot, q[None]))
-        system = system_at(robot, q[None], x)
-        loops = loop_equations(robot.loops, system.frames)
-        J = loops.jacobian[0][:, columns] * weights[:, None] * lengths
-        forces = _forces(robot, q) - system.platform[0].T @ w
-        gradient = forces[columns] * lengths
-        multipliers = np.linalg.lstsq(J.T, gradient, rcond=None)[0]
-        H = _tangent(robot, q, system, columns, multipliers * weights, w)
+        here = balance(robot, q[None], load)
         if size < AT_REST:
-            if _is_small(robot, q) and np.abs(weights * loops.residual[0]).max(initial=0.0) < AT_REST:
-                return q, H
+            if _is_small(robot, q) and here.gap[0] < AT_REST:
+                return q, load
             break
-        balanced = H * lengths * lengths[:, None]
-        null = np.linalg.qr(J.T, mode="complete")[0][:, len(J) :]
-        closing = -np.linalg.lstsq(J, weights * loops.residual[0], rcond=None)[0]
-        values, vectors = np.linalg.eigh(null.T @ balanced @ null)
+        values, vectors = np.linalg.eigh(here.H[0])
         downhill = np.maximum(np.abs(values), FLAT * np.abs(values).max())  # away from maxima and saddles
-        slope = vectors.T @ (null.T @ (gradient + balanced @ closing))
-        step = closing - null @ (vectors @ (slope / downhill))
+        step = here.closing[0] - here.null[0] @ (vectors @ (vectors.T @ here.slope[0] / downhill))
         size = float(np.abs(step).max())
         if not np.isfinite(size):
             break
@@ -271,59 +265,7 @@ def _is_small(robot: ParallelRobot, q: Array) -> bool:
     return bool(np.abs(turned[robot.elastic]).max(initial=0.0) <= LARGEST)
 
 
-def _forces(robot: ParallelRobot, q: Array) -> Array:
-    """dV/dq (nv,): springs and weight."""
-    turned = difference(robot, robot.neutral, q[None])[0]
-    springs = robot.joint_stiffness * (turned - robot.joint_rest)
-    springs[robot.elastic] += robot.stiffness * turned[robot.elastic]
-    weight = pin.computeGeneralizedGravity(robot.model, scratch_of(robot).data, q)
-    return np.asarray(springs + weight)
-
-
-def _tangent(
-    robot: ParallelRobot, q: Array, system: System, columns: IntArray, multipliers: Array, w: Array
-) -> Array:
-    """d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2 along some columns, (f, f)."""
-    model, data = robot.model, scratch_of(robot).data
-    weight = np.array(pin.computeGeneralizedGravityDerivatives(model, data, q))
-    H = np.diag(_spring_stiffness(robot)) + 0.5 * (weight + weight.T)
-    count = len(columns)
-    first, second = np.triu_indices(count)
-    v = np.zeros((len(first), model.nv))
-    v[np.arange(len(first)), columns[first]] += 1.0
-    v[np.arange(len(first)), columns[second]] += 1.0
-    drift = _drift(
-        robot, q, system.frames, v, multipliers, w
-    )  # of a + b; twice a itself has four times its own
-    own = np.zeros(count)
-    own[first[first == second]] = drift[first == second] / 4.0
-    curved = np.zeros((count, count))
-    curved[first, second] = 0.5 * (drift - own[first] - own[second])
-    curved[first, second] = np.where(first == second, own[first], curved[first, second])
-    curved = curved + np.triu(curved, 1).T
-    return np.asarray(H[np.ix_(columns, columns)] - curved)
-
-
-def _drift(robot: ParallelRobot, q: Array, at: FrameStack, v: Array, multipliers: Array, w: Array) -> Array:
-    """v' (lambda . c" + w . x") v for joint rates v (T, nv), (T,)."""
-    stack = at._replace(
-        position=np.repeat(at.position, len(v), axis=0),
-        rotation=np.repeat(at.rotation, len(v), axis=0),
-        screws=np.repeat(at.screws, len(v), axis=0),
-    )
-    motions = frame_motions(robot, stack, np.repeat(q[None], len(v), axis=0), v)
-    curved = closure_drift(robot.loops, stack, motions) @ multipliers
-    return np.asarray(curved + robot.platform.drift(stack, motions) @ w)
-
-
 # ------------------------------------------------------------------ matrices
-
-
-def _spring_stiffness(robot: ParallelRobot) -> Array:
-    """Stiffness (nv,) of virtual and real springs along the joints."""
-    stiffness = np.array(robot.joint_stiffness, dtype=float)
-    stiffness[robot.elastic] += robot.stiffness
-    return stiffness
 
 
 def _mass(robot: ParallelRobot, q: Array) -> Array:

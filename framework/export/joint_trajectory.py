@@ -1,10 +1,12 @@
 """A plan as the trajectory that ros2_control's joint_trajectory_controller takes.
 
-The layout is that of trajectory_msgs/JointTrajectory, joints in the order of the robot file's motors, all on
-the joint side of the gears: positions and their derivatives are those of the URDF's joints, motor angles over
-gear ratio; effort is what a motor sends into its joint, gear ratio times motor torque. The rotor's share is
-in it: a simulator without rotor inertia needs less. In a robot with springs a drive's spring is behind its
-joint, so that these are angles and torques before it, and the link stands aside by the deflection.
+The layout is that of trajectory_msgs/JointTrajectory, joints in the order of the robot file's motors. On the
+joint side of the gears positions and their derivatives are those of the URDF's joints, motor angles over gear
+ratio, and effort is what a motor sends into its joint, gear ratio times motor torque; on the motor side they
+are the motors'. The rotor's share is in it: a simulator without rotor inertia needs less. In a robot with
+springs a drive's spring is behind its joint, so that these are angles and torques before it, and the link
+stands aside by the deflection. The header's frame_id, which the controller does not read, says the side, one
+of FRAME_IDS; `trajectory_file.read_joint_trajectory` reads it back.
 """
 
 from __future__ import annotations
@@ -14,32 +16,44 @@ from typing import Any
 import numpy as np
 
 from framework.crossing.result import CrossingPlan
-from framework.errors import whole_number
+from framework.errors import InvalidInput, choose_from, whole_number
 
 FIELDS = ("positions", "velocities", "accelerations", "effort")
 SAMPLES, DEFAULT = (2, 1_000_000), 501
 NANOSECONDS = 1_000_000_000
-SIDE = "joint side of the gears: position = motor angle / gear ratio, effort = motor torque * gear ratio"
+SIDES = {
+    "joint": "joint side of the gears: position = motor angle / gear ratio, "
+    "effort = motor torque * gear ratio",
+    "motor": "motor side of the gears: position = motor angle, effort = motor torque",
+}
+# of the header: the side, and whether all is before the springs of drives and links
+FRAME_IDS = {
+    f"{side}_side{'_before_springs' if before else ''}": (side, before)
+    for side in SIDES
+    for before in (False, True)
+}
 BEFORE_SPRINGS = "; before the springs of drives and links"
 
 
-def joint_trajectory(plan: CrossingPlan, *, samples: int = DEFAULT) -> dict[str, Any]:
+def joint_trajectory(plan: CrossingPlan, *, samples: int = DEFAULT, side: str = "joint") -> dict[str, Any]:
     """The message as plain data, for YAML or JSON: header, joint_names and `samples` equidistant points.
 
     Positions [rad, m], velocities, accelerations, effort [N m, N]; `time_from_start` {sec, nanosec}.
 
     Raises:
-        InvalidInput: not a whole number of at least 2 samples.
+        InvalidInput: not a whole number of at least 2 samples, or another side than joint and motor.
     """
+    if side not in SIDES:
+        raise InvalidInput(choose_from("side", side, SIDES))
     samples = whole_number("samples", samples, *SAMPLES)
     robot, times = plan.robot, np.linspace(0.0, plan.duration, samples)
-    position, velocity, acceleration = (
-        plan.motor_angle(times, order) / robot.gear_ratio for order in range(3)
-    )
-    effort = plan.torque(times) * robot.gear_ratio
+    gear = robot.gear_ratio if side == "joint" else np.ones(robot.n_a)
+    position, velocity, acceleration = (plan.motor_angle(times, order) / gear for order in range(3))
+    effort = plan.torque(times) * gear
+    frame_id = next(name for name, said in FRAME_IDS.items() if said == (side, robot.n_e > 0))
     columns = (position, velocity, acceleration, effort)
     return {
-        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame_id},
         "joint_names": list(robot.actuator_names),
         "points": [
             {
@@ -51,9 +65,9 @@ def joint_trajectory(plan: CrossingPlan, *, samples: int = DEFAULT) -> dict[str,
     }
 
 
-def side_told(plan: CrossingPlan) -> str:
+def side_told(plan: CrossingPlan, side: str = "joint") -> str:
     """Which side of gears and springs the trajectory is on, in a line."""
-    return SIDE + (BEFORE_SPRINGS if plan.robot.n_e else "")
+    return SIDES[side] + (BEFORE_SPRINGS if plan.robot.n_e else "")
 
 
 def _duration(seconds: float) -> dict[str, int]:

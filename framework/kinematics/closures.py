@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array
+from framework.arrays import Array, IntArray
 from framework.kinematics.frames import FrameMotions, FrameStack, cross
 from framework.kinematics.mechanism import Mechanism
 from framework.linalg.ordered_sums import dot, matmul
@@ -36,6 +36,12 @@ class LoopWrenches(NamedTuple):
 
     residual: Array  # (T, m)
     wrench: Array  # (T, m, 6) force and couple at the origin of the second frame
+
+    def take(self, rows: IntArray) -> LoopWrenches:
+        """Those of some of the equations, ascending."""
+        if len(rows) == self.residual.shape[1]:
+            return self
+        return LoopWrenches(self.residual.take(rows, axis=1), self.wrench.take(rows, axis=1))
 
 
 def loop_equations(rows: LoopRows, at: FrameStack) -> LoopEquations:
@@ -89,22 +95,20 @@ def wrench_rates(rows: LoopRows, at: FrameStack, twists: Array) -> Array:
 def closure_drift(rows: LoopRows, at: FrameStack, motions: FrameMotions) -> Array:
     """Second time derivative (T, m) of the loop equations when joint accelerations are zero."""
     e, d = _first_axes(rows, at), _displacements(rows, at)
-    twist1, twist2 = motions.twist[:, rows.first], motions.twist[:, rows.second]
-    drift1, drift2 = motions.drift[:, rows.first], motions.drift[:, rows.second]
-    omega, alpha = twist1[..., 3:], drift1[..., 3:]
-    dd, ddd = twist2[..., :3] - twist1[..., :3], drift2[..., :3] - drift1[..., :3]
-    # the acceleration of p2 as seen from the first frame, where e rests
-    seen = ddd - cross(alpha, d) - cross(omega, 2 * dd - cross(omega, d))
-    translation = dot(e, seen)
+    first = motions.rates.take(rows.first, axis=2)  # twists and drifts, (2, T, m, 6)
+    apart = motions.rates.take(rows.second, axis=2) - first
+    # all as seen from the first frame, where e rests: p2 moves with `velocity` and `acceleration`
+    omega, dragged = first[0, ..., 3:], cross(first[..., 3:], d)
+    velocity = apart[0, ..., :3] - dragged[0]
+    acceleration = apart[1, ..., :3] - dragged[1] - cross(omega, apart[0, ..., :3] + velocity)
+    translation = dot(e, acceleration)
     if rows.only_translations:
         return translation
-    w = _second_axes(rows, at)
-    de, dw = cross(omega, e), cross(twist2[..., 3:], w)
-    dde = cross(alpha, e) + cross(omega, de)
-    ddw = cross(drift2[..., 3:], w) + cross(twist2[..., 3:], dw)
-    rotation = rows.sign * (dot(dde, w) + 2 * dot(de, dw) + dot(e, ddw))
-    distance = (dot(dd, dd) + dot(d, ddd)) / np.where(rows.distance, rows.length, 1.0)
-    return np.where(rows.rotation, rotation, np.where(rows.distance, distance, translation))
+    w, turning = _second_axes(rows, at), apart[0, ..., 3:]
+    turned = cross(apart[1, ..., 3:] - cross(omega, turning), w) + cross(turning, cross(turning, w))
+    distance = (dot(velocity, velocity) + dot(d, acceleration)) / np.where(rows.distance, rows.length, 1.0)
+    along = np.where(rows.rotation, rows.sign * dot(e, turned), translation)
+    return np.where(rows.distance, distance, along)
 
 
 def _first_axes(rows: LoopRows, at: FrameStack) -> Array:

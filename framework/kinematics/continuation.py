@@ -74,10 +74,8 @@ class StepMeasure(NamedTuple):
 
 def measure(robot: Mechanism, moved: Array, along: Array, beyond: Array) -> StepMeasure:
     """Of corrections, and of steps along the tangents before and after, each (T, nv)."""
-    lengths = robot.column_scale
-    correction, advance, turned = (
-        np.abs(motion / lengths).max(axis=1, initial=0.0) for motion in (moved, along, beyond - along)
-    )
+    motions = np.array([moved, along, beyond - along]) / robot.column_scale
+    correction, advance, turned = np.abs(motions).max(axis=2, initial=0.0)
     straight = turned <= LARGEST_TURN * correction + 0.25 * advance
     return StepMeasure(correction, is_small(correction, advance), straight)
 
@@ -90,21 +88,24 @@ def is_small(correction: Array, advance: Array) -> BoolArray:
 def follow(
     robot: Mechanism,
     start: Place,
-    arrive: Callable[[float, Array], Place | None],
+    arrive: Callable[[Array, Array], list[Place]],
     belongs: Callable[[Place, Place, bool], bool],
     *,
     end: Callable[[float, Place], tuple[float, Place] | None] | None = None,
     step: float = FIRST_STEP,
+    at_once: int = 1,
 ) -> Way:
     """The branch through `start`, at parameter 0, towards parameter 1.
 
     Args:
-        arrive: the place at a parameter near a configuration (1, nq); None where no loops close.
+        arrive: the places at parameters (T,) near configurations (T, nq), as far as loops close.
         belongs: whether a place (the second) is on the branch of the one before it; the third argument says
             whether the tangent has turned no more than the corrections of one branch allow.
         end: where the branch ends not far ahead of a place, if that is known: its parameter and the place.
             It is asked where a step does not count; without an answer the step is halved.
         step: the first one, as a share of the way.
+        at_once: places that are looked for together along one tangent; each counts as a step from the one
+            before it, or not at all.
     """
     at, here, parameters, places = 0.0, start, [0.0], [start]
     while at < 1.0:
@@ -114,26 +115,28 @@ def follow(
             step = 0.99 * LONGEST_ADVANCE / fastest  # rounding is not to make it longer again
         if step < SHORTEST_STEP:
             break
-        following = 1.0 if at + step > 1.0 - 1e-12 else at + step
-        predicted = integrate(robot, here.q, here.rate * (following - at))
-        there = arrive(following, predicted)
-        correction = np.inf
-        if there is not None:
-            moved = difference(robot, predicted[0], there.q)
-            measured = measure(robot, moved, (following - at) * here.rate, (following - at) * there.rate)
-            if measured.small[0] and belongs(here, there, bool(measured.straight[0])):
-                correction = float(measured.correction[0])
-        if there is None or correction == np.inf:
+        ahead: Array = at + step * np.arange(1.0, at_once + 1.0)
+        near = (ahead < 1.0 + 0.5 * SHORTEST_STEP) & ((ahead - at) * fastest < LONGEST_ADVANCE)
+        near[0] = True
+        ahead = ahead[near]
+        ahead[ahead > 1.0 - 1e-12] = 1.0
+        predicted, correction = integrate(robot, here.q, here.rate * (ahead - at)[:, None]), np.inf
+        for following, there in zip(ahead, arrive(ahead, predicted), strict=False):
+            along, beyond = (following - at) * here.rate, (following - at) * there.rate
+            moved = difference(robot, integrate(robot, here.q, along)[0], there.q)
+            measured = measure(robot, moved, along, beyond)
+            if not (measured.small[0] and belongs(here, there, bool(measured.straight[0]))):
+                break
+            at, here, correction = float(following), there, float(measured.correction[0])
+            parameters.append(at)
+            places.append(here)
+        if correction == np.inf:  # not one step counts
             ended = None if end is None else end(at, here)
             if ended is not None:
                 parameters.append(ended[0])
                 places.append(ended[1])
                 break
             step *= 0.5
-            continue
-        at, here = following, there
-        parameters.append(at)
-        places.append(here)
-        step *= 2.0 if correction < 0.2 * LARGEST_CORRECTION else 1.0
-        step = min(step, 2 * FIRST_STEP)
+        elif correction < 0.2 * LARGEST_CORRECTION:
+            step = min(2.0 * step, 2 * FIRST_STEP)
     return Way(np.array(parameters), tuple(places))

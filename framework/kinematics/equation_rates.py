@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.kinematics.closures import loop_wrenches, wrench_rates
+from framework.kinematics.closures import wrench_rates
 from framework.kinematics.frames import cross, scratch_of
 from framework.kinematics.inverse_kinematics import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -28,7 +28,8 @@ def jacobian_rate(robot: ParallelRobot, motion: Motion) -> Array:
     twists[..., :3] += cross(twists[..., 3:], at.position)
     n, bodies, platform = robot.n, equations.bodies, robot.platform
     wrench, rate = np.zeros((2, len(v), len(bodies), 6))
-    wrench[:, :n], wrench[:, n:] = platform.wrenches(at), loop_wrenches(equations.loops, at).wrench
+    wrench[:, :n] = platform.wrenches(at)
+    wrench[:, n:] = motion.system.loops.take(robot.independent).wrench
     rate[:, :n] = platform.wrench_rates(at, twists[:, 0, 3:], screw_rates)
     rate[:, n:] = wrench_rates(equations.loops, at, twists)
     # about the base's origin

@@ -17,7 +17,6 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, freeze
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
 from framework.kinematics.assembly import Configuration
-from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.continuation import FIRST_STEP, Place, Way, follow
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import (
@@ -27,7 +26,7 @@ from framework.kinematics.inverse_kinematics import (
     reference_system,
     system_at,
 )
-from framework.kinematics.loop_matrices import VANISHED, passive_matrix
+from framework.kinematics.loop_matrices import VANISHED, clearance
 from framework.kinematics.newton import Linear, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.turning_point import turning_points
@@ -79,20 +78,19 @@ def forward_kinematics(
         x = robot.platform.unwrap(robot.platform.coordinates(place.system.frames), x[0])
     if not way.complete:
         raise _stopped(robot, way, x[0], target)
-    clearance = min(place.clearance for place in way.places)
-    return _pose_at(robot, way.last, x[0], clearance, steps=len(way.at) - 1)
+    least = min(place.clearance for place in way.places)
+    return _pose_at(robot, way.last, x[0], least, steps=len(way.at) - 1)
 
 
-def _pose_at(robot: ParallelRobot, place: Place, x: Array, clearance: float, *, steps: int) -> ForwardPose:
-    """The pose of a place, its platform at x (n,)."""
+def _pose_at(robot: ParallelRobot, place: Place, x: Array, least: float, *, steps: int) -> ForwardPose:
+    """The pose of a place, its platform at x (n,), with the least clearance of the way there."""
     freeze(place)
-    residual = loop_wrenches(robot.rows, place.system.frames).residual
     return ForwardPose(
         q=place.q[0],
         x=x,
-        residual=float(np.abs(residual).max(initial=0.0)),
+        residual=float(place.system.gap[0]),
         iterations=steps,
-        clearance=clearance,
+        clearance=least,
         robot=robot,
         place=place,
     )
@@ -108,7 +106,7 @@ def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> 
         return near
     closed = assembled_at(robot, robot.reference.q if near is None else near)
     still = np.zeros((1, robot.model.nv))
-    place = Place(closed.q, closed.system, still, _clearance(robot, closed.system))
+    place = Place(closed.q, closed.system, still, float(clearance(robot, closed.system)[0]))
     return _pose_at(robot, place, closed.x[0], place.clearance, steps=0)
 
 
@@ -138,24 +136,27 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
     def linear(system: System) -> Linear:
         return Linear(system.residual[:, robot.n :], system.passive_factors)
 
-    def place(q: Array, system: System, clearance: float) -> Place | None:
+    def place(q: Array, system: System, distance: float) -> Place | None:
         rate = turn.copy()
         if len(columns):
             try:
                 rate[:, columns] = -system.passive_factors.solve(system.closures @ turn[0])
             except np.linalg.LinAlgError:
                 return None
-        return Place(q, system, rate, clearance)
+        return Place(q, system, rate, distance)
 
-    def arrive(share: float, predicted: Array) -> Place | None:
+    def arrive(share: Array, predicted: Array) -> list[Place]:
+        """The place at one share (1,) of the way."""
         step = np.zeros_like(turn)  # what the rounding of many steps has left of the motors' angles
-        off = share * turn - difference(robot, start.q[0], predicted)
+        off = share[:, None] * turn - difference(robot, start.q[0], predicted)
         step[:, robot.actuated] = off[:, robot.actuated]
         guess = integrate(robot, predicted, step)
         if not len(columns):
-            return place(guess, evaluate(guess, slice(None)), np.inf)
-        q, system, closed = newton(robot, guess, columns, evaluate, linear)
-        return place(q, system, _clearance(robot, system)) if closed.all() else None
+            found = place(guess, evaluate(guess, slice(None)), np.inf)
+        else:
+            q, system, closed = newton(robot, guess, columns, evaluate, linear)
+            found = place(q, system, float(clearance(robot, system)[0])) if closed.all() else None
+        return [] if found is None else [found]
 
     def belongs(before: Place, after: Place, straight: bool) -> bool:
         apart = straight or after.clearance > CROSSING
@@ -165,7 +166,7 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
         ahead = turning_points(robot, start.q[0], before.q, np.array([share]), turn)
         if not ahead.found[0]:
             return None
-        there = Place(ahead.q, ahead.system, np.zeros_like(turn), _clearance(robot, ahead.system))
+        there = Place(ahead.q, ahead.system, np.zeros_like(turn), float(clearance(robot, ahead.system)[0]))
         return float(ahead.share[0]), there
 
     here = place(start.q, start.system, start.clearance)
@@ -175,16 +176,11 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
     return follow(robot, here, arrive, belongs, end=end, step=1.0 if short else FIRST_STEP)
 
 
-def _clearance(robot: ParallelRobot, system: System) -> float:
-    """Least singular value of P of one configuration (T = 1); infinite without passive joints."""
-    return float(np.linalg.svd(passive_matrix(robot, system)[0], compute_uv=False).min(initial=np.inf))
-
-
 def _stopped(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembled:
     """What ends the way of the motors to q_a, at platform x."""
     residual = float(np.abs(way.last.system.residual[:, robot.n :]).max(initial=0.0))
     largest = max(place.clearance for place in way.places)
-    usual = max(largest, _clearance(robot, reference_system(robot)))
+    usual = max(largest, float(clearance(robot, reference_system(robot))[0]))
     if way.last.clearance > NEAR_TYPE_2 * usual:
         where = _on_the_way(robot, way.at[-1], x, q_a)
         return NotAssembled(

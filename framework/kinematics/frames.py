@@ -19,9 +19,8 @@ from numpy.lib.stride_tricks import as_strided
 
 from framework.arrays import Array, IntArray
 from framework.kinematics.mechanism import Mechanism
-from framework.linalg.ordered_sums import matvec
+from framework.linalg.ordered_sums import FEW, matvec
 
-FEW = 300  # numbers: up to here the calls cost, beyond it the numbers
 _PLUS, _MINUS = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
 
 
@@ -50,12 +49,11 @@ class FrameStack(NamedTuple):
     carried: Array  # (F, nv) 1 where the joint carries the frame, else 0
     q: Array  # (T, nq) the configurations
 
-    def at(self, k: int) -> FrameStack:
-        """The frames of one configuration, T = 1."""
-        here = slice(k, k + 1)
-        return FrameStack(
-            self.position[here], self.rotation[here], self.screws[here], self.carried, self.q[here]
-        )
+    def at(self, k: int | slice | IntArray) -> FrameStack:
+        """The frames of one configuration, T = 1, or of some."""
+        here = slice(k, k + 1) if isinstance(k, int) else k
+        position, rotation, screws, carried, q = self
+        return FrameStack(position[here], rotation[here], screws[here], carried, q[here])
 
     @property
     def jacobian(self) -> Array:
@@ -69,8 +67,24 @@ class FrameStack(NamedTuple):
 class FrameMotions(NamedTuple):
     """How the frames move at T instants."""
 
-    twist: Array  # (T, F, 6)
-    drift: Array  # (T, F, 6) classical acceleration when all joint accelerations are zero
+    rates: Array  # (2, T, F, 6) `twist` and `drift`
+
+    @property
+    def twist(self) -> Array:
+        """Twists (T, F, 6) of the frames at their origins."""
+        return self.rates[0]
+
+    @property
+    def drift(self) -> Array:
+        """Their classical accelerations (T, F, 6) when all joint accelerations are zero."""
+        return self.rates[1]
+
+    @staticmethod
+    def at_origins(spatial: Array, position: Array) -> FrameMotions:
+        """From twists and spatial accelerations (2, T, F, 6) at the base's origin, which are written over."""
+        spatial[..., :3] += cross(spatial[..., 3:], position)
+        spatial[1, ..., :3] += cross(spatial[0, ..., 3:], spatial[0, ..., :3])
+        return FrameMotions(spatial)
 
 
 def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
@@ -86,7 +100,7 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
             scratch.refresh()
         poses[k] = placements
         screws[k] = columns
-    poses = poses[:, scratch.frames]
+    poses = poses.take(scratch.frames, axis=1)
     return FrameStack(poses[:, :, 9:], rotations(poses), screws, scratch.carried, q)
 
 
@@ -108,11 +122,7 @@ def frame_motions(mechanism: Mechanism, at: FrameStack, q: Array, v: Array) -> F
             scratch.refresh()
         twist[k] = velocities
         drift[k] = accelerations
-    moving = moving[:, :, scratch.bodies]  # spatial, at the base's origin: (2, T, F, 6)
-    moving[..., :3] += cross(moving[..., 3:], at.position)
-    twist, drift = moving
-    drift[..., :3] += cross(twist[..., 3:], twist[..., :3])
-    return FrameMotions(twist, drift)
+    return FrameMotions.at_origins(moving.take(scratch.bodies, axis=2), at.position)
 
 
 class Scratch(NamedTuple):

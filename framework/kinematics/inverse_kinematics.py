@@ -12,10 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
+from framework.arrays import Array, ArrayLike, IntArray, freeze
 from framework.errors import InvalidInput, NotAssembled, point
 from framework.kinematics.assembly import Configuration
-from framework.kinematics.closures import closure_drift, loop_wrenches, scaled
+from framework.kinematics.closures import LoopWrenches, closure_drift, loop_wrenches, scaled
 from framework.kinematics.equations import Equations
 from framework.kinematics.frames import FrameStack, cross, frame_motions, frames_at
 from framework.kinematics.newton import ITERATIONS, LAST_STEP, Linear, NewtonResult, Which, newton
@@ -34,18 +34,27 @@ class System:
 
     equations: Equations
     frames: FrameStack
+    loops: LoopWrenches  # all loop equations of the robot, those dropped as redundant too
     residual: Array  # (T, n + m)
     entries: Array  # (T, E) of dF/dq, as `equations.pattern` has them
 
-    def at(self, k: int) -> System:
-        """The system of one instant, T = 1."""
-        here = slice(k, k + 1)
-        return System(self.equations, self.frames.at(k), self.residual[here], self.entries[here])
+    def at(self, k: int | slice | IntArray) -> System:
+        """The system of one instant, T = 1, or of some."""
+        here = slice(k, k + 1) if isinstance(k, int) else k
+        loops = LoopWrenches(*(part[here] for part in self.loops))
+        return System(self.equations, self.frames.at(here), loops, self.residual[here], self.entries[here])
+
+    @property
+    def gap(self) -> Array:
+        """By how much the loops are open (T,) [m or rad], the largest of all their equations."""
+        return np.asarray(np.abs(self.loops.residual).max(axis=1, initial=0.0))
 
     @cached_property
     def jacobian(self) -> Array:
         """dF/dq (T, n + m, nv)."""
-        return self.equations.pattern.dense(self.entries)
+        jacobian = self.equations.pattern.dense(self.entries)
+        freeze(jacobian)
+        return jacobian
 
     @property
     def platform(self) -> Array:
@@ -67,7 +76,7 @@ class System:
         band = self.equations.moving_band
         if band is None:
             raise np.linalg.LinAlgError("the platform and the loops do not make a square system")
-        return band.factor(self.entries[:, self.equations.moving.entry])
+        return band.factor(self.entries.take(self.equations.moving.entry, axis=1))
 
     @cached_property
     def passive_factors(self) -> Factors:
@@ -79,7 +88,7 @@ class System:
         band = self.equations.passive_band
         if band is None:
             raise np.linalg.LinAlgError("the loops do not make a square system for the passive joints")
-        return band.factor(self.entries[:, self.equations.passive.entry])
+        return band.factor(self.entries.take(self.equations.passive.entry, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,19 +132,16 @@ def require_square(robot: ParallelRobot) -> None:
 
 def system_at(robot: ParallelRobot, q: Array, x: Array | None) -> System:
     """F, its rows and their derivatives at q (T, nq) for the platform at x (T, n); None: where it is."""
-    return _system_of(robot, frames_at(robot, q), x)
-
-
-def _system_of(robot: ParallelRobot, at: FrameStack, x: Array | None) -> System:
-    equations, count = robot.equations, len(at.position)
-    loops = loop_wrenches(equations.loops, at)
-    wrench = np.empty((count, len(equations.bodies), 6))
-    wrench[:, : robot.n] = robot.platform.wrenches(at)
-    wrench[:, robot.n :] = loops.wrench
-    wrench[..., 3:] += cross(at.position[:, equations.bodies], wrench[..., :3])  # about the base's origin
-    off = np.zeros((count, robot.n)) if x is None else robot.platform.residual(at, x)
-    residual = np.concatenate([off, loops.residual], axis=1)
-    return System(equations, at, residual, equations.pattern.entries(wrench, at.screws))
+    equations, at, count, n = robot.equations, frames_at(robot, q), len(q), robot.n
+    loops = loop_wrenches(robot.rows, at)
+    residual, wrench = np.zeros((count, len(equations.bodies))), np.empty((count, len(equations.bodies), 6))
+    if x is not None:
+        residual[:, :n] = robot.platform.residual(at, x)
+    wrench[:, :n] = robot.platform.wrenches(at)
+    residual[:, n:], wrench[:, n:] = loops.take(robot.independent)
+    arm = at.position.take(equations.bodies, axis=1)
+    wrench[..., 3:] += cross(arm, wrench[..., :3])  # about the base's origin
+    return System(equations, at, loops, residual, equations.pattern.entries(wrench, at.screws))
 
 
 def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False) -> ClosedStack:
@@ -148,16 +154,16 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
         InvalidInput: q has the wrong shape, is not finite, or leaves a loop open.
     """
     expect_robot(robot)
-    q = np.atleast_2d(configuration(robot, q, stacks=stacks))
-    at = frames_at(robot, q)
-    residual = np.abs(loop_wrenches(robot.rows, at).residual)
-    gaps = (residual / np.where(robot.rows.rotation, 1.0, robot.length)).max(axis=1, initial=0.0)
+    q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: what was given may change
+    system = system_at(robot, q, None)
+    gaps = np.abs(system.loops.residual) / robot.row_lengths
     if gaps.max(initial=0.0) > OPEN:
+        worst = gaps.max(axis=1).argmax()
         raise InvalidInput(
-            f"q: the loops of {robot.name} are open by {residual[np.argmax(gaps)].max():.3g} m or rad there; "
-            f"see `assemble`"
+            f"q{f', row {worst}' if len(q) > 1 else ''}: the loops of {robot.name} are open by "
+            f"{system.gap[worst]:.3g} m or rad there; see `assemble`"
         )
-    return ClosedStack(q, robot.platform.coordinates(at), _system_of(robot, at, None))
+    return ClosedStack(q, robot.platform.coordinates(system.frames), system)
 
 
 def close_loops(robot: ParallelRobot, x: Array, guess: Array, *, last_step: float = LAST_STEP) -> ClosedStack:
@@ -220,8 +226,8 @@ def joint_rates(robot: ParallelRobot, system: System, platform: Array, elastic: 
 
 def _solve_rates(robot: ParallelRobot, system: System, right: Array, elastic: Array) -> Array:
     rates = np.zeros((*right.shape[:-1], robot.model.nv))
-    rates[..., robot.elastic] = elastic
-    if np.count_nonzero(elastic):
+    if robot.n_e:
+        rates[..., robot.elastic] = elastic
         right = right - system.equations.elastic.times(system.entries, elastic)
     try:
         rates[..., robot.moving] = system.factors.solve(right)

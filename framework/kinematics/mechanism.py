@@ -63,20 +63,27 @@ class Mechanism(ReadOnlyArrays):
         axes: Sequence[str] | None = None,
         motors: Sequence[str] | None = None,
         reference: Mapping[str, float] | None = None,
+        base: str | None = None,
         parameters: Mapping[str, float] | None = None,
     ) -> Self:
         """The mechanism or robot of a file with the springs of one flexibility.
 
-        The file is ours or of any dialect that `framework.model.readers` knows; `platform`, `axes`, `motors`
-        and `reference` [rad, m] say what a foreign file does not, as for `read_any`; `parameters` are values
-        in place of those that a robot file declares.
+        The file is ours or of any dialect that `framework.model.readers` knows; `platform`, `axes`, `motors`,
+        `reference` [rad, m] and `base` say what a foreign file does not, as for `read_any`; `parameters` are
+        values in place of those that a robot file declares.
 
         Raises:
             RobotFileError: see `read_any`; or pinocchio refuses the URDF.
             NotAssembled, SingularReference: of a `ParallelRobot`, see `ParallelRobot.of`.
         """
         parsed = parse_any(
-            file, platform=platform, axes=axes, motors=motors, reference=reference, parameters=parameters
+            file,
+            platform=platform,
+            axes=axes,
+            motors=motors,
+            reference=reference,
+            base=base,
+            parameters=parameters,
         )
         return cls.of(_built(parsed, flexibility))
 
@@ -109,6 +116,11 @@ class Mechanism(ReadOnlyArrays):
     def joints(self) -> IntArray:
         """All entries of the velocity vector but those of springs."""
         return read_only(np.setdiff1d(np.arange(self.model.nv), self.elastic))
+
+    @cached_property
+    def has_joint_springs(self) -> bool:
+        """Whether springs act on joints of the URDF."""
+        return bool(self.joint_stiffness.any())
 
     @cached_property
     def sliding(self) -> NDArray[np.bool_]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, read_only
 from framework.errors import expect
 from framework.kinematics.assembly import (
     Configuration,
@@ -145,6 +146,17 @@ class ParallelRobot(Mechanism):
     def axis_names(self) -> tuple[str, ...]:
         """Names of the platform coordinates, e.g. ("x", "y"), or those of joints."""
         return self.description.platform.names
+
+    @cached_property
+    def row_lengths(self) -> Array:
+        """What makes `rows` angles and lengths of the robot by division, (rows,): 1 where they turn."""
+        return read_only(np.where(self.rows.rotation, 1.0, self.length))
+
+    @cached_property
+    def passive_scale(self) -> Array:
+        """What makes the passive columns of the loop equations dimensionless by multiplication, (m, n_p)."""
+        rows = self.row_lengths[self.independent] * self.row_sizes
+        return read_only(self.column_scale[self.following] / rows[:, None])
 
     def actuated_coordinates(self, q: Array) -> Array:
         """The motors' joints q_a (T, n_a) at q (T, nq), joint side of the gears [rad, m]."""

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from framework.arrays import ArrayLike
-from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.inverse_kinematics import assembled_at, mode_signs
 from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -39,7 +36,6 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
     closed = assembled_at(robot, q)
     working, assembly = (int(sign[0]) for sign in mode_signs(robot, closed.system))
     motors = robot.actuated_coordinates(closed.q)[0]
-    closures = loop_wrenches(robot.rows, closed.system.frames).residual
     return Pose(
         robot=robot.name,
         flexibility=robot.flexibility,
@@ -49,6 +45,6 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
         joints=robot.reference_values(closed.q[0]),
         working_mode=working,
         assembly_mode=assembly,
-        closure_error=float(np.abs(closures).max(initial=0.0)),
+        closure_error=float(closed.system.gap[0]),
         exceeded=positions_beyond_limits(robot.limits, closed.q),
     )

@@ -29,7 +29,7 @@ from framework.kinematics.forward_kinematics import (
 )
 from framework.kinematics.frames import between, difference, frames_at, integrate
 from framework.kinematics.inverse_kinematics import VANISHED, System, system_at
-from framework.kinematics.loop_matrices import passive_matrix
+from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.newton import Linear, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.turning_point import turning_points
@@ -118,7 +118,7 @@ def _lead(robot: ParallelRobot, q: Array, x: Array, turn: Array) -> tuple[dict[s
     count, columns, start, last = len(turn), robot.following, q, np.log(VANISHED)
     q, x = np.repeat(q[None], count, axis=0), np.repeat(x[None], count, axis=0)
     system = system_at(robot, q, None)
-    rate, share, least = _rates(robot, system, turn), np.zeros(count), _clearances(robot, system)
+    rate, share, least = _rates(robot, system, turn), np.zeros(count), clearance(robot, system)
     sign, size = _determinants(system)
     live = np.flatnonzero(least > VANISHED)
 
@@ -138,15 +138,15 @@ def _lead(robot: ParallelRobot, q: Array, x: Array, turn: Array) -> tuple[dict[s
             there, _, closed = newton(robot, there, columns, evaluate, linear, iterations=PASSES)
             live, predicted, there = live[closed], predicted[closed], there[closed]
         system = system_at(robot, there, None)
-        clearance, ahead = _clearances(robot, system), _rates(robot, system, turn[live])
+        clear, ahead = clearance(robot, system), _rates(robot, system, turn[live])
         sign_there, size_there = _determinants(system)
         step = measure(robot, between(robot, predicted, there), rate[live] / STEPS, ahead / STEPS)
-        kept = step.small & (step.straight | (clearance > CROSSING))
+        kept = step.small & (step.straight | (clear > CROSSING))
         kept &= (sign_there == sign[live]) & (size_there - size[live] > last)
         live = live[kept]
         q[live], rate[live], share[live] = there[kept], ahead[kept], k / STEPS
         sign[live], size[live] = sign_there[kept], size_there[kept]
-        least[live] = np.minimum(least[live], clearance[kept])
+        least[live] = np.minimum(least[live], clear[kept])
         x[live] = robot.platform.unwrap(robot.platform.coordinates(system.frames)[kept], x[live])
     residual = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual).max(axis=1, initial=0.0)
     return {"q": q, "x": x, "residual": residual, "clearance": least}, share
@@ -162,12 +162,6 @@ def _rates(robot: ParallelRobot, system: System, turn: Array) -> Array:
         except np.linalg.LinAlgError:
             return turn
     return rate
-
-
-def _clearances(robot: ParallelRobot, system: System) -> Array:
-    """Least singular values (T,) of P; infinite without passive joints."""
-    values = np.linalg.svd(passive_matrix(robot, system), compute_uv=False)
-    return np.asarray(values.min(axis=1, initial=np.inf))
 
 
 def _determinants(system: System) -> tuple[Array, Array]:

@@ -18,13 +18,13 @@ from framework.errors import (
     finite_numbers,
     point,
 )
-from framework.kinematics.assembly import Configuration
+from framework.kinematics.assembly import LONGEST_STEP, Configuration
 from framework.kinematics.branch import Branch as Branch
 from framework.kinematics.continuation import FIRST_STEP, Place, Way, follow
 from framework.kinematics.frames import difference, difference_rates, integrate
 from framework.kinematics.inverse_kinematics import (
-    ClosedStack,
     System,
+    close_each,
     close_loops,
     joint_rates,
     keeps_working_mode,
@@ -39,6 +39,7 @@ from framework.motion.path_check import check_path
 
 BESIDE = 1e-6  # [lengths] from the reference: what a file's rounded angles leave
 KNOTS = 1e-6  # last step to a knot of a branch: guesses between knots are no better
+AT_ONCE = 8  # places: a stack of them costs little more than one, and they span the way in first steps
 LOST_AHEAD = 1e-4  # singular values of the loop equations this small where no step is left: lost just ahead
 LOOPS = "a singularity of the loop equations, where no configuration can be told from its neighbours"
 CROSSING = 0.1  # least singular value of the loop equations above which no branches cross near by
@@ -101,23 +102,27 @@ def follow_path(robot: ParallelRobot, path: Path, q: Array, *, last_step: float 
     are closed as `newton` closes them with this `last_step`.
     """
 
-    def place(s: float, closed: ClosedStack) -> Place:
-        return Place(closed.q, closed.system, _rates(robot, path, s, closed.system))
-
-    def arrive(s: float, predicted: Array) -> Place | None:
+    def arrive(s: Array, predicted: Array) -> list[Place]:
+        q, system, closed = close_each(robot, path(s), predicted, last_step=last_step, farthest=LONGEST_STEP)
+        count = len(s) if closed.all() else int(np.argmin(closed))
         try:
-            return place(s, close_loops(robot, path(np.array([s])), predicted, last_step=last_step))
-        except NotAssembled:
-            return None
+            return places(s, q, system, count) if count else []
+        except NotAssembled:  # one of them is singular, to the last bit
+            return arrive(s[:1], predicted[:1]) if len(s) > 1 else []
+
+    def places(s: Array, q: Array, system: System, count: int) -> list[Place]:
+        """The first `count` places of a stack."""
+        rate = _rates(robot, path, s[:count], system.at(slice(count)))
+        return [Place(q[k : k + 1], system.at(k), rate[k : k + 1]) for k in range(count)]
 
     def belongs(before: Place, after: Place, straight: bool) -> bool:
         same_branch = straight or not lost_equations(robot, after.system, CROSSING)
         return same_branch and keeps_working_mode(robot, before.system, after.system)
 
-    x = path(np.zeros(1))
-    start = place(0.0, ClosedStack(q[None], x, system_at(robot, q[None], x)))
+    s = np.zeros(1)
+    [start] = places(s, q[None], system_at(robot, q[None], path(s)), 1)
     short = np.abs(path(1.0) - path(0.0)).max() < 1e-4 * robot.length
-    return follow(robot, start, arrive, belongs, step=1.0 if short else FIRST_STEP)
+    return follow(robot, start, arrive, belongs, step=1.0 if short else FIRST_STEP, at_once=AT_ONCE)
 
 
 def _followed(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
@@ -129,11 +134,10 @@ def _followed(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
     return Branch(robot, path, q, way.at, offset, rate)
 
 
-def _rates(robot: ParallelRobot, path: Path, s: float, system: System) -> Array:
-    """Joint rates (1, nv) with respect to s."""
-    here = np.array([s])
-    twist, _ = robot.platform.twist(path(here), path(here, 1))
-    return joint_rates(robot, system, twist, np.zeros((1, robot.n_e)))
+def _rates(robot: ParallelRobot, path: Path, s: Array, system: System) -> Array:
+    """Joint rates (T, nv) with respect to s (T,)."""
+    twist, _ = robot.platform.twist(path(s), path(s, 1))
+    return joint_rates(robot, system, twist, np.zeros((len(s), robot.n_e)))
 
 
 def _end_of_reach(

@@ -27,6 +27,8 @@ class Band(ReadOnlyArrays):
     upper: int  # above it
     row_order: IntArray  # (k,) the rows as they stand in the band
     column_order: IntArray  # (k,)
+    row_place: IntArray  # (k,) where each row stands in the band
+    column_place: IntArray  # (k,)
     place: IntArray  # (E,) where each entry stands in the memory of one instant, k columns of the band
 
     @staticmethod
@@ -40,11 +42,12 @@ class Band(ReadOnlyArrays):
         graph = coo_array((np.ones(2 * len(row)), both), shape=(2 * size, 2 * size)).tocsr()
         order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)
         row_order, column_order = order[order < size], order[order >= size] - size
-        i, j = np.argsort(row_order)[row], np.argsort(column_order)[column]
+        row_place, column_place = np.argsort(row_order), np.argsort(column_order)
+        i, j = row_place[row], column_place[column]
         lower, upper = int(np.max(i - j, initial=0)), int(np.max(j - i, initial=0))
         # LAPACK's storage: entry (i, j) in column j, at lower + upper + i - j; the first `lower` are its own
         place = j * (2 * lower + upper + 1) + lower + upper + i - j
-        return Band(size, lower, upper, row_order, column_order, place)
+        return Band(size, lower, upper, row_order, column_order, row_place, column_place, place)
 
     @property
     def height(self) -> int:
@@ -83,11 +86,13 @@ class Factors:
         Raises:
             numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
         """
-        return self._solve(right, self.band.row_order, self.band.column_order, transposed=False)
+        band = self.band
+        return self._solve(right, band.row_order, band.column_place, transposed=False)
 
     def solve_transposed(self, right: Array) -> Array:
         """Solutions for the transposed matrices; shapes and error as in `solve`."""
-        return self._solve(right, self.band.column_order, self.band.row_order, transposed=True)
+        band = self.band
+        return self._solve(right, band.column_order, band.row_place, transposed=True)
 
     def _solve(self, right: Array, before: IntArray, after: IntArray, *, transposed: bool) -> Array:
         from scipy.linalg.lapack import dgbtrs
@@ -96,20 +101,18 @@ class Factors:
             raise np.linalg.LinAlgError(f"singular matrix at instant {(self.singular - 1) // self.band.size}")
         if not right.size:
             return np.empty(right.shape)
-        stacked = right[..., before].reshape(-1, self.lu.shape[1]).T  # (T k, right-hand sides)
+        stacked = right.take(before, axis=-1).reshape(-1, self.lu.shape[1]).T  # (T k, right-hand sides)
         found, _ = dgbtrs(
             self.lu, self.band.lower, self.band.upper, stacked, self.pivots, trans=transposed, overwrite_b=1
         )
-        solution = np.empty(right.shape)
-        solution[..., after] = found.T.reshape(right.shape)
-        return solution
+        return np.asarray(found.T.reshape(right.shape).take(after, axis=-1))
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:
         """Signs and logarithms of the sizes of the determinants, each (T,); 0 and -inf where singular."""
-        size = self.band.size
-        diagonal = self.lu[self.band.lower + self.band.upper].reshape(-1, size)
-        swapped = (self.pivots != np.arange(len(self.pivots))).reshape(-1, size).sum(axis=1)
-        sign = np.prod(np.sign(diagonal), axis=1) * (-1.0) ** swapped * self.band.orientation
+        diagonal = self.lu[self.band.lower + self.band.upper]
+        turned = (diagonal < 0) ^ (self.pivots != np.arange(len(self.pivots)))
+        odd = np.logical_xor.reduce(turned.reshape(-1, self.band.size), axis=1)
         with np.errstate(divide="ignore"):
-            return sign, np.log(np.abs(diagonal)).sum(axis=1)
+            sizes = np.log(np.abs(diagonal)).reshape(-1, self.band.size).sum(axis=1)
+        return np.where(sizes > -np.inf, self.band.orientation * (1.0 - 2.0 * odd), 0.0), sizes

@@ -13,11 +13,19 @@ import numpy as np
 
 from framework.arrays import Array
 
+FEW = 300  # numbers: up to here the calls of numpy cost, beyond it the numbers
+
 
 def dot(a: Array, b: Array) -> Array:
     """Sums of a b (..., n) over the last axis, (...)."""
     if not a.shape[-1]:
         return np.zeros(np.broadcast(a, b).shape[:-1])
+    if a.size + b.size < FEW:
+        terms = a * b
+        total = terms[..., 0]
+        for k in range(1, terms.shape[-1]):
+            total = total + terms[..., k]
+        return np.asarray(total)
     total = np.asarray(a[..., 0] * b[..., 0])
     term = np.empty_like(total)
     for k in range(1, a.shape[-1]):

@@ -7,10 +7,11 @@ the number of such entries; only `dense` writes the zeros too.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, IntArray, ReadOnlyArrays
+from framework.arrays import Array, IntArray, ReadOnlyArrays, read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,15 +35,18 @@ class Sparsity(ReadOnlyArrays):
     def entries(self, wrench: Array, screws: Array) -> Array:
         """Entries (T, E) of the Jacobians for wrenches (T, m, 6) and screws of the joints (T, nv, 6)."""
         if self.shape[0] * self.shape[1] <= 8 * len(self.row):  # so full that all products are quicker
-            everywhere = wrench @ screws.swapaxes(1, 2)
-            return np.asarray(everywhere[:, self.row, self.column] * self.sign)
+            everywhere = (wrench @ screws.swapaxes(1, 2)).reshape(len(wrench), self.shape[0] * self.shape[1])
+            return np.asarray(everywhere.take(self.place, axis=1) * self.sign)
         return np.einsum("tei,tei->te", wrench[:, self.row], screws[:, self.column]) * self.sign
+
+    @cached_property
+    def place(self) -> IntArray:
+        """Where each entry (E,) stands in the memory of a matrix."""
+        return read_only(self.row * self.shape[1] + self.column)
 
     def dense(self, values: Array) -> Array:
         """The matrices (T, m, nv) with these entries (T, E)."""
-        matrices = np.zeros((len(values), *self.shape))
-        matrices[:, self.row, self.column] = values
-        return matrices
+        return _scattered(values, self.place, self.shape)
 
     def part(self, rows: IntArray, columns: IntArray) -> Part:
         """The entries in some rows and columns, in their order."""
@@ -62,6 +66,15 @@ class Part(ReadOnlyArrays):
     row: IntArray  # (K,) places among the chosen rows
     column: IntArray  # (K,) places among the chosen columns
 
+    @cached_property
+    def place(self) -> IntArray:
+        """Where each entry (K,) stands in the memory of a matrix."""
+        return read_only(self.row * self.shape[1] + self.column)
+
+    def dense(self, values: Array) -> Array:
+        """The part (T, rows, columns) of matrices with entries `values` (T, E)."""
+        return _scattered(values.take(self.entry, axis=1), self.place, self.shape)
+
     def times(self, values: Array, right: Array) -> Array:
         """Products (T, rows) of the part of matrices with entries `values` (T, E) with (T, columns)."""
         return _sums(values[:, self.entry] * right[:, self.column], self.row, self.shape[0])
@@ -69,6 +82,13 @@ class Part(ReadOnlyArrays):
     def transposed_times(self, values: Array, right: Array) -> Array:
         """Products (T, columns) of the part, transposed, with (T, rows)."""
         return _sums(values[:, self.entry] * right[:, self.row], self.column, self.shape[1])
+
+
+def _scattered(values: Array, place: IntArray, shape: tuple[int, int]) -> Array:
+    """Matrices (T, *shape) with values (T, K) at places (K,) of their memory, zero elsewhere."""
+    matrices = np.zeros((len(values), shape[0] * shape[1]))
+    matrices[:, place] = values
+    return matrices.reshape(len(values), *shape)
 
 
 def _sums(terms: Array, place: IntArray, size: int) -> Array:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path as FilePath
+from textwrap import wrap
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, LogNorm, Normalize
+from matplotlib.colors import Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+from matplotlib.transforms import ScaledTranslation
 
-from framework.arrays import Array
+from framework.arrays import Array, BoolArray
 from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.workspace_map import WorkspaceMap
+from framework.dynamics.loading import LoadReason
 from framework.motion.path import Path
 from framework.show.captions import said
 from framework.show.plots import save
@@ -22,12 +26,13 @@ from framework.show.style import COLUMN, LOCUS, PATH
 
 # Both can be told apart without red and green, and in grey.
 SEQUENTIAL, DIVERGING = "cividis", "BrBG"
-UNREACHED = "#e4e7eb"
+UNREACHED, NOT_CARRIED = "#e4e7eb", "#e8a48c"
 TAILS = (2.0, 98.0)  # percentiles between which colours change: a pole would take them all
 SAMPLES = 401  # of a path
 UNEXPLAINED, NOT_TRACED = "g changes sign, no curve found", "locus not traced"
 LONGEST_EDGE = 3.4  # [in] of the window drawn
-LEFT, RIGHT, BELOW, ABOVE, BAR = 0.55, 0.65, 0.45, 0.65, 0.25  # [in] about it
+LEFT, RIGHT, BELOW, ABOVE, BAR = 0.55, 0.65, 0.45, 0.15, 0.25  # [in] about it
+LINE, CHARACTERS, ENTRIES = 0.15, 60, 2  # above: a line's height [in], characters of one, keys in one
 
 
 def quantity_of(found: WorkspaceMap, key: str) -> Quantity:
@@ -55,11 +60,16 @@ def plot_map(
 ) -> Axes:
     """One quantity of a map, with the singular locus and a path on top."""
     quantity, robot = quantity_of(found, key), found.robot
-    ax, scale = _axes(found) if ax is None else (ax, None)
+    lost = not_carried(found, quantity)
+    header = _header(found, quantity, entries=2 + sum(map(bool, _about_locus(found))) + int(lost.any()))
+    ax, scale = _axes(found, header) if ax is None else (ax, None)
     palette, norm = colours(found, key)
     values = found.values[key]
     edges = [cell_edges(span) for span in found.window.spans]
     ax.set_facecolor(UNREACHED)
+    if lost.any():
+        shade = np.ma.masked_where(~lost, lost)
+        ax.pcolormesh(*edges, shade.T, cmap=ListedColormap([NOT_CARRIED]), rasterized=True, linewidth=0)
     mesh = ax.pcolormesh(
         *edges, np.ma.masked_invalid(values).T, cmap=palette, norm=norm, rasterized=True, linewidth=0
     )
@@ -89,18 +99,50 @@ def plot_map(
     else:
         start = robot.reference.x[axes]
         ax.plot(*start, "P", color="black", markeredgecolor="white", markersize=6, label="reference")
+    if lost.any():
+        ax.plot([], [], "s", color=NOT_CARRIED, label=f"load not carried: {lost.sum()} poses")
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor="#9aa4af", label="not reached")
-    _frame(found, quantity, ax)
+    _frame(found, header, ax)
     return ax
 
 
-def _axes(found: WorkspaceMap) -> tuple[Axes, Axes]:
+class _Header(NamedTuple):
+    """What stands above a map."""
+
+    name: list[str]  # lines
+    title: list[str]
+    rows: int  # of the legend
+
+    @property
+    def height(self) -> float:
+        """[in]"""
+        return LINE * (len(self.name) + len(self.title) + self.rows) + ABOVE
+
+
+def _header(found: WorkspaceMap, quantity: Quantity, entries: int) -> _Header:
+    name, below = (wrap(text, CHARACTERS) for text in (quantity.name, title(found)))
+    return _Header(name, below, -(-entries // ENTRIES))
+
+
+def _about_locus(found: WorkspaceMap) -> tuple[int, int, str]:
+    """What there is to say of the locus: how many curves, signs without one, and why it is not traced."""
+    return len(found.locus.curves), len(found.locus.unexplained), found.locus.why_not
+
+
+def not_carried(found: WorkspaceMap, quantity: Quantity) -> BoolArray:
+    """Poses (I, J) that are reached, and have no value because the load is not carried there."""
+    if found.load is None or not quantity.loaded:
+        return np.zeros(found.reason.shape, dtype=bool)
+    return found.reached & (found.load != LoadReason.CARRIED)
+
+
+def _axes(found: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
     """Axes for the window, to scale, and beside them for the colours, on a figure of their size."""
     wide, high = 1.0, 0.8
     if is_to_scale(found):
         wide, high = found.window.upper - found.window.lower
     width, height = LONGEST_EDGE * np.array([wide, high]) / max(wide, high)
-    whole = np.array([max(LEFT + width + BAR + RIGHT, COLUMN), BELOW + height + ABOVE])
+    whole = np.array([max(LEFT + width + BAR + RIGHT, COLUMN), BELOW + height + header.height])
     drawing = Figure(figsize=tuple(whole))
 
     def placed(left: float, across: float) -> Axes:
@@ -122,7 +164,7 @@ def is_to_scale(found: WorkspaceMap) -> bool:
     return bool(lengths.all() or not lengths.any())
 
 
-def _frame(found: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:
+def _frame(found: WorkspaceMap, header: _Header, ax: Axes) -> None:
     robot, axes = found.robot, found.window.axes
     ax.grid(False)
     if is_to_scale(found):
@@ -131,18 +173,28 @@ def _frame(found: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:
     ax.set_ylim(*cell_edges(found.window.spans[1])[[0, -1]])
     for set_label, k in ((ax.set_xlabel, axes[0]), (ax.set_ylabel, axes[1])):
         set_label(f"{robot.axis_names[k]}  [{'m' if robot.translations[k] else 'rad'}]")
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2, handlelength=1.6)
-    for text, above, colour in ((quantity.name, 27, "black"), (title(found), 16, "#5c6876")):
-        ax.annotate(
-            text, (0.0, 1.0), (0, above), xycoords="axes fraction", textcoords="offset points", color=colour
-        )
+    aside = ax.transAxes + ScaledTranslation(-LEFT + 0.1, 0.0, ax.figure.dpi_scale_trans)
+    ax.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        bbox_transform=aside,
+        ncols=ENTRIES,
+        borderaxespad=0.2,
+        handlelength=1.6,
+        columnspacing=1.0,
+    )
+    low = LINE * header.rows + 0.3 * ABOVE
+    high = low + LINE * len(header.title)
+    for lines, above, colour in ((header.name, high, "black"), (header.title, low, "#5c6876")):
+        at: dict[str, Any] = {"xycoords": aside, "textcoords": "offset points", "va": "bottom"}
+        ax.annotate("\n".join(lines), (0.0, 1.0), (0, 72 * above), color=colour, **at)
 
 
 def title(found: WorkspaceMap) -> str:
     """The robot, the mode that the map shows, and what is held."""
     robot, axes = found.robot, found.window.axes
     held = [
-        f"{name} = {round(value, 9) + 0.0:.4g} {'m' if slides else 'rad'}"
+        f"{name}\u00a0=\u00a0{round(value, 9) + 0.0:.4g}\u00a0{'m' if slides else 'rad'}"
         for k, (name, value, slides) in enumerate(
             zip(robot.axis_names, found.window.held, robot.translations, strict=True)
         )

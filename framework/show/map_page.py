@@ -15,8 +15,10 @@ from framework.arrays import Array
 from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.sweep import WORDS, Reason
 from framework.atlas.workspace_map import WorkspaceMap
+from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.motion.path import Path
 from framework.show.map import (
+    NOT_CARRIED,
     SAMPLES,
     UNEXPLAINED,
     UNREACHED,
@@ -61,6 +63,9 @@ def _document(found: WorkspaceMap, path: Path | None) -> dict[str, Any]:
         mark = way[0]
     else:
         mark = robot.reference.x[list(window.axes)]
+    if found.load is not None:
+        lost = int(found.reached.sum()) - found.load_counts[LOAD_WORDS[LoadReason.CARRIED]]
+        legend.append((f"load not carried: {lost} poses", NOT_CARRIED, True))
     legend.append(("not reached", UNREACHED, True))
     units = ["m" if slides else "rad" for slides in robot.translations]
     return {
@@ -74,7 +79,10 @@ def _document(found: WorkspaceMap, path: Path | None) -> dict[str, Any]:
         "reasons": [WORDS[kind] for kind in Reason],
         "assembly": _packed(found.assembly.astype(np.int8).view(np.uint8)),
         "has_sides": robot.n_a == robot.n and len(robot.passive) > 0,
+        "load": None if found.load is None else _packed(found.load),
+        "loads": [LOAD_WORDS[kind] for kind in LoadReason],
         "unreached": _rgb(UNREACHED),
+        "not_carried": _rgb(NOT_CARRIED),
         "curves": curves,
         "marks": [np.round(mark, 9).tolist()],
         "crosses": np.round(found.locus.unexplained, 9).tolist(),
@@ -92,6 +100,7 @@ def _quantity(found: WorkspaceMap, one: Quantity) -> dict[str, Any]:
         "values": _packed(found.values[one.key].astype("<f4")),
         "range": [float(norm.vmin or 0.0), float(norm.vmax or 0.0)],
         "decades": one.decades,
+        "loaded": one.loaded,
         "colours": shades.tolist(),
     }
 

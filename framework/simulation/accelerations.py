@@ -1,14 +1,16 @@
-"""Accelerations at one instant: forward dynamics without a step of time.
+"""Accelerations at instants: forward dynamics without a step of time.
 
     M a + c + g + K (q - rest) = S' n tau + f + J' lambda,        J a + drift = 0
 
 with f the forces of the world, in all coordinates and therefore regular at Type 2. Of the motions that the
-loops allow, Z has mass and Z_0 has none (`consistent.free_motions`, as at the start of every simulation):
+loops allow, Z has mass and Z_0 has none (`consistent.allowed_motions`, as at the start of every simulation):
 
     a = a_0 + Z alpha,    J a_0 = -drift,    Z' M Z alpha = Z' (S' n tau + f - c - g - K (q - rest) - M a_0).
 
 Along Z_0 the springs must balance, or the state is none that the robot can be in; how they go on balancing is
 told by the rates of the torques alone: a has no component known along Z_0, and M a does not feel it.
+
+Sums run in the order of their index (`ordered_sums`): a state of a stack comes out as it does alone.
 """
 
 from __future__ import annotations
@@ -21,54 +23,66 @@ from framework.arrays import Array, BoolArray
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift
 from framework.kinematics.frames import frame_motions
-from framework.simulation.consistent import balancing_step, free_motions
-from framework.simulation.equations import EquationsOfMotion
+from framework.linalg.ordered_sums import matmul, matvec
+from framework.simulation.consistent import allowed_motions, balancing_step
+from framework.simulation.equations import EquationsOfMotion, Tangent
 
 BALANCED = 1e-8  # [rad, robot lengths] of springs from their balance, of which no state is better known
 MOVED = 1e-9  # share of a unit motion without mass that a joint has: less is rounding
 
 
 class Accelerations(NamedTuple):
-    """Joint accelerations of an instant under given torques."""
+    """Joint accelerations of T states under given torques."""
 
-    a: Array  # (nv,) least along motions without mass, which no force feels
-    undetermined: BoolArray  # (nv,) what such a motion moves: the torques of one instant do not tell
+    a: Array  # (T, nv) least along motions without mass, which no force feels
+    undetermined: BoolArray  # (T, nv) what such a motion moves: the torques of one instant do not tell
 
 
 def accelerations(
     equations: EquationsOfMotion, q: Array, v: Array, torque: Array, applied: Array
 ) -> Accelerations:
-    """What motor torques (n_a,) [N m], motor side, and the world do to an assembled state.
+    """What motor torques (T, n_a) [N m], motor side, and the world do to assembled states.
 
     Args:
-        q, v: (nq,), (nv,), on which the loops and their rates are closed.
-        applied: generalised forces (nv,) of the world.
+        q, v: (T, nq), (T, nv), on which the loops and their rates are closed.
+        applied: generalised forces (T, nv) of the world.
 
     Raises:
         InvalidInput: springs of parts without mass are out of balance there; or a motion has neither mass nor
             stiffness nor damping.
     """
     robot = equations.robot
-    at = equations.tangent(q[None], v[None], np.zeros((1, robot.model.nv)))
-    massive, light = free_motions(equations, at)
-    drift = closure_drift(equations.rows, at.frames, frame_motions(robot, at.frames, q[None], v[None]))[0]
-    scale = robot.column_scale
-    a = -scale * np.linalg.lstsq(at.jacobian[0] * scale, drift, rcond=None)[0]
-    free = equations.applied(torque[None])[0] + applied - at.force[0]
-    if light.shape[1]:
-        _check_balance(equations, light @ balancing_step(equations, at, massive, light, -free))
-    inertia = massive.T @ at.mass[0] @ massive
-    a += massive @ np.linalg.solve(inertia, massive.T @ (free - at.mass[0] @ a))
-    return Accelerations(a, np.abs(light / scale[:, None]).max(axis=1, initial=0.0) > MOVED)
+    at = equations.tangent(q, v, np.zeros(v.shape))
+    basis, light, closing = allowed_motions(equations, at)
+    free = equations.applied(torque) + applied - at.force
+    for k in map(int, np.flatnonzero(light.any(axis=1))):
+        row = f", row {k}" if len(q) > 1 else ""
+        _check_balance(equations, at.at(k), basis[k], light[k], free[k], row)
+    drift = closure_drift(equations.rows, at.frames, frame_motions(robot, at.frames, q, v))
+    a = -matvec(closing, drift)
+    across = basis.swapaxes(1, 2)
+    massless = np.broadcast_to(light[:, None], (len(q), *2 * light.shape[1:]))
+    # alpha is 0 along motions without mass: their rows and columns are those of the unit matrix
+    inertia = np.where(
+        massless | massless.swapaxes(1, 2), np.eye(light.shape[1]), matmul(across, matmul(at.mass, basis))
+    )
+    pushed = np.where(light, 0.0, matvec(across, free - matvec(at.mass, a)))
+    a += matvec(basis, np.linalg.solve(inertia, pushed[..., None])[..., 0])
+    moved = np.abs(basis * light[:, None] / robot.column_scale[:, None]).max(axis=2, initial=0.0)
+    return Accelerations(a, moved > MOVED)
 
 
-def _check_balance(equations: EquationsOfMotion, step: Array) -> None:
-    robot = equations.robot
+def _check_balance(
+    equations: EquationsOfMotion, at: Tangent, basis: Array, light: BoolArray, free: Array, row: str
+) -> None:
+    """Refuse a state (T = 1) whose springs of parts without mass do not balance the forces (nv,)."""
+    robot, massless = equations.robot, basis[:, light]
+    step = massless @ balancing_step(equations, at, basis[:, ~light], massless, -free)
     off = np.abs(step / robot.column_scale)
     worst = int(np.argmax(off))
     if off[worst] > BALANCED:
         raise InvalidInput(
-            f"q: {robot.joint_of(worst)} of {robot.name}, {robot.flexibility}, has no mass and is "
+            f"q{row}: {robot.joint_of(worst)} of {robot.name}, {robot.flexibility}, has no mass and is "
             f"{off[worst]:.3g} rad or robot lengths from where its springs balance these torques: its "
             f"acceleration would be infinite; `Stepper.start` gives the state next to this one"
         )

@@ -7,12 +7,15 @@ them, and they stand where the springs balance, Z' (S' n tau - K (q - rest) - D 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import Array, BoolArray
 from framework.errors import InvalidInput, NotAssembled, NotConverged
 from framework.kinematics.closures import loop_wrenches, scaled
 from framework.kinematics.frames import integrate
+from framework.linalg.ordered_sums import matmul
 from framework.simulation.curvature import loop_curvature
 from framework.simulation.equations import EquationsOfMotion, Tangent
 
@@ -21,17 +24,37 @@ SLACK = 1e-12  # stiffness of such a motion over the largest one: less holds not
 PASSES = 60
 
 
-def free_motions(equations: EquationsOfMotion, at: Tangent) -> tuple[Array, Array]:
-    """Bases (nv, d) of the motions with mass, and (nv, k) of those without, that the loops allow."""
+class AllowedMotions(NamedTuple):
+    """What the loops allow at T states."""
+
+    basis: Array  # (T, nv, d) joint rates of motions that the loops allow, in the order of their inertia
+    light: BoolArray  # (T, d) which of them move no mass; those come first
+    closing: Array  # (T, nv, m) the least motion at which each loop equation changes at unit rate
+
+
+def allowed_motions(equations: EquationsOfMotion, at: Tangent) -> AllowedMotions:
+    """The motions that the loops allow, each state for itself to the last bit."""
     robot = equations.robot
-    scale = robot.column_scale
-    loops = scaled(robot, at.jacobian, equations.rows.rotation)[0]
+    scale, count = robot.column_scale[:, None], at.jacobian.shape[1]
+    loops = scaled(robot, at.jacobian, equations.rows.rotation)
+    left, sizes, right = np.linalg.svd(loops)
     # redundant rows are gone; what else loses rank is a singularity of the closures and no free motion
-    allowed = np.linalg.svd(loops)[2][len(loops) :].T if len(loops) else np.eye(robot.model.nv)
-    mass = at.mass[0] * scale[:, None] * scale
-    values, vectors = np.linalg.eigh(allowed.T @ mass @ allowed)
-    light = values <= MASSLESS * max(values.max(initial=0.0), np.diag(mass).max(initial=0.0))
-    basis = scale[:, None] * (allowed @ vectors)
+    allowed, crossed = right[:, count:].swapaxes(1, 2), right[:, :count].swapaxes(1, 2)
+    mass = at.mass * scale * scale[:, 0]
+    values, vectors = np.linalg.eigh(matmul(allowed.swapaxes(1, 2), matmul(mass, allowed)))
+    diagonal = np.diagonal(mass, axis1=1, axis2=2)
+    largest = np.maximum(values.max(axis=1, initial=0.0), diagonal.max(axis=1, initial=0.0))
+    sound = sizes > np.finfo(float).eps * max(loops.shape[1:]) * sizes.max(axis=1, initial=0.0)[:, None]
+    inverse = np.where(sound, 1.0 / np.where(sound, sizes, 1.0), 0.0)
+    back = matmul(crossed * inverse[:, None], left.swapaxes(1, 2)) / robot.row_lengths[robot.independent]
+    light = values <= MASSLESS * largest[:, None]
+    return AllowedMotions(scale * matmul(allowed, vectors), light, scale * back)
+
+
+def free_motions(equations: EquationsOfMotion, at: Tangent) -> tuple[Array, Array]:
+    """Bases (nv, d) of the motions with mass, and (nv, k) of those without, that the loops allow (T = 1)."""
+    found = allowed_motions(equations, at)
+    basis, light = found.basis[0], found.light[0]
     return basis[:, ~light], basis[:, light]
 
 

@@ -38,6 +38,13 @@ class Tangent(NamedTuple):
     residual: Array  # (T, m) F [m, rad]
     jacobian: Array  # (T, m, nv) J
 
+    def at(self, k: int) -> Tangent:
+        """Those of one state, T = 1."""
+        here = slice(k, k + 1)
+        force, by_q, by_v, mass, frames, residual, jacobian = self
+        terms = (force[here], by_q[here], by_v[here], mass[here])
+        return Tangent(*terms, frames.at(here), residual[here], jacobian[here])
+
 
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:

@@ -17,7 +17,7 @@ import pinocchio as pin
 from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frames import FrameMotions, FrameStack, cross, scratch_of
+from framework.kinematics.frames import FrameMotions, FrameStack, scratch_of
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matmul
 from framework.model.loop_rows import LoopRows
@@ -156,11 +156,8 @@ class RobotStack:
         frames = at.frames
         moved = frames.carried * v[:, None]  # (R, F, nv)
         both = np.stack([frames.screws, at.tree_rate.swapaxes(1, 2)])
-        motions = matmul(moved, both)  # (2, R, F, 6)
-        motions[..., :3] += cross(motions[..., 3:], frames.position)  # from the base's origin to the frames
-        twist, drift = motions
-        drift[..., :3] += cross(twist[..., 3:], twist[..., :3])
-        return closure_drift(self.rows, frames, FrameMotions(twist, drift))
+        motions = FrameMotions.at_origins(matmul(moved, both), frames.position)
+        return closure_drift(self.rows, frames, motions)
 
 
 @lru_cache(maxsize=128)

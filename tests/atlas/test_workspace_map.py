@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
@@ -15,6 +16,7 @@ from framework.atlas.quantities import chosen
 from framework.atlas.sweep import Reason, stepped
 from framework.atlas.window import Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import surveyed, workspace_map
+from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.inverse_kinematics import mode_signs, system_at
 from framework.kinematics.tracking import assemble
 from framework.parallel.kept import KeptChunks
@@ -204,6 +206,28 @@ def test_a_kept_band_of_another_map_is_not_taken(tmp_path):
 def test_a_quantity_that_a_robot_has_not_is_refused(name, keys, told):
     with pytest.raises(InvalidInput, match=told):
         chosen(robots.load(name), keys)
+
+
+def test_where_a_load_is_not_carried_a_map_says_so_everywhere(tmp_path):
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    at = window(robot, 5, (-0.02, 0.2), (0.02, 0.36))
+    found = workspace_map(robot, at, ["loaded_stiffness"], wrench=[0.0, -300.0])
+    lost = found.load != LoadReason.CARRIED
+    assert 0 < lost.sum() < lost.size == found.reached.sum()
+    np.testing.assert_array_equal(np.isnan(found.values["loaded_stiffness"]), lost)
+    document = map_document(found)
+    assert document["wrench"] == (0.0, -300.0)
+    assert document["load"][LOAD_WORDS[LoadReason.GIVES_WAY]] == (found.load == LoadReason.GIVES_WAY).sum()
+    write_map(found, tmp_path)
+    words = [row["load"] for row in csv.DictReader((tmp_path / "map.csv").read_text().splitlines())]
+    assert words == [LOAD_WORDS[LoadReason(int(kind))] for kind in found.load.flat]
+    legend = [text.get_text() for text in plot_map(found, "loaded_stiffness").get_legend().get_texts()]
+    assert f"load not carried: {lost.sum()} poses" in legend
+    assert f"load not carried: {lost.sum()} poses" in map_page(found)
+    no_load = workspace_map(robot, at, ["stiffness"])
+    assert no_load.load is None
+    with pytest.raises(InvalidInput, match="wrench: counts for loaded"):
+        workspace_map(robot, at, ["stiffness"], wrench=[0.0, 1.0])
 
 
 def test_a_robot_of_one_freedom_has_no_map():

@@ -197,6 +197,17 @@ def test_a_stack_of_instants_says_what_each_says_alone(moving):
                 np.testing.assert_allclose(both[0][key][k], wrench, rtol=0, atol=1e-11 * scale)
 
 
+def test_what_was_given_stays_the_givers_own():
+    """A stack may be filled anew for the next call: what was found does not change with it."""
+    robot = robots.load("five_bar")
+    q = np.array([assemble(robot, [0.01 * k, 0.3]).q for k in range(3)])
+    found, as_given = dynamics_at(robot, q), q.copy()
+    q[:] = 0.0
+    np.testing.assert_array_equal(found.q, as_given)
+    expected = dynamics_at(robot, as_given).reactions["left_elbow"]
+    np.testing.assert_array_equal(found.reactions["left_elbow"], expected)
+
+
 def test_A_B_and_C_change_as_their_rates_say(moving):
     """B^-1 A and B^-1 C, which no choice of rows changes, differenced along the plan."""
     plan, time, _ = moving

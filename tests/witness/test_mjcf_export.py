@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +16,7 @@ from framework.export.mjcf import INERTIA, MASS, mjcf_text, qpos_of, ranges_left
 from framework.export.mjcf_loops import equality_axes
 from framework.simulation.accelerations import accelerations
 from framework.simulation.equations import EquationsOfMotion
+from tests.model.readers.leg import ankle
 from tests.witness.installed import REQUIRED
 
 if not REQUIRED:
@@ -24,7 +24,6 @@ if not REQUIRED:
 mujoco = import_module("mujoco")
 
 NAMES = list(robots.CATALOGUE)
-DIALECTS = Path(__file__).parents[1] / "data" / "dialects"
 
 
 def loaded(robot):
@@ -75,10 +74,9 @@ def test_tree_and_loops_are_the_same(name, flexibility):
     assert np.abs(data.efc_pos).max() < 1e-11 * max(robot.length, 1.0)
 
 
-def test_balls_are_those_of_mujoco():
+def test_balls_are_those_of_mujoco(tmp_path):
     """The ankle on rods with balls, read from MJCF and written: the same tree and the same loops."""
-    said = {"platform": "roll_link", "axes": ["ry", "rx"], "motors": ["drive_a", "drive_b"]}
-    robot = ParallelRobot.from_file(DIALECTS / "humanoid_ankle.xml", **said)
+    robot = ankle(tmp_path)
     model, data = loaded(robot)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     data.qvel[:] = np.random.default_rng(1).normal(size=model.nv)
@@ -147,14 +145,17 @@ def test_our_reader_takes_back_what_we_wrote(tmp_path):
         np.testing.assert_allclose(read, written, rtol=0, atol=1e-10 * np.abs(written).max())
 
 
+def accelerations_of(robot, q, v, torque):
+    """Joint accelerations (nv,) of one state."""
+    equations, still = EquationsOfMotion.of(robot), np.zeros((1, robot.model.nv))
+    return accelerations(equations, q[None], v[None], torque[None], still).a[0]
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_our_reader_takes_back_every_robot_and_it_moves_alike(name, tmp_path):
     robot, again = robots.load(name), read_back(robots.load(name), tmp_path)
     q, v, torque = at_rest(robot)
-    ours, theirs = (
-        accelerations(EquationsOfMotion.of(each), q, v, torque, np.zeros(each.model.nv)).a[robot.moving]
-        for each in (robot, again)
-    )
+    ours, theirs = (accelerations_of(each, q, v, torque)[robot.moving] for each in (robot, again))
     # the stand-ins weigh 1e-9 kg where the robot weighs nothing
     np.testing.assert_allclose(theirs, ours, rtol=0, atol=1e-8 * np.abs(ours).max())
 
@@ -190,7 +191,7 @@ def test_our_accelerations_are_those_of_mujocos_equations_with_rigid_loops(name)
     robot = robots.load(name)
     model, data = loaded(robot)
     q, v, torque = at_rest(robot)
-    a = accelerations(EquationsOfMotion.of(robot), q, v, torque, np.zeros(model.nv)).a
+    a = accelerations_of(robot, q, v, torque)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     data.ctrl[:] = torque
     mass = tree_in_mujoco(model, data)[0]
@@ -211,7 +212,7 @@ def test_mujocos_accelerations_come_to_ours_as_its_loops_harden(name):
     robot = robots.load(name)
     model, data = loaded(robot)
     q, v, torque = at_rest(robot)
-    ours = accelerations(EquationsOfMotion.of(robot), q, v, torque, np.zeros(model.nv)).a
+    ours = accelerations_of(robot, q, v, torque)
     apart = []
     for impedance in (0.999, 0.9999):
         model.eq_solimp[:, :2] = impedance

@@ -15,6 +15,7 @@ from framework.model.description import (
     Platform,
     RobotDescription,
 )
+from framework.model.readers.base_link import lock_all_but, loops_of_the_rest
 from framework.model.readers.missing_fields import Options, checked_reference, resolve
 from framework.model.readers.urdf_tree import UrdfTree
 
@@ -39,6 +40,14 @@ def describe(
     """
     if not closures:
         raise RobotFileError("there is no loop in it: a parallel robot needs at least one closure")
+    if options.base is not None:
+        lock_all_but(tree, options.base, reference or {})
+        actuators = [actuator for actuator in actuators if actuator.joint in tree.movable]
+        joint_springs = [spring for spring in joint_springs if spring.joint in tree.movable]
+        reference = {name: value for name, value in (reference or {}).items() if name in tree.coordinates}
+        closures = loops_of_the_rest(tree, closures)
+        if not closures:
+            raise RobotFileError(f"--base: no loop moves that link {options.base!r} carries")
     names = [closure.name for closure in closures]
     for closure in closures:
         if names.count(closure.name) > 1:

@@ -83,7 +83,7 @@ def _replace_joints(tree: UrdfTree, content: Mapping[Any, Any]) -> None:
             raise RobotFileError(f"joint_name[{i}]: {choose_from('joint', name, tree.joints)}")
         joint = tree.joints[name]
         if kind == "FIXED":
-            tree.fix(joint, 0.0)
+            tree.fix(joint)
         elif kind == "SPHERICAL":
             tree.replace_by_ball(joint)
         elif kind.upper() in _U_JOINTS:

@@ -24,6 +24,7 @@ class Options:
     axes: tuple[str, ...] | None = None
     motors: tuple[str, ...] | None = None
     reference: Mapping[str, float] = field(default_factory=dict)
+    base: str | None = None  # a link: what it does not carry is locked
 
 
 class Resolved(NamedTuple):

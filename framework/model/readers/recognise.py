@@ -42,9 +42,12 @@ def read_any(
     axes: Sequence[str] | None = None,
     motors: Sequence[str] | None = None,
     reference: Mapping[str, float] | None = None,
+    base: str | None = None,
 ) -> RobotDescription:
     """The description in a file of any dialect: see `parse_any`, which says more."""
-    return parse_any(file, platform=platform, axes=axes, motors=motors, reference=reference).description
+    return parse_any(
+        file, platform=platform, axes=axes, motors=motors, reference=reference, base=base
+    ).description
 
 
 def parse_any(
@@ -54,13 +57,16 @@ def parse_any(
     axes: Sequence[str] | None = None,
     motors: Sequence[str] | None = None,
     reference: Mapping[str, float] | None = None,
+    base: str | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> ParsedRobot:
     """The description in a file of any dialect, recognised by its content, its URDF and the dialect.
 
     The options say what a foreign file does not, and overrule what it does: the `platform` frame and
     its `axes`, the joints that are `motors`, and a `reference` [rad, m] where the file's zero pose is not
-    near the wanted one. For a pair of Gepetto give the YAML or the folder of the two.
+    near the wanted one. Only what the link `base` of a foreign file carries moves, if one is given; all else
+    is locked where the reference of the file has it. For a pair of Gepetto give the YAML or the folder of
+    the two.
     `parameters` takes other values for those that a robot file of ours declares.
 
     Raises:
@@ -73,6 +79,7 @@ def parse_any(
         None if axes is None else tuple(axes),
         None if motors is None else tuple(motors),
         dict(reference or {}),
+        base,
     )
     if os.path.isdir(path):
         path = _pair_in(path)
@@ -152,6 +159,8 @@ def _from_yaml(path: Path, text: str, options: Options, given: Mapping[str, floa
 
 def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
     """Our robot file with what the options overrule."""
+    if options.base is not None:
+        raise RobotFileError("--base: for files of foreign dialects; a robot file of ours has the key locked")
     description, root = robot.description, robot.urdf
     kinds = {joint.get("name", ""): joint.get("type", "") for joint in root.findall("joint")}
     coordinates = [name for joint, kind in kinds.items() for name in coordinates_of(joint, kind)]

@@ -29,6 +29,7 @@ from framework.model.placement import placement, turning
 from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.urdf_elements import MOVING
 from framework.model.xml_reading import attribute, axis_of, numbers, only, origin_of, required
 
 ELEMENTS = ("loop", "coupling")
@@ -88,8 +89,8 @@ def _coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
         raise RobotFileError(f"{where}: couples {first!r} with itself")
     drivers, driven = tree.moving_chains(first, second)
     held, others = (driven, drivers) if ratio == 0.0 or not drivers else (drivers, driven)
-    if len(held) == 1 and (ratio == 0.0 or not others):
-        tree.fix(held[0], 0.0)
+    if len(held) == 1 and held[0].kind in MOVING and (ratio == 0.0 or not others):
+        tree.fix(held[0])
         return None
     closure = tree.same_turning(name, first, second) if ratio == 1.0 else None
     if closure is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 
@@ -154,14 +155,17 @@ class UrdfTree:
             or name.removesuffix("_mount") in self._added
         )
 
-    def fix(self, joint: Joint, value: float) -> None:
-        """Hold a joint at a value [rad, m]; one of several freedoms where it is at zero."""
+    def fix(self, joint: Joint, *values: float) -> None:
+        """Hold a joint at the values [rad, m] of its coordinates, zero by default."""
+        values = values or (0.0,) * len(joint.coordinates)
         if joint.kind in SEVERAL:
-            motion = np.eye(4)
+            *along, x, y, z = values
+            angle = math.hypot(x, y, z)
+            motion = placement(about((x, y, z), angle) if angle else None, along or (0.0, 0.0, 0.0))
         elif joint.kind == "prismatic":
-            motion = placement(None, value * joint.axis / np.linalg.norm(joint.axis))
+            motion = placement(None, values[0] * joint.axis / np.linalg.norm(joint.axis))
         else:
-            motion = placement(about(joint.axis, value))
+            motion = placement(about(joint.axis, values[0]))
         joint.origin = joint.origin @ motion
         joint.kind = "fixed"
         joint.element.set("type", "fixed")

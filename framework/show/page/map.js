@@ -8,6 +8,7 @@ const [rows, columns] = doc.shape; // first axis, to the right; second axis, upw
 const values = Object.fromEntries(doc.quantities.map((one) => [one.key, numbers(one.values)]));
 const codes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 const reasons = codes(doc.reason), modes = codes(doc.assembly);
+const loads = doc.load ? codes(doc.load) : null; // 0: the load is carried
 const canvas = document.getElementById("map"), select = document.getElementById("quantity");
 const MARGIN = { left: 58, right: 10, top: 8, bottom: 40 };
 let chosen = doc.quantities[0], cursor = null, picture = null;
@@ -36,7 +37,8 @@ function paint() {
   for (let i = 0; i < rows; i++) {
     for (let j = 0; j < columns; j++) {
       const value = values[chosen.key][i * columns + j];
-      const [r, g, b] = Number.isNaN(value) ? doc.unreached : colour(chosen, value);
+      const lost = chosen.loaded && !reasons[i * columns + j] ? doc.not_carried : doc.unreached;
+      const [r, g, b] = Number.isNaN(value) ? lost : colour(chosen, value);
       image.data.set([r, g, b, 255], 4 * ((columns - 1 - j) * rows + i));
     }
   }
@@ -165,7 +167,10 @@ function tell() {
     rowsOf.push([doc.axes[0], short(pose[0])], [doc.axes[1], short(pose[1])]);
     if (reasons[at]) rowsOf.push(["pose", doc.reasons[reasons[at]]]);
     else {
-      for (const one of doc.quantities) rowsOf.push([`${one.name} [${one.unit}]`, short(values[one.key][at]), one === chosen]);
+      for (const one of doc.quantities) {
+        const text = one.loaded && loads[at] ? doc.loads[loads[at]] : short(values[one.key][at]);
+        rowsOf.push([`${one.name} [${one.unit}]`, text, one === chosen]);
+      }
       if (doc.has_sides) rowsOf.push(["side of the locus (sign of the assembly mode)", modes[at] === 1 ? "+" : modes[at] === 255 ? "−" : "on it"]);
     }
   }

@@ -13,6 +13,7 @@ import pytest
 
 import robots
 from framework import Line, ParallelRobot, plan_crossing, plan_scene
+from framework.errors import RobotFileError
 from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.frames import frames_at
 from framework.model.description import Closure, RobotDescription
@@ -20,6 +21,7 @@ from framework.model.placement import to_rpy
 from framework.model.readers import read_any
 from framework.model.urdf_writing import joint_element, vector_text
 from robots.generators.gough_stewart import platform_joints
+from tests.model.readers.leg import FILE, ankle, with_thin_rods
 
 # of a ball at the reference from its zero: by more than a right angle
 TURN = pin.exp3(np.array([0.3, 2.0, -0.4]))
@@ -27,7 +29,6 @@ TURN = pin.exp3(np.array([0.3, 2.0, -0.4]))
 
 AXES = ("rx", "ry", "rz")
 AXES_OF_ALL = ("x", "y", "z", *AXES)
-DATA = Path(__file__).parents[2] / "data" / "dialects"
 BALL_1 = platform_joints()[0]
 
 
@@ -164,29 +165,48 @@ def test_a_platform_that_floats_is_held_by_all_six_legs():
     np.testing.assert_allclose(plan.torque(times), ours.torque(times), rtol=0, atol=1e-11 * peak)
 
 
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ({"motors": ["ball"]}, "--motors: unknown movable joint 'ball' (valid: leg_1_motor, "),
+        ({"reference": {"ball": 1.0}}, "--reference: unknown movable joint 'ball'; did you mean 'ball_r"),
+        (
+            {"reference": {"ball_rw": 1.0}},
+            "--reference: unknown movable joint 'ball_rw'; did you mean 'ball_r",
+        ),
+    ],
+)
+def test_a_ball_has_no_motor_and_three_coordinates(said, message, tmp_path):
+    motors = [f"leg_{i}_motor" for i in range(1, 7)]
+    with pytest.raises(RobotFileError, match=re.escape(message)):
+        read_any(
+            hexapod_on_balls(tmp_path), **{"platform": "platform", "axes": ["x"], "motors": motors} | said
+        )
+
+
+def test_a_coordinate_of_a_ball_has_a_name_of_its_own(tmp_path):
+    file = hexapod_on_balls(tmp_path)
+    file.write_text(file.read_text().replace('"leg_1_motor"', '"ball_rx"'))
+    message = "joint 'ball': its coordinate 'ball_rx' has the name of another joint"
+    with pytest.raises(RobotFileError, match=message):
+        read_any(file)
+
+
 # ------------------------------------------------------------------ MJCF
 
 
-def ankle_with_turned_zeros() -> str:
-    """The MJCF ankle with its rods at an odd angle at the zero pose; a keyframe brings them back."""
-    text = (DATA / "humanoid_ankle.xml").read_text()
+def test_an_mjcf_ankle_plans_alike_wherever_its_balls_have_their_zero(tmp_path):
+    """Rods at an odd angle at the zero pose, brought back by a keyframe."""
     quaternion = pin.Quaternion(TURN)
     turn = vector_text([quaternion.w, *quaternion.coeffs()[:3]])
     back = vector_text([quaternion.w, *(-quaternion.coeffs()[:3])])
-    text = re.sub(r'(<body name="rod_[ab]")', rf'\1 quat="{turn}"', text)
-    qpos = (
-        f"0 0 0 {back} 0 {back}"  # in the order of the file: pitch, roll, drive_a, its rod, drive_b, its rod
-    )
-    return text.replace("</mujoco>", f'<keyframe><key qpos="{qpos}"/></keyframe></mujoco>')
-
-
-def test_an_mjcf_ankle_plans_alike_wherever_its_balls_have_their_zero(tmp_path):
-    file = tmp_path / "turned.xml"
-    file.write_text(ankle_with_turned_zeros())
-    said = {"platform": "roll_link", "axes": ["ry", "rx"], "motors": ["drive_a", "drive_b"]}
+    text = with_thin_rods(FILE.read_text())
+    turned = re.sub(r'(<body name="left_ankle_rod_[ab]")', rf'\1 quat="{turn}"', text)
+    start = "0 0 0.7 1 0 0 0 0 0 0 0"  # of the trunk, hip, knee, pitch and roll
+    key = f'<keyframe><key qpos="{start} 0 {back} 0 {back}"/></keyframe></mujoco>'
     plans = [
-        plan_crossing(ParallelRobot.from_file(which, **said), Line([-0.4, -0.2], [0.2, 0.3]), duration=1.0)
-        for which in (DATA / "humanoid_ankle.xml", file)
+        plan_crossing(ankle(tmp_path, each), Line([-0.4, -0.2], [0.2, 0.3]), duration=1.0)
+        for each in (text, turned.replace("</mujoco>", key))
     ]
     times = np.linspace(0.0, 1.0, 31)
     torques = [plan.torque(times) for plan in plans]

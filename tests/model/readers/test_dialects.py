@@ -19,6 +19,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import CLOSURE_KINDS, locked_axes
 from framework.model.readers import DIALECTS, parse_any, read_any, write_robot_file
 from framework.model.robot_file import read_robot_file
+from tests.model.readers.leg import ankle
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
 POSE = {"left_motor": 1.271863, "left_elbow": -0.83362, "right_motor": 1.083625, "right_elbow": 1.538591}
@@ -481,17 +482,19 @@ def test_mjcf_free_bodies_are_where_the_keyframe_has_them(tmp_path, joint):
         np.testing.assert_allclose(found[:3, :3], turn.toRotationMatrix(), atol=1e-15)
 
 
-def test_mjcf_ankle_with_rods_on_balls_is_that_of_the_catalogue():
+def test_mjcf_ankle_with_rods_on_balls_is_that_of_the_catalogue(tmp_path):
     """The ankle of the Booster T1 as its users' MJCF has it: rods drawn from end to end, balls, sites.
 
-    Written anew in the dialect of T1_23dof_parallel.xml (github.com/IkuoShige/booster_assets), whose cranks
-    are at their own zeros: there the rods go from tip to ball of the level foot.
+    Its cranks are at their own zeros: there the rods go from tip to ball of the level foot.
     """
-    robot = ParallelRobot.from_file(
-        DATA / "humanoid_ankle.xml", platform="roll_link", axes=["ry", "rx"], motors=["drive_a", "drive_b"]
-    )
-    ours = robots.load("humanoid_ankle")
-    assert {*check_robot(robot).idle_joints} == {"rod_a_ball_rz", "rod_b_ball_rz"}
+    robot, ours = ankle(tmp_path), robots.load("humanoid_ankle")
+    assert {*check_robot(robot).idle_joints} == {"left_ankle_rod_a_ball_rz", "left_ankle_rod_b_ball_rz"}
+    assert {limit.joint: (limit.lower, limit.upper) for limit in robot.limits} == {
+        "left_ankle_pitch_joint": (-0.87, 0.35),
+        "left_ankle_roll_joint": (-0.44, 0.44),
+        "left_ankle_drive_a_joint": (-0.8187464729740654, 1.0227913151109491),
+        "left_ankle_drive_b_joint": (-0.6454320082084025, 1.097331001571644),
+    }
     zeros = np.arctan2(
         [-0.002346359528693609, 0.0058995075739472075], [0.04293593596233938, 0.04259337754140823]
     )
@@ -501,6 +504,21 @@ def test_mjcf_ankle_with_rods_on_balls_is_that_of_the_catalogue():
         np.testing.assert_allclose(np.subtract(*motors), -zeros, atol=1e-12)
         one, two = dynamics_at(robot, one), dynamics_at(ours, two)
         np.testing.assert_allclose(one.joint_torque, two.joint_torque, rtol=0.02)  # their rods' ends differ
+
+
+def test_mjcf_ranges_are_limits_from_the_zero_of_ref(tmp_path):
+    joints = (
+        '<joint name="j" range="-10 90" ref="30"/><joint name="s" type="slide" range="-2 1"/>'
+        '<joint name="off" range="-1 1" limited="false"/>'
+    )
+    robot = read_mjcf_text(mjcf(f'<body name="one">{joints}</body>', compiler='angle="degree"'), tmp_path)
+    found = {limit.joint: (limit.lower, limit.upper, limit.unit) for limit in robot.limits}
+    assert found.keys() == {"j", "s"}
+    assert found["j"] == (pytest.approx(np.radians(-40)), pytest.approx(np.radians(60)), "rad")
+    assert found["s"] == (-2, 1, "m")
+    by_word = mjcf(f'<body name="one">{joints}</body>', compiler='autolimits="false"')
+    with pytest.raises(RobotFileError, match="joint 'j' limited: needs true or false beside a range"):
+        read_mjcf_text(by_word, tmp_path)
 
 
 def test_mjcf_ref_moves_the_zero_and_springs_rest_from_it(tmp_path):

@@ -225,6 +225,21 @@ CHANGES = [
     ("sites", '<joint name="left_elbow"/>', '<freejoint pos="1 0 0"/>', "unknown attribute 'pos'"),
     ("sites", '<joint name="left_elbow"/>', '<joint type="screw"/>', "unknown type 'screw'"),
     ("sites", '<joint name="left_elbow"/>', '<joint axis="0 0 0"/>', "axis: the axis is zero"),
+    ("sites", '<joint name="left_elbow"/>', '<joint range="1 -1"/>', "range: needs lower < upper, got 1 -1"),
+    ("sites", '<joint name="left_elbow"/>', '<joint range="1"/>', "range: needs 2 numbers, got '1'"),
+    ("sites", '<joint name="left_elbow"/>', '<joint limited="yes"/>', "limited: unknown value 'yes'"),
+    (
+        "sites",
+        '<joint name="left_elbow"/>',
+        '<joint type="ball" stiffness="2"/>',
+        "springs of ball joints are not",
+    ),
+    (
+        "sites",
+        '<joint name="left_elbow"/>',
+        '<joint name="left_elbow" type="ball"/>',
+        "<key> 'home' qpos: needs",
+    ),
     ("sites", '<joint name="left_elbow"/>', '<joint axs="0 0 1"/>', "unknown attribute 'axs'"),
     ("sites", '<joint name="left_elbow"/>', '<joint springdamper="1 1"/>', "springdamper: not supported"),
     (

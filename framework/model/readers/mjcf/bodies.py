@@ -12,9 +12,9 @@ from framework.errors import RobotFileError, choose_from
 from framework.model.description import JointSpring
 from framework.model.placement import placement
 from framework.model.readers.mjcf.geoms import inertial_element, visual_element
-from framework.model.readers.mjcf.settings import DEEPEST, TURNS, CompilerSettings, known
+from framework.model.readers.mjcf.settings import DEEPEST, TURNS, CompilerSettings, known, word
 from framework.model.urdf_writing import joint_element, origin_element, vector_text
-from framework.model.xml_reading import numbers
+from framework.model.xml_reading import numbers, required
 
 WORLD = "world"
 _BODY = ("name", "childclass", "mocap", "pos", *TURNS, "gravcomp", "user", "sleep")
@@ -161,10 +161,27 @@ class Bodies:
         child = body if last else self.new_name(f"{name}_link")
         self.new_link(child)
         along, at = None if several else vector_text(axis), origin_element(origin)
-        self.root.append(joint_element(name, _IN_URDF[kind], parent, child, origin=at, axis=along))
+        limits = () if several else self.range(where, attributes, unit, ref)
+        in_urdf = "revolute" if limits and kind == "hinge" else _IN_URDF[kind]
+        element = joint_element(name, in_urdf, parent, child, origin=at, axis=along)
+        for key, value in zip(("lower", "upper"), limits, strict=False):
+            required(element, where, "limit").set(key, repr(value))
+        self.root.append(element)
         self.coordinates[name] = Coordinate(kind, ref, armature, origin)
         self.spring(name, kind, attributes, unit, ref)
         return child
+
+    def range(self, where: str, attributes: dict[str, str], unit: float, ref: float) -> tuple[float, ...]:
+        """Lower and upper limit [rad, m] from the zero pose; empty without limits."""
+        limited = word(attributes, where, "limited", ("true", "false", "auto"), "auto")
+        lower, upper = numbers(f"{where} range", attributes.get("range", "0 0"), 2)
+        if limited == "false" or (limited == "auto" and lower == upper == 0.0):
+            return ()
+        if limited == "auto" and not self.settings.autolimits:
+            raise RobotFileError(f"{where} limited: needs true or false beside a range without autolimits")
+        if lower >= upper:
+            raise RobotFileError(f"{where} range: needs lower < upper, got {lower:g} {upper:g}")
+        return unit * lower - ref, unit * upper - ref
 
     def spring(self, name: str, kind: str, attributes: dict[str, str], unit: float, ref: float) -> None:
         """A spring on the joint, if it has one. MuJoCo's stiffness is per radian whatever the unit."""

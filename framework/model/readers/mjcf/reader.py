@@ -1,11 +1,11 @@
 """MJCF, MuJoCo's XML: its bodies become a URDF, its `<equality>` the closures.
 
 Read are: bodies with hinge, slide, ball and free joints, `<inertial>` or the inertia of primitive geoms,
-sites as frames, primitive geoms as shapes, defaults and their classes, gravity, springs of joints, motors
-with gear and armature, the first keyframe as the reference (else the zero pose). Of `<equality>`: connect is
-spherical, weld is fixed, joint is read where it holds a joint or keeps two turns about parallel axes equal.
-Anchors are resolved at the zero pose, as MuJoCo does. What moves otherwise - tendons, flexes, mocap bodies,
-includes - is refused by name; contact, damping, friction, joint ranges, sensors, cameras and meshes are left
+sites as frames, primitive geoms as shapes, defaults and their classes, gravity, ranges and springs of joints,
+motors with gear and armature, the first keyframe as the reference (else the zero pose). Of `<equality>`:
+connect is spherical, weld is fixed, joint is read where it holds a joint or keeps two turns about parallel
+axes equal. Anchors are resolved at the zero pose, as MuJoCo does. What moves otherwise - tendons, flexes,
+mocap bodies, includes - is refused by name; contact, damping, friction, sensors, cameras and meshes are left
 out. The file says nothing about the platform.
 """
 

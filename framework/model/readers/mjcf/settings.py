@@ -32,6 +32,7 @@ class CompilerSettings:
             raise RobotFileError(
                 f"<compiler> eulerseq: needs three of x, y, z, X, Y, Z, got {short(self.eulerseq)}"
             )
+        self.autolimits = word(compiler, "<compiler>", "autolimits", ("true", "false"), "true") == "true"
         self.from_geoms = word(compiler, "<compiler>", "inertiafromgeom", ("auto", "true", "false"), "auto")
         for key in ("settotalmass", "boundmass", "boundinertia"):
             if numbers(f"<compiler> {key}", compiler.get(key, "0"), 1)[0] > 0:

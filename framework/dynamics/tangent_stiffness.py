@@ -1,0 +1,150 @@
+"""Forces and tangent stiffness of T configurations with locked motors, along what the loops allow.
+
+With the energy V of springs and weight, the forces w of the world on the platform x and the closures c, the
+balance is dV/dq - w . dx/dq = lambda . dc/dq, and the tangent stiffness along motions Z that keep c
+
+    H = Z' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) Z.
+
+Second derivatives are exact: lambda . closure_drift is the quadratic form of lambda . c", and its polar form,
+from drifts along pairs of motions, the matrix.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array, ArrayLike, IntArray
+from framework.errors import InvalidInput, finite_numbers
+from framework.kinematics.closures import closure_drift, scaled
+from framework.kinematics.frames import FrameStack, difference, frame_motions, frames_at, scratch_of
+from framework.kinematics.inverse_kinematics import System, system_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.ordered_sums import matmul, matvec, solve
+
+
+class Load(NamedTuple):
+    """What pulls at T configurations, and how much of it there is."""
+
+    w: Array  # (n,) wrench of the world ON the platform, on its axes
+    share: Array  # (T,) of weight and w, 0 .. 1
+    before: Array  # (T, nv) forces of springs that are taken for balanced as long as there is no load
+
+    def at(self, which: IntArray) -> Load:
+        """That of some configurations."""
+        return Load(self.w, self.share[which], self.before[which])
+
+
+class Balance(NamedTuple):
+    """How far T configurations are from balance. Steps are in radians and lengths of the robot."""
+
+    gap: Array  # (T,) largest error of a loop equation
+    closing: Array  # (T, f) the least step that closes the loops, to first order
+    null: Array  # (T, f, d) orthonormal: steps that keep them closed
+    slope: Array  # (T, d) of the energy along those, after the closing step
+    H: Array  # (T, d, d) tangent stiffness along those
+
+
+def given_wrench(robot: ParallelRobot, wrench: ArrayLike | None) -> Array:
+    """The wrench (n,) of the world on the platform, zero by default.
+
+    Raises:
+        InvalidInput: not n finite numbers, or a moment on a platform that turns about several axes.
+    """
+    w = np.zeros(robot.n) if wrench is None else finite_numbers("wrench", wrench, robot.n)
+    if np.count_nonzero(~robot.translations) > 1 and np.any(w[~robot.translations]):
+        raise InvalidInput("wrench: a moment on a platform that turns about several axes has no potential")
+    return w
+
+
+def moving_columns(robot: ParallelRobot) -> IntArray:
+    """Columns (f,) of the velocity vector that move while motors are locked: elastic, then passive ones."""
+    return np.concatenate([robot.elastic, robot.following])
+
+
+def spring_stiffness(robot: ParallelRobot) -> Array:
+    """Stiffness (nv,) of virtual and real springs along the joints."""
+    stiffness = np.array(robot.joint_stiffness, dtype=float)
+    stiffness[robot.elastic] += robot.stiffness
+    return stiffness
+
+
+def spring_forces(robot: ParallelRobot, q: Array) -> Array:
+    """dV/dq (T, nv) of all springs."""
+    turned = difference(robot, robot.neutral, q)
+    springs = robot.joint_stiffness * (turned - robot.joint_rest)
+    springs[:, robot.elastic] += robot.stiffness * turned[:, robot.elastic]
+    return springs
+
+
+def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
+    """How far configurations q (T, nq), whose loops need not be closed, are from balance."""
+    columns = moving_columns(robot)
+    lengths = robot.column_scale[columns]
+    system = system_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
+    J = scaled(robot, system.closures, robot.loops.rotation)[:, :, columns]
+    residual = system.residual[:, robot.n :] * np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
+    range_, R, null = _factored(J)
+    closing = -matvec(range_, solve(R.swapaxes(1, 2), residual))
+    steps = np.concatenate([null, closing[:, :, None]], axis=2)
+    forces = _forces(robot, system, q, load)
+    H = tangent_stiffness(robot, system, q, steps * lengths[:, None], load)
+    slope = matvec(null.swapaxes(1, 2), forces[:, columns] * lengths) + H[:, :-1, -1]
+    return Balance(np.abs(residual).max(axis=1, initial=0.0), closing, null, slope, H[:, :-1, :-1])
+
+
+def tangent_stiffness(robot: ParallelRobot, system: System, q: Array, steps: Array, load: Load) -> Array:
+    """d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2 (T, p, p) along p motions `steps` (T, f, p) at q (T, nq)."""
+    model, data = robot.model, scratch_of(robot).data
+    columns, count = moving_columns(robot), steps.shape[2]
+    weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
+    lengths = robot.column_scale[columns]
+    J = scaled(robot, system.closures, robot.loops.rotation)[:, :, columns]
+    forces = _forces(robot, system, q, load)[:, columns] * lengths
+    range_, R, _ = _factored(J)
+    multipliers = solve(R, matvec(range_.swapaxes(1, 2), forces)) * weights
+    weight = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
+    weight = 0.5 * (weight + weight.swapaxes(1, 2))[:, columns[:, None], columns] * load.share[:, None, None]
+    pulled = spring_stiffness(robot)[columns][:, None] * steps + matmul(weight, steps)
+    first, second = np.triu_indices(count)
+    v = np.zeros((len(q), len(first), model.nv))
+    v[:, :, columns] = (steps[:, :, first] + steps[:, :, second]).swapaxes(1, 2)
+    drift = _drift(robot, q, system.frames, v, multipliers, load.share[:, None] * load.w)
+    own = drift[:, first == second] / 4.0  # of a + a: twice a has four times the drift of a
+    curved = np.zeros((len(q), count, count))
+    curved[:, first, second] = 0.5 * (drift - own[:, first] - own[:, second])
+    curved[:, second, first] = curved[:, first, second]
+    return np.asarray(matmul(steps.swapaxes(1, 2), pulled) - curved)
+
+
+def _factored(J: Array) -> tuple[Array, Array, Array]:
+    """J' = Q R of J (T, m, f): m columns of Q, R (T, m, m), and the other columns, J's null space."""
+    Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
+    count = J.shape[1]
+    return Q[:, :, :count], R[:, :count], Q[:, :, count:]
+
+
+def _forces(robot: ParallelRobot, system: System, q: Array, load: Load) -> Array:
+    """What the closures have to carry (T, nv): springs, and a share of weight and wrench."""
+    model, data = robot.model, scratch_of(robot).data
+    weight = np.array([pin.computeGeneralizedGravity(model, data, row) for row in q])
+    pulled = weight - matvec(system.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
+    share = load.share[:, None]
+    return np.asarray(spring_forces(robot, q) - (1.0 - share) * load.before + share * pulled)
+
+
+def _drift(robot: ParallelRobot, q: Array, at: FrameStack, v: Array, multipliers: Array, w: Array) -> Array:
+    """v' (lambda . c" + w . x") v (T, p) for joint rates v (T, p, nv)."""
+    count = v.shape[1]
+    stack = at._replace(
+        position=np.repeat(at.position, count, axis=0),
+        rotation=np.repeat(at.rotation, count, axis=0),
+        screws=np.repeat(at.screws, count, axis=0),
+        q=np.repeat(q, count, axis=0),
+    )
+    motions = frame_motions(robot, stack, stack.q, v.reshape(-1, v.shape[2]))
+    loops = closure_drift(robot.loops, stack, motions).reshape(*v.shape[:2], -1)
+    platform = robot.platform.drift(stack, motions).reshape(*v.shape[:2], -1)
+    return matvec(loops, multipliers) + matvec(platform, w)
