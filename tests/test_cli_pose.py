@@ -84,7 +84,7 @@ def test_all_poses_of_the_motors_and_all_ways_to_a_platform(capsys):
     assert (len(found["modes"]), found["complete"], found["bound"]) == (6, True, 6)
     assert all(mode["proved"] and mode["singularity"]["regular"] for mode in found["modes"])
     ways = posed(capsys, "five_bar", "--platform", 0.1, 0.345, "--all")["working_modes"]
-    assert (len(ways["modes"]), ways["solutions"], ways["complete"]) == (4, [2, 2], False)
+    assert (len(ways["modes"]), ways["solutions"], ways["complete"]) == (4, [2, 2], True)
     assert main(["pose", "three_rpr", "--motors", "0.749", "0.769", "0.6", "--all"]) == 0
     assert "6 real of at most 6, each proved to exist" in capsys.readouterr().out
 

@@ -69,9 +69,16 @@ def studied(options: argparse.Namespace) -> Report:
             words = [f"{count} chunks are kept in {out}, and the same command goes on from them"]
             raise type(stop)(*words[: bool(count)]) from None
         write_study(found, folder)
+        _draw(found, folder)
     forget(out)
     document, text = _told(found, robot.name)
     return document, f"{text}\n  written to        {options.out}"
+
+
+def _draw(found: DesignStudy, folder: Path) -> None:
+    from framework.show.design_study import save_study_figure
+
+    save_study_figure(found, folder)
 
 
 def finite_window(options: argparse.Namespace) -> tuple[float, ...]:

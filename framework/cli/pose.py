@@ -151,7 +151,13 @@ def _working(robot: ParallelRobot, point: list[float]) -> Report:
         beyond = "" if mode.within_limits else "; beyond the joints' limits"
         lines.append(f"  {signs:17s} {_listed(pose.motor_joints)}{beyond}")
         modes.append(asdict(pose) | {"signs": mode.signs.tolist(), "proved": mode.proved})
-    about = {"complete": False, "solutions": list(found.solutions), "legs": [list(leg) for leg in found.legs]}
+    about = {
+        "complete": found.status == "proved",
+        "status": found.status,
+        "solutions": list(found.solutions),
+        "legs": [list(leg) for leg in found.legs],
+        "proved_legs": list(found.proved_legs),
+    }
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,

@@ -94,7 +94,8 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--study",
         action="store_true",
-        help="a small map for each set of the parameters that the robot file declares, told in one table",
+        help="a small map for each set of the parameters that the robot file declares, told in one table and "
+        "one figure",
     )
     parser.add_argument("--table", metavar="CSV", help="of the sets of parameters, instead of all of them")
     add_missing_fields(parser)

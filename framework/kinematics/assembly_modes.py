@@ -7,14 +7,15 @@ complex solutions are led from those of a random system (`linalg.path_ends`), an
 of Krawczyk: one solution there and no other, for all coefficients within their rounding. In which sense the
 real ones are all is the `status`:
 
-proved                     as many as the bound are proved and apart: there are no others
+proved                     as many as the bound are proved and apart, or joints are paved: there are no others
 numerically complete       as many paths as the bound end at solutions that are proved and apart, or leave
                            for infinity by their growth: symmetric platforms have fewer poses than the bound
 at least                   paths end at solutions that are not single, or are lost; or there is no known bound
 architecturally singular   in every pose the conditions depend on one another: no pose is isolated
 
 For all other robots closed poses are sought from many starts, and enclosed by the theorem of Newton and
-Kantorovich; their number is a lower bound.
+Kantorovich. Where few joints follow the motors, these are paved (`leg_paving`), which proves that there are
+no others; else their number is a lower bound.
 """
 
 from __future__ import annotations
@@ -26,11 +27,13 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.forward_kinematics import motors_are_free
-from framework.kinematics.frames import frames_at, integrate
+from framework.kinematics.frames import between, frames_at, integrate
 from framework.kinematics.leg_conditions import LegConditions, leg_conditions
+from framework.kinematics.leg_paving import joints_have_no_others
 from framework.kinematics.locked_directions import turned_over
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.passive_joints import (
+    distinct_joints,
     is_proved,
     joints_at,
     loops_closed,
@@ -141,4 +144,17 @@ def _searched(robot: ParallelRobot, q: Array) -> AssemblyModes:
         off = [robot.platform.residual(at, mode.x[None])[0] / scale for mode in modes]
         if all(np.abs(one).max() > ALIKE for one in off) and turned_over(robot, at) is None:
             modes.append(AssemblyMode(pose, x, is_proved(robot, pose)))
-    return AssemblyModes(tuple(modes), "at least", None, None, f"{MANY_STARTS} starts of Newton's method")
+    status: Status = (
+        "proved" if all(mode.proved for mode in modes) and _are_all(robot, q[0], near) else "at least"
+    )
+    paved = ", joints paved" if status == "proved" else ""
+    return AssemblyModes(tuple(modes), status, None, None, f"{MANY_STARTS} starts of Newton's method{paved}")
+
+
+def _are_all(robot: ParallelRobot, q: Array, found: list[Array]) -> bool:
+    """Whether the loops are proved to close in no other ways than those found, motors as in q (nq,)."""
+    given, joints = np.ones(robot.model.nv, dtype=bool), robot.following
+    given[joints] = False
+    ways = np.array([between(robot, q, pose)[joints] for pose in found]).reshape(-1, len(joints))
+    near = np.array(distinct_joints(ways / robot.column_scale[joints])).reshape(-1, len(joints))
+    return joints_have_no_others(robot, joints, given, q, near, None)

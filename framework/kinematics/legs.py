@@ -26,6 +26,7 @@ class Leg(ReadOnlyArrays):
     motors: tuple[str, ...]  # names of its actuators; none for joints that only follow
     rows: IntArray  # (k,) of the equations F
     columns: IntArray  # (k,) among the `moving` columns: actuated, then passive
+    before: IntArray  # (j,) of the legs that have to be solved before, likewise
 
 
 def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
@@ -44,11 +45,16 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     row_of = maximum_bipartite_matching(pattern, perm_type="row")  # (columns,)
     matched = pattern[row_of]  # its diagonal is full: each column's own equation stands in its row
     label = connected_components(matched, directed=True, connection="strong")[1]
+    first, then = matched.nonzero()  # a column's equation has the other columns
+    needs = np.eye(int(label.max(initial=-1)) + 1, dtype=bool)
+    for _ in needs:
+        np.logical_or.at(needs, label[first], needs[label[then]])
     found = []
     for k in range(int(label.max(initial=-1)) + 1):
         columns = np.flatnonzero(label == k)
         motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
-        found.append(Leg(motors, np.asarray(row_of[columns], dtype=np.intp), columns))
+        before = np.flatnonzero(needs[k, label] & (label != k))
+        found.append(Leg(motors, np.asarray(row_of[columns], dtype=np.intp), columns, before))
     return tuple(sorted(found, key=lambda leg: int(leg.columns[0]) if leg.motors else size))
 
 

@@ -20,6 +20,7 @@ STARTS = 24  # for each pose of the platform
 STEPS, LONGEST = 40, 0.6  # Newton steps, [rad, lengths] that one may move
 CLOSED = 1e-11  # [rad, lengths] loops that are closed but for a last step
 ROUNDING_OF_LOOPS = 1e-13  # of a loop equation, in lengths of all links: a thousand units of rounding
+ALIKE = 1e-6  # [rad, lengths] between joints that are one solution
 SEED = 11
 
 
@@ -136,3 +137,17 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
     bend = 8.0 * size**2 * robot.length / shortest / min(float(robot.row_sizes.min()), 1.0)
     beta = 1.2 * float(np.abs(inverse).sum(axis=1).max())  # more than 1 / (1 - 0.1)
     return bool(beta**2 * len(matrix) ** 2 * bend * (values + ROUNDING_OF_LOOPS * size) <= 0.5)
+
+
+def distinct_joints(joints: Array) -> list[Array]:
+    """The rows of (T, k) that differ from all before them, hinges up to whole turns."""
+    found: list[Array] = []
+    for row in joints:
+        if not any(are_alike(row, other) for other in found):
+            found.append(row)
+    return found
+
+
+def are_alike(one: Array, other: Array) -> bool:
+    """Whether joints are the same, hinges up to whole turns."""
+    return bool(np.abs(np.exp(1j * one) - np.exp(1j * other)).max(initial=0.0) <= ALIKE)

@@ -2,13 +2,15 @@
 
 The inverse kinematics is solved by Newton's method from many starts; the solutions of each leg (`legs`) are
 told apart and put together in every way that closes the loops. Each is proved to exist and to be single
-(Newton and Kantorovich); that there are no others is not, so their number is a lower bound.
+(Newton and Kantorovich). That a leg has no others is proved where its joints are few, four at most and one of
+them a slide, by paving their angles (`leg_paving`); where all legs are, all working modes are known.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import islice, product
+from math import prod
 
 import numpy as np
 
@@ -18,12 +20,20 @@ from framework.kinematics.frames import FrameStack, between, integrate
 from framework.kinematics.idle_spin import without_spin
 from framework.kinematics.inverse_kinematics import require_square, system_at
 from framework.kinematics.joint_limits import positions_beyond_limits
-from framework.kinematics.legs import leg_signs, legs
+from framework.kinematics.leg_paving import joints_have_no_others
+from framework.kinematics.legs import Leg, leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.passive_joints import is_proved, loops_closed, random_starts
+from framework.kinematics.passive_joints import (
+    are_alike,
+    distinct_joints,
+    is_proved,
+    loops_closed,
+    random_starts,
+)
+from framework.linalg.real_displacements import Status
 
 STARTS = 300
-ALIKE = 1e-6  # [rad, lengths] between joints that are one solution
+CLOSED = 1e-6  # [m, rad] loops of a combination that are closed
 MOST_MODES = 512  # combinations of the legs' solutions that are looked at
 
 
@@ -40,13 +50,20 @@ class WorkingMode(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class WorkingModes:
-    """The working modes that were found, of at most `MOST_MODES` combinations; at least so many exist."""
+    """The working modes that were found, of at most `MOST_MODES` combinations."""
 
-    modes: tuple[
-        WorkingMode, ...
-    ]  # within the joints' limits first, then by their distance from the reference
+    # within the joints' limits first, then by their distance from the reference
+    modes: tuple[WorkingMode, ...]
     solutions: tuple[int, ...]  # of each leg
     legs: tuple[tuple[str, ...], ...]  # the motors of each leg
+    proved_legs: tuple[bool, ...]  # that have no other solutions, with the legs before them as in the modes
+    truncated: bool  # not all combinations were looked at
+
+    @property
+    def status(self) -> Status:
+        """In which sense they are all: proved, or at least so many exist."""
+        known = all(mode.proved for mode in self.modes) and not self.truncated
+        return "proved" if known and all(self.proved_legs) else "at least"
 
     @property
     def sentence(self) -> str:
@@ -54,11 +71,12 @@ class WorkingModes:
         proved = sum(mode.proved for mode in self.modes)
         inside = sum(mode.within_limits for mode in self.modes)
         each = ", ".join(
-            f"{count} of {' and '.join(motors) or 'joints without a motor'}"
-            for count, motors in zip(self.solutions, self.legs, strict=True)
+            f"{count}{'' if all_known else ' or more'} of {' and '.join(motors) or 'joints without a motor'}"
+            for count, motors, all_known in zip(self.solutions, self.legs, self.proved_legs, strict=True)
         )
         within = f"{inside} within the joints' limits"
-        return f"at least {proved}, each proved to exist and to be single ({each}); {within}"
+        count = f"{proved}, proved to be all" if self.status == "proved" else f"at least {proved}"
+        return f"{count}, each proved to exist and to be single ({each}); {within}"
 
 
 def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
@@ -83,7 +101,7 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     poses = without_spin(robot, robot.reference.q, q[closed], found_at)
     ways = np.array([_way(robot, pose) for pose in poses]).reshape(-1, robot.model.nv)
     solutions = [
-        _distinct(ways[:, columns[leg.columns]] / robot.column_scale[columns[leg.columns]])
+        distinct_joints(ways[:, columns[leg.columns]] / robot.column_scale[columns[leg.columns]])
         for leg in legs(robot)
     ]
     combined = []
@@ -94,8 +112,41 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
         combined.append(integrate(robot, robot.reference.q, way))
     found = _closed_modes(robot, np.array(combined).reshape(-1, robot.model.nq), target)
     found.sort(key=lambda mode: (not mode.within_limits, float(np.abs(_way(robot, mode.q)).sum())))
+    poses = np.array([mode.q for mode in found]).reshape(-1, robot.model.nq)
     return WorkingModes(
-        tuple(found), tuple(len(each) for each in solutions), tuple(leg.motors for leg in legs(robot))
+        modes=tuple(found),
+        solutions=tuple(len(each) for each in solutions),
+        legs=tuple(leg.motors for leg in legs(robot)),
+        proved_legs=tuple(
+            _has_no_others(robot, leg, np.array(own), poses, target)
+            for leg, own in zip(legs(robot), solutions, strict=True)
+        ),
+        truncated=prod(len(each) for each in solutions) > MOST_MODES,
+    )
+
+
+def _has_no_others(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x: Array) -> bool:
+    """Whether a leg is proved to have no solutions but these (k, n), as ways from the reference.
+
+    With the legs before it as in any of the modes q (T, nq); without modes, if it stands alone.
+    """
+    columns, before = robot.moving[leg.columns], robot.moving[leg.before]
+    given = np.ones(robot.model.nv, dtype=bool)
+    given[robot.moving] = False
+    given[before] = True
+    if not len(q):
+        alone = not len(before) and robot.platform.is_point
+        q = robot.reference.q[None]
+        return alone and joints_have_no_others(
+            robot, columns, given, q[0], solutions.reshape(0, len(columns)), x
+        )
+    ways = np.array([_way(robot, pose) for pose in q]) / robot.column_scale
+    apart = [
+        next(k for k, way in enumerate(ways[:, before]) if are_alike(way, one))
+        for one in distinct_joints(ways[:, before])
+    ]
+    return all(
+        joints_have_no_others(robot, columns, given, q[k], solutions - ways[k, columns], x) for k in apart
     )
 
 
@@ -105,7 +156,7 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
         return []
     system = system_at(robot, q, np.repeat(x[None], len(q), axis=0))
     signs, motors = leg_signs(robot, system), robot.actuated_coordinates(q)
-    closed = np.abs(system.residual).max(axis=1) < ALIKE * max(robot.length, 1.0)
+    closed = np.abs(system.residual).max(axis=1) < CLOSED * max(robot.length, 1.0)
     return [
         WorkingMode(
             q=q[k],
@@ -124,12 +175,3 @@ def _way(robot: ParallelRobot, q: Array) -> Array:
     hinges = ~robot.sliding
     way[hinges] = np.mod(way[hinges] + np.pi, 2 * np.pi) - np.pi
     return way
-
-
-def _distinct(joints: Array) -> list[Array]:
-    """The rows of (T, k) that differ from all before them, hinges up to whole turns."""
-    found: list[Array] = []
-    for row in joints:
-        if all(np.abs(np.exp(1j * row) - np.exp(1j * other)).max() > ALIKE for other in found):
-            found.append(row)
-    return found

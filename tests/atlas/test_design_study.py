@@ -12,6 +12,7 @@ import pytest
 from framework.atlas.design_study import Task, design_study, designs_of, studied, study_setup, write_study
 from framework.cli import main
 from framework.parallel.kept import KeptChunks
+from framework.show.design_study import plot_study
 from tests.urdf_edits import parametric_five_bar
 
 
@@ -76,6 +77,23 @@ def test_a_kept_chunk_of_other_columns_or_designs_is_computed_anew(given, tmp_pa
     np.testing.assert_array_equal(again.columns["area"], chunk["area"])
 
 
+def test_the_figure_of_a_study_has_each_design_in_each_cell_and_units(found):
+    drawing = plot_study(found).figure
+    rows = ["area reached", "area on the reference's side", "signed distance", "worst motor torques"]
+    cells = drawing.axes[:-1]  # the last is the scale of colours
+    assert len(cells) == len(rows) * 2
+    for row, first in zip(rows, cells[::2], strict=True):
+        assert " ".join(first.get_ylabel().split()).startswith(row)
+        assert first.get_ylabel().endswith("]")
+    assert [ax.get_xlabel() for ax in cells[-2:]] == ["l1", "l2"]
+    sound = np.isfinite(found.columns["area"])
+    for k, ax in enumerate(cells[:2]):
+        shown = np.asarray(ax.collections[0].get_offsets())
+        expected = np.column_stack([found.designs.values[:, k], found.columns["area"]])
+        np.testing.assert_array_equal(shown[sound], expected[sound])
+    assert "2 of them make no robot" in drawing.get_suptitle()
+
+
 def test_a_study_by_command_tells_one_line_a_design(given, tmp_path, capsys):
     task, _ = given
     table = tmp_path / "table.csv"
@@ -85,6 +103,7 @@ def test_a_study_by_command_tells_one_line_a_design(given, tmp_path, capsys):
     assert capsys.readouterr().out.splitlines()[0] == "named: 2 designs, 12 x 12 poses each, 0 make no robot"
     rows = list(csv.DictReader((tmp_path / "out" / "study.csv").read_text().splitlines()))
     assert [row["l1"] for row in rows] == ["0.25", "0.24"]
+    assert {"study.pdf", "study.png"} < {file.name for file in (tmp_path / "out").iterdir()}
     assert float(rows[0]["area"]) > float(rows[1]["area"])
     for more, told in ((["--scene", "C"], "--scene"), (["--at", "1", "2"], "--at")):
         assert main([*command, *more, "--json"]) == 2

@@ -84,13 +84,19 @@ def test_the_paths_of_a_symmetric_platform_that_have_no_pose_end_at_infinity(nam
 
 
 @pytest.mark.parametrize(
-    "name", ["slider_crank", pytest.param("par4", marks=pytest.mark.slow), "humanoid_ankle"]
+    ("name", "status"),
+    [
+        ("slider_crank", "proved"),  # two joints follow: they are paved
+        ("four_bar", "proved"),
+        pytest.param("par4", "at least", marks=pytest.mark.slow),
+        ("humanoid_ankle", "at least"),
+    ],
 )
-def test_other_robots_are_searched_and_their_number_is_a_lower_bound(name):
+def test_other_robots_are_searched(name, status):
     robot = robots.load(name)
     q_a = robot.actuated_coordinates(robot.reference.q[None])[0]
     found = assembly_modes(robot, q_a)
-    assert (found.status, found.bound, found.count) == ("at least", None, None)
+    assert (found.status, found.bound, found.count) == (status, None, None)
     assert found.modes[0].proved
     np.testing.assert_allclose(found.modes[0].x, robot.reference.x, atol=1e-9)
     for mode in found.modes:
@@ -119,7 +125,8 @@ def test_working_modes_are_those_of_their_legs(name, count):
     robot = robots.load(name)
     found = working_modes(robot, robot.reference.x)
     assert len(found.modes) == count == np.prod(found.solutions)
-    assert found.sentence.startswith(f"at least {count}")
+    assert (found.status, found.proved_legs) == ("proved", (True,) * len(found.legs))
+    assert found.sentence.startswith(f"{count}, proved to be all")
     assert len({tuple(mode.signs) for mode in found.modes}) == count
     assert sum(np.allclose(mode.q, robot.reference.q, atol=1e-9) for mode in found.modes) == 1
     for mode in found.modes:
@@ -134,3 +141,21 @@ def test_a_leg_of_negative_length_is_beyond_the_limits():
     found = working_modes(robot, robot.reference.x)
     assert len(found.modes) == 8
     assert [mode.within_limits for mode in found.modes] == [True] + 7 * [False]
+
+
+@pytest.mark.parametrize("x", [(0.1, 0.345), (0.0, 0.2), (0.3, 0.1), (0.0, 0.9)])
+def test_the_5r_has_as_many_working_modes_as_its_circles_meet(x):
+    robot = robots.load("five_bar")
+    elbows = 1
+    for motor in (LEFT, RIGHT):  # both links are as long: they reach up to twice their length
+        elbows *= 2 if np.linalg.norm(np.array(x) - motor) < 2 * LENGTH else 0
+    found = working_modes(robot, x)
+    assert (len(found.modes), found.status) == (elbows, "proved" if elbows else found.status)
+    assert any(found.proved_legs)  # without modes, a leg that does not reach
+
+
+def test_what_is_not_paved_is_said_to_be_more():
+    robot = robots.load("bricard")  # six joints in one loop
+    found = working_modes(robot, robot.reference.x)
+    assert (found.status, found.proved_legs) == ("at least", (False,))
+    assert "4 or more of hinge_1" in found.sentence
