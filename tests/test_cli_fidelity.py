@@ -63,7 +63,7 @@ def test_no_rung_enough_is_an_answer_with_its_table(capsys, monkeypatch):
     monkeypatch.setattr("framework.cli.fidelity.fidelity_study", lambda *_, **__: study)
     code, text, err = run(capsys, "fidelity", "five_bar", "--scene", "A")
     assert code == 1
-    assert "no rung is enough" in err
+    assert "no model is accurate to" in err
     assert err.count("\n") == 1
     assert "elastic_inertia" in text
     assert "to keep" not in text

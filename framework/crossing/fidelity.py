@@ -95,15 +95,15 @@ class FidelityStudy(ReadOnlyArrays):
 
     @property
     def refusal(self) -> NoAnswer | None:
-        """Why no rung is enough, if none is."""
+        """Why no model is accurate enough; None if one is."""
         if self.enough is not None:
             return None
         top = self.rungs[-1]
         how = top.reason or f"leave the path by {100 * top.platform:.2g} % of its length"
         return NoAnswer(
-            f"{self.robot.name}: no rung is enough for {100 * self.tolerance:g} %: in the full elastic "
-            f"simulation even the torques of the highest, {top.rung.name}, {how}: without feedback this "
-            f"motion multiplies what rounding and steps leave"
+            f"{self.robot.name}: no model is accurate to {100 * self.tolerance:g} %: in the full elastic "
+            f"simulation even the torques of the most detailed one, {top.rung.name}, {how}; without "
+            f"feedback, errors of rounding and integration grow along this motion"
         )
 
     def to_dict(self) -> dict[str, Any]:

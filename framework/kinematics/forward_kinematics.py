@@ -26,10 +26,10 @@ from framework.kinematics.inverse_kinematics import (
     reference_system,
     system_at,
 )
-from framework.kinematics.loop_matrices import VANISHED, clearance
+from framework.kinematics.loop_matrices import VANISHED, clearance, equation_sizes, loop_matrix
 from framework.kinematics.newton import Linear, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.turning_point import turning_points
+from framework.kinematics.turning_point import CurveEquations, TurningPoints, turning_points
 
 CROSSING = 0.1  # least singular value of P above which no assembly modes meet near by
 SHORT = 0.05  # [rad, lengths] that the joints may move by in a single step
@@ -163,7 +163,7 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
         return bool(apart) and keeps_assembly_mode(before.system, after.system)
 
     def end(share: float, before: Place) -> tuple[float, Place] | None:
-        ahead = turning_points(robot, start.q[0], before.q, np.array([share]), turn)
+        ahead = motors_turning_points(robot, before.q, np.array([share]), turn)
         if not ahead.found[0]:
             return None
         there = Place(ahead.q, ahead.system, np.zeros_like(turn), float(clearance(robot, ahead.system)[0]))
@@ -174,6 +174,19 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
         return Way(np.zeros(1), (start,))
     short = np.abs(here.rate / robot.column_scale).max() < SHORT
     return follow(robot, here, arrive, belongs, end=end, step=1.0 if short else FIRST_STEP)
+
+
+def motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> TurningPoints:
+    """Type 2 singularities ahead of q (T, nq), after a `share` (T,) of the motors' ways `turn` (T, nv)."""
+    columns, sizes = robot.following, equation_sizes(robot)[robot.n :]
+
+    def evaluate(q: Array, share: Array) -> CurveEquations:
+        system = system_at(robot, q, None)
+        loops = loop_matrix(robot, system)
+        drive = np.einsum("tmv,tv->tm", loops, turn / robot.column_scale)
+        return CurveEquations(loops[:, :, columns], drive, system.residual[:, robot.n :] / sizes, system)
+
+    return turning_points(robot, q, share, columns, turn, evaluate)
 
 
 def _stopped(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembled:

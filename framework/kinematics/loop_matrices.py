@@ -16,6 +16,11 @@ SURELY_CLEAR = 1e-4  # singular values of P whose squares are above what roundin
 VANISHED = 1e-7  # of a unit motion (radians, robot lengths): less does not count as moving
 
 
+def loop_matrix(robot: ParallelRobot, system: System) -> Array:
+    """All columns (T, m, nv) of the independent loop equations, without dimension."""
+    return scaled(robot, system.closures, robot.loops.rotation) / robot.row_sizes[:, None]
+
+
 def passive_matrix(robot: ParallelRobot, system: System) -> Array:
     """P (T, m, n_p): passive columns of the independent loop equations, without dimension."""
     return system.equations.passive.dense(system.entries) * robot.passive_scale
@@ -41,6 +46,12 @@ def near_type_2(robot: ParallelRobot, system: System, level: float) -> IntArray:
     return np.empty(0, dtype=np.intp)
 
 
+def equation_sizes(robot: ParallelRobot) -> Array:
+    """What the platform's and the loop equations (n + m,) are divided by to be without dimension."""
+    loops = np.where(robot.loops.rotation, 1.0, robot.length) * robot.row_sizes
+    return np.concatenate([np.where(robot.translations, robot.length, 1.0), loops])
+
+
 def measured_matrix(robot: ParallelRobot, system: System) -> Array:
     """The square matrix (T, n_p, n_p) whose singularity is Type 2: P, or P'P with redundant motors.
 
@@ -56,8 +67,7 @@ def mobile_matrix(robot: ParallelRobot, system: System) -> Array:
 
     Columns: actuated, then passive. Singular in Type 1 singularities, and where the loop equations lose rank.
     """
-    loops = scaled(robot, system.closures, robot.loops.rotation) / robot.row_sizes[:, None]
-    both = [scaled(robot, system.platform, ~robot.translations), loops]
+    both = [scaled(robot, system.platform, ~robot.translations), loop_matrix(robot, system)]
     return np.concatenate(both, axis=1)[:, :, robot.moving]
 
 

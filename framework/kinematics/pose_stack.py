@@ -24,6 +24,7 @@ from framework.kinematics.forward_kinematics import (
     ForwardPose,
     check_motors_are_free,
     forward_kinematics,
+    motors_turning_points,
     start_pose,
     type2_singularity,
 )
@@ -32,7 +33,6 @@ from framework.kinematics.inverse_kinematics import VANISHED, System, system_at
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.newton import Linear, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.turning_point import turning_points
 
 STEPS = round(1 / FIRST_STEP)
 PASSES = 10  # of Newton's method; a step along the tangent that needs more is no good one
@@ -70,7 +70,7 @@ def forward_kinematics_stack(
     turn[:, robot.actuated] = targets - robot.actuated_coordinates(start.q[None])
     stack, share = _lead(robot, start.q, start.x, turn)
     short = np.flatnonzero(share < 1.0)
-    refused: dict[int, NotAssembled] = _turning(robot, start, stack, short, share, targets, turn)
+    refused: dict[int, NotAssembled] = _turning(robot, stack, short, share, targets, turn)
     for k in map(int, short):
         if k not in refused:
             try:
@@ -87,7 +87,6 @@ def forward_kinematics_stack(
 
 def _turning(
     robot: ParallelRobot,
-    start: ForwardPose,
     stack: dict[str, Array],
     short: IntArray,
     share: Array,
@@ -97,7 +96,7 @@ def _turning(
     """The refusals of those rows, led as far as `share` says, that have a turning point ahead."""
     if not len(short) or not len(robot.following):
         return {}
-    ahead = turning_points(robot, start.q, stack["q"][short], share[short], turn[short])
+    ahead = motors_turning_points(robot, stack["q"][short], share[short], turn[short])
     platform, residuals = robot.platform.coordinates(ahead.system.frames), ahead.system.residual[:, robot.n :]
     x = robot.platform.unwrap(platform, stack["x"][short])
     residual = np.abs(residuals).max(axis=1)

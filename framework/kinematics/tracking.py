@@ -31,9 +31,10 @@ from framework.kinematics.inverse_kinematics import (
     require_square,
     system_at,
 )
-from framework.kinematics.loop_matrices import lost_equations, mobile_matrix
+from framework.kinematics.loop_matrices import equation_sizes, lost_equations, mobile_matrix
 from framework.kinematics.newton import LAST_STEP
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.turning_point import CurveEquations, turning_points
 from framework.motion.path import Line, Path
 from framework.motion.path_check import check_path
 
@@ -95,11 +96,14 @@ def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
     return finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
 
 
-def follow_path(robot: ParallelRobot, path: Path, q: Array, *, last_step: float = LAST_STEP) -> Way:
+def follow_path(
+    robot: ParallelRobot, path: Path, q: Array, *, last_step: float = LAST_STEP, to_the_end: bool = False
+) -> Way:
     """Lead the platform along the path from a configuration q (nq,) on its first point, as far as that goes.
 
     Within one working mode; Type 2 singularities are no obstacle. Springs keep the deflections of q. Places
-    are closed as `newton` closes them with this `last_step`.
+    are closed as `newton` closes them with this `last_step`. A way that ends does so just before a Type 1
+    singularity, from where another one leads on; or on it, `to_the_end`, if it is found there.
     """
 
     def arrive(s: Array, predicted: Array) -> list[Place]:
@@ -119,15 +123,34 @@ def follow_path(robot: ParallelRobot, path: Path, q: Array, *, last_step: float 
         same_branch = straight or not lost_equations(robot, after.system, CROSSING)
         return same_branch and keeps_working_mode(robot, before.system, after.system)
 
+    def end(s: float, before: Place) -> tuple[float, Place] | None:
+        sizes = equation_sizes(robot)
+
+        def evaluate(q: Array, share: Array) -> CurveEquations:
+            at = np.clip(share, 0.0, 1.0)
+            x = path(at)
+            system = system_at(robot, q, x)
+            drive = np.zeros_like(system.residual)
+            drive[:, : robot.n] = -robot.platform.twist(x, path(at, 1))[0]
+            return CurveEquations(
+                mobile_matrix(robot, system), drive / sizes, system.residual / sizes, system
+            )
+
+        still = np.zeros((1, robot.model.nv))
+        ahead = turning_points(robot, before.q, np.array([s]), robot.moving, still, evaluate)
+        return (float(ahead.share[0]), Place(ahead.q, ahead.system, still)) if ahead.found[0] else None
+
     s = np.zeros(1)
     [start] = places(s, q[None], system_at(robot, q[None], path(s)), 1)
     short = np.abs(path(1.0) - path(0.0)).max() < 1e-4 * robot.length
-    return follow(robot, start, arrive, belongs, step=1.0 if short else FIRST_STEP, at_once=AT_ONCE)
+    first = 1.0 if short else FIRST_STEP
+    ends = end if to_the_end else None
+    return follow(robot, start, arrive, belongs, end=ends, step=first, at_once=AT_ONCE)
 
 
 def _followed(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
     """The branch along the path from a configuration q (nq,) on its first point."""
-    way = follow_path(robot, path, q, last_step=KNOTS)
+    way = follow_path(robot, path, q, last_step=KNOTS, to_the_end=True)
     if not way.complete:
         raise _end_of_reach(robot, path, float(way.at[-1]), way.last.q[0], way.last.system, what)
     offset, rate = difference(robot, q, way.q), difference_rates(robot, q, way.q, way.rate)
@@ -177,18 +200,12 @@ def weakest_leg(robot: ParallelRobot, system: System) -> str:
 
 def _reachable_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> bool:
     """Whether the loops close again a little further along the path, on whichever branch."""
-    for ahead in (1e-3, 1e-2):
-        if s + ahead > 1.0:
-            break
-        for side in (1.0, -1.0):
-            nudge = np.zeros((1, robot.model.nv))
-            nudge[0, robot.moving] = side * 0.02
-            try:
-                close_loops(robot, path(np.array([s + ahead])), integrate(robot, q[None], nudge))
-            except NotAssembled:
-                continue
-            return True
-    return False
+    ahead = np.repeat(np.array([s + 1e-3, s + 1e-2]), 2)
+    ahead = ahead[ahead <= 1.0]
+    nudge = np.zeros((len(ahead), robot.model.nv))
+    nudge[::2, robot.moving], nudge[1::2, robot.moving] = 0.02, -0.02
+    guess = integrate(robot, np.repeat(q[None], len(ahead), axis=0), nudge)
+    return bool(len(ahead)) and bool(close_each(robot, path(ahead), guess).closed.any())
 
 
 def escaping(robot: ParallelRobot, s: float, x: Array, count: int, what: str) -> UncontrolledMotions:

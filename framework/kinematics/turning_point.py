@@ -1,38 +1,48 @@
-"""Where the motors' way ends: the turning point of a branch at a Type 2 singularity, by a direct root.
+"""Where a way ends: the turning point of a branch at a singularity, by a direct root.
 
-While the motors turn by a share of their way, the loops F(y, share) = 0 draw a curve in the passive joints y
-and the share. It is smooth where P = dF/dy loses rank as long as the motors drive what escapes: only the
-share turns back there. So the curve is followed by t = c . y, c along its tangent at the start, and
+While the motors turn, or the platform goes along its path, the loop equations F(y, s) = 0 draw a curve in the
+joints y that follow and the share s of the way. It is smooth where M = dF/dy loses rank as long as the way
+drives what escapes there: only s turns back. So the curve is followed by t = c . y, c along its tangent at
+the start, and
 
-    [P  b] [dy/dt     ]   [0]
-    [c' 0] [dshare/dt ] = [1],    b = dF/dshare,
+    [M  b] [dy/dt]   [0]
+    [c' 0] [ds/dt] = [1],    b = dF/ds,
 
 whose last number is the bordered measure of singularity with b as its border (Govaerts 2000, chapter 3): the
-slope of the share, positive up to the turning point and zero there. Its root is found by secants in t, each
-with a Newton step back to the curve; to first order in t the slope is a line, so a few are enough.
+slope of s, positive up to the turning point and zero there. Its root is found by secants in t, each with a
+Newton step back to the curve; to first order in t the slope is a line, so a few are enough.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray
-from framework.kinematics.closures import scaled
+from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.frames import between, integrate
-from framework.kinematics.inverse_kinematics import System, system_at
+from framework.kinematics.inverse_kinematics import System
 from framework.kinematics.newton import LAST_STEP
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import solve
 
 FIRST_SECANT = 1e-3  # [rad, lengths] along the curve, for the first slope of the slope
-LONGEST = 2.0  # [rad, lengths] by all passive joints together: what lies farther is for a nearer start
+LONGEST = 2.0  # [rad, lengths] by all joints together: what lies farther is for a nearer start
 ITERATIONS = 12
 # A curve that is nearly a parabola of t from end to end has no other turning point between: its chord is the
-# mean of both tangents, to this part of its length, and the share gains half its first slope times t, to this
-# part of the gain.
+# mean of both tangents, to this part of its length, and s gains half its first slope times t, to this part of
+# the gain.
 BENT, SKEW = 0.1, 0.25
+
+
+class CurveEquations(NamedTuple):
+    """F and its derivatives at T places, without dimension (radians, lengths of the robot)."""
+
+    matrix: Array  # (T, k, k) M
+    drive: Array  # (T, k) b
+    residual: Array  # (T, k)
+    system: System  # what they are made of
 
 
 class TurningPoints(NamedTuple):
@@ -44,75 +54,63 @@ class TurningPoints(NamedTuple):
     system: System  # the equations there
 
 
-class _Tangent(NamedTuple):
-    """Newton's step back to the curve and the curve's tangent, at T places."""
-
-    back: Array  # (T, n_p + 1) passive joints [rad, lengths], share; across c
-    along: Array  # (T, n_p + 1) by t
-
-
-def turning_points(robot: ParallelRobot, start: Array, q: Array, share: Array, turn: Array) -> TurningPoints:
-    """The turning points ahead of assembled configurations q (T, nq), each after a `share` (T,) of its way.
+def turning_points(
+    robot: ParallelRobot,
+    q: Array,
+    share: Array,
+    columns: IntArray,
+    given: Array,
+    evaluate: Callable[[Array, Array], CurveEquations],
+) -> TurningPoints:
+    """The turning points ahead of configurations q (T, nq) on their ways, each after a `share` (T,) of it.
 
     Only such are found as are proved to end the way: between there and q the curve is nearly a parabola.
 
     Args:
-        start: the configuration (nq,) at which the ways begin.
-        turn: (T, nv) by how much the motors are to turn on the whole way; zero in all other columns.
+        columns: the joints (k,) that follow.
+        given: (T, nv) by how much the others move on the whole way.
+        evaluate: F at configurations (T, nq) and shares (T,), outside [0, 1] as well while it is searched.
     """
-    columns, scale, count = robot.following, robot.column_scale, len(q)
+    scale, count = robot.column_scale, len(q)
     border = np.zeros((count, len(columns)))
 
     def moved(step: Array) -> Array:
-        """Joint motions (T, nv) of steps along the curve (T, n_p + 1)."""
-        motion = step[:, -1:] * turn
+        """Joint motions (T, nv) of steps along the curve (T, k + 1)."""
+        motion = step[:, -1:] * given
         motion[:, columns] = step[:, :-1] * scale[columns]
         return motion
 
-    def tangent(q: Array) -> _Tangent:
-        system = system_at(robot, q, None)
-        P, b, residual = _bordered(robot, system, turn)
+    def steps_at(q: Array, share: Array) -> tuple[Array, Array, System]:
+        """Newton's step back to the curve, across c, and the tangent by t, each (T, k + 1)."""
+        F = evaluate(q, share)
         if not border.any():
-            border[:] = solve(P, -b)
+            border[:] = solve(F.matrix, -F.drive)
             border[:] /= np.linalg.norm(border, axis=1, keepdims=True)
         whole = np.zeros((count, len(columns) + 1, len(columns) + 1))
-        whole[:, :-1, :-1], whole[:, :-1, -1], whole[:, -1, :-1] = P, b, border
+        whole[:, :-1, :-1], whole[:, :-1, -1], whole[:, -1, :-1] = F.matrix, F.drive, border
         right = np.zeros((2, count, len(columns) + 1))
-        right[0, :, :-1], right[1, :, -1] = -residual, 1.0
-        return _Tangent(solve(whole, right[0]), solve(whole, right[1]))
+        right[0, :, :-1], right[1, :, -1] = -F.residual, 1.0
+        return solve(whole, right[0]), solve(whole, right[1]), F.system
 
     with np.errstate(all="ignore"):  # what has no turning point ahead runs away, and is not found
-        here = first = tangent(q)
-        at, reached, t = q, np.zeros(count), np.zeros(count)
+        back, first, _ = steps_at(q, share)
+        along, at, reached, t = first, q, share, np.zeros(count)
         step, closed = np.full(count, FIRST_SECANT), np.zeros(count, dtype=bool)
         for _ in range(ITERATIONS):
             lost = ~(np.abs(t + step) < LONGEST)
-            whole_step = np.where((closed | lost)[:, None], 0.0, here.back + step[:, None] * here.along)
-            at, reached = integrate(robot, at, moved(whole_step)), reached + whole_step[:, -1]
+            move = np.where((closed | lost)[:, None], 0.0, back + step[:, None] * along)
+            at, reached = integrate(robot, at, moved(move)), reached + move[:, -1]
             t = t + np.where(closed | lost, 0.0, step)
-            closed |= ~lost & (np.abs(whole_step).max(axis=1) < LAST_STEP)
+            closed |= ~lost & (np.abs(move).max(axis=1) < LAST_STEP)
+            before = along[:, -1]
+            back, along, system = steps_at(at, reached)
             if (closed | lost).all():
                 break
-            before, here = here.along[:, -1], tangent(at)
-            step = -step * here.along[:, -1] / (here.along[:, -1] - before)
-        gain = 0.5 * t * first.along[:, -1]
-        chord, way = between(robot, q, at), t[:, None] * moved(first.along)
-        mean = 0.5 * (way + t[:, None] * moved(here.along))
-        bent, length = (np.abs(motion / scale).max(axis=1) for motion in (chord - mean, way))
-        found = closed & (t > 0) & (np.abs(reached - gain) <= SKEW * gain) & (bent <= BENT * length)
-        found &= share + reached < 1.0
-    end = np.where(found, share + reached, share)
-    at = np.where(found[:, None], at, q)
-    exact = np.zeros_like(turn)  # what the rounding of the steps has left of the motors' angles
-    off = end[:, None] * turn - between(robot, start, at)
-    exact[:, robot.actuated] = off[:, robot.actuated]
-    at = integrate(robot, at, exact)
-    return TurningPoints(found, end, at, system_at(robot, at, None))
-
-
-def _bordered(robot: ParallelRobot, system: System, turn: Array) -> tuple[Array, Array, Array]:
-    """P (T, m, n_p), b (T, m) and the loop equations (T, m), without dimension."""
-    sizes = np.where(robot.loops.rotation, 1.0, robot.length) * robot.row_sizes
-    loops = scaled(robot, system.closures, robot.loops.rotation) / robot.row_sizes[:, None]
-    b = np.einsum("tmv,tv->tm", loops, turn / robot.column_scale)
-    return loops[:, :, robot.following], b, system.residual[:, robot.n :] / sizes
+            step = -step * along[:, -1] / (along[:, -1] - before)
+        gain = 0.5 * t * first[:, -1]
+        way = t[:, None] * moved(first)
+        bent = between(robot, q, at) - 0.5 * (way + t[:, None] * moved(along))
+        bent, length = (np.abs(motion / scale).max(axis=1) for motion in (bent, way))
+        found = closed & (t > 0) & (reached < 1.0) & (bent <= BENT * length)
+        found &= np.abs(reached - share - gain) <= SKEW * gain
+    return TurningPoints(found, reached, at, system)

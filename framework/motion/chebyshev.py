@@ -118,7 +118,7 @@ class TimeFunction(ReadOnlyArrays):
         flat = times.ravel()
         panel = np.searchsorted(self.edges[1:-1], flat, side="right")
         values = np.empty((flat.size, self.coefficients.shape[2]))
-        for p in np.unique(panel):
+        for p in np.unique(panel) if values.size else ():
             inside = panel == p
             half = 0.5 * (self.edges[p + 1] - self.edges[p])
             local = (flat[inside] - self.edges[p]) / half - 1.0

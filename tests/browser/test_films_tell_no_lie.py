@@ -197,24 +197,28 @@ STRUCK = """() => [...document.querySelectorAll(".chart")].flatMap((chart) => {
 })"""
 
 
+def corners(tab, t: float) -> np.ndarray:
+    """The corners of the forces that the motors can give, as drawn at t."""
+    tab.evaluate("t => crossing.clock.seek(t)", t)
+    return np.array(tab.evaluate("crossing.films[0].vectors.polytope.corners"))
+
+
+def extents(tab, t: float) -> np.ndarray:
+    """How far these corners spread along their principal axes, the largest first."""
+    found = corners(tab, t)
+    return np.linalg.svd(found - found.mean(axis=0), compute_uv=False)
+
+
 def test_the_polygon_of_forces_is_a_line_across_t_s_at_the_singular_instant(opened):
     film = filmed("five_bar", "bow")
     tab = opened(film_page([film]))
     (instant,) = film.instants
 
-    def corners(t: float) -> np.ndarray:
-        tab.evaluate("t => crossing.clock.seek(t)", t)
-        return np.array(tab.evaluate("crossing.films[0].vectors.polytope.corners"))
-
-    def sizes(t: float) -> np.ndarray:
-        found = corners(t)
-        return np.linalg.svd(found - found.mean(axis=0), compute_uv=False)
-
-    assert sizes(0.0)[1] > 0.2 * sizes(0.0)[0]
-    assert sizes(instant.time)[1] < 1e-5 * sizes(instant.time)[0]
+    assert extents(tab, 0.0)[1] > 0.2 * extents(tab, 0.0)[0]
+    assert extents(tab, instant.time)[1] < 1e-5 * extents(tab, instant.time)[0]
     # at the same scale as W_p, its area is that of the parallelogram of the motors: 4 |det G| limit^2
     k = int(np.argmin(np.abs(film.time - 0.2)))
-    (x0, y0), (x1, y1), (x2, y2) = corners(float(film.time[k]))[:3]
+    (x0, y0), (x1, y1), (x2, y2) = corners(tab, float(film.time[k]))[:3]
     area = abs((x1 - x0) * (y2 - y1) - (y1 - y0) * (x2 - x1))
     limit = 1.5 * np.abs(film.torque).max()
     scale = 0.45 * tab.evaluate("crossing.films[0].content.length") / np.linalg.norm(film.W_p, axis=1).max()
@@ -228,16 +232,9 @@ def test_the_solid_of_forces_is_flat_and_all_lines_of_the_motors_lie_across_t_s_
     tab = opened(film_page([film]))
     (instant,) = film.instants
 
-    def corners(t: float) -> np.ndarray:
-        tab.evaluate("t => crossing.clock.seek(t)", t)
-        return np.array(tab.evaluate("crossing.films[0].vectors.polytope.corners"))
-
-    def sizes(t: float) -> np.ndarray:
-        return np.linalg.svd(corners(t) - corners(t).mean(axis=0), compute_uv=False)
-
     assert tab.evaluate("crossing.films[0].vectors.lines.drawn.object.visible") is False  # far from the locus
-    assert sizes(0.0)[2] > 1e-3 * sizes(0.0)[0]
-    assert sizes(instant.time)[2] < 1e-5 * sizes(instant.time)[0]
+    assert extents(tab, 0.0)[2] > 1e-3 * extents(tab, 0.0)[0]
+    assert extents(tab, instant.time)[2] < 1e-5 * extents(tab, instant.time)[0]
     assert tab.evaluate("crossing.films[0].vectors.lines.drawn.object.visible") is True
     ways = tab.evaluate(
         """() => crossing.films[0].vectors.lines.drawn.rods.map((rod) =>

@@ -32,6 +32,7 @@ def test_a_stack_says_what_each_says_alone(name):
         if isinstance(alone, NotAssembled):
             assert type(stack.refused[k]) is type(alone)
             assert np.isnan(stack.q[k]).all()
+            assert stack.refused[k].share == pytest.approx(alone.share, abs=1e-10)
             continue
         assert k not in stack.refused
         allowed = 1e-13 * robot.length / alone.clearance**2 + 1e-13

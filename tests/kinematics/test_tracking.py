@@ -9,6 +9,7 @@ import robots
 from framework import Arc, InvalidInput, Line, assemble, track_path
 from framework.errors import OutOfReach, Type1Singularity
 from framework.kinematics.tracking import follow_path
+from tests.benchmarks.random_motions import evidence
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
 from tests.robots.every_robot import RIGID, first_path
@@ -87,6 +88,16 @@ def test_there_and_back_is_where_it_began(name):
     np.testing.assert_allclose(way.q, there.closed(1.0 - way.at).q, rtol=0, atol=size)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["five_bar", "biglide", "orthoglide", "par4", "three_rpr"])
+def test_random_motions_stay_on_their_branch_or_are_refused_at_a_singularity(name):
+    found = evidence(name, 24)
+    assert found.followed + found.refused.total() == 24
+    assert found.followed >= 6
+    assert found.off_branch == []
+    assert found.unexplained == []
+
+
 def test_the_way_to_a_point_does_not_matter_within_a_mode():
     robot = robots.load("five_bar")
     straight = assemble(robot, [-0.08, 0.28]).q
@@ -108,7 +119,8 @@ def test_a_way_that_leaves_the_workspace_ends_on_its_edge():
     assert 0 <= 2 * LINK - reach < 1e-6
     with pytest.raises((OutOfReach, Type1Singularity)) as caught:
         assemble(robot, [0.0, 1.0])
-    assert caught.value.s == way.at[-1]
+    assert 0.0 < caught.value.s - way.at[-1] < 1e-6
+    assert np.linalg.norm(caught.value.platform - MOTORS, axis=1).max() == pytest.approx(2 * LINK, abs=1e-13)
 
 
 def test_springs_keep_their_deflections_along_a_path():
