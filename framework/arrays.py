@@ -24,14 +24,15 @@ def read_only(array: _Any) -> _Any:
 
 def freeze(value: object) -> None:
     """Let nobody write to the arrays of a tuple or a dataclass of our own making, and of those within."""
-    if isinstance(value, np.ndarray):
-        value.setflags(write=False)
-    elif isinstance(value, tuple):
-        for item in value:
-            freeze(item)
-    elif is_dataclass(value) and not isinstance(value, ReadOnlyArrays):
-        for item in vars(value).values():
-            freeze(item)
+    within = [value]
+    while within:
+        item = within.pop()
+        if isinstance(item, np.ndarray):
+            item.setflags(write=False)
+        elif isinstance(item, tuple):
+            within.extend(item)
+        elif not isinstance(item, ReadOnlyArrays) and is_dataclass(item):
+            within.extend(vars(item).values())
 
 
 class ReadOnlyArrays:

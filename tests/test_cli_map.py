@@ -60,7 +60,8 @@ def test_the_margin_of_a_pose_is_told_with_its_status(capsys):
     assert code == 0
     found = told["nearest_singular_pose"]
     assert found["distance"] == pytest.approx(0.3 - np.sqrt(0.06), rel=1e-9)  # straight below, on the locus
-    assert found["status"].startswith("at most 0.05505")
+    assert 0.99 < found["at_least"] / found["distance"] <= 1
+    assert "at most 0.05505" in found["status"]
 
 
 def test_what_is_kept_of_a_map_is_named_by_the_working_mode_too():

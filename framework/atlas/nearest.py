@@ -6,8 +6,9 @@ method: the nearest point x' to x on the tangent plane of g at y,
 
     x' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy,
 
-again and again. What is found is a singular pose, so the margin is at most its distance; that none is nearer
-is not proved: a locus may pass between rays, or touch without a change of sign.
+again and again. What is found is a singular pose, so the margin is at most its distance. It is at least the
+radius of the ball in which `regular_ball` proves that no pose is singular, of Type 1 either: where that ball
+ends at the edge of the workspace, or the proof at what time it may take, the two differ.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from framework.kinematics.loop_matrices import measured_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.singularity.bordered_system import Border, bordered
 from framework.singularity.classification import uncontrolled_motion
+from framework.singularity.regular_ball import MOST, regular_ball
 
 STEP = 0.02  # [robot lengths, rad] along a ray
 RAYS = {1: 2, 2: 96, 3: 300}  # directions, by the number of platform coordinates
@@ -39,11 +41,12 @@ SINGULAR = 1e-8  # |g| of a foot point, without dimension
 
 @dataclass(frozen=True, eq=False)
 class NearestSingularPose(ReadOnlyArrays):
-    """The nearest Type 2 pose that a local search has found, if any."""
+    """The nearest Type 2 pose that a local search has found, if any, and the ball that is proved regular."""
 
     distance: (
         float  # [m] if all coordinates are translations, [rad] turns, else [robot lengths, rad]; inf: none
     )
+    at_least: float  # in the same unit: nearer than that no pose is singular, Type 1 or Type 2: proved
     unit: str
     within: float  # how far rays were followed, in the same unit
     rays: int
@@ -54,19 +57,25 @@ class NearestSingularPose(ReadOnlyArrays):
     @property
     def status(self) -> str:
         """What is known of the margin."""
-        if self.x is None:
-            return f"none found within {self.within:.4g} {self.unit} along {self.rays} rays; not a proof"
-        return f"at most {self.distance:.6g} {self.unit}: a nearer singular pose is not ruled out"
+        regular = "no proof of regular poses about it"
+        if self.at_least > 0:
+            regular = f"at least {self.at_least:.6g} {self.unit}, proved for Type 1 and Type 2"
+        if self.x is not None:
+            return f"{regular}; at most {self.distance:.6g} {self.unit}, Type 2"
+        if self.at_least >= self.within:
+            return f"{regular}: none within that"
+        return f"{regular}; none found within {self.within:.4g} {self.unit} along {self.rays} rays"
 
 
 def nearest_singular_pose(
-    robot: ParallelRobot, q: ArrayLike, *, within: float | None = None
+    robot: ParallelRobot, q: ArrayLike, *, within: float | None = None, most: int = MOST
 ) -> NearestSingularPose:
     """The nearest Type 2 singular pose to an assembled configuration q (nq,), on its working mode.
 
     Args:
         within: how far to look [m if all coordinates are translations, rad if all are turns, else robot
             lengths and rad], half a robot length or 0.5 rad by default.
+        most: cells that the proof may take, see `regular_ball`.
 
     Raises:
         InvalidInput: q leaves the loops open; redundant motors, whose g has no sign; no passive joints.
@@ -90,12 +99,14 @@ def nearest_singular_pose(
     feet = [_foot(robot, hit, here.x[0]) for hit in hits]
     feet += [_on_ray(robot, hit, here.x[0]) for hit in hits[:1]]
     found = [foot for foot in feet if foot is not None and foot.distance <= reach]
-    told = (unit, reach * size, len(directions))
-    if not found:
-        return NearestSingularPose(np.inf, *told, None, None, None)
-    nearest = min(found, key=lambda foot: foot.distance)
+    nearest = min(found, key=lambda foot: foot.distance, default=None)
+    radius = reach if nearest is None else nearest.distance
+    proved = regular_ball(robot, here.q[0], here.x[0], radius, most=most).radius
+    known = (proved * size, unit, reach * size, len(directions))
+    if nearest is None:
+        return NearestSingularPose(np.inf, *known, None, None, None)
     twist = uncontrolled_motion(robot, system_at(robot, nearest.q[None], nearest.x[None])).twist
-    return NearestSingularPose(nearest.distance * size, *told, nearest.x, nearest.q, twist)
+    return NearestSingularPose(nearest.distance * size, *known, nearest.x, nearest.q, twist)
 
 
 class Hit(NamedTuple):

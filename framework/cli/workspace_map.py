@@ -213,6 +213,7 @@ def _told(found: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
         document["nearest_singular_pose"] = {
             "status": margin.status,
             "distance": margin.distance if known else None,
+            "at_least": margin.at_least,
             "unit": margin.unit,
             "within": margin.within,
             "platform": None if margin.x is None else margin.x.tolist(),

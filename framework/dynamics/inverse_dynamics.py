@@ -134,7 +134,7 @@ def resolve(
             """Whether what the undeformed robot asks for is resolved, or beyond resolution on any grid."""
             if grid.size >= SIZES[-1] or not regular_at_rest:
                 return True
-            return _torque_tail(branch.robot, grid, here) <= tolerance
+            return _tails(branch.robot, grid, here) <= tolerance
 
         try:
             state = solve_deflections(
@@ -257,10 +257,7 @@ def _result(
         crossings=crossings,
         certificate=Certificate(
             nodes=len(grid.times),
-            tail=max(
-                _torque_tail(robot, grid, state),
-                _tail(grid.fit(state.caused), 1e-14 * robot.column_scale[robot.elastic]),
-            ),
+            tail=_tails(robot, grid, state),
             passes=passes,
             change=state.change,
             max_closure_error=0.0,
@@ -288,10 +285,13 @@ def _tail(function: TimeFunction, rounding: Array) -> float:
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
 
 
-def _torque_tail(robot: ParallelRobot, grid: TimeGrid, here: Pass | Deflected) -> float:
-    """The tail of the motors' torques."""
+def _tails(robot: ParallelRobot, grid: TimeGrid, here: Pass | Deflected) -> float:
+    """The tail of the motors' torques, or of the deflections that the forces cause if that is larger."""
     torques = grid.fit(motor_torque(robot, here.motion, here.forces.joint_torque))
-    return _tail(torques, _torque_rounding(robot, here.law.duration))
+    return max(
+        _tail(torques, _torque_rounding(robot, here.law.duration)),
+        _tail(grid.fit(here.caused), 1e-14 * robot.column_scale[robot.elastic]),
+    )
 
 
 def _torque_rounding(robot: ParallelRobot, duration: float) -> Array:

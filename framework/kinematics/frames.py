@@ -91,16 +91,15 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
     """Poses of all frames and screws of all joints at q (T, nq)."""
     model, scratch = mechanism.model, scratch_of(mechanism)
     data, placements, columns = scratch.data, scratch.placements, scratch.columns
-    poses = np.empty((len(q), *placements.shape))
+    poses = np.empty((len(q), len(scratch.frames), 12))
     screws = np.empty((len(q), *columns.shape))
     for k in range(len(q)):
         pin.computeJointJacobians(model, data, q[k])
         pin.updateFramePlacements(model, data)
         if scratch.refresh is not None:
             scratch.refresh()
-        poses[k] = placements
+        placements.take(scratch.frames, 0, poses[k], "clip")  # "raise" would make a copy
         screws[k] = columns
-    poses = poses.take(scratch.frames, axis=1)
     return FrameStack(poses[:, :, 9:], rotations(poses), screws, scratch.carried, q)
 
 

@@ -99,7 +99,7 @@ class ParallelRobot(Mechanism):
     @property
     def n(self) -> int:
         """Number of platform coordinates."""
-        return self.platform.n
+        return self.equations.n
 
     @property
     def n_a(self) -> int:
@@ -119,17 +119,17 @@ class ParallelRobot(Mechanism):
         """The columns that follow when x and q_e are given: actuated, then passive but for the idle ones."""
         return self.equations.columns
 
-    @property
+    @cached_property
     def following(self) -> IntArray:
         """The passive joints that follow the platform and the motors: all but the idle ones."""
-        return self.equations.columns[self.n_a :]
+        return read_only(self.equations.columns[self.n_a :])
 
     @property
     def translations(self) -> NDArray[np.bool_]:
         """Which of the platform's coordinates are translations, (n,) [m]; the others are turns [rad]."""
         return self.platform.translations
 
-    @property
+    @cached_property
     def actuator_names(self) -> tuple[str, ...]:
         return tuple(actuator.joint for actuator in self.description.actuators)
 

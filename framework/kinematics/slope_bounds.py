@@ -222,10 +222,11 @@ def _term(term: _Term, chain: _Chain, own: _Derivatives, at: FrameStack) -> tupl
         second = np.einsum("sic,sjc->sij", own.point, own.point)
         second = second + np.einsum("sc,sijc->sij", own.way, own.bent)
         return 0.5 * f * np.einsum("sc,sc->s", own.way, own.way), f * first, f * second
-    if term.kind == "turn":  # the rate of the turn, whose value is not that of a function
-        later = np.arange(len(chain.places))[:, None] < np.arange(len(chain.places))
-        swept = cross(own.turning[:, :, None], own.turning[:, None]) * later[:, :, None]
-        second = np.einsum("sc,sijc->sji", axis, swept)  # of slope j along i
+    if term.kind == "turn":  # axis . the part of R(q) R(middle)' that is not symmetric: 0 at the middle
+        number = np.arange(len(chain.places))
+        inner = np.minimum(number[:, None], number)
+        swept = 0.5 * cross(own.turning[:, inner], own.turning[:, chain.outer])
+        second = np.einsum("sc,sijc->sij", axis, swept)
         return np.zeros(S), np.einsum("sc,sjc->sj", axis, own.turning), second
     carried = at.rotation[:, chain.second, :, term.other]
     own_turn = cross(own.turning, carried[:, None])

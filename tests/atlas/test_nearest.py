@@ -14,6 +14,7 @@ from framework.singularity.distances import singularity_distances
 from tests.oracles import five_bar_pose
 
 AROUND = 360
+FEW = 100  # cells of the proof, where it is not what is tested
 
 
 def sine(x):
@@ -39,14 +40,16 @@ def least_distance(x):
 @pytest.mark.parametrize("x", [(0.1, 0.345), pytest.param((0.02, 0.15), marks=pytest.mark.slow)])
 def test_the_nearest_singular_pose_of_the_5r_is_that_of_its_curve(x):
     robot = robots.load("five_bar")
-    found = nearest_singular_pose(robot, assemble(robot, x))
+    found = nearest_singular_pose(robot, assemble(robot, x), most=FEW)
     expected = least_distance(np.array(x))
     # the curve turns from the circle about x by the square of what a ray misses: half a ray's angle at most
     assert found.distance <= expected
     assert found.distance == pytest.approx(expected, abs=0.3 * (np.pi / AROUND) ** 2 * 10)
     assert np.linalg.norm(found.x - x) == pytest.approx(found.distance, rel=1e-12)
     assert abs(sine(found.x)) < 1e-7
-    assert found.status.startswith("at most")
+    assert found.at_least <= found.distance
+    assert found.status.startswith("at least")
+    assert "at most" in found.status
     # the rods are in line along t_s turned by a right angle
     rod = five_bar_pose.pose(found.x[None]).along[0, 0]
     assert abs(found.twist @ rod) < 1e-6
@@ -58,18 +61,22 @@ SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("delta", "orthog
 @pytest.mark.parametrize("name", ["three_rpr", *SLOW])
 def test_what_is_found_is_singular_and_lies_across_the_locus(name):
     robot = robots.load(name)
-    found = nearest_singular_pose(robot, robot.reference)
+    found = nearest_singular_pose(robot, robot.reference, most=FEW)
+    assert 0 < found.at_least <= found.distance
     assert singularity_distances(robot, assembled_at(robot, found.q).system).sigma_A[0] < 1e-7
     scale = np.where(robot.translations, 1.0 if robot.translations.all() else robot.length, 1.0)
     assert np.linalg.norm((found.x - robot.reference.x) / scale) == pytest.approx(found.distance, rel=1e-12)
 
 
-def test_nothing_near_is_no_proof():
+def test_nothing_found_is_told_apart_from_nothing_there():
     robot = robots.load("five_bar")
-    found = nearest_singular_pose(robot, assemble(robot, [0.1, 0.345]), within=0.05)
-    assert (found.x, found.distance) == (None, np.inf)
-    assert "none found within 0.05 m" in found.status
-    assert "not a proof" in found.status
+    at = assemble(robot, [0.1, 0.345])
+    far = nearest_singular_pose(robot, at, within=0.05, most=FEW)
+    assert (far.x, far.distance) == (None, np.inf)
+    assert "none found within 0.05 m" in far.status
+    near = nearest_singular_pose(robot, at, within=0.04)
+    assert near.at_least == pytest.approx(0.04)
+    assert "none within that" in near.status
 
 
 @pytest.mark.parametrize(
