@@ -17,7 +17,7 @@ DEMO := crossing_C
 # the modules of the API reference: the public face, and the submodules that a user calls by name
 API := framework.public framework.errors framework.motion.law framework.motion.path framework.model.beams \
   framework.simulation framework.control framework.atlas.workspace_map framework.atlas.nearest \
-  framework.dynamics.stiffness framework.dynamics.forward_dynamics framework.kinematics.pose_stack framework.show.plots \
+  framework.dynamics.stiffness framework.dynamics.loading framework.dynamics.forward_dynamics framework.kinematics.pose_stack framework.show.plots \
   framework.show.maps robots
 
 .PHONY: help demo test slow witness test-browser bench lint format docs notebooks clean

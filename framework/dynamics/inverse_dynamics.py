@@ -38,7 +38,6 @@ from framework.errors import (
 )
 from framework.kinematics.frames import difference
 from framework.kinematics.idle_spin import without_spin
-from framework.kinematics.inverse_kinematics import ClosedStack
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction, TimeGrid
@@ -237,13 +236,14 @@ def _result(
 ) -> InverseDynamics:
     robot, grid = branch.robot, state.grid
     torques = grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque))
-    closed = ClosedStack(state.motion.q, branch.path(state.law(grid.times)), state.motion.system)
-    u = difference(robot, branch.origin, without_spin(robot, branch.origin, closed))
+    q, s = state.motion.q, state.law(grid.times)
+    if not branch.continued(s).any():  # a continuation is smooth as it is
+        q = without_spin(robot, branch.origin, q, branch.path(s))
+    u = difference(robot, branch.origin, q)
     offsets = grid.fit(u)
     turned = difference(robot, pin.neutral(robot.model), branch.origin[None]) + u
     motor = grid.fit(robot.gear_ratio * turned[:, robot.actuated])
     deflections = state.deflections
-    s = state.law(grid.times)
     return InverseDynamics(
         robot=robot,
         path=branch.path,

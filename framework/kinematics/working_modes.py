@@ -17,6 +17,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import finite_numbers
 from framework.kinematics.frames import FrameStack, between, integrate
+from framework.kinematics.idle_spin import without_spin
 from framework.kinematics.inverse_kinematics import require_square, system_at
 from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.leg_paving import joints_have_no_others
@@ -96,7 +97,9 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     columns, reference = robot.moving, robot.reference.q[None]
     starts = random_starts(robot, reference, STARTS, columns)
     q, closed = loops_closed(robot, starts, platform_rows, columns)
-    ways = np.array([_way(robot, pose) for pose in q[closed]]).reshape(-1, robot.model.nv)
+    found_at = np.repeat(target[None], int(closed.sum()), axis=0)
+    poses = without_spin(robot, robot.reference.q, q[closed], found_at)
+    ways = np.array([_way(robot, pose) for pose in poses]).reshape(-1, robot.model.nv)
     solutions = [
         distinct_joints(ways[:, columns[leg.columns]] / robot.column_scale[columns[leg.columns]])
         for leg in legs(robot)

@@ -166,9 +166,11 @@ def is_to_scale(found: WorkspaceMap) -> bool:
 
 def _frame(found: WorkspaceMap, header: _Header, ax: Axes) -> None:
     robot, axes = found.robot, found.window.axes
+    wide, high = found.window.upper - found.window.lower
     ax.grid(False)
     if is_to_scale(found):
         ax.set_aspect("equal")
+        ax.locator_params(axis="x", nbins=int(np.clip(9 * wide / high, 2, 9)))
     ax.set_xlim(*cell_edges(found.window.spans[0])[[0, -1]])
     ax.set_ylim(*cell_edges(found.window.spans[1])[[0, -1]])
     for set_label, k in ((ax.set_xlabel, axes[0]), (ax.set_ylabel, axes[1])):

@@ -33,8 +33,9 @@ from framework.show.style import LOCUS, PATH
 SHADES = 256
 LEAD = (
     "All poses are reached from the robot's reference without leaving its working mode. Bright is good, grey "
-    "is not reached. On the purple locus (Type 2) the motors do not hold the platform: $locus."
+    "is not reached."
 )
+ON_LOCUS = "On the purple locus (Type 2) the motors do not hold the platform:"
 
 
 def map_page(found: WorkspaceMap, *, path: Path | None = None) -> str:
@@ -42,7 +43,9 @@ def map_page(found: WorkspaceMap, *, path: Path | None = None) -> str:
     document = json.dumps(_document(found, path), allow_nan=False).replace("<", "\\u003c")
     return Template(_asset("map.html")).substitute(
         title=html.escape(title(found)),
-        lead=html.escape(Template(LEAD).substitute(locus=found.locus.told)),
+        lead=html.escape(
+            f"{LEAD} {ON_LOCUS if found.locus.curves else 'Singular locus:'} {found.locus.told}."
+        ),
         style=_asset("map.css"),
         document=document,
         script=_asset("map.js"),

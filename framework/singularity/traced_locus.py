@@ -37,6 +37,7 @@ REACH = 1.2  # of the region about the pose, in lengths of the robot
 STARTS = 40
 SEED = 0
 MOST_CURVES = 100
+RANK = 1e-7  # of derivatives by differences: without rank 2e-8 is left of one, next to a branch point 1e-5
 REST = 1e-7  # [rad, lengths]: less is rounding of what rests along a curve
 
 
@@ -145,10 +146,22 @@ def trace_locus(
 
 
 def _crossings(equations: LocusEquations, curve: Curve) -> list[Points]:
-    """The branch points of a curve, where others cross it."""
+    """The branch points of a curve, where others cross it.
+
+    Where the equations lose rank all along the curve (Type 1 and Type 2 at once) signs are rounding.
+    """
     points = curve.points
     changes = np.flatnonzero(points.orientation[1:] * points.orientation[:-1] < 0)
+    ranks = [_least_slope(equations, points.take(changes + k)) for k in (0, 1)]
+    changes = changes[np.maximum(*ranks) > RANK]
     return [branch_point(equations, points.one(k), points.one(k + 1)) for k in changes.tolist()]
+
+
+def _least_slope(equations: LocusEquations, points: Points) -> Array:
+    """The smallest singular value (S,) of the equations' derivatives."""
+    if not len(points.q):
+        return np.zeros(0)
+    return np.asarray(np.linalg.svd(equations.at(points.q, points.border).slopes, compute_uv=False)[:, -1])
 
 
 def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:

@@ -11,6 +11,7 @@ import pytest
 import robots
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import workspace_map
+from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.show.map_page import map_page
 
 pytestmark = pytest.mark.browser
@@ -77,3 +78,19 @@ def test_another_quantity_is_painted_and_what_is_not_reached_says_why(opened):
     tab.evaluate("crossing.map.move([0, 0])")
     assert set(told(tab)) == {"x", "y", "pose"}
     assert told(tab)["pose"] in found().counts
+
+
+def test_where_a_load_is_not_carried_the_pointer_tells_why(opened):
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    window = Window((0, 1), np.array([-0.02, 0.2]), np.array([0.02, 0.36]), (5, 5), robot.reference.x)
+    loaded = workspace_map(robot, window, ["loaded_stiffness"], wrench=[0.0, -300.0])
+    tab = opened(map_page(loaded))
+    name = next(one.name for one in loaded.quantities if one.loaded)
+    tab.locator("#quantity").select_option("loaded_stiffness")
+    for i, j in np.ndindex(5, 5):
+        tab.evaluate(f"crossing.map.move([{i}, {j}])")
+        if loaded.load[i, j]:
+            assert told(tab)[name] == LOAD_WORDS[LoadReason(int(loaded.load[i, j]))]
+        else:
+            value = loaded.values["loaded_stiffness"][i, j]
+            assert number(told(tab)[name]) == pytest.approx(value, rel=6e-3)

@@ -16,6 +16,7 @@ from framework import Line, ParallelRobot, plan_crossing, plan_scene
 from framework.errors import RobotFileError
 from framework.kinematics.diagnostics import check_robot
 from framework.kinematics.frames import frames_at
+from framework.kinematics.working_modes import working_modes
 from framework.model.description import Closure, RobotDescription
 from framework.model.placement import to_rpy
 from framework.model.readers import read_any
@@ -212,3 +213,17 @@ def test_an_mjcf_ankle_plans_alike_wherever_its_balls_have_their_zero(tmp_path):
     torques = [plan.torque(times) for plan in plans]
     np.testing.assert_allclose(torques[1], torques[0], rtol=0, atol=1e-11 * np.abs(torques[0]).max())
     assert all(plan.certificate.max_closure_error < 1e-13 for plan in plans)
+
+
+@pytest.mark.slow
+def test_a_rod_on_balls_is_one_working_mode_however_it_spins(tmp_path):
+    """Each crank has two angles for a pose of the foot, and the rods no two ways to stand between them."""
+    x, ours = [0.1, 0.2], working_modes(robots.load("humanoid_ankle"), [0.1, 0.2])
+    balls = working_modes(ankle(tmp_path), x)
+    upright = [mode.motors for mode in balls.modes if abs(mode.q[-2]) < 1]  # the cross not turned over
+    zeros = np.arctan2(
+        [-0.002346359528693609, 0.0058995075739472075], [0.04293593596233938, 0.04259337754140823]
+    )
+    cranks = np.unique(np.round([mode.motors for mode in ours.modes] - zeros, 9), axis=0)
+    assert len(cranks) == len(upright) == 4
+    np.testing.assert_allclose(np.sort(upright, axis=0), np.sort(cranks, axis=0), atol=1e-8)
