@@ -97,8 +97,9 @@ def turning_points(
         along, at, reached, t = first, q, share, np.zeros(count)
         step, closed = np.full(count, FIRST_SECANT), np.zeros(count, dtype=bool)
         for _ in range(ITERATIONS):
-            lost = ~(np.abs(t + step) < LONGEST)
-            move = np.where((closed | lost)[:, None], 0.0, back + step[:, None] * along)
+            move = back + step[:, None] * along
+            lost = ~((np.abs(t + step) < LONGEST) & np.isfinite(move).all(axis=1))
+            move = np.where((closed | lost)[:, None], 0.0, move)
             at, reached = integrate(robot, at, moved(move)), reached + move[:, -1]
             t = t + np.where(closed | lost, 0.0, step)
             closed |= ~lost & (np.abs(move).max(axis=1) < LAST_STEP)

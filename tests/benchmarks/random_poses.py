@@ -29,6 +29,7 @@ from framework.kinematics.pose_stack import forward_kinematics_stack
 
 FARTHEST = 0.15  # [rad, robot lengths] of the motor that turns most; the least is 0.1
 SMALL_STEPS = 64
+LAST_PASSES = 6  # of Newton's method at the end: beside a singularity two are too few
 SAME = 1e-6  # [rad, robot lengths] between two ways to a pose of one branch
 ASIDE = 1e-3  # [rad, robot lengths] from a pose, where the inverse kinematics begins, unless Type 1 is near
 
@@ -92,14 +93,14 @@ def in_small_steps(robot: ParallelRobot, turns: np.ndarray, count: int) -> np.nd
     """Configurations (T, nq) to which `count` steps of Euler lead from the reference, closed by Newton."""
     q = np.repeat(robot.reference.q[None], len(turns), axis=0)
     moved = np.zeros((len(turns), robot.model.nv))
-    for _ in range(count):
+    for k in range(count):
         moved[:, robot.actuated] = turns / count
         moved[:, robot.following] = 0.0
         loops = loop_equations(robot.loops, frames_at(robot, q))
         driven = np.einsum("tmv,tv->tm", loops.jacobian, moved)
         moved[:, robot.following] = _passive(robot, loops.jacobian, driven)
         q = q + moved
-        for _ in range(2):
+        for _ in range(2 if k < count - 1 else LAST_PASSES):
             loops = loop_equations(robot.loops, frames_at(robot, q))
             q[:, robot.following] += _passive(robot, loops.jacobian, loops.residual)
     return q
