@@ -115,11 +115,9 @@ def follow(
             step = 0.99 * LONGEST_ADVANCE / fastest  # rounding is not to make it longer again
         if step < SHORTEST_STEP:
             break
-        ahead: Array = at + step * np.arange(1.0, at_once + 1.0)
-        near = (ahead < 1.0 + 0.5 * SHORTEST_STEP) & ((ahead - at) * fastest < LONGEST_ADVANCE)
-        near[0] = True
-        ahead = ahead[near]
-        ahead[ahead > 1.0 - 1e-12] = 1.0
+        further = (at + step * k for k in range(2, at_once + 1))
+        near = (s for s in further if s < 1.0 + 0.5 * SHORTEST_STEP and (s - at) * fastest < LONGEST_ADVANCE)
+        ahead = np.array([1.0 if s > 1.0 - 1e-12 else s for s in (at + step, *near)])
         predicted, correction = integrate(robot, here.q, here.rate * (ahead - at)[:, None]), np.inf
         for following, there in zip(ahead, arrive(ahead, predicted), strict=False):
             along, beyond = (following - at) * here.rate, (following - at) * there.rate

@@ -91,15 +91,16 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
     """Poses of all frames and screws of all joints at q (T, nq)."""
     model, scratch = mechanism.model, scratch_of(mechanism)
     data, placements, columns = scratch.data, scratch.placements, scratch.columns
-    poses = np.empty((len(q), len(scratch.frames), 12))
+    poses = np.empty((len(q), *placements.shape))
     screws = np.empty((len(q), *columns.shape))
     for k in range(len(q)):
         pin.computeJointJacobians(model, data, q[k])
         pin.updateFramePlacements(model, data)
         if scratch.refresh is not None:
             scratch.refresh()
-        placements.take(scratch.frames, 0, poses[k], "clip")  # "raise" would make a copy
+        poses[k] = placements
         screws[k] = columns
+    poses = poses.take(scratch.frames, axis=1)
     return FrameStack(poses[:, :, 9:], rotations(poses), screws, scratch.carried, q)
 
 

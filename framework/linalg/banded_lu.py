@@ -10,6 +10,7 @@ dense solves one by one.
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -113,6 +114,7 @@ class Factors:
         diagonal = self.lu[self.band.lower + self.band.upper]
         turned = (diagonal < 0) ^ (self.pivots != np.arange(len(self.pivots)))
         odd = np.logical_xor.reduce(turned.reshape(-1, self.band.size), axis=1)
-        with np.errstate(divide="ignore"):
+        sign = self.band.orientation * (1.0 - 2.0 * odd)
+        with np.errstate(divide="ignore") if self.singular else nullcontext():
             sizes = np.log(np.abs(diagonal)).reshape(-1, self.band.size).sum(axis=1)
-        return np.where(sizes > -np.inf, self.band.orientation * (1.0 - 2.0 * odd), 0.0), sizes
+        return np.where(sizes > -np.inf, sign, 0.0) if self.singular else sign, sizes

@@ -18,30 +18,24 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import JointPlatform
-from framework.kinematics.slope_bounds import Changes, Linearised, SlopeBounds
-from framework.linalg.interval_newton import contracted, existence
+from framework.kinematics.slope_bounds import SlopeBounds
 from framework.linalg.krawczyk import UP
-from framework.singularity.singular_sets import Measure, SingularSet, measure, singular_sets
+from framework.singularity.paving_step import Arcs, Boxes, Paver, scale_of
+from framework.singularity.singular_sets import singular_sets
 
 RESOLUTION = 1e-3  # [m], or in robot lengths of turns
 REACH = 1.2  # of slides about the reference, in lengths of the robot
 MOST = 500_000  # boxes that are looked at for each set
 NUMBERS = 4_000_000  # of second derivatives in work at a time: 32 MB
-WIDER, BEND = 1.5, 4.0  # the larger box of Krawczyk's test: a half more, and what arcs bend in it
-SHRUNK = 0.5  # of its volume: a box that has shrunk to less is looked at again before it is cut
-SMALLEST = 0.01  # of the resolution: an undecided box that is smaller is left
-LEAST = 1e-15  # [rad, lengths] added to radii: the middle of a box is rounded
-NONE = -1  # no joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +98,9 @@ def pave_singularities(
 ) -> SingularPaving:
     """The Type 2 and Type 1 poses of a robot with one or two freedoms, over all its modes.
 
-    Joint limits do not count; springs are at rest. Poses in which P loses rank without a motion of the
-    platform are among those of Type 2; `classify` tells them apart.
+    Joint limits do not count; springs are at rest; loop equations that repeat others at the reference are
+    left out. Poses in which P loses rank without a motion of the platform are among those of Type 2;
+    `classify` tells them apart.
 
     Args:
         window: (2, n) least and largest platform coordinates [m, rad]; everywhere by default.
@@ -132,7 +127,7 @@ def pave_singularities(
     start = time.perf_counter()
     bounds = SlopeBounds.of(robot)
     sets = tuple(
-        _paved(_Paver(bounds, which, region, resolution), reach, most) for which in singular_sets(robot)
+        _paved(Paver(bounds, which, region, resolution), reach, most) for which in singular_sets(robot)
     )
     return SingularPaving(robot, sets, resolution, reach, time.perf_counter() - start)
 
@@ -148,181 +143,26 @@ def _check(robot: ParallelRobot) -> None:
         raise InvalidInput(f"{robot.name}: a platform that turns is paved in a plane only")
 
 
-class _Boxes(NamedTuple):
-    """S boxes of the joints that move, off the reference [rad, lengths]."""
-
-    middle: Array  # (S, k)
-    radii: Array  # (S, k)
-
-    def take(self, which: BoolArray) -> _Boxes:
-        """Some of them."""
-        return _Boxes(self.middle[which], self.radii[which])
-
-    def within(self, lower: Array, upper: Array) -> _Boxes:
-        """What is left of them between offsets (S, k) from their middles."""
-        return _Boxes(self.middle + 0.5 * (lower + upper), UP * 0.5 * (upper - lower) + LEAST)
-
-    def halves(self, joint: IntArray) -> _Boxes:
-        """Both halves of each along one joint (S,)."""
-        every, radii, shift = np.arange(len(joint)), self.radii.copy(), np.zeros_like(self.radii)
-        radii[every, joint] *= 0.5 * UP
-        shift[every, joint] = 0.5 * self.radii[every, joint]
-        both = np.concatenate([self.middle - shift, self.middle + shift])
-        return _Boxes(both, np.concatenate([radii, radii]))
-
-    @staticmethod
-    def joined(parts: list[_Boxes], k: int) -> _Boxes:
-        """All boxes of several stacks."""
-        nothing = _Boxes(np.zeros((0, k)), np.zeros((0, k)))
-        return _Boxes(*map(np.concatenate, zip(nothing, *parts, strict=True)))
-
-
-class _Arcs(NamedTuple):
-    """Boxes with a proof, and where the platform is there."""
-
-    x: Array  # (B, n)
-    x_radii: Array  # (B, n)
-    boxes: _Boxes
-    along: IntArray  # (B,)
-
-
-class _Equations(NamedTuple):
-    """{loops = 0, g = 0} in S boxes, and the platform's coordinates."""
-
-    values: Array  # (S, m + 1) at the middle
-    exact: Array  # (S, m + 1) errors of these
-    slopes: Array  # (S, m + 1, k)
-    changes: Array  # (S, m + 1, k) in the wider box
-    errors: Array  # (S, m + 1) of values + slopes d in the box itself
-    x: Array  # (S, n)
-    platform: Array  # (S, n, k) slopes of x, without dimension
-    bend: Array  # (S, n) errors of these in the wider box
-
-    def take(self, which: BoolArray) -> _Equations:
-        """Those of some boxes."""
-        return _Equations(*(part[which] for part in self))
-
-
-class _Step(NamedTuple):
-    """What becomes of boxes."""
-
-    kept: _Arcs
-    small: _Boxes
-    ahead: _Boxes
-
-
-@dataclass(frozen=True, eq=False)
-class _Paver:
-    """What one set of singular poses is looked for with."""
-
-    bounds: SlopeBounds
-    which: SingularSet
-    window: Array | None
-    resolution: float
-
-    def step(self, boxes: _Boxes) -> _Step:
-        """Drop, keep, narrow or cut boxes."""
-        robot, n = self.bounds.robot, self.bounds.robot.n
-        at = self.bounds.at(self.bounds.moved(boxes.middle))
-        errors = at.changes(boxes.radii).values
-        left = contracted(at.values[:, n:], at.slopes[:, n:], errors[:, n:], boxes.radii)
-        alive = ~left.empty & self._in_window(at, boxes.radii, errors)
-        boxes, at, errors = boxes.take(alive), at.take(alive), errors[alive]
-        narrow = boxes.within(left.lower[alive], left.upper[alive])
-        wider = WIDER * boxes.radii + BEND * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
-        changes = at.changes(wider)
-        g = measure(self.which, at, changes)
-        equations = self._equations(at, changes, errors[:, n:], g, boxes.radii)
-        known = g.valid  # elsewhere nothing is concluded from g
-        kept, found, joint, alive = self._decided(boxes.take(known), wider[known], equations.take(known))
-        narrow = _Boxes.joined([narrow.take(~known), found], boxes.radii.shape[1])
-        before = np.concatenate([boxes.radii[~known], boxes.radii[known][alive]])
-        joint = np.concatenate([np.full(np.count_nonzero(~known), NONE), joint])
-        small = (joint == NONE) & (narrow.radii.sum(axis=1) * robot.length < SMALLEST * self.resolution)
-        go = ~small
-        shrunk = (joint == NONE) & (np.prod(narrow.radii / before, axis=1) < SHRUNK)
-        cut = narrow.take(go & ~shrunk)
-        along = np.where(joint == NONE, narrow.radii.argmax(axis=1), joint)[go & ~shrunk]
-        ahead = _Boxes.joined([narrow.take(go & shrunk), cut.halves(along)], boxes.radii.shape[1])
-        return _Step(kept, narrow.take(small), ahead)
-
-    def _in_window(self, at: Linearised, radii: Array, errors: Array) -> BoolArray:
-        robot, n = self.bounds.robot, self.bounds.robot.n
-        if self.window is None:
-            return np.ones(len(radii), dtype=bool)
-        x = robot.platform.coordinates(at.frames)
-        far = _scale(robot) * (np.einsum("snk,sk->sn", np.abs(at.slopes[:, :n]), radii) + errors[:, :n]) * UP
-        return np.asarray(((x + far >= self.window[0]) & (x - far <= self.window[1])).all(axis=1))
-
-    def _equations(
-        self, at: Linearised, changes: Changes, loop_errors: Array, g: Measure, radii: Array
-    ) -> _Equations:
-        n, rounding = self.bounds.robot.n, self.bounds.rounding
-        g_errors = UP * (g.g_error + np.sum(g.slope_changes * radii, axis=1))
-        return _Equations(
-            values=np.concatenate([at.values[:, n:], g.g[:, None]], axis=1),
-            exact=np.concatenate([np.full_like(loop_errors, rounding), g.g_error[:, None]], axis=1),
-            slopes=np.concatenate([at.slopes[:, n:], g.slope[:, None]], axis=1),
-            changes=np.concatenate([changes.slopes[:, n:], g.slope_changes[:, None]], axis=1),
-            errors=np.concatenate([loop_errors, g_errors[:, None]], axis=1),
-            x=self.bounds.robot.platform.coordinates(at.frames),
-            platform=at.slopes[:, :n],
-            bend=changes.values[:, :n],
-        )
-
-    def _decided(
-        self, boxes: _Boxes, wider: Array, here: _Equations
-    ) -> tuple[_Arcs, _Boxes, IntArray, BoolArray]:
-        """Those that are kept; what is left of the others, the joint to cut them along, which those are."""
-        robot, radii, every = self.bounds.robot, boxes.radii, np.arange(len(boxes.radii))
-        left = contracted(here.values, here.slopes, here.errors, radii)
-        joint = np.full(len(every), NONE)
-        if robot.n == 2:  # the joint along which a curve leaves the box first
-            tangent = np.linalg.svd(here.slopes)[2][:, -1]
-            joint = np.argmax(np.abs(tangent) / radii, axis=1)
-            wider[every, joint] = radii[every, joint]
-        found = existence(
-            here.values, here.slopes, here.changes, here.exact, wider, joint if robot.n == 2 else None
-        )
-        proved = found.proved
-        lower = np.where(proved[:, None], np.maximum(left.lower, found.lower), left.lower)
-        upper = np.where(proved[:, None], np.minimum(left.upper, found.upper), left.upper)
-        alive = (lower <= upper).all(axis=1)
-        reach = radii[every, joint] if robot.n == 2 else np.zeros(len(every))
-        far = np.abs(np.einsum("snk,sk->sn", here.platform, found.along)) * reach[:, None] + here.bend
-        far = UP * (far + np.einsum("snk,sk->sn", np.abs(here.platform), found.spread))
-        last = alive & proved & (2 * robot.length * far <= self.resolution).all(axis=1)
-        arcs = boxes.within(found.lower, found.upper)
-        kept = _Arcs(here.x[last], (_scale(robot) * far)[last], arcs.take(last), joint[last])
-        go = alive & ~last
-        joint = np.where(proved, joint, NONE)[go]
-        return kept, boxes.within(lower, upper).take(go), joint, go
-
-
-def _scale(robot: ParallelRobot) -> Array:
-    return np.where(robot.translations, robot.length, 1.0)
-
-
-def _paved(paver: _Paver, reach: float, most: int) -> PavedSet:
+def _paved(paver: Paver, reach: float, most: int) -> PavedSet:
     """One set, from the whole region on."""
     robot, bounds = paver.bounds.robot, paver.bounds
     k = len(robot.moving)
     at_once = max(NUMBERS // (len(bounds.row_scale) * k**2), 1)
-    ahead = _Boxes(np.zeros((1, k)), np.where(robot.sliding[robot.moving], reach, UP * np.pi)[None])
-    kept, small, examined = list[_Arcs](), list[_Boxes](), 0
+    ahead = Boxes(np.zeros((1, k)), np.where(robot.sliding[robot.moving], reach, UP * np.pi)[None])
+    kept, small, examined = list[Arcs](), list[Boxes](), 0
     while len(ahead.middle) and examined < most:
         examined += len(ahead.middle)
         steps = [
-            paver.step(_Boxes(*(part[first : first + at_once] for part in ahead)))
+            paver.step(Boxes(*(part[first : first + at_once] for part in ahead)))
             for first in range(0, len(ahead.middle), at_once)
         ]
         kept += [step.kept for step in steps]
         small += [step.small for step in steps]
-        ahead = _Boxes.joined([step.ahead for step in steps], k)
-    left = _Boxes.joined([*small, ahead], k)
+        ahead = Boxes.joined([step.ahead for step in steps], k)
+    left = Boxes.joined([*small, ahead], k)
     at = bounds.at(bounds.moved(left.middle))
     far = np.einsum("snk,sk->sn", np.abs(at.slopes[:, : robot.n]), left.radii)
-    arcs = _Boxes.joined([arc.boxes for arc in kept], k)
+    arcs = Boxes.joined([arc.boxes for arc in kept], k)
     return PavedSet(
         name=paver.which.name,
         x=np.concatenate([arc.x for arc in kept]),
@@ -331,7 +171,7 @@ def _paved(paver: _Paver, reach: float, most: int) -> PavedSet:
         q_radii=arcs.radii * bounds.column_scale,
         along=np.concatenate([arc.along for arc in kept]),
         undecided_x=robot.platform.coordinates(at.frames),
-        undecided_x_radii=_scale(robot) * UP * (far + at.changes(left.radii).values[:, : robot.n]),
+        undecided_x_radii=scale_of(robot) * UP * (far + at.changes(left.radii).values[:, : robot.n]),
         undecided_q=at.frames.q,
         undecided_q_radii=left.radii * bounds.column_scale,
         examined=examined,
