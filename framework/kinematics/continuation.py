@@ -128,6 +128,9 @@ def follow(
             at, here, correction = float(following), there, float(measured.correction[0])
             parameters.append(at)
             places.append(here)
+            if correction < 0.2 * LARGEST_CORRECTION and step < 2 * FIRST_STEP:
+                step = min(2.0 * step, 2 * FIRST_STEP)
+                break
         if correction == np.inf:  # not one step counts
             ended = None if end is None else end(at, here)
             if ended is not None:
@@ -135,6 +138,4 @@ def follow(
                 places.append(ended[1])
                 break
             step *= 0.5
-        elif correction < 0.2 * LARGEST_CORRECTION:
-            step = min(2.0 * step, 2 * FIRST_STEP)
     return Way(np.array(parameters), tuple(places))
