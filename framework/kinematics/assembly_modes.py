@@ -7,7 +7,7 @@ complex solutions are led from those of a random system (`linalg.path_ends`), an
 of Krawczyk: one solution there and no other, for all coefficients within their rounding. In which sense the
 real ones are all is the `status`:
 
-proved                     as many as the bound are proved and apart, or joints are paved: there are no others
+proved                     as many as the bound are proved and apart, or all is paved: there are no others
 numerically complete       as many paths as the bound end at solutions that are proved and apart, or leave
                            for infinity by their growth: symmetric platforms have fewer poses than the bound
 at least                   paths end at solutions that are not single, or are lost; or there is no known bound
@@ -87,10 +87,14 @@ class AssemblyModes:
         return f"{count}, each proved to exist and to be single{rest}; {self.method}"
 
 
-def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
+def assembly_modes(robot: ParallelRobot, q_a: ArrayLike, *, pave: bool = False) -> AssemblyModes:
     """Every pose of the robot with its motors' joints at q_a (n_a,), joint side [rad, m], springs at rest.
 
     Poses of the platform count: joints inside a leg that turn over while it stays are one mode.
+
+    Args:
+        pave: prove that there are no others by paving, too, where the bound is not reached in space: some ten
+            seconds of one core for `gough_stewart` at its reference.
 
     Raises:
         InvalidInput: q_a has the wrong length or is not finite, or the motors depend on one another.
@@ -105,7 +109,7 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
     conditions = leg_conditions(robot, q[0])
     if conditions is None:
         return _searched(robot, q)
-    found = real_solutions(conditions.group, conditions.coefficients, conditions.rounding)
+    found = real_solutions(conditions.group, conditions.coefficients, conditions.rounding, pave=pave)
     return _assembled(robot, q, conditions, found)
 
 
@@ -128,6 +132,8 @@ def _assembled(
     # a solution without joints would be one of the conditions that are not the legs' own
     status = found.status if len(modes) == len(found.R) else "at least"
     method = f"homotopy in {conditions.group.family.name}: {found.count.sentence}"
+    if found.status == "proved" and found.count.finite < found.bound:
+        method += "; real ones by paving"
     return AssemblyModes(tuple(modes), status, found.bound, found.count, method)
 
 

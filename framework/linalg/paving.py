@@ -43,13 +43,17 @@ class Known(NamedTuple):
 
 
 def has_no_others(
-    equations: Callable[[Array, Array], Linearised], centers: Array, radii: Array, known: Known
+    equations: Callable[[Array, Array], Linearised],
+    centers: Array,
+    radii: Array,
+    known: Known,
+    most: int = MOST_BOXES,
 ) -> bool:
     """Whether boxes (B, n) are shown to hold no solutions but the known ones; False if it is not known."""
     seen = 0
     while len(centers):
         seen += len(centers)
-        if seen > MOST_BOXES:
+        if seen > most:
             return False
         left = []
         for start in range(0, len(centers), CHUNK):

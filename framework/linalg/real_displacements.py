@@ -7,7 +7,7 @@ one away from it. Where paths are lost, others are tried.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from framework.linalg.displacements import Displacements
 from framework.linalg.krawczyk import are_apart, chart_for, enclosures
 from framework.linalg.path_ends import path_ends
 from framework.linalg.quadrics import ComplexArray, is_first, refined
+from framework.linalg.real_paving import are_all_real
 
 ROUNDING = 1e-14  # of coefficients, relative to the largest of their condition
 REAL = 1e-6  # imaginary part of a solution that may be real, its size 1: proved or not afterwards
@@ -55,6 +56,7 @@ class PathCount:
 class RealSolutions(ReadOnlyArrays):
     """The real solutions of a system of leg conditions."""
 
+    z: Array  # (k, N) in the coordinates of the family
     R: Array  # (k, 3, 3) rotations of the displacements
     p: Array  # (k, 3) translations, in the unit of the conditions
     proved: Array  # (k,) 1 where the solution is proved to exist, to be real and to be single
@@ -63,22 +65,33 @@ class RealSolutions(ReadOnlyArrays):
     status: Status  # in which sense they are all
 
 
-def real_solutions(group: Displacements, coefficients: Array, rounding: float = ROUNDING) -> RealSolutions:
-    """All real displacements that meet conditions (K, M), known up to rounding."""
+def real_solutions(
+    group: Displacements, coefficients: Array, rounding: float = ROUNDING, *, pave: bool = False
+) -> RealSolutions:
+    """All real displacements that meet conditions (K, M), known up to rounding.
+
+    Args:
+        pave: where fewer than the bound are found, pave all displacements in space, which may take a minute.
+    """
     family = group.family
     coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
     if family.is_dependent(coefficients):
         nowhere, nothing = PathCount(0, 0, 0, 0), np.zeros(0)
         R, p = np.zeros((0, 3, 3)), np.zeros((0, 3))
-        return RealSolutions(R, p, nothing, nowhere, family.bound, "architecturally singular")
+        return RealSolutions(
+            np.zeros((0, family.size)), R, p, nothing, nowhere, family.bound, "architecturally singular"
+        )
     rows, slack = group.eliminated(coefficients)
     slack = rounding * slack
     found = [_of_paths(group, rows, slack, 0)]
     while found[-1].status == "at least" and len(found) < ATTEMPTS:
         found.append(_of_paths(group, rows, slack, len(found)))
-    return min(
+    best = min(
         reversed(found), key=lambda one: (one.status == "at least", one.count.lost, one.count.multiple)
     )
+    if pave and best.status != "proved" and best.proved.all() and are_all_real(group, rows, slack, best.z):
+        return replace(best, status="proved")
+    return best
 
 
 def _of_paths(group: Displacements, coefficients: Array, slack: Array, attempt: int) -> RealSolutions:
@@ -112,7 +125,9 @@ def _of_paths(group: Displacements, coefficients: Array, slack: Array, attempt: 
         status = "numerically complete"
     chosen = real & first
     R, p = group.in_space(z[chosen].real)
-    return RealSolutions(R, p, proof.proved[chosen].astype(float), count, family.bound, status)
+    return RealSolutions(
+        z[chosen].real, R, p, proof.proved[chosen].astype(float), count, family.bound, status
+    )
 
 
 def _is_finite(first: Array, z: ComplexArray, radii: Array) -> BoolArray:
