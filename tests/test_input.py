@@ -114,7 +114,7 @@ def test_a_large_urdf_is_refused_before_it_takes_long(write_robot, text, reason)
     ("text", "reason"),
     [
         (tree(5000, kind="fixed", star=False).replace("</robot>", "<loop/></robot>"), "1000 joints in a row"),
-        (tree(1500).replace("</robot>", "<loop/></robot>"), "1499 movable joints; at most 1000"),
+        (tree(1500).replace("</robot>", "<loop/></robot>"), "1499 freedoms; at most 1000"),
         (tree(3).replace("</robot>", "<loop/>" * 1001 + "</robot>"), "1001 loops; at most 1000"),
     ],
 )

@@ -40,7 +40,8 @@ def forward_dynamics(
 
         M a + c + g + K (q - rest) = S' n tau + f + J' lambda,        J a + drift = 0
 
-    in all coordinates, so that nothing is singular at Type 2; it undoes `dynamics_at`. `a` of the answer has
+    in all coordinates, so that nothing is singular at Type 2; of rigid robots it undoes `dynamics_at`, which
+    takes springs for rigid, where here they push as they are deflected in q. `a` of the answer has
     NaN where a motion without mass leaves the acceleration open (an elastic robot of massless links); its
     `torque` are the given ones, its `spring_force` that of the springs' deflections.
 

@@ -22,42 +22,13 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
-from framework.kinematics.frames import FrameStack, between, cross, frames_at, integrate, scratch_of
+from framework.errors import InvalidInput
+from framework.kinematics.frames import FrameStack, between, cross, frames_at, integrate
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import planar_normal
-from framework.kinematics.platform import FramePlatform
+from framework.kinematics.slope_table import BASE, Chain, SlopeTable, Term, moving_balls
 from framework.linalg.krawczyk import UP
 
 ROUNDING = 1e-13  # of positions and directions, in lengths of all links: a thousand units of rounding
-BASE = -1  # in place of a frame
-
-
-class _Chain(NamedTuple):
-    """The joints that move, from one frame to another one."""
-
-    first: int  # frame, as index into Mechanism.frames, or BASE
-    second: int
-    places: IntArray  # (L,) among the `moving` columns
-    columns: IntArray  # (L,) of pinocchio's velocity vector
-    signs: Array  # (L,) -1 where the joint carries the first frame
-    turns: BoolArray  # (L,)
-
-    @property
-    def outer(self) -> IntArray:
-        """(L, L) the later one of two joints."""
-        own = np.arange(len(self.places))
-        return np.asarray(np.maximum(own[:, None], own))
-
-
-class _Term(NamedTuple):
-    """What a chain has part in an equation."""
-
-    row: int
-    chain: int
-    kind: str  # point: axis . p; direction: axis . (axis of the second frame); distance; turn; joint
-    axis: int  # of the first frame
-    other: int  # axis of the second frame; place of the joint
-    factor: float  # of the equation; 1 / length of a distance
 
 
 class _Derivatives(NamedTuple):
@@ -75,23 +46,34 @@ class SlopeBounds:
     """The equations of a robot in its `moving` joints: a table made once."""
 
     robot: ParallelRobot
-    chains: tuple[_Chain, ...]
-    terms: tuple[_Term, ...]
+    chains: tuple[Chain, ...]
+    terms: tuple[Term, ...]
     row_scale: Array  # (R,)
     column_scale: Array  # (k,)
     rounding: float  # of values and derivatives at one configuration, without dimension
 
     @staticmethod
-    def of(robot: ParallelRobot) -> SlopeBounds:
-        """The table of a robot; slides are trusted within a length of the robot from the reference."""
+    def of(robot: ParallelRobot, *, reach: float = 1.0) -> SlopeBounds:
+        """The table of a robot; slides are trusted within `reach` lengths of the robot from the reference.
+
+        Raises:
+            InvalidInput: a ball joint moves: its coordinates do not turn about axes one after the other.
+        """
+        balls = moving_balls(robot)
+        if balls:
+            raise InvalidInput(
+                f"{robot.name}: bounds over boxes of joints are for hinges and slides, not for "
+                f"the ball joint {balls[0]}"
+            )
         loops = robot.loops
         turning = np.concatenate([~robot.translations, loops.rotation])
         sizes = np.concatenate([np.ones(robot.n), robot.row_sizes])
-        reach = sum(float(np.linalg.norm(placement.translation)) for placement in robot.model.jointPlacements)
-        reach += sum(float(np.linalg.norm(robot.model.frames[k].placement.translation)) for k in robot.frames)
-        reach += float(np.abs(between(robot, robot.neutral, robot.reference.q)[robot.sliding]).sum())
-        size = reach / robot.length + 1.0 + float(np.count_nonzero(robot.sliding[robot.moving]))
-        table = _Table.of(robot)
+        links = sum(float(np.linalg.norm(placement.translation)) for placement in robot.model.jointPlacements)
+        links += sum(float(np.linalg.norm(robot.model.frames[k].placement.translation)) for k in robot.frames)
+        links += float(np.abs(between(robot, robot.neutral, robot.reference.q)[robot.sliding]).sum())
+        slid = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
+        size = links / robot.length + 1.0 + float(slid)
+        table = SlopeTable.of(robot)
         return SlopeBounds(
             robot,
             tuple(table.chains),
@@ -191,7 +173,7 @@ class Changes(NamedTuple):
     seconds: Array  # (S, R, k, k)
 
 
-def _derivatives(chain: _Chain, at: FrameStack) -> _Derivatives:
+def _derivatives(chain: Chain, at: FrameStack) -> _Derivatives:
     screws = at.screws[:, chain.columns] * chain.signs[:, None]
     turning = screws[..., 3:]
     point = screws[..., :3] + cross(turning, at.position[:, chain.second, None])
@@ -203,7 +185,7 @@ def _derivatives(chain: _Chain, at: FrameStack) -> _Derivatives:
     return _Derivatives(turning, point, bent, at.position[:, chain.second] - origin, lever)
 
 
-def _term(term: _Term, chain: _Chain, own: _Derivatives, at: FrameStack) -> tuple[Array, Array, Array]:
+def _term(term: Term, chain: Chain, own: _Derivatives, at: FrameStack) -> tuple[Array, Array, Array]:
     """Value (S,), slopes (S, L) and their derivatives (S, L, L)."""
     S = len(own.way)
     if chain.first == BASE:
@@ -239,7 +221,7 @@ def _term(term: _Term, chain: _Chain, own: _Derivatives, at: FrameStack) -> tupl
     )
 
 
-def _widened(chain: _Chain, own: _Derivatives, r: Array) -> Array:
+def _widened(chain: Chain, own: _Derivatives, r: Array) -> Array:
     """The levers (S, L) over a box: joints behind move the point."""
     lever, reach = own.lever.copy(), np.zeros(len(r))
     for j in reversed(range(len(chain.places))):
@@ -249,7 +231,7 @@ def _widened(chain: _Chain, own: _Derivatives, r: Array) -> Array:
     return lever
 
 
-def _thirds(term: _Term, chain: _Chain, own: _Derivatives, lever: Array, r: Array) -> Array:
+def _thirds(term: Term, chain: Chain, own: _Derivatives, lever: Array, r: Array) -> Array:
     """Bounds (S, L, L) on the third derivatives, times the radii of the third joint."""
     number, turns = np.arange(len(chain.places)), chain.turns
     i, j, k = number[:, None, None], number[:, None], number
@@ -267,79 +249,3 @@ def _thirds(term: _Term, chain: _Chain, own: _Derivatives, lever: Array, r: Arra
     mixed = mixed + mixed.transpose(0, 2, 1, 3) + mixed.transpose(0, 2, 3, 1)
     far = np.linalg.norm(own.way, axis=1) + np.sum(lever * r, axis=1)
     return f * np.einsum("sijk,sk->sij", mixed + far[:, None, None, None] * (lever[:, outer] * moved), r)
-
-
-@dataclass(frozen=True, eq=False)
-class _Table:
-    """The terms of all equations, while they are collected."""
-
-    robot: ParallelRobot
-    chains: list[_Chain]
-    terms: list[_Term]
-
-    @staticmethod
-    def of(robot: ParallelRobot) -> _Table:
-        table = _Table(robot, [], [])
-        platform, loops, n = robot.platform, robot.loops, robot.n
-        chain = table.chain(BASE, 0)
-        for k in range(n):
-            if isinstance(platform, FramePlatform):
-                kind = "point" if robot.translations[k] else "turn"
-                table.terms.append(_Term(k, chain, kind, int(platform.axes[k]) % 3, 0, 1.0))
-            else:
-                place = int(np.flatnonzero(robot.moving == platform.columns[k])[0])  # type: ignore[attr-defined]
-                table.terms.append(_Term(k, chain, "joint", 0, place, 1.0))
-        on_base = _rows_on_base(robot, table)
-        for row in range(len(loops.names)):
-            one, two = int(loops.first[row]), int(loops.second[row])
-            if row in on_base:
-                for frame, sign in ((two, 1.0), (one, -1.0)):
-                    own = table.chain(BASE, frame)
-                    table.terms.append(_Term(n + row, own, "point", on_base[row], 0, sign))
-                continue
-            kind = "distance" if loops.distance[row] else "direction" if loops.rotation[row] else "point"
-            factor = {"distance": 1.0 / (loops.length[row] or 1.0), "direction": float(loops.sign[row])}
-            axes = int(loops.first_axis[row]), int(loops.second_axis[row])
-            own = table.chain(one, two)
-            table.terms.append(_Term(n + row, own, kind, *axes, factor.get(kind, 1.0)))
-        return table
-
-    def chain(self, first: int, second: int) -> int:
-        """The place of a chain in the table."""
-        for place, known in enumerate(self.chains):
-            if (known.first, known.second) == (first, second):
-                return place
-        model, bodies = self.robot.model, scratch_of(self.robot).bodies
-        one = [] if first == BASE else list(model.supports[int(bodies[first])])
-        two = list(model.supports[int(bodies[second])])
-        back, ahead = [j for j in reversed(one) if j not in two], [j for j in two if j not in one]
-        place_of = {int(column): place for place, column in enumerate(self.robot.moving)}
-        both = [(int(model.joints[j].idx_v), -1.0) for j in back if j]
-        both += [(int(model.joints[j].idx_v), 1.0) for j in ahead if j]
-        both = [(column, sign) for column, sign in both if column in place_of]
-        columns = np.array([column for column, _ in both], dtype=np.intp)
-        places = np.array([place_of[int(column)] for column in columns], dtype=np.intp)
-        signs = np.array([sign for _, sign in both], dtype=float)
-        self.chains.append(_Chain(first, second, places, columns, signs, ~self.robot.sliding[columns]))
-        return len(self.chains) - 1
-
-
-def _rows_on_base(robot: ParallelRobot, table: _Table) -> dict[int, int]:
-    """Axes of the base for the rows of points that are to coincide, where no joint carries both."""
-    loops, normal = robot.loops, planar_normal(robot)
-    across = None
-    if normal is not None and np.abs(normal).max() > 1 - 1e-12:
-        across = int(np.argmax(np.abs(normal)))
-    found: dict[int, int] = {}
-    points = ~(loops.rotation | loops.distance)
-    for one, two in sorted({(int(a), int(b)) for a, b in zip(loops.first, loops.second, strict=True)}):
-        carried = scratch_of(robot).carried[:, robot.moving]
-        if (carried[one] * carried[two]).any():
-            continue
-        rows = np.flatnonzero(points & (loops.first == one) & (loops.second == two))
-        whole = np.flatnonzero((robot.rows.first == one) & (robot.rows.second == two))
-        whole = whole[~(robot.rows.rotation | robot.rows.distance)[whole]]
-        axes = [k for k in range(3) if k != across]
-        if len(whole) == 3 and len(rows) == len(axes):
-            found |= dict(zip(rows.tolist(), axes, strict=True))
-    return found

@@ -44,7 +44,6 @@ def path_ends(family: QuadricFamily, coefficients: Array, seed: int = 0) -> Path
     turned = np.exp(2j * np.pi * rng.random((family.equations, 1))) * first
     z, arrived = family.track(turned, target, solutions, rng)
     k = np.flatnonzero(~arrived | (sizes(family, z) > BEYOND))
-    infinite, multiple, left = np.zeros_like(arrived), np.zeros_like(arrived), z.copy()
     again, rest = _followed(family, turned, target, solutions[k], rng), ~arrived[k]
     infinite, multiple, left = np.zeros_like(arrived), np.zeros_like(arrived), z.copy()
     infinite[k], multiple[k], left[k] = again.infinite, again.multiple & rest, again.left

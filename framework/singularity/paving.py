@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.errors import InvalidInput, finite_numbers
+from framework.errors import InvalidInput, finite_numbers, whole_number
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.placements import planar_normal
@@ -34,7 +34,7 @@ from framework.singularity.singular_sets import singular_sets
 
 RESOLUTION = 1e-3  # [m], or in robot lengths of turns
 REACH = 1.2  # of slides about the reference, in lengths of the robot
-MOST = 500_000  # boxes that are looked at for each set
+MAX_BOXES = 500_000  # that are looked at for each set
 NUMBERS = 4_000_000  # of second derivatives in work at a time: 32 MB
 
 
@@ -70,6 +70,7 @@ class SingularPaving:
 
     robot: ParallelRobot
     sets: tuple[PavedSet, ...]  # Type 2, then Type 1 of each leg
+    window: Array | None  # (2, n) least and largest platform coordinates [m, rad]
     resolution: float  # [m, robot lengths] the boxes are no wider
     reach: float  # [robot lengths] of slides about the reference; hinges turn all the way round
     seconds: float
@@ -82,10 +83,13 @@ class SingularPaving:
     @property
     def sentence(self) -> str:
         """What is proved."""
+        where = "" if self.window is None else " in the window"
+        if self.robot.sliding[self.robot.moving].any():
+            where += f", slides within {self.reach:.3g} robot lengths of the reference,"
         kept = ", ".join(f"{one.name}: {len(one.x)}" for one in self.sets)
         left = sum(len(one.undecided_x) for one in self.sets)
-        rest = "no box undecided" if self.complete else f"{left} boxes undecided"
-        return f"all singular poses within boxes of {self.resolution:.3g} ({kept}), {rest}"
+        rest = "no box undecided" if self.complete else f"or within {left} undecided ones"
+        return f"all singular poses{where} lie within boxes of {self.resolution:.3g} ({kept}), {rest}"
 
 
 def pave_singularities(
@@ -94,7 +98,7 @@ def pave_singularities(
     window: ArrayLike | None = None,
     resolution: float = RESOLUTION,
     reach: float = REACH,
-    most: int = MOST,
+    max_boxes: int = MAX_BOXES,
 ) -> SingularPaving:
     """The Type 2 and Type 1 poses of a robot with one or two freedoms, over all its modes.
 
@@ -103,20 +107,20 @@ def pave_singularities(
     `classify` tells them apart.
 
     Args:
-        window: (2, n) least and largest platform coordinates [m, rad]; everywhere by default.
+        window: (2, n) least and largest platform coordinates [m, rad], angles up to whole turns; everywhere
+            by default.
         resolution: largest width of a box in the platform's coordinates [m; robot lengths for turns].
         reach: of slides about the reference, in lengths of the robot.
-        most: boxes that are looked at for each set; those left over are undecided.
+        max_boxes: that are looked at for each set; those left over are undecided.
 
     Raises:
-        InvalidInput: the robot has more freedoms, redundant motors or no passive joints; or an option is no
-            positive number.
+        InvalidInput: the robot has more freedoms, redundant motors, no passive joints or ball joints that
+            move; or an option is no positive number.
     """
     expect_robot(robot)
     _check(robot)
-    for name, value in (("resolution", resolution), ("reach", reach), ("most", most)):
-        if not 0 < value < np.inf:
-            raise InvalidInput(f"{name}: needs a positive number, got {value!r}")
+    resolution, reach = _positive("resolution", resolution), _positive("reach", reach)
+    max_boxes = whole_number("max_boxes", max_boxes, 1, 10**9)
     region = None
     if window is not None:
         region = finite_numbers(
@@ -125,11 +129,18 @@ def pave_singularities(
         if region.shape != (2, robot.n) or not (region[0] < region[1]).all():
             raise InvalidInput(f"window: needs (2, {robot.n}) numbers, the least and the largest")
     start = time.perf_counter()
-    bounds = SlopeBounds.of(robot)
+    bounds = SlopeBounds.of(robot, reach=reach)
     sets = tuple(
-        _paved(Paver(bounds, which, region, resolution), reach, most) for which in singular_sets(robot)
+        _paved(Paver(bounds, which, region, resolution), reach, max_boxes) for which in singular_sets(robot)
     )
-    return SingularPaving(robot, sets, resolution, reach, time.perf_counter() - start)
+    return SingularPaving(robot, sets, region, resolution, reach, time.perf_counter() - start)
+
+
+def _positive(name: str, given: object) -> float:
+    value = float(finite_numbers(name, [given], 1)[0])  # type: ignore[arg-type]
+    if value <= 0:
+        raise InvalidInput(f"{name}: needs a positive number, got {given!r}")
+    return value
 
 
 def _check(robot: ParallelRobot) -> None:
@@ -143,14 +154,14 @@ def _check(robot: ParallelRobot) -> None:
         raise InvalidInput(f"{robot.name}: a platform that turns is paved in a plane only")
 
 
-def _paved(paver: Paver, reach: float, most: int) -> PavedSet:
+def _paved(paver: Paver, reach: float, max_boxes: int) -> PavedSet:
     """One set, from the whole region on."""
     robot, bounds = paver.bounds.robot, paver.bounds
     k = len(robot.moving)
     at_once = max(NUMBERS // (len(bounds.row_scale) * k**2), 1)
     ahead = Boxes(np.zeros((1, k)), np.where(robot.sliding[robot.moving], reach, UP * np.pi)[None])
     kept, small, examined = list[Arcs](), list[Boxes](), 0
-    while len(ahead.middle) and examined < most:
+    while len(ahead.middle) and examined < max_boxes:
         examined += len(ahead.middle)
         steps = [
             paver.step(Boxes(*(part[first : first + at_once] for part in ahead)))

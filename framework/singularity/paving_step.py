@@ -17,7 +17,7 @@ from framework.singularity.singular_sets import Measure, SingularSet, measure
 WIDER, BEND = 1.5, 4.0  # the larger box of Krawczyk's test: a half more, and what arcs bend in it
 SHRUNK = 0.5  # of its volume: a box that has shrunk to less is looked at again before it is cut
 SMALLEST = 0.01  # of the resolution: an undecided box that is smaller is left
-LEAST = 1e-15  # [rad, lengths] added to radii: the middle of a box is rounded
+LEAST = 1e-15  # of the middle of a box, added to its radii: it is rounded
 NONE = -1  # no joint
 
 
@@ -33,7 +33,10 @@ class Boxes(NamedTuple):
 
     def within(self, lower: Array, upper: Array) -> Boxes:
         """What is left of them between offsets (S, k) from their middles."""
-        return Boxes(self.middle + 0.5 * (lower + upper), UP * 0.5 * (upper - lower) + LEAST)
+        return Boxes(
+            self.middle + 0.5 * (lower + upper),
+            UP * 0.5 * (upper - lower) + LEAST * (1.0 + np.abs(self.middle)),
+        )
 
     def halves(self, joint: IntArray) -> Boxes:
         """Both halves of each along one joint (S,)."""
@@ -120,14 +123,15 @@ class Paver:
         return Step(kept, narrow.take(small), ahead)
 
     def _in_window(self, at: Linearised, radii: Array, errors: Array) -> BoolArray:
+        """Whether boxes may have poses in the window, whose angles are the same after a whole turn."""
         robot, n = self.bounds.robot, self.bounds.robot.n
         if self.window is None:
             return np.ones(len(radii), dtype=bool)
-        x = robot.platform.coordinates(at.frames)
-        far = (
-            scale_of(robot) * (np.einsum("snk,sk->sn", np.abs(at.slopes[:, :n]), radii) + errors[:, :n]) * UP
-        )
-        return np.asarray(((x + far >= self.window[0]) & (x - far <= self.window[1])).all(axis=1))
+        extent = np.einsum("snk,sk->sn", np.abs(at.slopes[:, :n]), radii) + errors[:, :n]
+        off = robot.platform.coordinates(at.frames) - self.window.mean(axis=0)
+        off = np.where(robot.translations, off, np.remainder(off + np.pi, 2 * np.pi) - np.pi)
+        reach = 0.5 * np.ptp(self.window, axis=0) + scale_of(robot) * UP * (extent + self.bounds.rounding)
+        return np.asarray((np.abs(off) <= reach).all(axis=1))
 
     def _equations(
         self, at: Linearised, changes: Changes, loop_errors: Array, g: Measure, radii: Array

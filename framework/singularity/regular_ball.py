@@ -21,6 +21,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform
 from framework.kinematics.slope_bounds import SlopeBounds
+from framework.kinematics.slope_table import moving_balls
 from framework.linalg.krawczyk import UP
 from framework.singularity.regular_cells import Cells, Prover
 
@@ -48,7 +49,7 @@ def regular_ball(robot: ParallelRobot, q: Array, x: Array, within: float, *, mos
 
     In it no pose on the branch of q is singular, of Type 1 or Type 2. Of platforms that turn about three axes
     or have more than three coordinates, one cell is tried; of those that turn about two, or about one and do
-    not move in a plane, nothing is proved.
+    not move in a plane, and of robots whose ball joints move, nothing is proved.
 
     Args:
         within: the radius [robot lengths, rad].
@@ -57,7 +58,11 @@ def regular_ball(robot: ParallelRobot, q: Array, x: Array, within: float, *, mos
     platform = robot.platform
     turning = platform.attitude if isinstance(platform, FramePlatform) else None
     planar = isinstance(turning, TwistAngle) and planar_normal(robot) is not None
-    if isinstance(turning, TwoAngles) or (isinstance(turning, TwistAngle) and not planar):
+    if (
+        moving_balls(robot)
+        or isinstance(turning, TwoAngles)
+        or (isinstance(turning, TwistAngle) and not planar)
+    ):
         return RegularBall(0.0, 0)
     prover = Prover(SlopeBounds.of(robot), x, np.where(robot.translations, robot.length, 1.0))
     single = _single(prover, q, min(within, WIDEST_TURN))

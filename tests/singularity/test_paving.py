@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 import robots
-from framework import InvalidInput, pave_singularities
+from framework import InvalidInput, ParallelRobot, pave_singularities
+from framework.singularity.regular_ball import regular_ball
 
 MILLIMETRE = 1e-3
 LEFT, RIGHT, LENGTH = np.array([-0.2, 0.0]), np.array([0.2, 0.0]), 0.25  # motors and links of the 5R
@@ -109,7 +110,7 @@ def test_a_near_miss_is_proved_free():
 
 def test_where_closed_poses_bifurcate_nothing_is_called_decided():
     """Two parallelograms in a row: a flat pose goes on in several ways, on no smooth curve."""
-    paved = pave_singularities(robots.load("n_four_bar"), most=500)
+    paved = pave_singularities(robots.load("n_four_bar"), max_boxes=500)
     assert not paved.complete
     assert "undecided" in paved.sentence
 
@@ -120,9 +121,40 @@ def test_where_closed_poses_bifurcate_nothing_is_called_decided():
         ("three_rpr", {}, "one or two freedoms"),
         ("two_arms", {}, "one or two freedoms"),
         ("five_bar", {"resolution": 0.0}, "resolution"),
+        ("five_bar", {"resolution": "fine"}, "resolution"),
+        ("five_bar", {"max_boxes": 0.5}, "max_boxes"),
         ("five_bar", {"window": [[0.0, 0.0], [0.0, 1.0]]}, "window"),
     ],
 )
 def test_what_cannot_be_paved_is_refused(name, options, told):
     with pytest.raises(InvalidInput, match=told):
         pave_singularities(robots.load(name), **options)
+
+
+@pytest.mark.parametrize("window", [(4.0, 6.28), (0.0, 6.2831), (-3.2, 0.0), (3.2, 9.0)])
+def test_a_window_has_an_angle_on_every_turn(window):
+    """The dead centres of the slider crank: rod and crank in line, slider on either side."""
+    crank, rod, offset = 0.04, 0.12, -0.02
+    sines = np.array([offset / (crank + rod), offset / (crank - rod)])
+    angles = np.concatenate([np.arcsin(sines), np.pi - np.arcsin(sines)])
+    there = (np.mod(angles - window[0], 2 * np.pi) < window[1] - window[0]).sum()
+    paved = pave_singularities(robots.load("slider_crank"), reach=3.0, window=np.array(window)[:, None])
+    assert paved.complete
+    assert len(paved.sets[0].x) == there
+    assert "in the window" in paved.sentence
+
+
+def test_a_ball_that_moves_is_refused_and_no_margin_is_proved(tmp_path):
+    """The 5R with a ball for an elbow, whose spin is idle: its columns do not turn one after the other."""
+    entry = robots.CATALOGUE["five_bar"].file
+    hinge = '<joint name="right_elbow" type="revolute">'
+    tree = entry.with_suffix(".urdf").read_text()
+    assert hinge in tree
+    tree = tree.replace(hinge, hinge.replace("revolute", "spherical"))
+    (tmp_path / "five_bar.urdf").write_text(tree)
+    file = tmp_path / "five_bar.yaml"
+    file.write_text(entry.read_text().replace("right_elbow: ", "right_elbow_rz: "))
+    robot = ParallelRobot.from_file(file)
+    with pytest.raises(InvalidInput, match="right_elbow"):
+        pave_singularities(robot)
+    assert regular_ball(robot, robot.reference.q, robot.reference.x, 0.1).radius == 0.0
