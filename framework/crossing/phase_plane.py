@@ -34,6 +34,7 @@ from framework.motion.chebyshev import TimeFunction, coefficients, derivative_ma
 from framework.motion.optimal_law import OptimalLaw, Smoothstep
 from framework.singularity.bordered_system import Border, bordered
 
+ROUNDING = 1e-13  # of such a condition: where the path touches the locus, more left out of it is a pole
 HALF_WIDTH, NODES = 0.02, 13  # in sigma, of the panel on which conditions are differentiated
 
 
@@ -142,7 +143,7 @@ def _rows_about(branch: Branch, phi: Smoothstep, sigma: float, at: CrossingPoint
         slopes[:, 2] += 2.0 * rows[:, 1]
         rows = np.concatenate([rows, np.column_stack([slopes, rows[:, 2]])])
         size = np.concatenate([size, size / half])
-    return np.where(np.abs(rows) > NO_HOLD * size, rows, 0.0)
+    return np.where(np.abs(rows) > ROUNDING * size, rows, 0.0)
 
 
 def _wrench_row(

@@ -52,7 +52,7 @@ class Units(NamedTuple):
 
 def points_of(degree: int, crossings: Array, stretch: Stretch) -> Array:
     """sigma of Chebyshev points that resolve torques of z of this degree and stay clear of the crossings."""
-    sizes = [3 * degree + 1 + 2 * extra for extra in range(5)]
+    sizes = [3 * degree + 1 + extra for extra in range(10)]  # odd ones have a point in the middle
     places = stretch(crossings)
 
     def gap(size: int) -> float:
@@ -164,24 +164,22 @@ class SpeedProgram:
         """The problem for the solver, with rows at every other point."""
         specification, degree = self.specification, self.degree
         points, weights = legendre.leggauss(degree + degree // 2)
-        every_other = np.eye(len(self.on_path.sigma))[::SPARSER]
+        size = len(self.on_path.sigma)
+        rows = np.append(np.arange(0, size - 1, SPARSER), size - 1)  # both ends are among them
         limited = np.isfinite(specification.speed_limit)
-        squared = (
-            self.scale
-            * (self.on_path.demand.speed[::SPARSER, limited] / specification.speed_limit[limited]) ** 2
-        )
-        z = chebyshev.chebvander(nodes(len(self.on_path.sigma))[::SPARSER], degree)
+        speed = self.on_path.demand.speed[np.ix_(rows, limited)] / specification.speed_limit[limited]
+        z = chebyshev.chebvander(nodes(size)[rows], degree)
         power = Affine(np.empty((0, degree + 1)), np.empty(0))
         if specification.goal == "energy":
-            power = self.torque_rows(evaluate(points, series_through(np.eye(len(self.on_path.sigma)))))
+            power = self.torque_rows(evaluate(points, series_through(np.eye(size))))
         return ConeProgram(
             speeds=np.asarray(chebyshev.chebvander(points, degree), dtype=float),
             average=np.eye(len(weights)),
             weights=weights / self.on_path.stretch(self.on_path.stretch.inverse(points), 1),
             positive=np.empty((0, degree + 1)),
-            torque=self.torque_rows(every_other),
-            bounded=np.tile(specification.limited_motors, len(every_other)),
-            below_one=(squared[:, :, None] * z[:, None]).reshape(-1, degree + 1),
+            torque=self.torque_rows(np.eye(size)[rows]),
+            bounded=np.tile(specification.limited_motors, len(rows)),
+            below_one=(self.scale * speed[:, :, None] ** 2 * z[:, None]).reshape(-1, degree + 1),
             power=power,
             equalities=self.conditions(),
             roughness=self.roughness
