@@ -6,10 +6,12 @@ Straight and curved paths, gone at uneven speeds, from the reference and from pl
 radians and robot lengths: many cross the singular locus, many leave the workspace. `track_path` follows them
 with as few steps as it dares. What it says is held against steps of 1/64 of the path without any certificate,
 each closed by two steps of Newton's method from where the last one ended (where the two differ, against steps
-16 and 256 times as short: beside a singularity 64 are too few). At nine places along the path both have to
-give the same configuration, turns of all hinges included. Where a motion is refused, the small steps have to
-come close to a pose where the platform does not determine the joints: elsewhere there was no reason to.
-Refusals are counted by the class of their error.
+16 times as short: beside a singularity 64 are too few). At nine places along the path both have to give the
+same configuration, turns of all hinges included. Where they still differ, two steps of Newton's method may
+not have closed the loops: steps of two lengths, closed to rounding, have to agree with each other before they
+say that a motion is on its branch or off; else it is undecided, and printed with the least singular value on
+its way. Where a motion is refused, the small steps have to come close to a pose where the platform does not
+determine the joints: elsewhere there was no reason to. Refusals are counted by the class of their error.
 """
 
 from __future__ import annotations
@@ -39,6 +41,8 @@ SAME = 1e-6  # [rad, robot lengths] between two ways to a pose of one branch
 # of the least singular value at the reference: a way that ends within 1e-7 of its length before a Type 1
 # singularity is as near as the square root of that
 NEAR = 0.02
+CLOSINGS = 20  # steps of Newton's method: far from closed beside a Type 1 singularity, each halves the error
+CLOSED = 1e-8  # [rad, robot lengths]: a step of Newton's method this small leaves its square
 STACK = 250  # motions that are judged in one call
 
 
@@ -77,6 +81,7 @@ class Evidence(NamedTuple):
     followed: int
     refused: Counter  # by class of the error
     off_branch: list  # numbers of motions that small steps do not follow
+    undecided: list  # (number, least singular value) of motions that two kinds of small steps lead elsewhere
     unexplained: list  # numbers of motions refused where small steps come near no singularity
     seconds: float  # of tracking alone
 
@@ -95,7 +100,7 @@ def random_motions(robot: ParallelRobot, count: int, seed: int = 0) -> Iterator[
 def evidence(name: str, count: int, *, seed: int = 0) -> Evidence:
     """Random motions of one robot."""
     robot = robots.load(name)
-    refused, off_branch, unexplained = Counter(), [], []
+    refused, off_branch, undecided, unexplained = Counter(), [], [], []
     followed, seconds = 0, 0.0
     motions = list(random_motions(robot, count, seed))
     for first in range(0, count, STACK):
@@ -110,21 +115,40 @@ def evidence(name: str, count: int, *, seed: int = 0) -> Evidence:
                 stopped[k] = refusal
         seconds += time.process_time() - begun
         followed += len(tracked)
-        off_branch += _off_branch(robot, motions, tracked)
+        off, unsure = _off_branch(robot, motions, tracked)
+        off_branch, undecided = off_branch + off, undecided + unsure
         unexplained += _unexplained(robot, motions, stopped)
-    return Evidence(name, count, followed, refused, off_branch, unexplained, seconds)
+    return Evidence(name, count, followed, refused, off_branch, undecided, unexplained, seconds)
 
 
-def _off_branch(robot: ParallelRobot, motions: list[Motion], tracked: dict[int, np.ndarray]) -> list[int]:
-    """Which motions small steps do not follow."""
+def _off_branch(
+    robot: ParallelRobot, motions: list[Motion], tracked: dict[int, np.ndarray]
+) -> tuple[list, list]:
+    """Motions that small steps do not follow, and those undecided with their least singular values."""
+
+    def along(numbers: list[int], steps: int, closings: int) -> tuple[np.ndarray, np.ndarray]:
+        """The whole way of some motions, and their configurations at the places."""
+        courses = np.stack([_course(robot, motions[k], steps) for k in numbers])
+        passed = in_small_steps(robot, courses, closings)
+        return passed, passed[:, -steps - 1 :: steps // (len(PLACES) - 1)]
+
+    def same(q: np.ndarray, other: np.ndarray) -> bool:
+        return bool(np.abs((q - other) / robot.column_scale).max() < SAME)
+
     numbers = list(tracked)
-    for steps in SMALL_STEPS:
+    for steps in SMALL_STEPS[:-1]:
         if numbers:
-            courses = np.stack([_course(robot, motions[k], steps) for k in numbers])
-            along = in_small_steps(robot, courses)[:, -steps - 1 :: steps // (len(PLACES) - 1)]
-            apart = np.abs((along - [tracked[k] for k in numbers]) / robot.column_scale).max(axis=(1, 2))
-            numbers = [k for k, far in zip(numbers, apart, strict=True) if not far < SAME]
-    return numbers
+            _, there = along(numbers, steps, 2)
+            numbers = [k for k, q in zip(numbers, there, strict=True) if not same(q, tracked[k])]
+    off, undecided = [], []
+    for k in numbers:
+        _, [coarse] = along([k], SMALL_STEPS[-2], CLOSINGS)
+        [passed], [fine] = along([k], SMALL_STEPS[-1], CLOSINGS)
+        if not same(fine, coarse):
+            undecided.append((k, float(_least(robot, passed).min())))
+        elif not same(fine, tracked[k]):
+            off.append(k)
+    return off, undecided
 
 
 def _unexplained(robot: ParallelRobot, motions: list[Motion], stopped: dict[int, NoAnswer]) -> list[int]:
@@ -152,16 +176,21 @@ def _course(robot: ParallelRobot, motion: Motion, steps: int, end: NoAnswer | No
     return np.concatenate([reference + first * (begin - reference), motion(last)])
 
 
-def in_small_steps(robot: ParallelRobot, courses: np.ndarray) -> np.ndarray:
-    """Configurations (T, K, nq) at platform coordinates (T, K, n) in small steps from the reference."""
+def in_small_steps(robot: ParallelRobot, courses: np.ndarray, closings: int = 2) -> np.ndarray:
+    """Configurations (T, K, nq) at platform coordinates (T, K, n) in small steps from the reference.
+
+    Each is closed by at most so many steps of Newton's method.
+    """
     q = np.repeat(robot.reference.q[None], len(courses), axis=0)
     passed = np.empty((*courses.shape[:2], q.shape[1]))
     moved = np.zeros((len(q), robot.model.nv))
     for k in range(courses.shape[1]):
-        for _ in range(2):
+        for _ in range(closings):
             system = system_at(robot, q, courses[:, k])
             moved[:, robot.moving] = -solve(system.jacobian[:, :, robot.moving], system.residual)
             q = integrate(robot, q, moved)
+            if np.abs(moved / robot.column_scale).max() < CLOSED:
+                break
         passed[:, k] = q
     return passed
 
@@ -179,15 +208,17 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    heads = ("motions", "followed", "off", "no cause", "ms each")
-    print(f"{'robot':20}" + "".join(f"{head:>9}" for head in heads) + "  refused")
+    heads = ("motions", "followed", "off", "undecided", "no cause", "ms each")
+    print(f"{'robot':20}" + "".join(f"{head:>10}" for head in heads) + "  refused")
     with ProcessPoolExecutor(options.processes) as pool:
         for found in pool.map(partial(evidence, count=options.motions, seed=options.seed), options.robots):
             refused = ", ".join(f"{count} {kind}" for kind, count in found.refused.items()) or "none"
             print(
-                f"{found.name:20}{found.motions:9}{found.followed:9}{len(found.off_branch):9}"
-                f"{len(found.unexplained):9}{1e3 * found.seconds / found.motions:9.1f}  {refused}",
+                f"{found.name:20}{found.motions:10}{found.followed:10}{len(found.off_branch):10}"
+                f"{len(found.undecided):10}{len(found.unexplained):10}"
+                f"{1e3 * found.seconds / found.motions:10.1f}  {refused}",
                 *(f"    off the branch: {found.off_branch[:9]}",) * bool(found.off_branch),
+                *(f"    undecided: {found.undecided[:9]}",) * bool(found.undecided),
                 *(f"    without a cause: {found.unexplained[:9]}",) * bool(found.unexplained),
                 sep="\n",
                 flush=True,

@@ -8,8 +8,9 @@ import pytest
 import robots
 from framework import Arc, InvalidInput, Line, assemble, track_path
 from framework.errors import OutOfReach, Type1Singularity
+from framework.kinematics.inverse_kinematics import system_at
 from framework.kinematics.tracking import follow_path
-from tests.benchmarks.random_motions import evidence
+from tests.benchmarks.random_motions import CLOSINGS, evidence, in_small_steps
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
 from tests.robots.every_robot import RIGID, first_path
@@ -95,7 +96,18 @@ def test_random_motions_stay_on_their_branch_or_are_refused_at_a_singularity(nam
     assert found.followed + found.refused.total() == 24
     assert found.followed >= 6
     assert found.off_branch == []
+    assert found.undecided == []
     assert found.unexplained == []
+
+
+def test_small_steps_of_the_random_motions_are_closed_beside_a_stretched_leg():
+    robot = robots.load("delta")
+    beside = np.array([0.30385, -0.154295, -1.705903])  # the second leg is 0.6 mm from its full length
+    for steps in (64, 128):
+        course = Line(robot.reference.x, beside)(np.linspace(0.0, 1.0, steps + 1))
+        passed = in_small_steps(robot, course[None], CLOSINGS)[0]
+        assert np.abs(system_at(robot, passed, course).residual).max() < 1e-13
+        np.testing.assert_allclose(passed[-1], assemble(robot, beside).q, rtol=0, atol=1e-11)
 
 
 def test_the_way_to_a_point_does_not_matter_within_a_mode():
