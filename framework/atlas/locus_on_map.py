@@ -26,7 +26,8 @@ from framework.singularity.locus_equations import LocusEquations
 from framework.singularity.traced_locus import LocusCurve, trace_locus
 
 SEEDS = 24  # sign changes of a round that tracing starts from, evenly chosen
-ROUNDS = 4  # each with further sign changes, which the curves so far do not pass
+ROUNDS = 4  # each from further sign changes, which the curves so far do not pass
+SAME = 0.25  # cells between curves that are one: on one branch of the map they have the same joints
 TOUCHES = 16  # least |g| that it starts from: curves along which g keeps its sign
 STEPS = 16.0  # of a curve along half an edge of the window, at least
 AROUND = 1.05  # half the edge of the region followed, to the window's farthest side
@@ -79,19 +80,22 @@ def locus_on_map(robot: ParallelRobot, window: Window, q: Array, reason: ReasonA
     beside, alone = (_modes(robot, q, x, places) for places in (changes[:, :2], least))
     modes, counts = np.unique(np.concatenate([beside, alone]), axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
-        own, others = (beside == mode).all(axis=1), curves
+        own = (beside == mode).all(axis=1)
         starts = [q[tuple(at)] for at in least[(alone == mode).all(axis=1)]]
         for _ in range(ROUNDS):
             todo = np.flatnonzero(left & own)
             starts += [q[tuple(at)] for at in changes[_spread_out(todo), :2]]
             if not starts:
                 break
-            traced = _traced(robot, window, starts)
-            curves = others + [one for curve in traced for one in _parts(equations, window, q, reason, curve)]
-            left = _apart(window, changes, curves)
-            if not (left & own).any() or len(todo) <= SEEDS:
+            for curve in _traced(robot, window, starts):
+                parts = _parts(equations, window, q, reason, curve)
+                curves += [part for part in parts if _apart(window, part.x, curves, SAME).any()]
+            left = _apart(window, _middles(window, changes), curves, 1.0)
+            unexplained = np.count_nonzero(left & own)
+            if unexplained in (0, len(todo)) or len(todo) <= SEEDS:
                 break
-    found = (tuple(curves), len(changes), _places(window, changes[left]))
+            starts = []
+    found = (tuple(curves), len(changes), _middles(window, changes[left]))
     return MapLocus(*found, "", time.perf_counter() - started)
 
 
@@ -155,23 +159,22 @@ def _least(g: Array) -> IntArray:
     return at[np.argsort(own[tuple(at.T)], kind="stable")[:TOUCHES]]
 
 
-def _places(window: Window, changes: IntArray) -> Array:
+def _middles(window: Window, changes: IntArray) -> Array:
     """The middles (e, 2) of neighbours."""
     return window.lower + 0.5 * (changes[:, :2] + changes[:, 2:]) * window.cell
 
 
-def _apart(window: Window, changes: IntArray, curves: list[MapCurve]) -> BoolArray:
-    """Which sign changes (e,) are more than a cell away from all curves."""
-    away = np.ones(len(changes), dtype=bool)
-    places = _places(window, changes) / window.cell
+def _apart(window: Window, places: Array, curves: list[MapCurve], cells: float) -> BoolArray:
+    """Which places (e, 2) are more than so many cells away from all curves."""
+    away, scaled = np.ones(len(places), dtype=bool), places / window.cell
     for curve in curves:
         points = curve.x / window.cell
         start, way = points[:-1], np.diff(points, axis=0)
         size = np.maximum(np.sum(way**2, axis=1), 1e-300)
         for k in np.flatnonzero(away).tolist():
-            off = places[k] - start
+            off = scaled[k] - start
             share = np.clip(np.sum(off * way, axis=1) / size, 0.0, 1.0)
-            away[k] = np.abs(off - share[:, None] * way).max(axis=1).min() > 1.0
+            away[k] = np.abs(off - share[:, None] * way).max(axis=1).min() > cells
     return away
 
 
