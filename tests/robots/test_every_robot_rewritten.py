@@ -80,7 +80,11 @@ def test_torques_do_not_depend_on_the_scale_of_the_closure_rows(case):
         other = ParallelRobot.from_description(description, flexibility=flexibility)
     elif change.startswith("rotations"):
         factor = 1e3 if change.endswith("x 1000") else 1e-3
-        other = replace(original, rows=replace(original.rows, sign=factor * original.rows.sign))
+        rows = replace(original.rows, sign=factor * original.rows.sign)
+        loops = rows.take(original.independent)
+        sizes = original.row_sizes * np.where(loops.rotation, factor, 1.0)
+        equations = replace(original.equations, loops=loops)
+        other = replace(original, rows=rows, equations=equations, row_sizes=sizes)
     else:
         other = replace(original, length=(1e3 if change.endswith("x 1000") else 1e-3) * original.length)
     assert len(other.loops.names) == len(original.loops.names)
