@@ -55,6 +55,11 @@ def touch(at, bend=2.0):
     return lambda s: bend * (s - at) ** 2
 
 
+def slow(value):
+    """A case of the second stage."""
+    return pytest.param(value, marks=pytest.mark.slow)
+
+
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_det_G_has_the_roots_and_the_sign_of_the_determinant(count):
     matrix = measured(*[root(0.3 + 0.2 * k) for k in range(count)])
@@ -85,7 +90,7 @@ def test_one_that_crosses_with_one_that_touches_is_tangential():
     assert only.kind == "tangential"
 
 
-@pytest.mark.parametrize("gap", [0.1, 1e-2, 1e-3, 4e-4])
+@pytest.mark.parametrize("gap", [slow(0.1), 1e-2, slow(1e-3), slow(4e-4)])
 def test_values_that_vanish_near_one_another_are_told_apart(gap):
     places = found(root(0.4), root(0.4 + gap, -0.8))
     assert [place.kind for place in places] == ["transversal"] * 2
@@ -97,7 +102,7 @@ def bowl(depth, at=0.4137):
     return lambda s: ((s - at) ** 2 + depth) * (1.0 + 0.3 * (s - at))
 
 
-@pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-5, 1.8e-6, 1e-6, 5e-7])
+@pytest.mark.parametrize("gap", [1e-2, slow(1e-4), slow(1e-5), slow(1.8e-6), slow(1e-6), 5e-7])
 def test_two_roots_are_two_however_near_to_each_other(gap):
     before, behind = found(bowl(-(gap**2) / 4))
     assert (before.kind, behind.kind) == ("transversal", "transversal")
@@ -126,7 +131,7 @@ def test_a_third_root_beside_two_is_found_as_well(gap):
     np.testing.assert_allclose(places, [0.4, 0.4 + gap, 0.41], rtol=0, atol=4e-15 / slope)
 
 
-@pytest.mark.parametrize("beside", [1e-3, 1e-5, 1e-6])
+@pytest.mark.parametrize("beside", [1e-3, slow(1e-5), slow(1e-6)])
 def test_a_near_miss_is_told_with_its_place_its_depth_and_its_width(beside):
     matrix = measured(bowl(beside**2))
     resolved = panels(Samples(matrix.branch, {}), matrix)
@@ -138,7 +143,7 @@ def test_a_near_miss_is_told_with_its_place_its_depth_and_its_width(beside):
     assert 0.9 * beside < miss.width < 2.1 * beside
 
 
-@pytest.mark.parametrize("distance", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("distance", [slow(1e-2), 1e-3, slow(1e-4), slow(1e-5), slow(1e-6)])
 def test_near_misses_of_two_values_are_no_contact(distance):
     """As beside an axis on which two vanish: the block [[s, d], [-d, s]] never does."""
     matrix = measured()
