@@ -36,6 +36,7 @@ WAY, TURN = (
     0.1,
 )  # [robot lengths], [rad]: how far the platform is moved along t_s to show that it can be
 BESIDE = 1e-8  # [rad, robot lengths] that a motor stops before a Type 2 singularity: on it, no way leads back
+LOOKS = 6  # each ten times as far before the end as the one before
 SHARES = np.linspace(-1.0, 1.0, 9)  # of that way
 NEAR, ON = 0.3, 0.01  # of the reference's smallest singular value: near a singularity, on it
 
@@ -226,13 +227,25 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         target[index] = angle
         return forward_kinematics(robot, target, near=q).q
 
+    def short_of(free: float, side: float) -> Array:
+        """The joints just before the end of a way that is free, or before what a nearer look finds there."""
+        back = beside
+        for _ in range(LOOKS):
+            free, back = free - back, 10.0 * back
+            if free <= 0.0:
+                break
+            try:
+                return to(motors[index] + side * free)
+            except Type2Singularity as nearer:
+                free *= nearer.share
+        return q
+
     def turned(part: float) -> JoggedPose:
         way = part * (value - motors[index])
         try:
             return pose_at(robot, to(motors[index] + way))
         except Type2Singularity as end:
-            free = max(end.share * abs(way) - beside, 0.0)
-            pose = pose_at(robot, to(motors[index] + np.copysign(free, way)) if free else q)
+            pose = pose_at(robot, short_of(end.share * abs(way), np.sign(way)))
             name = CLASSES[pose.kind][0] if pose.kind in CLASSES else "Type 2 singularity"
             return replace(pose, stopped=_MOTORS_END.format(name=name))
         except NotAssembled as end:
