@@ -32,6 +32,9 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.turning_point import CurveEquations, TurningPoints, turning_points
 
 CROSSING = 0.1  # least singular value of P above which no assembly modes meet near by
+# Least singular value of P below which modes that meet cannot be told apart by steps, however short: where
+# two cross, as they do in symmetric robots, each has the sign of det P on one side that the other has behind.
+MEETING = 1e-6
 SHORT = 0.05  # [rad, lengths] that the joints may move by in a single step
 NEAR_TYPE_2 = 0.05  # of the usual least singular value of P: a way that ends below does so at Type 2
 
@@ -173,7 +176,15 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
     if here is None or start.clearance < VANISHED:  # on the meeting of two modes
         return Way(np.zeros(1), (start,))
     short = np.abs(here.rate / robot.column_scale).max() < SHORT
-    return follow(robot, here, arrive, belongs, end=end, step=1.0 if short else FIRST_STEP)
+    way = follow(robot, here, arrive, belongs, end=end, step=1.0 if short else FIRST_STEP)
+    near = np.array([place.clearance for place in way.places])
+    met = np.flatnonzero((near[1:] < MEETING) & (near[1:] < near[:-1]))  # not where it leads away from one
+    if not len(met):
+        return way
+    first = int(met[0]) + 1
+    beyond = np.flatnonzero(near[first:] >= MEETING)
+    last = first + int(near[first : first + beyond[0] if len(beyond) else None].argmin())
+    return Way(way.at[: last + 1], way.places[: last + 1])
 
 
 def motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> TurningPoints:

@@ -21,6 +21,7 @@ from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.continuation import FIRST_STEP, measure
 from framework.kinematics.forward_kinematics import (
     CROSSING,
+    MEETING,
     ForwardPose,
     check_motors_are_free,
     forward_kinematics,
@@ -141,6 +142,7 @@ def _lead(robot: ParallelRobot, q: Array, x: Array, turn: Array) -> tuple[dict[s
         sign_there, size_there = _determinants(system)
         step = measure(robot, between(robot, predicted, there), rate[live] / STEPS, ahead / STEPS)
         kept = step.small & (step.straight | (clear > CROSSING))
+        kept &= clear > MEETING
         kept &= (sign_there == sign[live]) & (size_there - size[live] > last)
         live = live[kept]
         q[live], rate[live], share[live] = there[kept], ahead[kept], k / STEPS

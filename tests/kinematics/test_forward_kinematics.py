@@ -11,7 +11,8 @@ from framework import Line, assemble, locate_singularities, track_path
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.forward_kinematics import forward_kinematics, motors_are_free
-from framework.kinematics.frames import frames_at
+from framework.kinematics.frames import frames_at, integrate
+from framework.kinematics.inverse_kinematics import system_at
 from tests.oracles.closure_rows import closure_rows
 from tests.oracles.forward_simulation import kinematics
 
@@ -246,3 +247,32 @@ def test_a_stream_of_motor_angles_is_followed_from_the_last_pose(name):
         np.testing.assert_allclose(pose.q, alone.q, rtol=0, atol=1e-13)
         np.testing.assert_allclose(pose.x, alone.x, rtol=0, atol=1e-13)
     np.testing.assert_allclose(pose.q, robot.reference.q, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("beyond", [0.48, 0.5, 0.6, 1.0])
+def test_where_modes_cross_without_a_fold_none_is_chosen_in_silence(beyond):
+    """One motor of the delta turned: det P changes its sign on the way, and motors can still go on behind."""
+    robot = robots.load("delta")
+    start = robot.actuated_coordinates(robot.reference.q[None])[0]
+    way = np.array([0.0, np.pi - start[1], 0.0])
+    with pytest.raises(Type2Singularity) as stopped:
+        forward_kinematics(robot, start + beyond * way)
+
+    def sign(share: float) -> float:
+        """Of det P on the branch that is followed in small steps."""
+        q = robot.reference.q[None]
+        for _ in range(400):
+            turn = np.zeros((1, robot.model.nv))
+            turn[:, robot.actuated] = way * share / 400
+            rates = system_at(robot, q, None)
+            turn[:, robot.following] = -rates.passive_factors.solve(rates.closures @ turn[0])
+            q = integrate(robot, q, turn)
+            for _ in range(3):  # closed again
+                here, turn = system_at(robot, q, None), np.zeros_like(turn)
+                turn[:, robot.following] = -here.passive_factors.solve(here.residual[:, robot.n :])
+                q = integrate(robot, q, turn)
+        return float(system_at(robot, q, None).passive_factors.slogdet[0][0])
+
+    share = stopped.value.share * beyond
+    assert sign(share - 2e-3) == sign(0.1)
+    assert sign(share + 2e-3) == -sign(0.1)
