@@ -7,6 +7,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 PYTEST_ARGS ?=
+CHART_ARGS ?=
 
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt
@@ -14,13 +15,16 @@ SOURCES := $(shell find framework robots urdf -type f ! -name '*.pyc' 2>/dev/nul
 METADATA := pyproject.toml constraints.txt
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 DEMO := crossing_C
+# what meets every package that the framework calls, in at most three minutes
+SOME_TESTS := tests/linalg tests/motion tests/locus/test_traced_locus.py tests/robots/test_every_robot.py \
+  tests/show/test_plots.py tests/crossing/optimal tests/test_cli.py
 # the modules of the API reference: the public face, and the submodules that a user calls by name
 API := framework.public framework.errors framework.motion.law framework.motion.path framework.model.beams \
   framework.simulation framework.control framework.atlas.workspace_map framework.atlas.nearest \
-  framework.dynamics.stiffness framework.dynamics.loading framework.dynamics.forward_dynamics framework.kinematics.pose_stack framework.show.plots \
-  framework.show.maps robots
+  framework.statics.stiffness framework.statics.loading framework.dynamics.forward_dynamics framework.kinematics.continuation.pose_stack framework.show.plots \
+  framework.show.locus_figures robots
 
-.PHONY: help demo test slow witness test-browser bench lint format docs notebooks clean
+.PHONY: help demo test lowest pythons slow witness test-browser bench chart lint format docs notebooks clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -34,6 +38,13 @@ demo: $(VENV)/.wheel  ## install, then plan the crossing of the paper's 5R robot
 test: $(VENV)/.test  ## run the tests
 	$(BIN)/python -m pytest --numprocesses auto $(PYTEST_ARGS)
 
+lowest: $(VENV)-lowest/.test  ## run some tests with the lowest version that pyproject.toml allows of each package
+	$(VENV)-lowest/bin/python -m pytest --numprocesses auto -W default::DeprecationWarning $(SOME_TESTS) $(PYTEST_ARGS)
+
+pythons:  ## run some tests on Python 3.12 and 3.13, where they are here and pin has a wheel for them
+	.ci/try_python python3.12 $(VENV)-python3.12 $(SOME_TESTS) $(PYTEST_ARGS)
+	.ci/try_python python3.13 $(VENV)-python3.13 $(SOME_TESTS) $(PYTEST_ARGS)
+
 slow: $(VENV)/.test  ## run the tests marked slow
 	$(BIN)/python -m pytest -m slow --numprocesses auto $(PYTEST_ARGS) || [ $$? -eq 5 ]  # 5: there are none
 
@@ -45,6 +56,9 @@ test-browser: $(VENV)/.browser  ## run the tests in a headless Chromium (Debian:
 
 bench: $(VENV)/.test  ## print the benchmarks
 	$(BIN)/python -m pytest -m benchmark -s $(PYTEST_ARGS) || [ $$? -eq 5 ]
+
+chart: $(VENV)/.witness  ## speed against accuracy of all methods: figures and tables in chart/
+	$(BIN)/python -m tests.benchmarks.chart $(CHART_ARGS)
 
 lint: $(VENV)/.dev  ## check style and types
 	$(BIN)/ruff check .
@@ -67,7 +81,7 @@ notebooks: $(VENV)/.dev
 endif
 
 clean:  ## remove the environment, the caches and the output of the demo
-	rm -rf $(VENV) $(DEMO) raw_B study crossing.html build dist .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(VENV)-lowest $(VENV)-python3.* $(DEMO) raw_B study chart crossing.html build dist .mypy_cache .pytest_cache .ruff_cache
 	find framework robots tests -type d -name __pycache__ -prune -exec rm -rf {} +
 
 $(VENV)/.created:
@@ -84,6 +98,12 @@ $(VENV)/.wheel: $(VENV)/.created $(METADATA) $(SOURCES)
 $(VENV)/.test: $(VENV)/.created $(METADATA)
 	@rm -f $(VENV)/.wheel
 	$(INSTALL) --editable '.[test]'
+	@touch $@
+
+$(VENV)-lowest/.test: $(METADATA) .ci/lowest_versions
+	$(PYTHON) -m venv $(@D)
+	$(PYTHON) .ci/lowest_versions > $(@D)/constraints.txt
+	$(@D)/bin/python -m pip install --disable-pip-version-check --constraint $(@D)/constraints.txt --editable '.[test]'
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.created $(METADATA)

@@ -76,7 +76,7 @@ class OutputError(InvalidInput):
 
 
 def short(value: object) -> str:
-    """What was given, cut to a length that fits a message of one line."""
+    """Return a value as text, cut to a length that fits a message of one line."""
     return reprlib.repr(value)
 
 
@@ -210,7 +210,8 @@ class SingularPath(NoAnswer):
 class NoLaw(NoAnswer):
     """No motion law can pass, or none that advances all the time was found.
 
-    `proof` is what the first rests on (`framework.crossing.refusal_proofs`), None where nothing is proved.
+    `proof` is what the first rests on (`framework.crossing.refusals.refusal_proofs`), None where nothing is
+    proved.
     """
 
     def __init__(self, message: str, *, proof: object = None) -> None:

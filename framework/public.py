@@ -3,15 +3,14 @@
 They stand here and not there, so that the command line can hear Ctrl-C before they are imported.
 """
 
-from framework.crossing.fidelity import FidelityStudy, fidelity_study
 from framework.crossing.plan import plan_crossing
+from framework.crossing.restored import load_plan
 from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene
 from framework.dynamics.forward_dynamics import forward_dynamics
-from framework.dynamics.instant import dynamics_at
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.dynamics.platform_limits import platform_limits
+from framework.dynamics.pointwise_dynamics import dynamics_at
 from framework.dynamics.result import InverseDynamics
 from framework.errors import (
     FrameworkError,
@@ -35,19 +34,20 @@ from framework.errors import (
     UnboundedTorque,
     UncontrolledMotions,
 )
-from framework.kinematics.diagnostics import check_robot
-from framework.kinematics.forward_kinematics import forward_kinematics
+from framework.fidelity.fidelity_study import FidelityStudy, fidelity_study
+from framework.kinematics.continuation.forward_kinematics import forward_kinematics
+from framework.kinematics.continuation.tracking import assemble, track_path
+from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tracking import assemble, track_path
 from framework.kinematics.velocity_matrices import velocity_matrices
+from framework.locus.traced_locus import trace_locus
 from framework.motion.law import Condition, Law
 from framework.motion.path import Arc, Line, Spline
+from framework.proofs.singular_paving import SingularPaving, pave_singularities
 from framework.simulation import Simulation, simulate
-from framework.singularity.classify import classify
-from framework.singularity.paving import SingularPaving, pave_singularities
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
-from framework.singularity.traced_locus import trace_locus
+from framework.singularity.pose_classes import classify
 
 __all__ = [
     "Arc",

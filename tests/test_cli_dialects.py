@@ -73,3 +73,18 @@ def test_convert_reads_its_file_once(file, options, capsys, tmp_path, monkeypatc
     monkeypatch.setattr("framework.model.readers.recognise.read_text", counted)
     assert run(capsys, "convert", str(DATA / file), *options, "--out", str(tmp_path))[0] == 0
     assert len(read) == len(set(read)) >= 1
+
+
+def test_convert_says_the_size_of_dry_friction_with_its_unit(capsys, tmp_path):
+    _, out, _ = run(capsys, "convert", str(DATA / "five_bar_defaults.xml"), "--out", str(tmp_path))
+    friction = next(line for line in out.splitlines() if "dry friction" in line)
+    assert "no plan counts with it" in friction
+    assert all(name in friction for name in ("motor_1", "motor_2", "passive_1", "passive_2"))
+    assert friction.count("0.1 N m each") == 1
+
+
+def test_export_says_where_a_simulation_starts(capsys, tmp_path):
+    file = tmp_path / "five_bar.xml"
+    code, out, _ = run(capsys, "export", "five_bar", "--to", "mjcf", "--out", str(file))
+    assert code == 0
+    assert all("start from the keyframe `reference`" in text for text in (out, file.read_text()))

@@ -10,7 +10,7 @@ import pytest
 import robots
 from framework import assemble
 from framework.cli import main
-from framework.kinematics.forward_kinematics import motors_are_free
+from framework.kinematics.continuation.forward_kinematics import motors_are_free
 
 ROUND = ["five_bar", "delta", "gough_stewart", "three_rrr", "agile_eye", "orthoglide"]
 

@@ -10,8 +10,8 @@ import unicodedata
 
 import pytest
 
-from framework.cli import DEBUG, UNEXPECTED, main
-from framework.cli.console import LONGEST, one_line, printable
+from framework.cli import DEBUG_VARIABLE, UNEXPECTED_EXIT_CODE, main
+from framework.cli.console import MAX_MESSAGE_LENGTH, one_line, printable
 
 RED = "\x1b[31mred\x1b[0m"
 ODD = ["a\nb", "a\r\nb", RED, "\x00", "\x07", "\u202egnp", "\u2028", "\udcff", "\x85", "\xa0", "\u200b"]
@@ -30,7 +30,7 @@ def is_one_line(message: str) -> bool:
     """Whether a complaint is one line that a terminal shows as it stands."""
     line = message.removesuffix("\n")
     plain = all(unicodedata.category(letter) not in ("Cc", "Cf", "Cs", "Zl", "Zp") for letter in line)
-    return plain and len(line) <= LONGEST + len("crossing: ") and message.endswith("\n")
+    return plain and len(line) <= MAX_MESSAGE_LENGTH + len("crossing: ") and message.endswith("\n")
 
 
 @pytest.mark.parametrize("text", ODD)
@@ -46,15 +46,15 @@ def test_what_is_printable_is_left_as_it_is():
     assert printable("a\nb") == "a\nb"  # a report has lines
 
 
-@pytest.mark.parametrize("length", [LONGEST, LONGEST + 1, 5000, 100_000])
+@pytest.mark.parametrize("length", [MAX_MESSAGE_LENGTH, MAX_MESSAGE_LENGTH + 1, 5000, 100_000])
 def test_a_long_message_keeps_its_ends(length):
     text = "begin" + "." * (length - 8) + "end"
     line = one_line(text)
-    assert len(line) == LONGEST
+    assert len(line) == MAX_MESSAGE_LENGTH
     assert line.startswith("begin")
     assert line.endswith("end")
-    assert (line == text) is (length == LONGEST)
-    assert str(length) in line or length == LONGEST
+    assert (line == text) is (length == MAX_MESSAGE_LENGTH)
+    assert str(length) in line or length == MAX_MESSAGE_LENGTH
 
 
 @pytest.mark.parametrize("length", [300, 5000])
@@ -183,11 +183,16 @@ def faulty(monkeypatch):
 @pytest.mark.usefixtures("faulty")
 @pytest.mark.parametrize("machine", [False, True])
 def test_an_unexpected_error_is_one_line_and_asks_to_be_reported(capfd, monkeypatch, machine):
-    monkeypatch.delenv(DEBUG, raising=False)
-    assert main(["check", "five_bar", *(["--json"] if machine else [])]) == UNEXPECTED == 70
+    monkeypatch.delenv(DEBUG_VARIABLE, raising=False)
+    assert main(["check", "five_bar", *(["--json"] if machine else [])]) == UNEXPECTED_EXIT_CODE == 70
     out, err = capfd.readouterr()
     assert is_one_line(err)
-    for words in ("unexpected Fault: a \\x1b[31mred", "framework/cli/__init__.py, line ", "report it", DEBUG):
+    for words in (
+        "unexpected Fault: a \\x1b[31mred",
+        "framework/cli/__init__.py, line ",
+        "report it",
+        DEBUG_VARIABLE,
+    ):
         assert words in err
     if machine:
         error = json.loads(out)["error"]
@@ -196,6 +201,6 @@ def test_an_unexpected_error_is_one_line_and_asks_to_be_reported(capfd, monkeypa
 
 @pytest.mark.usefixtures("faulty")
 def test_the_traceback_is_there_for_those_who_ask(monkeypatch):
-    monkeypatch.setenv(DEBUG, "1")
+    monkeypatch.setenv(DEBUG_VARIABLE, "1")
     with pytest.raises(Fault):
         main(["check", "five_bar"])

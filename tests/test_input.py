@@ -11,7 +11,7 @@ from framework.errors import InvalidInput, RobotFileError
 from framework.input import LARGEST_FILE, read_text
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model import read_robot_file
-from framework.model.documents import LARGEST_XML, parse_xml, parse_yaml
+from framework.model.documents import MAX_XML_ELEMENTS, parse_xml, parse_yaml
 from framework.model.readers import read_any
 from tests.conftest import REMOVED
 from tests.watchdog import bounded
@@ -99,7 +99,10 @@ def tree(links: int, *, kind: str = "revolute", star: bool = True) -> str:
     [
         (tree(20_001), "20001 links or joints; at most 5000"),
         (tree(5000, kind="fixed", star=False), "more than 1000 joints in a row"),
-        ("<robot name='r'>" + "<a/>" * LARGEST_XML + "</robot>", f"more than {LARGEST_XML} XML elements"),
+        (
+            "<robot name='r'>" + "<a/>" * MAX_XML_ELEMENTS + "</robot>",
+            f"more than {MAX_XML_ELEMENTS} XML elements",
+        ),
         ("<!DOCTYPE robot [<!ENTITY a 'a'>]><robot name='&a;'/>", "document types and entities"),
     ],
     ids=["links", "depth", "elements", "entities"],

@@ -36,6 +36,8 @@ from framework import (
     track_path,
     velocity_matrices,
 )
+from framework.crossing.plan import plan_request
+from framework.crossing.request import Request
 from framework.crossing.saved import plan_document
 from framework.singularity.points_on_path import search_path
 
@@ -209,7 +211,7 @@ def test_numbers_of_numpy_are_kept_as_numbers(tmp_path: Path) -> None:
 def test_what_was_searched_belongs_to_what_is_planned() -> None:
     other = search_path(robots.load("five_bar_heavy"), PATH)
     with pytest.raises(InvalidInput, match="branch, searched: of ParallelRobot\\('five_bar_heavy'"):
-        plan_crossing(ROBOT, PATH, duration=1.5, searched=other)
+        plan_request(ROBOT, Request.of(ROBOT, PATH, duration=1.5), searched=other)
 
 
 def test_equal_paths_have_equal_hashes() -> None:

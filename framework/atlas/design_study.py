@@ -1,8 +1,8 @@
 """A study of a robot's dimensions: one small map for each set of its named parameters, told by a few numbers.
 
 The sets are the grid of all values that the robot file declares, or the rows of a table. They go out in
-chunks of `CHUNK`, here or through any `concurrent.futures.Executor`; a set that makes no robot is told why,
-and the others go on.
+chunks of `DESIGNS_PER_TASK`, here or through any `concurrent.futures.Executor`; a set that makes no robot is
+told why, and the others go on.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.atlas.map_files import versions
+from framework.atlas.map_files import package_versions
 from framework.atlas.quantities import QUANTITIES, chosen, unit_of
 from framework.atlas.window import Window, map_axes
-from framework.atlas.workspace_map import Keeper, WorkspaceMap, surveyed, workspace_map
-from framework.dynamics.loading import LoadReason
+from framework.atlas.workspace_map import ChunkStore, WorkspaceMap, surveyed, workspace_map
 from framework.errors import FrameworkError, InvalidInput, choose_from
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.parameters import declared_parameters
 from framework.parallel.tasks import completed
+from framework.statics.loading import LoadReason
 
-CHUNK = 4  # designs of a task
-MOST = 1_000_000  # designs
+DESIGNS_PER_TASK = 4  # designs of a task
+MAX_DESIGNS = 1_000_000  # designs
 DOCUMENT = "study.json"
-PARTS = ("least", "median", "largest")
+STATISTICS = ("least", "median", "largest")
 Chunk = Mapping[str, NDArray[Any]]
 
 
@@ -49,8 +49,8 @@ class Designs(NamedTuple):
     values: Array
 
 
-class Task(NamedTuple):
-    """What is computed of each design."""
+class StudyTask(NamedTuple):
+    """The quantities to be computed of each design."""
 
     file: str
     names: tuple[str, ...]
@@ -65,9 +65,9 @@ class Task(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DesignStudy(ReadOnlyArrays):
-    """What became of D designs; numbers are NaN for one that makes no robot."""
+    """The results of D designs; numbers are NaN for one that makes no robot."""
 
-    task: Task
+    task: StudyTask
     designs: Designs
     columns: Mapping[str, Array]  # (D,) see `units`
     units: Mapping[str, str]
@@ -93,22 +93,24 @@ def designs_of(file: str | Path, table: str | Path | None = None) -> Designs:
     if table is not None:
         return _read_table(Path(table), declared)
     count = math.prod(len(values) for values in declared.values())
-    if count > MOST:
-        raise InvalidInput(f"{file}: {count} designs; at most {MOST} are studied")
+    if count > MAX_DESIGNS:
+        raise InvalidInput(f"{file}: {count} designs; at most {MAX_DESIGNS} are studied")
     return Designs(tuple(declared), np.array(list(product(*declared.values())), dtype=float))
 
 
 def design_study(
-    task: Task,
+    task: StudyTask,
     designs: Designs,
     *,
     executor: Executor | None = None,
-    keeper: Keeper | None = None,
+    keeper: ChunkStore | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> DesignStudy:
     """Maps of all designs, told by area and quantities. Options as for `workspace_map`."""
     count = len(designs.values)
-    parts = [range(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK)]
+    parts = [
+        range(first, min(first + DESIGNS_PER_TASK, count)) for first in range(0, count, DESIGNS_PER_TASK)
+    ]
     names = {f"{part.start:07d}-{part.stop:07d}": part for part in parts}
     found = {} if keeper is None else dict(keeper.found())
     chunks = {name: found[name] for name, part in names.items() if _fits(found.get(name), part, task)}
@@ -125,13 +127,13 @@ def design_study(
     return DesignStudy(task, designs, whole, column_units(robot, task), why)
 
 
-def _fits(chunk: Chunk | None, part: range, task: Task) -> bool:
+def _fits(chunk: Chunk | None, part: range, task: StudyTask) -> bool:
     """Whether a kept chunk has the columns of these designs."""
     keys = {*column_names(task), "why"}
     return chunk is not None and set(chunk) == keys and all(a.shape == (len(part),) for a in chunk.values())
 
 
-def studied(task: Task, part: tuple[str, Array]) -> dict[str, NDArray[Any]]:
+def studied(task: StudyTask, part: tuple[str, Array]) -> dict[str, NDArray[Any]]:
     """The numbers of some designs, by column, and why some have none."""
     rows: list[dict[str, float]] = []
     why: list[str] = []
@@ -149,21 +151,23 @@ def studied(task: Task, part: tuple[str, Array]) -> dict[str, NDArray[Any]]:
     return columns | {"why": np.array(why, dtype=np.str_)}
 
 
-def column_names(task: Task) -> tuple[str, ...]:
-    """What is told of each design."""
+def column_names(task: StudyTask) -> tuple[str, ...]:
+    """Return the names of the columns of a study."""
     loaded = ["carried_area"] if any(QUANTITIES[key].loaded for key in task.keys) else []
-    return ("area", "free_area", *loaded, *(f"{key}_{part}" for key in task.keys for part in PARTS))
+    return ("area", "free_area", *loaded, *(f"{key}_{part}" for key in task.keys for part in STATISTICS))
 
 
-def column_units(robot: ParallelRobot, task: Task) -> dict[str, str]:
+def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
     """Units of the columns."""
     edges = {"m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes)}
     area = "m^2" if edges == {"m"} else "rad^2" if edges == {"rad"} else "m rad"
-    units = {f"{one.key}_{part}": unit_of(robot, one) for one in chosen(robot, task.keys) for part in PARTS}
+    units = {
+        f"{one.key}_{part}": unit_of(robot, one) for one in chosen(robot, task.keys) for part in STATISTICS
+    }
     return {key: area for key in column_names(task) if key.endswith("area")} | units
 
 
-def _mapped(task: Task, parameters: Mapping[str, float]) -> WorkspaceMap:
+def _mapped(task: StudyTask, parameters: Mapping[str, float]) -> WorkspaceMap:
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility, parameters=parameters)
     if task.window is None:
         window = surveyed(robot, axes=task.axes, size=task.size)
@@ -189,15 +193,17 @@ def _told(found: WorkspaceMap) -> dict[str, float]:
         values = values[np.isfinite(values)]
         if values.size:
             numbers = (values.min(), np.median(values), values.max())
-            told |= {f"{one.key}_{part}": float(value) for part, value in zip(PARTS, numbers, strict=True)}
+            told |= {
+                f"{one.key}_{part}": float(value) for part, value in zip(STATISTICS, numbers, strict=True)
+            }
     return told
 
 
 # ------------------------------------------------------------------ files
 
 
-def study_setup(task: Task, designs: Designs) -> dict[str, Any]:
-    """What a study depends on, a document of JSON."""
+def study_setup(task: StudyTask, designs: Designs) -> dict[str, Any]:
+    """Return what a study depends on, a document of JSON."""
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
     content = hashlib.sha256(Path(task.file).read_bytes() + robot.description.urdf_text.encode())
     return {
@@ -206,7 +212,7 @@ def study_setup(task: Task, designs: Designs) -> dict[str, Any]:
         **{key: value for key, value in task._asdict().items() if key != "file"},
         "designs": hashlib.sha256(designs.values.tobytes()).hexdigest(),
         "count": len(designs.values),
-        "versions": versions(),
+        "versions": package_versions(),
     }
 
 
@@ -249,8 +255,8 @@ def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs
     short = next((row for row in rows if len(row) != len(names)), None)
     if short is not None:
         raise InvalidInput(f"{table}: needs {len(names)} numbers in each line, got {', '.join(short)}")
-    if len(rows) > MOST:
-        raise InvalidInput(f"{table}: {len(rows) - 1} designs; at most {MOST} are studied")
+    if len(rows) > MAX_DESIGNS:
+        raise InvalidInput(f"{table}: {len(rows) - 1} designs; at most {MAX_DESIGNS} are studied")
     try:
         values = np.array(rows[1:], dtype=float)
     except ValueError as error:

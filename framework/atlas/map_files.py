@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from framework.atlas.quantities import Quantity, unit_of
-from framework.atlas.sweep import WORDS, Reason
+from framework.atlas.sweep import REASON_WORDS, PoseReason
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import WorkspaceMap
-from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.statics.loading import LOAD_WORDS, LoadReason
 
 DOCUMENT = "map.json"
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
@@ -36,18 +36,18 @@ def robot_hash(robot: ParallelRobot) -> str:
     return found.hexdigest()
 
 
-def versions() -> dict[str, str]:
-    """What has to be the same for results to be the same to the last bit."""
+def package_versions() -> dict[str, str]:
+    """Return the versions that results depend on, to the last bit."""
     return {package: version(package) for package in PACKAGES}
 
 
 def map_setup(found: WorkspaceMap) -> dict[str, Any]:
-    """What a map depends on, a document of JSON."""
+    """Return what a map depends on, a document of JSON."""
     return setup_document(found.robot, found.window, found.quantities)
 
 
 def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Quantity]) -> dict[str, Any]:
-    """What a map of a robot over a window depends on."""
+    """Return what a map of a robot over a window depends on."""
     names = robot.axis_names
     return {
         "robot": robot.name,
@@ -68,12 +68,12 @@ def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Qu
         "quantities": [one.key for one in quantities],
         "wrench": next((one.wrench for one in quantities if one.loaded), None),
         "parameters": dict(robot.description.parameters),
-        "versions": versions(),
+        "versions": package_versions(),
     }
 
 
 def map_document(found: WorkspaceMap) -> dict[str, Any]:
-    """What a map is and what is in it, in numbers."""
+    """Return a summary of a map in numbers, a document of JSON."""
     document = map_setup(found)
     document["working_mode"] = found.working_mode
     document["characteristic_length"] = found.robot.length
@@ -81,7 +81,7 @@ def map_document(found: WorkspaceMap) -> dict[str, Any]:
     if found.load is not None:
         document["load"] = found.load_counts
     document["locus"] = {
-        "status": found.locus.told,
+        "status": found.locus.sentence,
         "traced": not found.locus.why_not,
         "curves": len(found.locus.curves),
         "sign_changes_of_g": found.locus.sign_changes,
@@ -136,7 +136,7 @@ def _write_table(found: WorkspaceMap, stream: Any) -> None:
     loads = [] if found.load is None else ["load"]
     writer.writerow([*columns, "reached", "assembly_mode", *loads, *keys])
     x = found.window.points()[..., list(found.window.axes)].reshape(-1, 2)
-    words = {int(kind): WORDS[kind] for kind in Reason}
+    words = {int(kind): REASON_WORDS[kind] for kind in PoseReason}
     why = [words[kind] for kind in found.reason.ravel().tolist()]
     values = np.stack([found.values[key].ravel() for key in keys], axis=1)
     load = [_load_word(found, k) for k in range(len(x))]

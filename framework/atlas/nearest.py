@@ -19,24 +19,25 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.atlas.sweep import PARTS, Reason, stepped
+from framework.atlas.sweep import STEP_PARTS, PoseReason, stepped
 from framework.errors import InvalidInput
-from framework.kinematics.inverse_kinematics import assembled_at, require_square, system_at
-from framework.kinematics.loop_matrices import measured_matrix
+from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.linearised_loops import assembled_at, linearised_at
+from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.singularity.bordered_system import Border, bordered
-from framework.singularity.classification import uncontrolled_motion
-from framework.singularity.regular_ball import MOST, regular_ball
+from framework.proofs.regular_ball import MAX_CELLS, regular_ball
+from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.type2 import uncontrolled_motion
+from framework.tolerances import ON_LOCUS
 
-STEP = 0.02  # [robot lengths, rad] along a ray
+RAY_STEP = 0.02  # [robot lengths, rad] along a ray
 RAYS = {1: 2, 2: 96, 3: 300}  # directions, by the number of platform coordinates
-MORE_RAYS = 600  # of a platform with more coordinates
-STARTS = 8  # the shortest rays that are gone on from
-FEET = 30  # steps towards a foot point
-HALVINGS = 45  # of a step along a ray: to rounding
-DIFFERENCE = 1e-5  # [robot lengths, rad] for the slope of g
-FOUND = 1e-9  # [robot lengths, rad] a step towards the foot that ends the search
-SINGULAR = 1e-8  # |g| of a foot point, without dimension
+RAYS_IN_MORE = 600  # of a platform with more coordinates
+MAX_STARTS = 8  # the shortest rays that are gone on from
+MAX_FOOT_STEPS = 30  # steps towards a foot point
+MAX_HALVINGS = 45  # of a step along a ray: to rounding
+DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for the slope of g
+MAX_LAST_STEP = 1e-9  # [robot lengths, rad] a step towards the foot that ends the search
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,7 @@ class NearestSingularPose(ReadOnlyArrays):
 
     @property
     def status(self) -> str:
-        """What is known of the margin."""
+        """The margin in a sentence."""
         regular = "no proof of regular poses about it"
         if self.at_least > 0:
             regular = f"at least {self.at_least:.6g} {self.unit}, proved for Type 1 and Type 2"
@@ -68,14 +69,14 @@ class NearestSingularPose(ReadOnlyArrays):
 
 
 def nearest_singular_pose(
-    robot: ParallelRobot, q: ArrayLike, *, within: float | None = None, most: int = MOST
+    robot: ParallelRobot, q: ArrayLike, *, within: float | None = None, max_cells: int = MAX_CELLS
 ) -> NearestSingularPose:
     """The nearest Type 2 singular pose to an assembled configuration q (nq,), on its working mode.
 
     Args:
         within: how far to look [m if all coordinates are translations, rad if all are turns, else robot
             lengths and rad], half a robot length or 0.5 rad by default.
-        most: cells that the proof may take, see `regular_ball`.
+        max_cells: cells that the proof may take, see `regular_ball`.
 
     Raises:
         InvalidInput: q leaves the loops open; redundant motors, whose g has no sign; no passive joints.
@@ -101,11 +102,11 @@ def nearest_singular_pose(
     found = [foot for foot in feet if foot is not None and foot.distance <= reach]
     nearest = min(found, key=lambda foot: foot.distance, default=None)
     radius = reach if nearest is None else nearest.distance
-    proved = regular_ball(robot, here.q[0], here.x[0], radius, most=most).radius
+    proved = regular_ball(robot, here.q[0], here.x[0], radius, max_cells=max_cells).radius
     known = (proved * size, unit, reach * size, len(directions))
     if nearest is None:
         return NearestSingularPose(np.inf, *known, None, None, None)
-    twist = uncontrolled_motion(robot, system_at(robot, nearest.q[None], nearest.x[None])).twist
+    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], nearest.x[None])).twist
     return NearestSingularPose(nearest.distance * size, *known, nearest.x, nearest.q, twist)
 
 
@@ -125,13 +126,9 @@ class Foot(NamedTuple):
     q: Array
 
 
-def _scale(robot: ParallelRobot) -> Array:
-    return np.where(robot.translations, robot.length, 1.0)
-
-
 def _directions(n: int) -> Array:
     """Unit vectors (K, n), evenly spread: a circle, a spiral on the sphere, else drawn always alike."""
-    count = RAYS.get(n, MORE_RAYS)
+    count = RAYS.get(n, RAYS_IN_MORE)
     if n == 1:
         return np.array([[1.0], [-1.0]])
     k = np.arange(count)
@@ -147,21 +144,21 @@ def _directions(n: int) -> Array:
 
 
 def _sign(robot: ParallelRobot, q: Array, x: Array) -> Array:
-    return np.asarray(np.linalg.slogdet(measured_matrix(robot, system_at(robot, q, x)))[0])
+    return np.asarray(np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, x)))[0])
 
 
 def _hits(robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float) -> list[Hit]:
-    """Where the shortest rays that meet the locus do so."""
-    ways = directions * _scale(robot)
-    count = max(int(np.ceil(reach / STEP)), 1)
+    """Find where the shortest rays that meet the locus do so."""
+    ways = directions * robot.platform_scale
+    count = max(int(np.ceil(reach / RAY_STEP)), 1)
     live = np.arange(len(ways))
     at = np.repeat(q[None], len(ways), axis=0)
     before = _sign(robot, q[None], x[None])[0]
     found: list[Hit] = []
     for k in range(count):
         start, end = (x + ways[live] * (reach * step / count) for step in (k, k + 1))
-        step = stepped(robot, at[live], start, end, PARTS)
-        reached = step.reason == Reason.REACHED
+        step = stepped(robot, at[live], start, end, STEP_PARTS)
+        reached = step.reason == PoseReason.REACHED
         live, start, end, there = live[reached], start[reached], end[reached], step.q[reached]
         if not len(live):
             break
@@ -169,53 +166,53 @@ def _hits(robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: fl
         found += [Hit(*one) for one in zip(at[live[met]], start[met], end[met], strict=True)]
         at[live] = there
         live = live[~met]
-        if len(found) >= STARTS or not len(live):
+        if len(found) >= MAX_STARTS or not len(live):
             break
-    return found[:STARTS]
+    return found[:MAX_STARTS]
 
 
 def _on_ray(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
     """The singular pose on the ray itself, by bisection."""
     q, near, far = hit
     before = _sign(robot, q[None], near[None])[0]
-    for _ in range(HALVINGS):
+    for _ in range(MAX_HALVINGS):
         middle = 0.5 * (near + far)
-        step = stepped(robot, q[None], near[None], middle[None], PARTS)
-        if step.reason[0] != Reason.REACHED:
+        step = stepped(robot, q[None], near[None], middle[None], STEP_PARTS)
+        if step.reason[0] != PoseReason.REACHED:
             return None
         if _sign(robot, step.q, middle[None])[0] == before:
             q, near = step.q[0], middle
         else:
             far = middle
-    return Foot(float(np.linalg.norm((near - x) / _scale(robot))), near, q)
+    return Foot(float(np.linalg.norm((near - x) / robot.platform_scale)), near, q)
 
 
 def _foot(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
     """The foot point of x near a hit; None where Newton's method does not lead to one."""
-    scale, n = _scale(robot), robot.n
+    scale, n = robot.platform_scale, robot.n
     q, y, _ = hit
-    offsets = np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)]) * DIFFERENCE * scale
-    for _ in range(FEET):
+    offsets = np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)]) * DIFFERENCE_STEP * scale
+    for _ in range(MAX_FOOT_STEPS):
         around = y + offsets
         step = stepped(
             robot, np.repeat(q[None], len(around), axis=0), np.repeat(y[None], len(around), axis=0), around
         )
-        if (step.reason != Reason.REACHED).any():
+        if (step.reason != PoseReason.REACHED).any():
             return None
-        matrices = measured_matrix(robot, system_at(robot, step.q, around))
-        g = bordered(matrices, Border.of(matrices[0])).g
-        slope = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE)
+        matrices = type2_matrix(robot, linearised_at(robot, step.q, around))
+        g = solve_bordered(matrices, Border.of(matrices[0])).g
+        slope = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)
         size = float(slope @ slope)
         if not size > 0:
             return None
         away = (y - x) / scale
         ahead = x + scale * slope * (slope @ away - g[0]) / size
         move = float(np.linalg.norm((ahead - y) / scale))
-        if move < FOUND:
-            return Foot(float(np.linalg.norm(away)), y, q) if abs(g[0]) < SINGULAR else None
-        ahead = y + min(1.0, STEP / move) * (ahead - y)
-        one = stepped(robot, q[None], y[None], ahead[None], PARTS)
-        if one.reason[0] != Reason.REACHED:
+        if move < MAX_LAST_STEP:
+            return Foot(float(np.linalg.norm(away)), y, q) if abs(g[0]) < ON_LOCUS else None
+        ahead = y + min(1.0, RAY_STEP / move) * (ahead - y)
+        one = stepped(robot, q[None], y[None], ahead[None], STEP_PARTS)
+        if one.reason[0] != PoseReason.REACHED:
             return None
         q, y = one.q[0], ahead
     return None

@@ -9,18 +9,18 @@ from functools import cached_property
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.dynamics.loading import LoadedStack, LoadReason, loaded_stack
-from framework.dynamics.stiffness import (
+from framework.dynamics.tangent_stiffness import given_wrench
+from framework.errors import InvalidInput, choose_from
+from framework.kinematics.linearised_loops import LinearisedLoops
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.singularity.distances import Distances, singularity_distances
+from framework.statics.loading import LoadedStack, LoadReason, loaded_stack
+from framework.statics.stiffness import (
     CompliantMotions,
     compliant_motions,
     least_stiffness,
     locked_motor_frequency,
 )
-from framework.dynamics.tangent_stiffness import given_wrench
-from framework.errors import InvalidInput, choose_from
-from framework.kinematics.inverse_kinematics import System
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.singularity.distances import Distances, singularity_distances
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,16 +29,16 @@ class Poses(ReadOnlyArrays):
 
     robot: ParallelRobot
     q: Array  # (T, nq)
-    system: System
+    linearised: LinearisedLoops
     wrench: Array | None  # (n,) see `loaded_stack`
 
     @cached_property
     def distances(self) -> Distances:
-        return singularity_distances(self.robot, self.system)
+        return singularity_distances(self.robot, self.linearised)
 
     @cached_property
     def free(self) -> CompliantMotions:
-        return compliant_motions(self.robot, self.system, self.q)
+        return compliant_motions(self.robot, self.linearised, self.q)
 
     @cached_property
     def loaded(self) -> LoadedStack:
@@ -188,7 +188,7 @@ def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
 
 
 def evaluate(
-    robot: ParallelRobot, quantities: Sequence[Quantity], q: Array, system: System
+    robot: ParallelRobot, quantities: Sequence[Quantity], q: Array, linearised: LinearisedLoops
 ) -> dict[str, Array]:
     """Values (T,) by the quantity's key at assembled configurations q (T, nq).
 
@@ -196,7 +196,7 @@ def evaluate(
     """
     loaded = [one for one in quantities if one.loaded]
     wrench = np.array(loaded[0].wrench) if loaded and loaded[0].wrench is not None else None
-    poses = Poses(robot, q, system, wrench)
+    poses = Poses(robot, q, linearised, wrench)
     with np.errstate(all="ignore"):  # infinite at Type 2
         found = {quantity.key: np.asarray(quantity.of(poses), dtype=float) for quantity in quantities}
     return found | ({"load": poses.loaded.reason} if loaded else {})

@@ -16,27 +16,23 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import scaled
-from framework.kinematics.continuation import LARGEST_TURN, is_small
+from framework.kinematics.continuation.predictor_corrector import is_small
 from framework.kinematics.frames import difference, integrate
-from framework.kinematics.inverse_kinematics import (
-    VANISHED,
-    System,
-    close_each,
-    joint_rates,
-    keeps_working_mode,
-    system_at,
-)
+from framework.kinematics.inverse_kinematics import close_each
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.modes import keeps_working_mode
+from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tracking import CROSSING
+from framework.tolerances import BRANCH_TURN, BRANCHES_CROSS, DETERMINANT_LOST
 
-STEPS = 10  # Newton steps to a neighbour; a step along the tangent that needs more is no good one
-NEIGHBOUR = 0.5  # [rad, lengths] that such a step may move a joint by
+NEWTON_STEPS = 10  # Newton steps to a neighbour; a step along the tangent that needs more is no good one
+MAX_JOINT_STEP = 0.5  # [rad, lengths] that such a step may move a joint by
 ReasonArray = NDArray[np.uint8]
-PARTS = 4  # of a step that is too long to be trusted, with the last stride
+STEP_PARTS = 4  # of a step that is too long to be trusted, with the last stride
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
-class Reason(IntEnum):
+class PoseReason(IntEnum):
     """Why a pose has no value. Of several neighbours the one that came nearest counts."""
 
     REACHED = 0
@@ -45,47 +41,45 @@ class Reason(IntEnum):
     OTHER_MODE = 3  # they close only beyond a Type 1 singularity, or too near one for a step to be trusted
 
 
-WORDS = {
-    Reason.REACHED: "reached",
-    Reason.NO_NEIGHBOUR: "not joined to the reference",
-    Reason.OPEN: "out of reach",
-    Reason.OTHER_MODE: "another working mode, or too near its end",
+REASON_WORDS = {
+    PoseReason.REACHED: "reached",
+    PoseReason.NO_NEIGHBOUR: "not joined to the reference",
+    PoseReason.OPEN: "out of reach",
+    PoseReason.OTHER_MODE: "another working mode, or too near its end",
 }
 
 
-class Step(NamedTuple):
-    """Where steps from T poses have led."""
+class StepEnds(NamedTuple):
+    """The ends of steps from T poses."""
 
     q: Array  # (T, nq)
-    reason: NDArray[np.uint8]  # (T,) `Reason`
+    reason: NDArray[np.uint8]  # (T,) `PoseReason`
 
 
-def spread(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], strides: IntArray) -> None:
-    """Fill a grid of configurations q (I, J, nq) for x (I, J, n) from those that are numbers.
+def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], strides: IntArray) -> None:
+    """Assemble the poses of a grid from their neighbours, in place.
+
+    A pose whose reason is NO_NEIGHBOUR is tried from each neighbour that is reached, until one leads to it;
+    poses with any other reason keep it.
 
     Args:
-        q: NaN where it is not known; filled in place.
-        reason: (I, J) `Reason`, changed in place; poses that are not 1 at first are left alone.
-        strides: between neighbours, one after the other, falling; poses are counted from the first one.
-            With the last one a step that cannot be trusted is tried in parts.
+        x: (I, J, n) platform coordinates.
+        q: (I, J, nq) configurations; NaN at poses that are not reached.
+        reason: (I, J) `PoseReason` of each pose.
+        strides: between neighbours, falling: coarse poses first, those between them from there. Poses are
+            counted from the first one. With the last stride a step that cannot be trusted is tried in parts.
     """
-    lost = reason == Reason.NO_NEIGHBOUR
+    missing = reason == PoseReason.NO_NEIGHBOUR
     for stride in strides:
-        lattice = np.s_[::stride, ::stride]
-        _fill(
-            robot,
-            x[lattice],
-            q[lattice],
-            reason[lattice],
-            lost[lattice],
-            PARTS if stride == strides[-1] else 1,
-        )
+        coarse = np.s_[::stride, ::stride]
+        parts = STEP_PARTS if stride == strides[-1] else 1
+        _fill(robot, x[coarse], q[coarse], reason[coarse], missing[coarse], parts)
 
 
 def _fill(
     robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], wanted: BoolArray, parts: int
 ) -> None:
-    """`spread` on one lattice (views of the whole), wave by wave."""
+    """`fill_grid` on one lattice (views of the whole), wave by wave."""
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)
     while True:
         known = np.isfinite(q[..., 0])
@@ -100,9 +94,9 @@ def _fill(
             return
         to, (i, j) = np.nonzero(targets), sources[targets].T
         step = stepped(robot, q[i, j], x[i, j], x[to], parts)
-        reached = step.reason == Reason.REACHED
+        reached = step.reason == PoseReason.REACHED
         q[to] = np.where(reached[:, None], step.q, np.nan)
-        reason[to] = np.where(reached, Reason.REACHED, np.maximum(reason[to], step.reason))
+        reason[to] = np.where(reached, PoseReason.REACHED, np.maximum(reason[to], step.reason))
 
 
 def _shifted(known: BoolArray, down: int, right: int) -> BoolArray:
@@ -114,19 +108,19 @@ def _shifted(known: BoolArray, down: int, right: int) -> BoolArray:
     return found
 
 
-def stepped(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> Step:
-    """Configurations at platform coordinates `end` (T, n), from q (T, nq) at `start` (T, n).
+def stepped(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
+    """Assemble configurations at platform coordinates `end` (T, n), from q (T, nq) at `start` (T, n).
 
     What is refused in one step is tried in `parts`.
     """
     step = _one_step(robot, q, start, end)
-    again = step.reason == Reason.OTHER_MODE
+    again = step.reason == PoseReason.OTHER_MODE
     if parts == 1 or not again.any():
         return step
     here, reason = q[again], np.zeros(np.count_nonzero(again), dtype=np.uint8)
     way = end[again] - start[again]
     for k in range(parts):
-        good = reason == Reason.REACHED
+        good = reason == PoseReason.REACHED
         if not good.any():
             break
         at = start[again][good] + way[good] * (k / parts)
@@ -136,27 +130,27 @@ def stepped(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int
     return step
 
 
-def _one_step(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step:
+def _one_step(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
     lengths, still = robot.column_scale, np.zeros((len(q), robot.n_e))
-    before = system_at(robot, q, start)
+    before = linearised_at(robot, q, start)
     twist, _ = robot.platform.twist(start, end - start)
     move = joint_rates(robot, before, twist, still)
     ahead = integrate(robot, q, move)
-    there, after, closed = close_each(robot, end, ahead, iterations=STEPS, farthest=NEIGHBOUR)
+    there, after, closed = close_each(robot, end, ahead, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
     with np.errstate(invalid="ignore"):
         correction = np.abs(_between(robot, ahead, there) / lengths).max(axis=1)
         advance = np.abs(move / lengths).max(axis=1)
         near = closed & is_small(correction, advance)
         kept = near.copy()
         kept[near] = _same_branch(robot, before, after, end, twist, move, correction, advance, near)
-    reason = np.where(closed, np.where(kept, Reason.REACHED, Reason.OTHER_MODE), Reason.OPEN)
-    return Step(there, reason.astype(np.uint8))
+    reason = np.where(closed, np.where(kept, PoseReason.REACHED, PoseReason.OTHER_MODE), PoseReason.OPEN)
+    return StepEnds(there, reason.astype(np.uint8))
 
 
 def _same_branch(
     robot: ParallelRobot,
-    before: System,
-    after: System,
+    before: LinearisedLoops,
+    after: LinearisedLoops,
     end: Array,
     twist: Array,
     move: Array,
@@ -167,7 +161,7 @@ def _same_branch(
     """Whether steps end on the branch of their start, for `which` (T,) of them."""
     places = np.flatnonzero(which)
     (sign_one, size_one), (sign_two, size_two) = before.factors.slogdet, after.factors.slogdet
-    sure = (sign_one == sign_two) & (size_two - size_one > np.log(VANISHED))
+    sure = (sign_one == sign_two) & (size_two - size_one > np.log(DETERMINANT_LOST))
     kept = [bool(sure[k]) or keeps_working_mode(robot, before.at(int(k)), after.at(int(k))) for k in places]
     same = np.array(kept, dtype=np.bool_)
     places = places[same]
@@ -176,11 +170,11 @@ def _same_branch(
     some = after.at(places)
     turned = joint_rates(robot, some, twist[places], np.zeros((len(places), robot.n_e))) - move[places]
     turned = np.abs(turned / robot.column_scale).max(axis=1)
-    bent = turned > LARGEST_TURN * correction[places] + 0.25 * advance[places]
+    bent = turned > BRANCH_TURN * correction[places] + 0.25 * advance[places]
     if bent.any():
         loops = scaled(robot, after.at(places[bent]).closures, robot.loops.rotation)[:, :, robot.moving]
         values = np.linalg.svd(loops, compute_uv=False)
-        crossing = values[:, -1] < CROSSING * np.maximum(values[:, 0], 1.0)
+        crossing = values[:, -1] < BRANCHES_CROSS * np.maximum(values[:, 0], 1.0)
         same[np.flatnonzero(same)[bent]] = ~crossing
     return same
 

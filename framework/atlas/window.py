@@ -10,7 +10,7 @@ from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, finite_numbers, whole_number
 from framework.kinematics.parallel_robot import ParallelRobot
 
-MOST = 4000  # poses along an edge
+MAX_EDGE_POSES = 4000  # poses along an edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Window(ReadOnlyArrays):
     def __post_init__(self) -> None:
         super().__post_init__()
         for count in self.shape:
-            whole_number("size of a map", count, 2, MOST)
+            whole_number("size of a map", count, 2, MAX_EDGE_POSES)
         if not np.all(self.lower < self.upper):
             raise InvalidInput(
                 f"window: its lower ends {self.lower.tolist()} must be below the upper ones "

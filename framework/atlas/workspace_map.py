@@ -20,24 +20,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
-from framework.atlas.locus_on_map import MapLocus, locus_on_map
 from framework.atlas.quantities import Quantity, chosen, evaluate
-from framework.atlas.sweep import WORDS, Reason, spread
-from framework.atlas.window import MOST, Window, held_coordinates, map_axes
-from framework.dynamics.loading import LOAD_WORDS, LoadReason
+from framework.atlas.sweep import REASON_WORDS, PoseReason, fill_grid, stepped
+from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
 from framework.errors import InvalidInput, NoAnswer, OutOfReach
-from framework.kinematics.inverse_kinematics import mode_signs, require_square, system_at
+from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.tracking import assemble
+from framework.locus.locus_on_map import MapLocus, MapPoses, locus_on_map
 from framework.parallel.tasks import completed
+from framework.statics.loading import LOAD_WORDS, LoadReason
 
-SIZE = 200  # poses along an edge
-ROWS = 8  # of a band; poses between coarse ones at most
-LONGEST = 0.15  # [robot lengths, rad] between neighbours that are reached one from the other
-NEAREST = 9  # coarse poses near the reference that are tried as the first one
-SURVEY = 33  # poses along an edge of what is looked at for the reach of a robot
-REACH, REACH_OF_TURNS = 1.6, 1.6  # half an edge of it: in lengths of the robot, in rad
-MARGIN = 1.0  # cells of that, beyond the outermost poses reached: the next pose is not
+EDGE_POSES = 200  # poses along an edge
+BAND_ROWS = 8  # of a band; poses between coarse ones at most
+MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] between neighbours that are reached one from the other
+FIRST_POSE_TRIES = 9  # coarse poses near the reference that are tried as the first one
+SURVEY_EDGE_POSES = 33  # poses along an edge of what is looked at for the reach of a robot
+SURVEY_REACH, SURVEY_TURN = 1.6, 1.6  # [robot lengths], [rad] half an edge of it
+SURVEY_MARGIN = 1.0  # [cells] of that, beyond the outermost poses reached: the next pose is not
 Chunk = Mapping[str, NDArray]
 
 
@@ -50,7 +52,7 @@ class WorkspaceMap(ReadOnlyArrays):
     quantities: tuple[Quantity, ...]
     values: Mapping[str, Array]  # (I, J) by the quantity's key
     q: Array  # (I, J, nq)
-    reason: NDArray[np.uint8]  # (I, J) why a pose is not reached, `sweep.Reason`
+    reason: NDArray[np.uint8]  # (I, J) why a pose is not reached, `sweep.PoseReason`
     working_mode: int  # sign at the reference
     assembly: NDArray[np.int8]  # (I, J) sign of the assembly mode, 0 where not reached
     load: (
@@ -60,32 +62,40 @@ class WorkspaceMap(ReadOnlyArrays):
 
     @property
     def reached(self) -> BoolArray:
-        return self.reason == Reason.REACHED
+        return self.reason == PoseReason.REACHED
 
     @cached_property
     def locus(self) -> MapLocus:
         """The singular locus over the window on this branch, traced when it is first asked for."""
-        return locus_on_map(self.robot, self.window, self.q, self.reason, self.values["g"])
+        window = self.window
+        x, g = window.points(), self.values["g"]
+        poses = MapPoses(window.axes, window.lower, window.upper, x, self.q, self.reached, g, self._lead)
+        return locus_on_map(self.robot, poses)
+
+    def _lead(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
+        """Lead q (T, nq) from x = start (T, n) to x = end; return q there, and whether on the same branch."""
+        ends = stepped(self.robot, q, start, end)
+        return ends.q, ends.reason == PoseReason.REACHED
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many poses are reached, and why others are not, in words."""
-        return {WORDS[kind]: int(np.sum(self.reason == kind)) for kind in Reason}
+        """The number of poses reached, and of others by the reason in words."""
+        return {REASON_WORDS[kind]: int(np.sum(self.reason == kind)) for kind in PoseReason}
 
     @property
     def load_counts(self) -> dict[str, int]:
-        """How many of the poses reached carry the load, and why others do not; empty without a load."""
+        """The number of poses reached that carry the load, and of others by reason; empty without a load."""
         if self.load is None:
             return {}
         load = self.load[self.reached]
         return {LOAD_WORDS[kind]: int(np.sum(load == kind)) for kind in LoadReason}
 
 
-class Keeper(Protocol):
+class ChunkStore(Protocol):
     """A place for finished bands."""
 
     def found(self) -> Mapping[str, Chunk]:
-        """What is there, by name."""
+        """Return the finished bands, by name."""
         ...
 
     def keep(self, name: str, arrays: Chunk) -> None:
@@ -93,7 +103,7 @@ class Keeper(Protocol):
         ...
 
 
-class Band(NamedTuple):
+class RowBand(NamedTuple):
     """A task: rows of the window, with the coarse poses in them and on the row behind them."""
 
     first: int
@@ -113,7 +123,7 @@ def workspace_map(
     *,
     wrench: ArrayLike | None = None,
     executor: Executor | None = None,
-    keeper: Keeper | None = None,
+    keeper: ChunkStore | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> WorkspaceMap:
     """Quantities over a window, at the poses that continuation from the reference reaches.
@@ -149,7 +159,7 @@ def workspace_map(
         progress(done * window.shape[1])
     whole = {key: np.concatenate([chunks[band.name][key] for band in bands]) for key in chunks[bands[0].name]}
     _join_bands(robot, x, wanted, whole)
-    reference = system_at(robot, robot.reference.q[None], robot.reference.x[None])
+    reference = linearised_at(robot, robot.reference.q[None], robot.reference.x[None])
     return WorkspaceMap(
         robot=robot,
         window=window,
@@ -164,12 +174,14 @@ def workspace_map(
     )
 
 
-def filled_band(robot: ParallelRobot, window: Window, quantities: tuple[Quantity, ...], band: Band) -> Chunk:
+def filled_band(
+    robot: ParallelRobot, window: Window, quantities: tuple[Quantity, ...], band: RowBand
+) -> Chunk:
     """The poses and quantities of one band."""
     x = window.points()[band.first : band.first + len(band.q)]
     q, reason = band.q.copy(), band.reason.copy()
     strides = np.array([1, 2, 4])
-    spread(robot, x, q, reason, strides[strides < max(_stride(robot, window), 2)][::-1])
+    fill_grid(robot, x, q, reason, strides[strides < max(_stride(robot, window), 2)][::-1])
     rows = band.stop - band.first
     return _evaluated(robot, x[:rows], quantities, q[:rows], reason[:rows])
 
@@ -179,11 +191,11 @@ def surveyed(
     *,
     axes: tuple[str, str] | None = None,
     at: ArrayLike | None = None,
-    size: int = SIZE,
+    size: int = EDGE_POSES,
 ) -> Window:
     """The window about all that the reference's working mode reaches, within bounds.
 
-    Those are `REACH` robot lengths and `REACH_OF_TURNS` about the point `at`.
+    Those are `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at`.
 
     Args:
         axes: two of the platform's axes, by default its first translations.
@@ -195,11 +207,11 @@ def surveyed(
         OutOfReach: no pose near the reference is reached.
     """
     over, held = map_axes(robot, axes), held_coordinates(robot, at)
-    half = np.where(robot.translations, REACH * robot.length, REACH_OF_TURNS)[list(over)]
+    half = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(over)]
     about = held[list(over)]
-    whole = Window(over, about - half, about + half, (SURVEY, SURVEY), held)
-    reached = np.argwhere(_seeded(robot, whole, 1)[1] == Reason.REACHED)
-    low, high = reached.min(axis=0) - MARGIN, reached.max(axis=0) + MARGIN
+    whole = Window(over, about - half, about + half, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), held)
+    reached = np.argwhere(_seeded(robot, whole, 1)[1] == PoseReason.REACHED)
+    low, high = reached.min(axis=0) - SURVEY_MARGIN, reached.max(axis=0) + SURVEY_MARGIN
     lower, upper = whole.lower + low * whole.cell, whole.lower + high * whole.cell
     lower, upper = np.maximum(lower, whole.lower), np.minimum(upper, whole.upper)
     return Window(over, lower, upper, (size, size), held)
@@ -210,13 +222,15 @@ def surveyed(
 
 def _cell(robot: ParallelRobot, window: Window) -> float:
     """The longer edge of a cell [robot lengths, rad]."""
-    lengths = np.where(robot.translations, robot.length, 1.0)[list(window.axes)]
+    lengths = robot.platform_scale[list(window.axes)]
     return float((window.cell / lengths).max())
 
 
 def _stride(robot: ParallelRobot, window: Window) -> int:
     """Poses between coarse ones: a power of 2."""
-    return int(2 ** np.clip(np.floor(np.log2(LONGEST / _cell(robot, window))), 0, np.log2(ROWS)))
+    return int(
+        2 ** np.clip(np.floor(np.log2(MAX_NEIGHBOUR_DISTANCE / _cell(robot, window))), 0, np.log2(BAND_ROWS))
+    )
 
 
 def _seeded(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, NDArray[np.uint8]]:
@@ -224,27 +238,27 @@ def _seeded(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, N
 
     Where cells are longer than a step may be, poses between them are looked at on the way.
     """
-    finer = max(1, int(np.ceil(_cell(robot, window) / LONGEST)))
+    finer = max(1, int(np.ceil(_cell(robot, window) / MAX_NEIGHBOUR_DISTANCE)))
     shape = tuple((count - 1) * finer + 1 for count in window.shape)
-    if max(shape) > MOST:
+    if max(shape) > MAX_EDGE_POSES:
         wide = float((window.upper - window.lower).max()) / robot.length
         raise InvalidInput(
             f"window: {wide:.3g} robot lengths wide is more than poses can be followed over; lengths are in m"
         )
     x = replace(window, shape=(shape[0], shape[1])).points()
     q = np.full((*shape, robot.model.nq), np.nan)
-    reason = np.full(shape, Reason.NO_NEIGHBOUR, dtype=np.uint8)
+    reason = np.full(shape, PoseReason.NO_NEIGHBOUR, dtype=np.uint8)
     away = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
     order = np.dstack(np.unravel_index(np.argsort(away, axis=None, kind="stable"), away.shape))[0]
     refusal: NoAnswer | None = None
-    for i, j in order[:NEAREST] * stride:
+    for i, j in order[:FIRST_POSE_TRIES] * stride:
         try:
             q[i, j] = assemble(robot, x[i, j]).q
         except NoAnswer as error:
             refusal = refusal or error
             continue
-        reason[i, j] = Reason.REACHED
-        spread(robot, x, q, reason, np.array([stride]))
+        reason[i, j] = PoseReason.REACHED
+        fill_grid(robot, x, q, reason, np.array([stride]))
         return q[::finer, ::finer].copy(), reason[::finer, ::finer].copy()
     raise OutOfReach(
         f"{robot.name}: no pose of the map near the reference is reached from there: {refusal}",
@@ -256,20 +270,22 @@ def _seeded(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, N
     ) from refusal
 
 
-def _bands(robot: ParallelRobot, window: Window) -> list[Band]:
+def _bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
     q, reason = _seeded(robot, window, _stride(robot, window))
-    reason[reason != Reason.REACHED] = Reason.NO_NEIGHBOUR  # a nearer neighbour may reach it
+    reason[reason != PoseReason.REACHED] = PoseReason.NO_NEIGHBOUR  # a nearer neighbour may reach it
     bands = []
-    for first in range(0, len(q), ROWS):
-        stop = min(first + ROWS, len(q))
+    for first in range(0, len(q), BAND_ROWS):
+        stop = min(first + BAND_ROWS, len(q))
         rows = slice(first, min(stop + 1, len(q)))
         left = reason[rows].copy()
-        left[stop - first :][left[stop - first :] == Reason.NO_NEIGHBOUR] = Reason.OPEN  # the next band's own
-        bands.append(Band(first, stop, q[rows], left))
+        left[stop - first :][left[stop - first :] == PoseReason.NO_NEIGHBOUR] = (
+            PoseReason.OPEN
+        )  # the next band's own
+        bands.append(RowBand(first, stop, q[rows], left))
     return bands
 
 
-def _fits(chunk: Chunk | None, band: Band, quantities: tuple[Quantity, ...]) -> bool:
+def _fits(chunk: Chunk | None, band: RowBand, quantities: tuple[Quantity, ...]) -> bool:
     """Whether a kept chunk has what this band is to have."""
     keys = {"q", "reason", "assembly", *(quantity.key for quantity in quantities)}
     keys |= {"load"} if any(quantity.loaded for quantity in quantities) else set()
@@ -280,16 +296,16 @@ def _fits(chunk: Chunk | None, band: Band, quantities: tuple[Quantity, ...]) -> 
 def _evaluated(
     robot: ParallelRobot, x: Array, quantities: tuple[Quantity, ...], q: Array, reason: NDArray[np.uint8]
 ) -> dict[str, NDArray]:
-    reached = reason == Reason.REACHED
+    reached = reason == PoseReason.REACHED
     chunk: dict[str, NDArray] = {"q": q, "reason": reason, "assembly": np.zeros(reason.shape, dtype=np.int8)}
     chunk |= {quantity.key: np.full(reason.shape, np.nan) for quantity in quantities}
     if any(quantity.loaded for quantity in quantities):
         chunk["load"] = np.zeros(reason.shape, dtype=np.uint8)
     if reached.any():
-        system = system_at(robot, q[reached], x[reached])
-        for key, values in evaluate(robot, quantities, q[reached], system).items():
+        linearised = linearised_at(robot, q[reached], x[reached])
+        for key, values in evaluate(robot, quantities, q[reached], linearised).items():
             chunk[key][reached] = values
-        chunk["assembly"][reached] = mode_signs(robot, system)[1]
+        chunk["assembly"][reached] = mode_signs(robot, linearised)[1]
     return chunk
 
 
@@ -297,17 +313,17 @@ def _join_bands(
     robot: ParallelRobot, x: Array, quantities: tuple[Quantity, ...], whole: dict[str, NDArray]
 ) -> None:
     """Reach what only a step across the border of two bands reaches, in place."""
-    reason, before = whole["reason"], whole["reason"] == Reason.REACHED
+    reason, before = whole["reason"], whole["reason"] == PoseReason.REACHED
     border = np.zeros_like(before)
-    for first in range(ROWS, len(x), ROWS):
+    for first in range(BAND_ROWS, len(x), BAND_ROWS):
         border[first - 1] = ~before[first - 1] & before[first]
         border[first] = ~before[first] & before[first - 1]
     for wanted in (border, ~before):  # the others only if a border has let something in
-        reason[wanted & (reason != Reason.REACHED)] = Reason.NO_NEIGHBOUR
-        spread(robot, x, whole["q"], reason, np.array([1]))
-        if not (reason[border] == Reason.REACHED).any():
+        reason[wanted & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR
+        fill_grid(robot, x, whole["q"], reason, np.array([1]))
+        if not (reason[border] == PoseReason.REACHED).any():
             return
-    i, j = np.nonzero((reason == Reason.REACHED) & ~before)
+    i, j = np.nonzero((reason == PoseReason.REACHED) & ~before)
     chunk = _evaluated(robot, x[i, j][None], quantities, whole["q"][i, j][None], reason[i, j][None])
     for key, values in chunk.items():
         whole[key][i, j] = values[0]

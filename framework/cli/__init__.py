@@ -1,4 +1,20 @@
-"""The command line: `crossing COMMAND`, one file a command.
+"""The command line: `crossing COMMAND`, one file a command. Open `plan` first, then `arguments`.
+
+It parses and prints, and computes nothing.
+
+What commands share
+    parser              the parser, and the options of several commands
+    arguments           from options to the robot, the path and the request
+    console             reports on stdout, errors in one line on stderr
+
+Commands
+    robots, check, convert   the catalogue; what a file describes; files of other dialects
+    locate, pose             singular points on a path; all joints of a pose
+    workspace_map, design_study  `map`, and `map --study`
+    plan, raw                `plan`, and `plan --raw`
+    fidelity, simulate       how good the model and the plan are
+    robustness, replay       `robustness`, and `robustness STUDY --replay K`
+    show, report, export     pages, reports, files for other programs
 
 Exit codes: 0 done, 1 the answer is no (`check`: not assembled at its reference), 2 misuse or bad input, 70 a
 fault of this program, 130 ended by Ctrl-C, 143 by SIGTERM: all but 0 with one line on stderr. A page that is
@@ -41,10 +57,9 @@ COMMANDS = {
     "show": "show",
     "report": "report",
     "export": "export",
-    "chart": "chart",
 }
-UNEXPECTED = 70  # exit code; sysexits.h calls it EX_SOFTWARE
-DEBUG = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback
+UNEXPECTED_EXIT_CODE = 70  # exit code; sysexits.h calls it EX_SOFTWARE
+DEBUG_VARIABLE = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -85,9 +100,9 @@ def _run(given: Sequence[str], heard: Heard) -> int:
         return _refused(error, one_line(str(error)), 1 if isinstance(error, NoAnswer) else 2, given)
     except Exception as error:  # whatever else happens, nobody meant it to
         heard.check()  # an import that is interrupted may fail in other words
-        if os.environ.get(DEBUG):
+        if os.environ.get(DEBUG_VARIABLE):
             raise
-        return _refused(error, one_line(_unexpected(error)), UNEXPECTED, given)
+        return _refused(error, one_line(_unexpected(error)), UNEXPECTED_EXIT_CODE, given)
     return 0
 
 
@@ -110,8 +125,8 @@ def _unexpected(error: Exception) -> str:
     )
     return (
         f"unexpected {type(error).__name__}: {str(error)[:300] or 'no message'}{where}. This is a fault of "
-        f"the program: please report it with the command and the files that it reads ({DEBUG}=1 shows the "
-        f"traceback)"
+        f"the program: please report it with the command and the files that it reads "
+        f"({DEBUG_VARIABLE}=1 shows the traceback)"
     )
 
 

@@ -3,33 +3,31 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from framework.catalogue import robot_file
-from framework.crossing.fidelity import kept_options
+from framework.crossing.options import TYPED
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
+from framework.crossing.restored import is_plan_folder, load_plan
 from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import is_plan_folder, load_plan
 from framework.crossing.scenes import scene, scene_path, scene_request
 from framework.errors import InvalidInput
+from framework.fidelity.fidelity_study import kept_options
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import LARGEST, KeptRung, ParsedRobot
+from framework.model.description import LARGEST, KeptLevel, ParsedRobot
+from framework.model.readers.missing_fields import Propose
 from framework.model.readers.recognise import parse_any
 from framework.motion.path import Line, Path
 
 AUTO = "auto"
-OF_THE_MOTION = (  # arguments of `plan_crossing` that can be typed
-    *("duration", "times", "speeds", "geometry", "smoothness"),
-    *("law", "optimize", "longest", "torque_limit", "speed_limit", "margin", "keep_limits"),
-)
 
 
-def take_kept_rung(options: argparse.Namespace) -> KeptRung | None:
+def take_kept_level(options: argparse.Namespace) -> KeptLevel | None:
     """Put what the scene keeps of a fidelity study where --flexibility is auto; None where it is not.
 
     Raises:
@@ -42,7 +40,7 @@ def take_kept_rung(options: argparse.Namespace) -> KeptRung | None:
     other = [key for key in _typed(options) if key != "keep_limits"]
     if other:
         raise InvalidInput(
-            f"--{other[0].replace('_', '-')}: the rung of --flexibility auto was found for the motion of the "
+            f"{TYPED[other[0]].flag}: the rung of --flexibility auto was found for the motion of the "
             f"scene as it is in the robot file; leave one of them out"
         )
     description = parsed(options).description
@@ -70,9 +68,9 @@ def load_mechanism(options: argparse.Namespace) -> Mechanism:
     return found
 
 
-def parsed(options: argparse.Namespace) -> ParsedRobot:
+def parsed(options: argparse.Namespace, *, propose: Propose | None = None) -> ParsedRobot:
     """What the robot file says, or a file of a foreign dialect and what the options add to it."""
-    return parse_any(robot_file(options.robot), **_missing_fields(options))
+    return parse_any(robot_file(options.robot), propose=propose, **_missing_fields(options))
 
 
 def _missing_fields(options: argparse.Namespace) -> dict[str, Any]:
@@ -81,24 +79,30 @@ def _missing_fields(options: argparse.Namespace) -> dict[str, Any]:
         "platform": getattr(options, "platform", None),
         "axes": getattr(options, "axes", None),
         "motors": getattr(options, "motors", None),
-        "reference": _reference(getattr(options, "reference", None) or []),
+        "reference": dict(_joint_values("--reference", getattr(options, "reference", None) or [])),
         "base": getattr(options, "base", None),
+        "locked": dict(_locked(getattr(options, "lock", None) or [])),
+        "platform_joints": getattr(options, "platform_joints", None),
     }
 
 
-def _reference(given: Sequence[str]) -> dict[str, float]:
+def _locked(items: Sequence[str]) -> Iterator[tuple[str, float | None]]:
+    """Joints out of JOINT or JOINT=VALUE."""
+    for item in items:
+        yield from _joint_values("--lock", [item]) if "=" in item else [(item, None)]
+
+
+def _joint_values(option: str, items: Sequence[str]) -> Iterator[tuple[str, float]]:
     """Joint values out of JOINT=VALUE."""
-    reference: dict[str, float] = {}
-    for item in given:
+    for item in items:
         name, equals, value = item.rpartition("=")
         try:
             number = float(value)
         except ValueError:
             number = float("nan")
         if not (name and equals and abs(number) <= LARGEST):
-            raise InvalidInput(f"--reference: needs JOINT=VALUE with a finite number, got {item!r}")
-        reference[name] = number
-    return reference
+            raise InvalidInput(f"{option}: needs JOINT=VALUE with a finite number, got {item!r}")
+        yield name, number
 
 
 def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
@@ -145,7 +149,7 @@ def request_of_any_duration(options: argparse.Namespace, robot: ParallelRobot, a
 def _typed(options: argparse.Namespace) -> dict[str, Any]:
     """What of the motion has been typed."""
     given = vars(options)
-    typed = {key: given[key] for key in OF_THE_MOTION if given.get(key) is not None}
+    typed = {key: given[key] for key in TYPED if given.get(key) is not None}
     if "margin" in typed:
         typed["margin"] = share("--margin", typed["margin"])
     return typed
@@ -194,4 +198,4 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
     return load_plan(options.robot, robot_file=options.robot_file)
 
 
-_OF_A_PLAN = ("scene", "scenes", "start", "end", "flexibility", *OF_THE_MOTION)
+_OF_A_PLAN = ("scene", "scenes", "start", "end", "flexibility", *TYPED)

@@ -11,7 +11,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_missing_fields, add_robot, command
 from framework.errors import NotAssembled, point
-from framework.kinematics.diagnostics import check_robot
+from framework.kinematics.diagnostics.diagnosis import check_robot
 
 
 def add(commands: Any) -> None:

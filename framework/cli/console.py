@@ -13,17 +13,18 @@ from typing import TextIO
 
 from framework.errors import OutputError
 
-LONGEST = 1000  # characters of a complaint
-_KEPT = 800  # of a longer one, from its beginning
+MAX_MESSAGE_LENGTH = 1000  # [characters]
+_BEGINNING_LENGTH = 800  # [characters] of a longer message that are shown before the gap
 
 
 def one_line(message: str) -> str:
     """A message as one line of printable letters, its middle left out where it is long."""
     line = printable(" ".join(message.splitlines()))
-    if len(line) <= LONGEST:
+    if len(line) <= MAX_MESSAGE_LENGTH:
         return line
     left_out = f" [... {len(line)} characters ...] "
-    return line[:_KEPT] + left_out + line[_KEPT + len(left_out) - LONGEST :]
+    end_length = MAX_MESSAGE_LENGTH - _BEGINNING_LENGTH - len(left_out)
+    return line[:_BEGINNING_LENGTH] + left_out + line[-end_length:]
 
 
 def printable(text: str) -> str:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections import defaultdict
 from typing import Any
 
 from framework.cli import arguments
 from framework.cli.parser import Report, add_missing_fields, add_robot, command
+from framework.kinematics.diagnostics.proposal import propose
+from framework.model.description import ParsedRobot
 from framework.model.readers.recognise import DIALECTS
 from framework.model.robot_file_writer import write_robot_file
 
@@ -26,17 +29,36 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Write NAME.yaml and NAME.urdf into --out."""
-    description, _, dialect = arguments.parsed(options)
-    written = write_robot_file(description, options.out)
+    parsed = arguments.parsed(options, propose=propose)
+    description = parsed.description
+    left_out = [f"left out: {'; '.join(parsed.left_out)}"] if parsed.left_out else []
+    if friction := _dry_friction(parsed):
+        left_out.append(f"in the file, but no plan counts with it: dry friction of {friction} (joint side)")
+    written = write_robot_file(description, options.out, comments=(*parsed.remarks, *left_out))
     document = {
         "robot": description.name,
-        "dialect": dialect,
+        "dialect": parsed.dialect,
         "file": str(written),
         "urdf": str(written.with_suffix(".urdf")),
+        "remarks": list(parsed.remarks),
+        "left_out": list(parsed.left_out),
     }
-    closures = ", ".join(closure.name for closure in description.closures)
-    text = (
-        f"{description.name}, read as {DIALECTS[dialect]}: loops closed by {closures}\n"
-        f"  written to        {written}"
-    )
-    return document, f"{text}\n  next              crossing check {written}"
+    loops = [closure.name for closure in description.closures]
+    loops += [coupling.name for coupling in description.couplings]
+    lines = [
+        f"{description.name}, read as {DIALECTS[parsed.dialect]}: loops closed by {', '.join(loops)}",
+        *(f"  {remark}" for remark in (*parsed.remarks, *left_out)),
+        f"  written to        {written}",
+        f"  next              crossing check {written}",
+    ]
+    return document, "\n".join(lines)
+
+
+def _dry_friction(parsed: ParsedRobot) -> str:
+    """Return each size of dry friction with its unit and the joints that have it, as text."""
+    slides = {joint.get("name") for joint in parsed.urdf.findall("joint") if joint.get("type") == "prismatic"}
+    joints = defaultdict[str, list[str]](list)
+    for name, acting in parsed.description.joints.items():
+        if acting.friction:
+            joints[f"{acting.friction:g} {'N' if name in slides else 'N m'}"].append(name)
+    return "; ".join(f"{', '.join(names)} {size} each" for size, names in joints.items())

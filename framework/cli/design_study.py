@@ -10,7 +10,7 @@ import numpy as np
 from framework.atlas.design_study import (
     DOCUMENT,
     DesignStudy,
-    Task,
+    StudyTask,
     design_study,
     designs_of,
     study_setup,
@@ -26,8 +26,8 @@ from framework.output import written_together
 from framework.parallel.kept import KeptChunks, forget
 from framework.parallel.tasks import executor_of
 
-STUDIED = 41  # poses along an edge
-SHOWN = 20  # designs that are printed
+STUDY_EDGE_POSES = 41  # by default
+MAX_PRINTED_DESIGNS = 20
 NOT_FOR_STUDIES = ("scene", "at", "nearest", "wrench", "platform", "axes", "motors", "reference", "base")
 
 
@@ -40,13 +40,13 @@ def studied(options: argparse.Namespace) -> Report:
     designs = designs_of(file, options.table)
     robot = ParallelRobot.from_file(file, flexibility=options.flexibility)
     axes = map_axes(robot, None if options.over is None else tuple(options.over))
-    task = Task(
+    task = StudyTask(
         file=str(file.resolve()),
         names=designs.names,
         flexibility=options.flexibility,
         axes=(robot.axis_names[axes[0]], robot.axis_names[axes[1]]),
         window=None if options.window is None else finite_window(options),
-        size=options.size or STUDIED,
+        size=options.size or STUDY_EDGE_POSES,
         keys=tuple(one.key for one in chosen(robot, options.quantity)),
     )
 
@@ -97,14 +97,14 @@ def _told(found: DesignStudy, robot: str) -> Report:
         f"{robot}: {count} designs, {task_size(found)} poses each, {refused} make no robot",
         "  " + "  ".join(heads),
     ]
-    for k in range(min(count, SHOWN)):
+    for k in range(min(count, MAX_PRINTED_DESIGNS)):
         numbers = [*found.designs.values[k], *(values[k] for values in shown.values())]
         told = [f"{value:.4g}".ljust(len(head)) for value, head in zip(numbers, heads, strict=True)]
         if found.why[k]:
             told[len(found.designs.names) :] = [found.why[k]]
         lines.append("  " + "  ".join(told).rstrip())
-    if count > SHOWN:
-        lines.append(f"  and {count - SHOWN} more; --out or --json keeps all")
+    if count > MAX_PRINTED_DESIGNS:
+        lines.append(f"  and {count - MAX_PRINTED_DESIGNS} more; --out or --json keeps all")
     document = {
         "robot": robot,
         "designs": [

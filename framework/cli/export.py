@@ -19,10 +19,10 @@ from framework.cli.parser import (
     command,
     whole,
 )
-from framework.crossing.saved import is_plan_folder
+from framework.crossing.restored import is_plan_folder
 from framework.errors import InvalidInput
 from framework.export.joint_trajectory import DEFAULT, SAMPLES, SIDES, joint_trajectory, side_told
-from framework.export.mjcf import mjcf_text, ranges_left_out
+from framework.export.mjcf import START, mjcf_text, ranges_left_out
 from framework.output import write_file
 
 SUFFIXES = {"mjcf": (".xml", ".mjcf"), "ros2_control": (".yaml", ".yml", ".json")}
@@ -65,6 +65,7 @@ def run(options: argparse.Namespace) -> Report:
         saved = is_plan_folder(options.robot)
         robot = arguments.planned(options).robot if saved else arguments.load(options)
         text, what = mjcf_text(robot), "a MuJoCo model with its loops"
+        lines.append(f"  {START}")
         if left_out := ranges_left_out(robot):
             lines.append(f"  without the ranges of {', '.join(left_out)}: the reference is outside")
     else:

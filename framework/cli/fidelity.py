@@ -12,15 +12,15 @@ import numpy as np
 from framework.arrays import Array
 from framework.cli import arguments
 from framework.cli.parser import Report, add_motion, add_path, add_robot, command, progress_bar
-from framework.crossing.fidelity import ROUNDING, FidelityStudy, fidelity_study
-from framework.crossing.rung_judge import Judged
 from framework.errors import InvalidInput
-from framework.model.rungs import LADDER
+from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
+from framework.fidelity.model_comparison import Comparison
+from framework.model.fidelity_levels import LEVELS
 from framework.output import written_together
 
-FILE = "fidelity.json"
-SAME_LAW = 1e-12  # in s
-GROWS = 2.0  # times as far as by itself: worth a line
+STUDY_FILE = "fidelity.json"
+SAME_LAW_DIFFERENCE = 1e-12  # in s
+REPORTED_GROWTH = 2.0  # times as far as by itself: worth a line
 
 
 def add(commands: Any) -> None:
@@ -43,20 +43,20 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """Judge all rungs; with --out write the numbers and the figure."""
+    """Compare all levels; with --out write the numbers and the figure."""
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     if options.out is None:
         study, document, text = _studied(options)
     else:
         out = FilePath(options.out)
-        with written_together(out, document=FILE) as folder:
+        with written_together(out, document=STUDY_FILE) as folder:
             from framework.show.fidelity import plot_fidelity
             from framework.show.plots import save
 
             study, document, text = _studied(options)
             text += f"\n  written to        {out}"
-            (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+            (folder / STUDY_FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
             save(lambda: plot_fidelity(study), folder / "fidelity")
     options.refusal = study.refusal
     return document, text
@@ -66,7 +66,7 @@ def _studied(options: argparse.Namespace) -> tuple[FidelityStudy, dict[str, Any]
     """The study, for machines and for people; what a scene may keep if it is of the scene as it stands."""
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path_and_motion(options, robot)
-    with progress_bar(float(len(LADDER)), "rungs", silent=options.json) as progress:
+    with progress_bar(float(len(LEVELS)), "rungs", silent=options.json) as progress:
         study = fidelity_study(robot, path, tolerance=tolerance, progress=progress, **typed)
     document, text, kept = study.to_dict(), fidelity_text(study), study.kept
     if kept is None or options.scene is None or typed:
@@ -79,23 +79,23 @@ def fidelity_text(study: FidelityStudy) -> str:
     """A study for people."""
     plan, found = study.highest, study.enough
     lines = [
-        f"{study.robot.name}: {len(study.rungs)} rungs judged to {_percent(study.tolerance)} of the path, "
+        f"{study.robot.name}: {len(study.levels)} rungs judged to {_percent(study.tolerance)} of the path, "
         f"{study.length:.4g} m in {plan.duration:g} s, and of the peak torque; {study.seconds:.2g} s",
         "  " + _columns("rung", "plan", "torque", "platform", "law", "deflection", "foretold", "by"),
-        *(_row(study, judged) for judged in study.rungs),
+        *(_row(study, comparison) for comparison in study.levels),
     ]
     at = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
     lines.append(f"  crossing          {f's = {at}' if at else 'none'}")
-    if study.foretold.growth >= GROWS:
+    if study.indicators.growth >= REPORTED_GROWTH:
         lines.append(
-            f"  growth            what is off grows {study.foretold.growth:.2g} times: weight and torques "
+            f"  growth            what is off grows {study.indicators.growth:.2g} times: weight and torques "
             f"carry the platform away, and nothing corrects them"
         )
     if found is not None:
         torque, platform = (_where(study, errors) for errors in (found.torque_error, found.platform_error))
         lines += [
-            f"  enough            {found.rung.name}: torques off by {torque}, platform by {platform}",
-            f"  foretold          {study.foretold_rung.rung.name}, by the indicators alone",
+            f"  enough            {found.level.name}: torques off by {torque}, platform by {platform}",
+            f"  foretold          {study.indicated.level.name}, by the indicators alone",
         ]
     return "\n".join(lines)
 
@@ -109,20 +109,20 @@ def _columns(*cells: str) -> str:
     return "  ".join(padded).rstrip()
 
 
-def _row(study: FidelityStudy, judged: Judged) -> str:
+def _row(study: FidelityStudy, comparison: Comparison) -> str:
     """One rung as a line of the table, and what else is to be said of it below."""
-    name, law, spring = judged.rung.name, study.law_difference(judged), judged.deflection
-    foretold = _percent(study.foretold.error[name])
+    name, law, spring = comparison.level.name, study.law_difference(comparison), comparison.deflection
+    foretold = _percent(study.indicators.error[name])
     motion = ["-"] * 4
-    if judged.plan is not None:
+    if comparison.plan is not None:
         bent = "-" if spring is None else f"{spring[0]} {spring[1]:.2g}"
-        own = "same" if law <= SAME_LAW else f"{law:.1e}"
-        motion = [f"{1e3 * judged.plan.seconds:.0f} ms", _percent(judged.torque), own, bent]
+        own = "same" if law <= SAME_LAW_DIFFERENCE else f"{law:.1e}"
+        motion = [f"{1e3 * comparison.plan.seconds:.0f} ms", _percent(comparison.torque), own, bent]
     plan, torque, own, bent = motion
-    words = study.foretold.words[name]
-    notes = [f"the torques of {judged.same_as}"] if judged.same_as else []
-    notes += [judged.reason] if judged.reason else []
-    row = _columns(name, plan, torque, _percent(judged.platform), own, bent, foretold, words)
+    words = study.indicators.words[name]
+    notes = [f"the torques of {comparison.same_as}"] if comparison.same_as else []
+    notes += [comparison.reason] if comparison.reason else []
+    row = _columns(name, plan, torque, _percent(comparison.platform), own, bent, foretold, words)
     return "\n".join(f"  {line}" for line in (row, *(f"{'':18s}{note}" for note in notes)))
 
 
@@ -132,7 +132,7 @@ def _percent(share: float) -> str:
         return "-"
     if share >= 10.0:
         return "> 1000 %"
-    return f"{100.0 * share:.0f} %" if share >= 0.1 or share < ROUNDING else f"{100.0 * share:.2g} %"
+    return f"{100.0 * share:.0f} %" if share >= 0.1 or share < ERROR_ROUNDING else f"{100.0 * share:.2g} %"
 
 
 def _where(study: FidelityStudy, errors: Array) -> str:

@@ -9,14 +9,14 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.cli import arguments
-from framework.cli.parser import Report, add_flexibility, add_limits, add_path, add_robot, command
+from framework.cli.parser import Report, add_flexibility, add_options, add_path, add_robot, command
 from framework.crossing.durations import optimal_durations, polynomial_durations
 from framework.crossing.feasibility import feasibility_on_path
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.singularity.classification import moves_point
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.spring_shift import spring_shift
+from framework.singularity.type2 import moves_point
 
 
 def add(commands: Any) -> None:
@@ -30,7 +30,7 @@ def add(commands: Any) -> None:
     add_robot(parser)
     add_path(parser)
     add_flexibility(parser)
-    add_limits(parser)
+    add_options(parser, "torque_limit", "speed_limit", "margin")
 
 
 def run(options: argparse.Namespace) -> Report:

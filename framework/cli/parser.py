@@ -8,10 +8,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
-from framework.crossing.request import LAWS
+from framework.crossing.options import TYPED
 from framework.model.description import FLEXIBILITIES
-from framework.motion.cone_program import GOALS
-from framework.parallel.workers import MOST_WORKERS
+from framework.parallel.workers import MAX_WORKERS
 
 Report = tuple[dict[str, Any], str]  # for machines, for people
 
@@ -73,6 +72,15 @@ def add_missing_fields(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--reference", nargs="+", metavar="JOINT=VALUE", help="near an assembled configuration [rad, m]"
     )
+    group.add_argument(
+        "--platform-joints", nargs="+", metavar="JOINT", help="joints whose positions are the platform's"
+    )
+    group.add_argument(
+        "--lock",
+        nargs="+",
+        metavar="JOINT[=VALUE]",
+        help="hold joints, at the reference or at a value [rad, m]",
+    )
     group.add_argument("--base", metavar="LINK", help="only what this link carries moves, such as one leg")
 
 
@@ -104,52 +112,23 @@ def add_path(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--to", dest="end", type=float, nargs="+", metavar="X", help="last platform point")
 
 
-def add_motion(parser: argparse.ArgumentParser) -> None:
-    """What `plan_crossing` may be told."""
-    parser.add_argument("--duration", type=float, metavar="T", help="of the motion [s]")
-    parser.add_argument("--times", type=float, nargs="*", metavar="t", help="instants of the crossings [s]")
-    parser.add_argument("--speeds", type=float, nargs="*", metavar="v", help="s' at the crossings [1/s]")
-    parser.add_argument(
-        "--geometry",
-        choices=("rigid", "deformed"),
-        help="forces of the undeformed or of the deformed robot (default: deformed when elastic)",
-    )
-    parser.add_argument(
-        "--smoothness",
-        type=int,
-        metavar="R",
-        help="derivatives of s that vanish at both ends (default: 2 rigid, 4 elastic)",
-    )
-    parser.add_argument(
-        "--law",
-        choices=LAWS,
-        help="polynomial through times and speeds, optimal, or auto: polynomial where it advances (default)",
-    )
-    parser.add_argument("--optimize", choices=GOALS, help="what the optimal law is best at (peak_torque)")
-    parser.add_argument("--longest", type=float, metavar="T", help="bound on a duration that is found [s]")
-    add_limits(parser)
+def add_options(parser: argparse.ArgumentParser, *names: str) -> None:
+    """Add these options of a plan, declared in `crossing.options`; those not typed are None."""
+    for name in names:
+        option = TYPED[name]
+        text = option.summary.replace("%", "%%")
+        parser.add_argument(option.flag, default=None, help=text, **(option.typed or {}))
 
 
-def add_limits(parser: argparse.ArgumentParser) -> None:
-    """--torque-limit, --speed-limit and --margin."""
-    add_motor_limits(parser)
-    parser.add_argument("--margin", metavar="P", help="share of the limits left free, such as 10%% or 0.1")
-
-
-def add_motor_limits(parser: argparse.ArgumentParser) -> None:
-    """--torque-limit and --speed-limit."""
-    parser.add_argument(
-        "--torque-limit", type=float, nargs="+", metavar="N", help="of all motors, or of each, motor side"
-    )
-    parser.add_argument(
-        "--speed-limit", type=float, nargs="+", metavar="N", help="of all motors, or of each [rad/s]"
-    )
+def add_motion(parser: argparse.ArgumentParser, *, without: str = "") -> None:
+    """Add what `plan_crossing` may be told but one option; --keep-limits is for `crossing plan` alone."""
+    add_options(parser, *(name for name in TYPED if name not in ("keep_limits", without)))
 
 
 def add_executor(parser: argparse.ArgumentParser) -> None:
     """--workers and --dask, for `executor_of`."""
     parser.add_argument(
-        "--workers", type=whole(1, MOST_WORKERS), default=1, metavar="N", help="processes (default: 1)"
+        "--workers", type=whole(1, MAX_WORKERS), default=1, metavar="N", help="processes (default: 1)"
     )
     parser.add_argument("--dask", metavar="ADDRESS", help="of a dask scheduler, instead of --workers")
 

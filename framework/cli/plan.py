@@ -11,22 +11,31 @@ import numpy as np
 
 from framework.cli import arguments
 from framework.cli.locate import twist_text
-from framework.cli.parser import Report, add_flexibility, add_motion, add_path, add_robot, command, whole
+from framework.cli.parser import (
+    Report,
+    add_flexibility,
+    add_motion,
+    add_options,
+    add_path,
+    add_robot,
+    command,
+    whole,
+)
 from framework.cli.raw import report_raw
-from framework.crossing.bend import plan_bent_request
-from framework.crossing.bound import estimated_best
+from framework.crossing.optimal.lower_bound import estimated_best
+from framework.crossing.path_modification import plan_request_with_modified_path
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import FILE, plan_document
 from framework.errors import InvalidInput, NotConverged, point
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import KeptRung
+from framework.model.description import KeptLevel
 from framework.motion.law import Law, PlannedLaw
 from framework.output import written_together
 
-MOTION = "motion.csv"
-MOST_SAMPLES = 1_000_000
+MOTION_FILE = "motion.csv"
+MAX_SAMPLES = 1_000_000
 
 
 def add(commands: Any) -> None:
@@ -37,12 +46,7 @@ def add(commands: Any) -> None:
     add_path(parser)
     add_flexibility(parser, auto="what `crossing fidelity` found enough and the scene keeps")
     add_motion(parser)
-    parser.add_argument(
-        "--keep-limits",
-        action="store_true",
-        default=None,
-        help="refuse a plan beyond the limits of motors or of the URDF's joints, which is otherwise reported",
-    )
+    add_options(parser, "keep_limits")
     parser.add_argument(
         "--bend",
         action="store_true",
@@ -50,7 +54,7 @@ def add(commands: Any) -> None:
     )
     parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
     parser.add_argument(
-        "--samples", type=whole(2, MOST_SAMPLES), default=1501, metavar="N", help="rows of motion.csv"
+        "--samples", type=whole(2, MAX_SAMPLES), default=1501, metavar="N", help="rows of motion.csv"
     )
     parser.add_argument(
         "--raw",
@@ -61,7 +65,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
-    kept = arguments.take_kept_rung(options)
+    kept = arguments.take_kept_level(options)
     robot = arguments.load(options)
     request = arguments.request(options, robot)
     if options.out == "":
@@ -87,23 +91,23 @@ def run(options: argparse.Namespace) -> Report:
         document = plan_document(plan, out) | more
         (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
         motion = plan.samples(options.samples)
-        (folder / MOTION).write_text(motion.as_csv(), encoding="utf-8")
-        (folder / f"{MOTION}-metadata.json").write_text(motion.metadata(MOTION), encoding="utf-8")
+        (folder / MOTION_FILE).write_text(motion.as_csv(), encoding="utf-8")
+        (folder / f"{MOTION_FILE}-metadata.json").write_text(motion.metadata(MOTION_FILE), encoding="utf-8")
         save_figures(plan, folder)
     return document, f"{plan_text(plan)}{told}\n  written to        {out}"
 
 
 def _planned(
-    robot: ParallelRobot, request: Request, kept: KeptRung | None, *, bend: bool
+    robot: ParallelRobot, request: Request, kept: KeptLevel | None, *, bend: bool
 ) -> tuple[CrossingPlan, dict[str, Any], str]:
     """The plan; for machines and people the rung that a scene keeps, or how far --bend has bent its path."""
     if kept is not None:
-        told = f"{kept.rung} is enough for {100 * kept.tolerance:g} %, as the scene keeps"
-        document = {"fidelity": {"rung": kept.rung, "tolerance": kept.tolerance}}
+        told = f"{kept.level} is enough for {100 * kept.tolerance:g} %, as the scene keeps"
+        document = {"fidelity": {"rung": kept.level, "tolerance": kept.tolerance}}
         return plan_request(robot, request), document, f"\n  fidelity          {told}"
     if not bend:
         return plan_request(robot, request), {}, ""
-    found = plan_bent_request(robot, request)
+    found = plan_request_with_modified_path(robot, request)
     far = f"{1e3 * found.moved:.3g} mm" + (f" and {found.turned:.3g} rad" if found.turned else "")
     told = f"by at most {far}, {100 * found.share:.2g} % of its length, its ends kept; a spline now"
     line = f"\n  path bent         {told if found.share else 'not at all: it needs none'}"
@@ -166,6 +170,16 @@ def plan_text(plan: CrossingPlan) -> str:
         f"{certificate.max_closure_error:.1e}, joints in balance to {certificate.max_residual_torque:.1e} "
         f"N m or N",
     ]
+    if certificate.max_held_torque:
+        idle = ", ".join(robot.coordinates.name_of(int(column)) for column in robot.structure.idle)
+        lines.append(
+            f"  held still        {idle}, which nothing holds: {certificate.max_held_torque:.1e} N m or N"
+        )
+    if certificate.rounded_gap:
+        gap = certificate.rounded_gap
+        lines.append(f"  rounded           loops that repeat others stay open by {gap:.1e} m or rad")
+    if plan.neglected_friction:
+        lines.append(f"  left out          dry friction: {plan.neglected_friction} (joint side)")
     for joint, excess in plan.exceeded.items():
         lines.append(f"  warning           {joint} exceeds its limits: {excess}")
     if certificate.end_speed > 1e-6:

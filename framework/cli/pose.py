@@ -10,16 +10,16 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.cli import arguments
-from framework.cli.parser import Report, add_flexibility, add_motor_limits, add_robot, command
+from framework.cli.parser import Report, add_flexibility, add_options, add_robot, command
 from framework.dynamics.platform_limits import PlatformLimits, platform_limits
 from framework.errors import InvalidInput, NotAssembled
-from framework.kinematics.assembly_modes import assembly_modes
-from framework.kinematics.forward_kinematics import forward_kinematics
+from framework.kinematics.continuation.forward_kinematics import forward_kinematics
+from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
-from framework.kinematics.tracking import assemble
-from framework.kinematics.working_modes import working_modes
-from framework.singularity.classify import Classification, classify
+from framework.proofs.assembly_modes import assembly_modes
+from framework.proofs.working_modes import working_modes
+from framework.singularity.pose_classes import Classification, classify
 
 
 def add(commands: Any) -> None:
@@ -45,7 +45,7 @@ def add(commands: Any) -> None:
         action="store_true",
         help="every pose for these motors (assembly modes), or every way to this platform (working modes)",
     )
-    add_motor_limits(parser)
+    add_options(parser, "torque_limit", "speed_limit")
 
 
 def run(options: argparse.Namespace) -> Report:

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from framework.cli.parser import Report
-from framework.control.closed_loop import Run
+from framework.control.run_monitor import Run
 from framework.control.study_setup import load_study, versions
 from framework.errors import InvalidInput
 
@@ -22,7 +22,8 @@ def replayed(options: argparse.Namespace) -> Report:
     plain = vars(options.parser.parse_args([options.robot]))
     for key, value in vars(options).items():
         if key not in OF_A_REPLAY and value != plain[key]:
-            name = {"start": "from", "end": "to"}.get(key, key.replace("_", "-"))
+            flag = key.removeprefix("spread_").replace("_", "-")
+            name = {"start": "from", "end": "to"}.get(key, flag)
             raise InvalidInput(f"--{name}: the study in {options.robot} has its own; leave it out")
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
     try:

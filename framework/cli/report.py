@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from framework.cli.parser import Report, add_moved_robot, command
-from framework.crossing.saved import FILE, load_plan
+from framework.crossing.restored import load_plan
+from framework.crossing.saved import FILE
 from framework.errors import InvalidInput
 from framework.input import read_text
 from framework.output import write_file

@@ -8,7 +8,7 @@ from typing import Any
 from framework.catalogue import catalogue
 from framework.cli.parser import Report, command
 from framework.errors import MissingPackage
-from framework.kinematics.diagnostics import check_robot
+from framework.kinematics.diagnostics.diagnosis import check_robot
 
 
 def add(commands: Any) -> None:

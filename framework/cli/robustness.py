@@ -25,9 +25,9 @@ from framework.cli.parser import (
     whole,
 )
 from framework.cli.replay import replayed
-from framework.control.closed_loop import SENSORS, ControlLoop
 from framework.control.controllers import CONTROLLERS
 from framework.control.kept_runs import KeptRuns
+from framework.control.run_monitor import SENSORS, ControlLoop
 from framework.control.study import Study, run_study
 from framework.control.study_setup import FILE, StudySetup
 from framework.control.variation import Spread
@@ -40,7 +40,7 @@ COLUMNS = (
     *("controller", "study_seed", "run", "passed"),
     *("tracking_error", "end_error", "peak_torque", "payload", "why"),
 )
-MOST_RUNS = 1_000_000
+MAX_RUNS = 1_000_000
 TEXT = "drive a planned crossing with a controller on many robots that differ from their model"
 
 
@@ -50,7 +50,7 @@ def add(commands: Any) -> None:
     add_robot(parser, "catalogue name, path of a robot file, or a folder of `crossing plan --out`")
     add_path(parser)
     add_flexibility(parser)
-    add_motion(parser)
+    add_motion(parser, without="friction")  # which is one of the differences of the robots
     add_moved_robot(parser)
     parser.add_argument(
         "--controller",
@@ -59,7 +59,7 @@ def add(commands: Any) -> None:
         help="one or several to compare (default: feedforward)",
     )
     parser.add_argument(
-        "--runs", type=whole(1, MOST_RUNS), default=200, metavar="N", help="runs a controller (default: 200)"
+        "--runs", type=whole(1, MAX_RUNS), default=200, metavar="N", help="runs a controller (default: 200)"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="K", help="of the study (default: 0)")
     add_executor(parser)
@@ -71,7 +71,7 @@ def add(commands: Any) -> None:
     )
     parser.add_argument(
         "--replay",
-        type=whole(0, MOST_RUNS),
+        type=whole(0, MAX_RUNS),
         metavar="K",
         help="run number K of the study in the folder ROBOT once more, alone",
     )
@@ -87,7 +87,12 @@ def add(commands: Any) -> None:
         ("speed-noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
     ):
         spread.add_argument(
-            f"--{name}", type=float, default=default, metavar="X", help=f"{text} (default: {default:g})"
+            f"--{name}",
+            dest=f"spread_{name.replace('-', '_')}",
+            type=float,
+            default=default,
+            metavar="X",
+            help=f"{text} (default: {default:g})",
         )
     loop = parser.add_argument_group("the control loop")
     loop.add_argument("--period", type=float, default=1e-3, metavar="T", help="sampling period [s] (1e-3)")
@@ -114,7 +119,7 @@ def run(options: argparse.Namespace) -> Report:
         return replayed(options)
     spread = Spread(
         **{
-            name: getattr(options, name)
+            name: getattr(options, f"spread_{name}")
             for name in ("payload", "stiffness", "places", "friction", "delay", "noise", "speed_noise")
         }
     )

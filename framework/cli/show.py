@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from framework.cli import arguments
 from framework.cli.console import tell
 from framework.cli.parser import Report, add_flexibility, add_motion, add_moved_robot, add_robot, command
+from framework.crossing.options import TYPED
 from framework.errors import InvalidInput, NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import write_file
@@ -98,9 +99,9 @@ def _films(options: argparse.Namespace) -> list[Film]:
         return [film_plan(saved, name=plan_name(saved, FilePath(options.robot).resolve().name))]
     line = options.start is not None or options.end is not None
     if options.scenes is None and not line:
-        for option in arguments.OF_THE_MOTION:
-            if getattr(options, option, None) is not None:
-                raise InvalidInput(f"--{option}: needs a motion; give --scene, or --from and --to")
+        for option in TYPED.values():
+            if getattr(options, option.name, None) is not None:
+                raise InvalidInput(f"{option.flag}: needs a motion; give --scene, or --from and --to")
         return []
     robot = arguments.load(options)
     return [_film(options, robot, name) for name in options.scenes or [None]]

@@ -25,8 +25,7 @@ from framework.errors import InvalidInput, NoAnswer
 from framework.output import written_together
 from framework.simulation import Simulation, simulate
 from framework.simulation.methods import METHODS
-
-OFF = 1e-3  # [robot lengths, rad] from the path: farther, and the torques do not bring the robot along it
+from framework.tolerances import MOTION_OFF_PATH
 
 
 def add(commands: Any) -> None:
@@ -84,13 +83,13 @@ def run(options: argparse.Namespace) -> Report:
 def _unit(result: Simulation) -> tuple[str, float]:
     """Unit of the tracking error, and how much of it is off the path."""
     moves = bool(result.robot.translations.any())
-    return ("m", OFF * result.robot.length) if moves else ("rad", OFF)
+    return ("m", MOTION_OFF_PATH * result.robot.length) if moves else ("rad", MOTION_OFF_PATH)
 
 
 def _check_on_path(result: Simulation) -> None:
     unit, allowed = _unit(result)
     tracking, turning = result.tracking_error or 0.0, result.turning_error or 0.0
-    if tracking <= allowed and turning <= OFF:
+    if tracking <= allowed and turning <= MOTION_OFF_PATH:
         return
     how = f"{tracking:.3g} {unit}" + (f" and {turning:.3g} rad" if result.turning_error is not None else "")
     raise NoAnswer(
@@ -131,7 +130,7 @@ def _write_csv(result: Simulation, plan: CrossingPlan, file: FilePath) -> None:
             result.platform(times),
             plan.platform(np.minimum(times, plan.duration)),
             robot.gear_ratio * robot.actuated_coordinates(result.q),
-            robot.positions(result.q)[:, robot.elastic],
+            robot.coordinates.positions(result.q)[:, robot.elastic],
         ]
     )
     np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")

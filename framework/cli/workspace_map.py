@@ -11,9 +11,9 @@ from framework.atlas.map_files import DOCUMENT, map_document, setup_document, wr
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
 from framework.atlas.quantities import QUANTITIES, Quantity, chosen, unit_of
 from framework.atlas.window import Window, held_coordinates, map_axes
-from framework.atlas.workspace_map import SIZE, WorkspaceMap, surveyed, workspace_map
+from framework.atlas.workspace_map import EDGE_POSES, WorkspaceMap, surveyed, workspace_map
 from framework.cli import arguments
-from framework.cli.design_study import STUDIED, finite_window, studied
+from framework.cli.design_study import STUDY_EDGE_POSES, finite_window, studied
 from framework.cli.parser import (
     Report,
     add_executor,
@@ -26,14 +26,14 @@ from framework.cli.parser import (
 )
 from framework.crossing.scenes import scene, scene_path
 from framework.errors import InvalidInput, point
+from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tracking import assemble
 from framework.motion.path import Path
 from framework.output import written_together
 from framework.parallel.kept import KeptChunks, forget
 from framework.parallel.tasks import executor_of
 
-MOST = 4000  # poses along an edge
+MAX_EDGE_POSES = 4000
 TEXT = "quantities over the workspace on one working mode, with the singular locus on top"
 MORE = (
     "Poses are reached from the reference by continuation, so the map never leaves its working mode; what is "
@@ -65,9 +65,9 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )
     parser.add_argument(
         "--size",
-        type=whole(2, MOST),
+        type=whole(2, MAX_EDGE_POSES),
         metavar="N",
-        help=f"poses along an edge (default: {SIZE}, of a study {STUDIED})",
+        help=f"poses along an edge (default: {EDGE_POSES}, of a study {STUDY_EDGE_POSES})",
     )
     parser.add_argument(
         "--wrench",
@@ -132,7 +132,7 @@ def run(options: argparse.Namespace) -> Report:
 def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None) -> Window:
     axes = None if options.over is None else tuple(options.over)
     at = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
-    size = options.size or SIZE
+    size = options.size or EDGE_POSES
     if options.window is None:
         return surveyed(robot, axes=axes, at=at, size=size)
     given = np.array(finite_window(options))
@@ -195,7 +195,7 @@ def _told(found: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
     lines = [f"{robot.name}: {window.shape[0]} x {window.shape[1]} poses, {spans}, {found.seconds:.2f} s"]
     lines += [f"  {why:40s}  {count}" for why, count in found.counts.items() if count]
     lines += [f"  under load: {why:52s}  {count}" for why, count in found.load_counts.items() if count]
-    lines.append(f"  locus: {found.locus.told}, {found.locus.seconds:.2f} s")
+    lines.append(f"  locus: {found.locus.sentence}, {found.locus.seconds:.2f} s")
     lines.append(f"  {'':56s}  least       median      largest")
     for one in found.quantities:
         told = document["quantities"][one.key]

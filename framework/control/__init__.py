@@ -3,15 +3,17 @@
     reference = reference_of(plan, period=1e-3)
     study = run_study(tuned_controller("lqr", reference), ControlLoop(), Spread(payload=0.05), runs=200)
 
+Open `study` first (many runs), then `closed_loop` (one sampling period after the other).
 `tuned_controller` makes one of `CONTROLLERS` for a plan, `run_closed_loop` drives robots that differ from the
 model as `Spread` says, `run_study` draws and judges many of them, and `load_study` reads what `crossing
 robustness --out` wrote. A controller of one's own follows the protocol `Controller`.
 """
 
-from framework.control.closed_loop import ControlLoop, Run, run_closed_loop
+from framework.control.closed_loop import run_closed_loop
 from framework.control.controllers import CONTROLLERS, tuned_controller
 from framework.control.estimation import Controller, Measurement
 from framework.control.reference import Reference, reference_of
+from framework.control.run_monitor import ControlLoop, Run
 from framework.control.study import Study, run_study
 from framework.control.study_setup import StudySetup, load_study
 from framework.control.variation import Spread, Variation, draw

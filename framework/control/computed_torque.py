@@ -40,7 +40,7 @@ class ComputedTorque:
     def tuned(
         reference: Reference, *, aware: bool, frequency: float = 20.0, damping: float = 1.0
     ) -> ComputedTorque:
-        """The law with error dynamics of one natural `frequency` [rad/s].
+        """Return the law with error dynamics of one natural `frequency` [rad/s].
 
         Raises:
             InvalidInput: the robot has springs, or redundant motors.
@@ -54,16 +54,16 @@ class ComputedTorque:
         multipliers = _planned_multipliers(reference) if aware else None
         return ComputedTorque(reference, frequency, damping, multipliers)
 
-    def torque(self, k: int, seen: Measurement) -> Array:
-        """Motor torques (R, n_a) [N m]; infinite where the naive law divides by zero."""
+    def torque(self, k: int, measurement: Measurement) -> Array:
+        """Compute motor torques (R, n_a) [N m]; infinite where the naive law divides by zero."""
         ref, robot = self.reference, self.reference.robot
-        state = estimated_state(ref, k, seen, aware=self.multipliers is not None)
-        asked = (
+        state = estimated_state(ref, k, measurement, aware=self.multipliers is not None)
+        command = (
             ref.ddx[k]
             + 2 * self.damping * self.frequency * (ref.dx[k] - state.dx)
             + self.frequency**2 * (ref.x[k] - state.x)
         )
-        motion = _constrained_motion(robot, state, asked)
+        motion = _constrained_motion(robot, state, command)
         columns = robot.following
         J = scaled(robot, motion.loops, robot.loops.rotation)  # (R, m, nv) dimensionless
         r = tree_forces(robot, motion) * robot.column_scale
@@ -88,27 +88,27 @@ class _Motion(NamedTuple):
 
 
 def _constrained_motion(robot: ParallelRobot, state: RobotState, ddx: Array) -> _Motion:
-    """Joint velocities and accelerations for platform rates of the states and ddx (R, n).
+    """Compute joint velocities and accelerations for platform rates of the states and ddx (R, n).
 
     As `motion_at`, but run by run where that factors all instants as one band matrix: there the length of
     the stack rounds differently. Infinite where the platform does not determine the joints.
     """
-    at, columns = frames_at(robot, state.q), robot.moving
+    frames, columns = frames_at(robot, state.q), robot.moving
     rows = robot.loops
-    loops = loop_equations(rows, at).jacobian
-    whole = np.concatenate([robot.platform.jacobian(at), loops], axis=1)[:, :, columns]
+    loops = loop_equations(rows, frames).jacobian
+    whole = np.concatenate([robot.platform.jacobian(frames), loops], axis=1)[:, :, columns]
     twist, dtwist = robot.platform.twist(state.x, state.dx, ddx)
     v, a = np.zeros((2, len(state.q), robot.model.nv))
     v[:, columns] = solve(whole, np.concatenate([twist, np.zeros((len(twist), len(rows.names)))], axis=1))
-    motions = frame_motions(robot, at, state.q, v)
-    platform_drift = robot.platform.drift(at, motions)
-    drift = np.concatenate([dtwist - platform_drift, -closure_drift(rows, at, motions)], axis=1)
+    motions = frame_motions(robot, frames, state.q, v)
+    platform_drift = robot.platform.drift(frames, motions)
+    drift = np.concatenate([dtwist - platform_drift, -closure_drift(rows, frames, motions)], axis=1)
     a[:, columns] = solve(whole, drift)
     return _Motion(state.q, v, a, loops)
 
 
 def _planned_multipliers(reference: Reference) -> Array:
-    """Multipliers (K, m) of the dimensionless loop rows along the plan, finite at the crossing too.
+    """Compute the multipliers (K, m) of the scaled loop rows along the plan, finite at the crossing too.
 
     There P alone cannot tell them; all rows of J' lambda = r - S tau can, once tau is known.
     """
@@ -116,6 +116,6 @@ def _planned_multipliers(reference: Reference) -> Array:
     r = tree_forces(robot, motion)
     n = robot.gear_ratio
     r[:, robot.actuated] -= n * (reference.torque - robot.rotor_inertia * n * motion.a[:, robot.actuated])
-    J = scaled(robot, motion.system.closures, robot.loops.rotation)
+    J = scaled(robot, motion.linearised.closures, robot.loops.rotation)
     transposed = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
     return np.asarray((transposed @ (r * robot.column_scale)[..., None])[..., 0])

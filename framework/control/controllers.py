@@ -20,7 +20,7 @@ CONTROLLERS: Mapping[str, Callable[[Reference], Controller]] = {
 
 
 def tuned_controller(name: str, reference: Reference) -> Controller:
-    """The controller of that name with its default gains.
+    """Return the controller of that name with its default gains.
 
     Raises:
         InvalidInput: unknown name, or a robot that the controller is not for.

@@ -16,7 +16,7 @@ from framework.control.reference import Reference
 from framework.kinematics.frames import integrate
 from framework.linalg.ordered_sums import matvec
 
-NEAR = 0.1  # singular values below this share of the largest count as near the singularity
+FADING_RATIO = 0.1  # singular values below this share of the largest count as near the singularity
 
 
 class RobotState(NamedTuple):
@@ -29,7 +29,7 @@ class RobotState(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """What the encoders say; `state` is None when there are encoders on the motors alone."""
+    """The readings of the encoders; `state` is None when there are encoders on the motors alone."""
 
     motor_angle: Array  # (R, n_a) [rad], motor side
     motor_speed: Array  # (R, n_a)
@@ -42,18 +42,21 @@ class Controller(Protocol):
     @property
     def reference(self) -> Reference: ...
 
-    def torque(self, k: int, seen: Measurement) -> Array:
+    def torque(self, k: int, measurement: Measurement) -> Array:
         """Motor torques (R, n_a) [N m], motor side, asked for at sampling instant k."""
         ...
 
 
-def estimated_state(reference: Reference, k: int, seen: Measurement, *, aware: bool) -> RobotState:
-    """The state at sampling instant k: as measured, or by one Newton step from the plan."""
-    if seen.state is not None:
-        return seen.state
+def estimated_state(reference: Reference, k: int, measurement: Measurement, *, aware: bool) -> RobotState:
+    """Estimate the state at sampling instant k: as measured, or by one Newton step from the plan."""
+    if measurement.state is not None:
+        return measurement.state
     robot, N = reference.robot, reference.N[k]
     G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
-    angle, speed = seen.motor_angle - reference.motor_angle[k], seen.motor_speed - reference.motor_speed[k]
+    angle, speed = (
+        measurement.motor_angle - reference.motor_angle[k],
+        measurement.motor_speed - reference.motor_speed[k],
+    )
     turned = np.stack([angle, speed])
     step, rate = consistent_solution(G[None], turned) if aware else matvec(_inverse(G), turned)
     return RobotState(
@@ -65,22 +68,22 @@ def estimated_state(reference: Reference, k: int, seen: Measurement, *, aware: b
 
 
 def consistent_solution(matrices: Array, right: Array) -> Array:
-    """Least-squares solutions (R, k) of systems (R, m, k) with right-hand sides (R, m).
+    """Compute least-squares solutions (R, k) of systems (R, m, k) with right-hand sides (R, m).
 
-    Directions fade out as their singular value does: where it is below `NEAR` of the largest, its inverse
-    sinks to zero with it. NaN where a matrix is not finite.
+    Directions fade out as their singular value does: where it is below `FADING_RATIO` of the largest, its
+    inverse sinks to zero with it. NaN where a matrix is not finite.
     """
     finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]
     u, sigma, v = np.linalg.svd(np.where(finite[:, None], matrices, 0.0), full_matrices=False)
-    near = NEAR * sigma[:, :1]
+    threshold = FADING_RATIO * sigma[:, :1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = np.where(sigma > near, 1.0 / np.maximum(sigma, near), sigma / near**2)
-    found = matvec(v.transpose(0, 2, 1), inverse * matvec(u.transpose(0, 2, 1), right))
-    return np.where(finite, found, np.nan)
+        inverse = np.where(sigma > threshold, 1.0 / np.maximum(sigma, threshold), sigma / threshold**2)
+    solutions = matvec(v.transpose(0, 2, 1), inverse * matvec(u.transpose(0, 2, 1), right))
+    return np.where(finite, solutions, np.nan)
 
 
 def _inverse(matrix: Array) -> Array:
-    """The inverse as a program would take it that knows no better; infinite where there is none."""
+    """Return the inverse as a program takes it that knows no better; infinite where there is none."""
     try:
         return np.asarray(np.linalg.inv(matrix))
     except np.linalg.LinAlgError:

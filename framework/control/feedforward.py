@@ -15,7 +15,7 @@ from framework.control.estimation import Measurement
 from framework.control.platform_dynamics import platform_dynamics
 from framework.control.reference import Reference
 
-SAMPLED = 0.5  # of the damping at which a rotor stops within one sampling period; 2 is unstable
+MAX_SAMPLED_DAMPING = 0.5  # of the damping at which a rotor stops within one sampling period; 2 is unstable
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,27 +28,27 @@ class FeedforwardPD:
 
     @staticmethod
     def tuned(reference: Reference, *, frequency: float = 40.0, damping: float = 1.0) -> FeedforwardPD:
-        """Gains that give each motor, alone at the start of the motion, the natural `frequency` [rad/s].
+        """Return the controller whose gains give each motor the natural `frequency` [rad/s].
 
-        With springs a motor feels its rotor before it feels the rest; the frequency is then lowered to what
-        a sampled damper may do to a rotor.
+        That is so for each alone, at the start of the motion. With springs a motor feels its rotor before
+        it feels the rest; the frequency is then lowered to what a sampled damper may do to a rotor.
         """
         robot, N = reference.robot, reference.N[:1]
         mass = platform_dynamics(robot, reference.x[:1], reference.dx[:1], reference.motion.q[:1]).mass[0]
         geared = robot.gear_ratio[:, None] * N[0][robot.actuated]  # (n_a, n) motor speed for unit dx
-        back = np.linalg.pinv(geared)
-        inertia = np.diag(back.T @ mass @ back)  # (n_a,) [kg m^2], what each motor turns
+        from_motors = np.linalg.pinv(geared)
+        inertia = np.diag(from_motors.T @ mass @ from_motors)  # (n_a,) [kg m^2], what each motor turns
         rate = np.full(robot.n_a, frequency)
         if robot.n_e and robot.rotor_inertia.all():
-            held = SAMPLED * robot.rotor_inertia / (2 * damping * inertia * reference.period)
-            rate = np.minimum(rate, held)
+            highest = MAX_SAMPLED_DAMPING * robot.rotor_inertia / (2 * damping * inertia * reference.period)
+            rate = np.minimum(rate, highest)
         return FeedforwardPD(reference, rate**2 * inertia, 2 * damping * rate * inertia)
 
-    def torque(self, k: int, seen: Measurement) -> Array:
-        """Motor torques (R, n_a) [N m]."""
+    def torque(self, k: int, measurement: Measurement) -> Array:
+        """Compute motor torques (R, n_a) [N m]."""
         ref = self.reference
         return (
             ref.held[k]
-            + self.k_p * (ref.motor_angle[k] - seen.motor_angle)
-            + self.k_d * (ref.motor_speed[k] - seen.motor_speed)
+            + self.k_p * (ref.motor_angle[k] - measurement.motor_angle)
+            + self.k_d * (ref.motor_speed[k] - measurement.motor_speed)
         )

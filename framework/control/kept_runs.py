@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from framework.control.closed_loop import Run
+from framework.control.run_monitor import Run
 from framework.parallel.kept import Arrays, KeptChunks
 
-KEPT = ("passed", "why", "tracking_error", "end_error", "peak_torque", "payload")
+KEPT_FIELDS = ("passed", "why", "tracking_error", "end_error", "peak_torque", "payload")
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,13 @@ class KeptRuns:
 
     @staticmethod
     def of(out: Path, setup: Mapping[str, Any], controller: str) -> KeptRuns:
-        """The place in the folder `out` for runs of that setup, a document of JSON."""
+        """Return the place in the folder `out` for runs of that setup, a document of JSON."""
         plan = {key: value for key, value in setup["plan"].items() if key != "seconds"}
         return KeptRuns(KeptChunks.of(out, {**setup, "plan": plan}, controller))
 
     def found(self) -> list[tuple[range, Run]]:
-        """What is there, by the numbers of the runs."""
-        found = []
+        """Return the finished runs, by their numbers."""
+        runs = []
         for name, arrays in self.chunks.found().items():
             try:
                 first, stop = map(int, name.split("-"))
@@ -37,8 +37,8 @@ class KeptRuns:
             except (ValueError, KeyError):
                 continue  # not one of ours: computed anew
             if len(run.passed) == stop - first:
-                found.append((range(first, stop), run))
-        return found
+                runs.append((range(first, stop), run))
+        return runs
 
     def keep(self, chunk: range, run: Run) -> None:
         """Put a finished chunk there.
@@ -46,7 +46,7 @@ class KeptRuns:
         Raises:
             OutputError: it cannot be written.
         """
-        arrays = {name: np.asarray(getattr(run, name)) for name in KEPT}
+        arrays = {name: np.asarray(getattr(run, name)) for name in KEPT_FIELDS}
         self.chunks.keep(f"{chunk.start}-{chunk.stop}", arrays)
 
 

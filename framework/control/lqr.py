@@ -19,7 +19,7 @@ from framework.control.reference import Reference
 from framework.errors import InvalidInput
 from framework.linalg.ordered_sums import matvec
 
-DIFFERENCE = 1e-5  # of the robot's length [m] or [rad]: step of the central differences
+DIFFERENCE_STEP = 1e-5  # [robot lengths] or [rad], of the central differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +33,9 @@ class TimeVaryingLQR:
     def tuned(
         reference: Reference, *, position: float = 1e-3, speed: float = 2e-2, torque: float | None = None
     ) -> TimeVaryingLQR:
-        """Gains for errors of `position` [lengths of the robot], `speed` [lengths/s] worth `torque` [N m].
+        """Return the controller for which errors of `position` and `speed` are worth a `torque` [N m].
 
-        `torque` is the peak of the plan when None.
+        In lengths of the robot, and lengths per second; `torque` is the peak of the plan when None.
 
         Raises:
             InvalidInput: the robot has springs, or a weight is not positive.
@@ -50,29 +50,29 @@ class TimeVaryingLQR:
         for name, value in (("position", position), ("speed", speed), ("torque", worth)):
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"lqr: {name} must be a positive number, got {value!r}")
-        size = np.where(robot.translations, robot.length, 1.0)
+        size = robot.platform_scale
         Q = np.diag(np.concatenate([1 / (position * size) ** 2, 1 / (speed * size) ** 2]))
         R = np.eye(robot.n_a) / worth**2
         A, B = _linearised(reference)
         return TimeVaryingLQR(reference, riccati(A, B, Q, R, reference.period))
 
-    def torque(self, k: int, seen: Measurement) -> Array:
-        """Motor torques (R, n_a) [N m]."""
+    def torque(self, k: int, measurement: Measurement) -> Array:
+        """Compute motor torques (R, n_a) [N m]."""
         ref = self.reference
-        state = estimated_state(ref, k, seen, aware=True)
+        state = estimated_state(ref, k, measurement, aware=True)
         error = np.concatenate([ref.x[k] - state.x, ref.dx[k] - state.dx], axis=1)
         return np.asarray(ref.held[k] + matvec(self.gain[k], error))
 
 
 def _linearised(reference: Reference) -> tuple[Array, Array]:
-    """d/dt of the error e = [x; dx]: de/dt = A e + B tau; A (K, 2n, 2n), B (K, 2n, n_a)."""
+    """Linearise the error e = [x; dx]: de/dt = A e + B tau; A (K, 2n, 2n), B (K, 2n, n_a)."""
     robot, count, n = reference.robot, len(reference.times), reference.robot.n
-    size = np.where(robot.translations, robot.length, 1.0)
+    size = robot.platform_scale
     A = np.zeros((count, 2 * n, 2 * n))
     A[:, :n, n:] = np.eye(n)
     for k in range(2 * n):
         step = np.zeros(2 * n)
-        step[k] = DIFFERENCE * size[k % n]
+        step[k] = DIFFERENCE_STEP * size[k % n]
         ends = [
             platform_dynamics(
                 robot, reference.x + sign * step[:n], reference.dx + sign * step[n:], reference.motion.q
@@ -80,14 +80,14 @@ def _linearised(reference: Reference) -> tuple[Array, Array]:
             for sign in (1.0, -1.0)
         ]
         A[:, n:, k] = (ends[0] - ends[1]) / (2 * step[k])
-    here = platform_dynamics(robot, reference.x, reference.dx, reference.motion.q)
+    dynamics = platform_dynamics(robot, reference.x, reference.dx, reference.motion.q)
     B = np.zeros((count, 2 * n, robot.n_a))
-    B[:, n:] = np.linalg.solve(here.mass, here.motors.transpose(0, 2, 1))
+    B[:, n:] = np.linalg.solve(dynamics.mass, dynamics.motors.transpose(0, 2, 1))
     return A, B
 
 
 def riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
-    """Gains (K, n_a, 2n) of the discrete Riccati equation, torques held for a period; from the end back."""
+    """Solve the discrete Riccati equation from the end back: gains (K, n_a, 2n), held for a period."""
     count, size, inputs = B.shape
     joined = np.zeros((count, size + inputs, size + inputs))
     joined[:, :size, :size], joined[:, :size, size:] = A * period, B * period

@@ -17,7 +17,8 @@ import pinocchio as pin
 from framework.arrays import Array
 from framework.control.reference import platform_rates
 from framework.dynamics.forces import tree_forces
-from framework.kinematics.inverse_kinematics import close_loops, motion_at
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 
 
@@ -29,13 +30,13 @@ class PlatformDynamics(NamedTuple):
     motors: Array  # (T, n_a, n) G
 
     def acceleration(self, torque: Array) -> Array:
-        """ddx (T, n) for motor torques (T, n_a) [N m]."""
+        """Compute ddx (T, n) for motor torques (T, n_a) [N m]."""
         pushed = np.einsum("tan,ta->tn", self.motors, torque) - self.bias
         return np.asarray(np.linalg.solve(self.mass, pushed[..., None])[..., 0])
 
 
 def platform_dynamics(robot: ParallelRobot, x: Array, dx: Array, guess: Array) -> PlatformDynamics:
-    """The dynamics at x, dx (T, n), from configurations near them, guess (T, nq).
+    """Compute the dynamics at x, dx (T, n), from configurations near them, guess (T, nq).
 
     Raises:
         NotAssembled: the loops do not close at some x.
@@ -55,7 +56,7 @@ def platform_dynamics(robot: ParallelRobot, x: Array, dx: Array, guess: Array) -
 
 
 def _joint_inertia(robot: ParallelRobot, q: Array) -> Array:
-    """Joint-space inertia of the open tree (T, nv, nv)."""
+    """Compute the joint-space inertia of the open tree (T, nv, nv)."""
     model = robot.model
     data = model.createData()
     upper = np.array([pin.crba(model, data, row).copy() for row in q])

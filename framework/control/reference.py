@@ -9,10 +9,11 @@ import numpy as np
 from framework.arrays import Array, ReadOnlyArrays
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput
-from framework.kinematics.inverse_kinematics import Motion, joint_rates
+from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 
-MOST_SAMPLES = 200_000
+MAX_SAMPLES = 200_000
+PERIOD_ROUNDING = 1e-12  # of the duration over the period: the last instant is the end, not beside it
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,20 +35,20 @@ class Reference(ReadOnlyArrays):
 
 
 def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
-    """The plan sampled every `period` seconds.
+    """Sample the plan every `period` seconds.
 
     Raises:
         InvalidInput: the period is not positive, longer than a tenth of the motion, or so short that
             there would be more than 200000 samples.
     """
-    shortest, longest = plan.duration / MOST_SAMPLES, plan.duration / 10
+    shortest, longest = plan.duration / MAX_SAMPLES, plan.duration / 10
     if not (np.isfinite(period) and shortest < period <= longest):
         raise InvalidInput(
             f"period: must lie in ({shortest:g}, {longest:g}] s for a motion of {plan.duration:g} s, "
             f"got {period!r}"
         )
     robot = plan.robot
-    count = int(np.floor(plan.duration / period * (1 + 1e-12))) + 1
+    count = int(np.floor(plan.duration / period * (1 + PERIOD_ROUNDING))) + 1
     times = np.minimum(period * np.arange(count), plan.duration)
     x, dx, ddx = (plan.platform(times, order) for order in range(3))
     motion = plan.dynamics.motion(times)
@@ -59,8 +60,8 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
         x=x,
         dx=dx,
         ddx=ddx,
-        torque=plan.torque(times),
-        held=plan.torque(np.minimum(times + period / 2, plan.duration)),
+        torque=plan.dynamics.torque_without_friction(times),
+        held=plan.dynamics.torque_without_friction(np.minimum(times + period / 2, plan.duration)),
         motor_angle=plan.motor_angle(times),
         motor_speed=plan.motor_angle(times, 1),
         N=platform_rates(robot, motion, x),
@@ -68,10 +69,10 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
 
 
 def platform_rates(robot: ParallelRobot, motion: Motion, x: Array) -> Array:
-    """N = dq/dx (T, nv, n) along a motion, the springs held."""
+    """Compute N = dq/dx (T, nv, n) along a motion, the springs held."""
     columns = []
     for axis in np.eye(robot.n):
         rate = np.broadcast_to(axis, x.shape)
         twist, _ = robot.platform.twist(x, rate)
-        columns.append(joint_rates(robot, motion.system, twist, np.zeros((len(x), robot.n_e))))
+        columns.append(joint_rates(robot, motion.linearised, twist, np.zeros((len(x), robot.n_e))))
     return np.stack(columns, axis=2)

@@ -17,18 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.control.closed_loop import ControlLoop, Run, run_closed_loop
+from framework.control.closed_loop import run_closed_loop
 from framework.control.estimation import Controller
+from framework.control.run_monitor import ControlLoop, Run
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
 from framework.parallel.tasks import completed
 
-CHUNK = 250  # runs that are stacked; more do not make a run cheaper
+RUNS_PER_CHUNK = 250  # runs that are stacked; more do not make a run cheaper
 
 
 @dataclass(frozen=True, eq=False)
 class Study(ReadOnlyArrays):
-    """What became of R runs. `passed`: the platform came to rest near the end, see `ControlLoop`."""
+    """The outcome of R runs. `passed`: the platform came to rest near the end, see `ControlLoop`."""
 
     controller: str
     spread: Spread
@@ -64,11 +65,11 @@ class Study(ReadOnlyArrays):
         return [(self.seed, int(k)) for k in np.flatnonzero(~self.passed)]
 
 
-class Keeper(Protocol):
+class RunStore(Protocol):
     """A place for finished runs, so that a study that is stopped goes on from them."""
 
     def found(self) -> list[tuple[range, Run]]:
-        """What is there, by the numbers of the runs."""
+        """Return the finished runs, by their numbers."""
         ...
 
     def keep(self, chunk: range, run: Run) -> None:
@@ -86,10 +87,10 @@ def run_study(
     seed: int = 0,
     executor: Executor | None = None,
     chunk: int | None = None,
-    keeper: Keeper | None = None,
+    keeper: RunStore | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Study:
-    """`runs` closed-loop runs, each of a robot drawn from the spread.
+    """Do `runs` closed-loop runs, each of a robot drawn from the spread.
 
     Args:
         executor: where chunks of runs are computed; this process when None. It must be able to pickle
@@ -109,24 +110,24 @@ def run_study(
     if seed < 0:
         raise InvalidInput(f"seed: a whole number of at least 0, got {seed!r}")
     started = time.perf_counter()
-    found = _chosen(keeper.found() if keeper is not None else [], runs)
+    finished = _chosen(keeper.found() if keeper is not None else [], runs)
 
-    def tell(under_way: float = 0.0) -> None:
-        progress(sum(map(len, found)) + int(under_way))
+    def report(under_way: float = 0.0) -> None:
+        progress(sum(map(len, finished)) + int(under_way))
 
     task = partial(run_chunk, controller, loop, spread, seed)
 
     def watched(part: range) -> Run:
-        return task(part, partial(_part_of, tell, len(part)))
+        return task(part, partial(_part_of, report, len(part)))
 
-    missing = _missing(found, runs, min(chunk or CHUNK, CHUNK))
-    tell()
+    missing = _missing(finished, runs, min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK))
+    report()
     for part, run in completed(watched if executor is None else task, missing, executor):
-        found[part] = run
+        finished[part] = run
         if keeper is not None:
             keeper.keep(part, run)
-        tell()
-    every = [found[part] for part in sorted(found, key=lambda part: part.start)]
+        report()
+    every = [finished[part] for part in sorted(finished, key=lambda part: part.start)]
     return Study(
         controller=name,
         spread=spread,
@@ -141,29 +142,29 @@ def run_study(
     )
 
 
-def _chosen(kept: list[tuple[range, Run]], runs: int) -> dict[range, Run]:
-    """Those of the kept chunks that belong to this study and do not overlap."""
+def _chosen(stored: list[tuple[range, Run]], runs: int) -> dict[range, Run]:
+    """Return those of the kept chunks that belong to this study and do not overlap."""
     chosen: dict[range, Run] = {}
     end = 0
-    for part, run in sorted(kept, key=lambda one: one[0].start):
+    for part, run in sorted(stored, key=lambda item: item[0].start):
         if end <= part.start < part.stop <= runs:
             chosen[part] = run
             end = part.stop
     return chosen
 
 
-def _missing(found: Iterable[range], runs: int, chunk: int) -> list[range]:
-    """The other runs, in chunks."""
+def _missing(finished: Iterable[range], runs: int, chunk: int) -> list[range]:
+    """Return the other runs, in chunks."""
     missing, end = [], 0
-    for part in (*sorted(found, key=lambda part: part.start), range(runs, runs)):
+    for part in (*sorted(finished, key=lambda part: part.start), range(runs, runs)):
         gap = range(end, part.start)
         missing += [gap[first : first + chunk] for first in range(0, len(gap), chunk)]
         end = part.stop
     return missing
 
 
-def _part_of(tell: Callable[[float], None], size: int, share: float) -> None:
-    tell(share * size)
+def _part_of(report: Callable[[float], None], size: int, share: float) -> None:
+    report(share * size)
 
 
 def run_chunk(
@@ -174,7 +175,7 @@ def run_chunk(
     chunk: range,
     advanced: Callable[[float], None] = lambda share: None,
 ) -> Run:
-    """The runs of one chunk."""
+    """Do the runs of one chunk."""
     robot = controller.reference.robot
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
     return run_closed_loop(controller, loop, spread, variations, advanced=advanced)

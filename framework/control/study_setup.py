@@ -9,13 +9,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from framework.control.closed_loop import ControlLoop, Run, run_closed_loop, torque_limit
+from framework.control.closed_loop import run_closed_loop, torque_limit
 from framework.control.controllers import tuned_controller
 from framework.control.estimation import Controller
 from framework.control.reference import Reference, reference_of
+from framework.control.run_monitor import ControlLoop, Run
 from framework.control.variation import Spread, draw
+from framework.crossing.restored import read_document, restored_plan
 from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import plan_document, read_document, restored_plan
+from framework.crossing.saved import plan_document
 from framework.errors import InvalidInput
 
 FILE = "robustness.json"
@@ -34,7 +36,7 @@ class StudySetup:
 
     @staticmethod
     def of(plan: CrossingPlan, *, period: float, loop: ControlLoop, spread: Spread, seed: int) -> StudySetup:
-        """The setup of a new study.
+        """Return the setup of a new study.
 
         Torques of the plan are computed anew from its document, to be the same to the last bit as those that
         a rerun has.
@@ -53,11 +55,11 @@ class StudySetup:
         return reference_of(self.plan, period=self.period)
 
     def controller(self, name: str) -> Controller:
-        """A controller of that name with its default gains; raises InvalidInput as `tuned_controller`."""
+        """Return the controller of that name with its default gains; raises as `tuned_controller`."""
         return tuned_controller(name, self.reference)
 
     def run(self, controller: str, number: int) -> Run:
-        """One run of the study once more, alone, with its torques recorded."""
+        """Do one run of the study once more, alone, with its torques recorded."""
         variation = draw(self.plan.robot, self.spread, (self.seed, number))
         return run_closed_loop(self.controller(controller), self.loop, self.spread, [variation], record=True)
 
@@ -74,7 +76,7 @@ class StudySetup:
 
     @staticmethod
     def from_dict(saved: dict[str, Any], file: Path, *, robot_file: str | None = None) -> StudySetup:
-        """What `to_dict` wrote; `file` is where that stood, `robot_file` the robot's where it has moved.
+        """Read what `to_dict` wrote; `file` is where that stood, `robot_file` the robot's where it has moved.
 
         Raises:
             InvalidInput: it is not that, or the robot has changed since.
@@ -94,13 +96,13 @@ class StudySetup:
 
 
 def versions() -> dict[str, str]:
-    """What a rerun has to have in common with a run to be the same to the last bit."""
-    found = {package: version(package) for package in PACKAGES}
-    return {**found, "python": platform.python_version(), "machine": platform.machine()}
+    """Return what a rerun has to have in common with a run to be the same to the last bit."""
+    packages = {package: version(package) for package in PACKAGES}
+    return {**packages, "python": platform.python_version(), "machine": platform.machine()}
 
 
 def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[StudySetup, dict[str, Any]]:
-    """The setup of the study that `crossing robustness --out` wrote into a folder, and its whole document.
+    """Return the setup of the study that `crossing robustness --out` wrote, and its whole document.
 
     Args:
         robot_file: the robot's, where it is no longer where the study says.

@@ -15,7 +15,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 
 @dataclass(frozen=True)
 class Spread:
-    """How much each thing may differ; zero: not at all."""
+    """The largest deviation of each quantity from the model; zero for none."""
 
     payload: float = 0.0  # share of the platform body's inertia, uniform in +-
     stiffness: float = 0.0  # share of each spring's stiffness, uniform in +-
@@ -48,7 +48,7 @@ class Variation:
 
 
 def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variation:
-    """The variation of one seed; it does not depend on any other run."""
+    """Draw the variation of one seed; it does not depend on any other run."""
     random = np.random.default_rng(np.random.SeedSequence(seed))
     return Variation(
         seed=seed,
@@ -63,7 +63,7 @@ def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variati
 def noise_of(
     robot: ParallelRobot, spread: Spread, seeds: Sequence[tuple[int, int]], samples: int
 ) -> Array | None:
-    """Encoder noise (samples, R, 2, nv) of positions and speeds, in units of the joints; None for none."""
+    """Draw encoder noise (samples, R, 2, nv) of positions and speeds [joint units]; None for none."""
     if not (spread.noise or spread.speed_noise):
         return None
     size = np.array([spread.noise, spread.speed_noise])[:, None]
@@ -74,7 +74,7 @@ def noise_of(
 
 
 def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
-    """The robot as it really is. Its loops close at another configuration if the geometry differs.
+    """Return the robot as it really is. Its loops close at another configuration if the geometry differs.
 
     What was proved of the robot is kept, and of its loop equations only the independent ones: redundant ones
     hold for exact places only; a real machine has clearance there.
@@ -96,12 +96,12 @@ def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
         model=model,
         stiffness=robot.stiffness * variation.stiffness,
         rows=robot.loops,
-        independent=np.arange(len(robot.loops.names)),
+        structure=replace(robot.structure, independent=np.arange(len(robot.loops.names))),
     )
 
 
 def _scaled(whole: pin.Inertia, part: pin.Inertia, factor: float) -> pin.Inertia:
-    """`whole` with `factor` times the part in it."""
+    """Return `whole` with `factor` times the part in it."""
     matrix = whole.matrix() + (factor - 1) * part.matrix()
     mass = matrix[0, 0]
     if mass <= 0:

@@ -1,1 +1,16 @@
-"""Condition (8) put to work: laws that carry a robot through its Type 2 singularities."""
+"""Condition (8) put to work: laws that carry a robot through its Type 2 singularities.
+
+Open `plan` first: `plan_crossing` in four steps, each a file.
+
+    1. options, request          what is asked: the options declared once, and the record that is checked
+    2. crossing_points           where on the path condition (8) is to hold, and
+       condition                 condition (8) there: alpha s" + beta s'^2 + gamma = 0
+    3. polynomial, timing        the paper's law: one polynomial through the crossings, when and how fast
+       optimal/, specification   the law of free shape: the cone program, and what it is best at
+    4. result                    a plan: law, crossings, torques (of `dynamics.inverse_dynamics`), certificate
+
+Beside them: `refusals/` has every reason to say no; `feasibility` and `durations` say what a singular point
+asks of any law, and how long laws may take; `path_modification` bends a path where nothing else helps;
+`scenes` plans what a robot file states; `saved`, `restored` and `motion_table` are plan.json and motion.csv;
+`uncertified` samples what was refused; `path_length` measures paths.
+"""

@@ -1,9 +1,9 @@
 """Condition (8) on a path: alpha s" + beta s'^2 + gamma + delta s' = 0 at the singular point.
 
 t_s . W_p = motion . r with r the RNEA of the open tree and `motion` the joint rates that belong to t_s
-(motors locked). On a path, r is affine in s" and quadratic in s', and its coefficients come out of four
+(motors locked). On a path, r is affine in s" and quadratic in s', and its coefficients come out of a few
 evaluations of the inverse dynamics the robot already has (after toppra, which recovers its constraint
-coefficients in the same way). delta appears only with deflections that are changing.
+coefficients in the same way). delta comes of viscous damping, and of deflections that are changing.
 """
 
 from __future__ import annotations
@@ -13,34 +13,36 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.forces import tree_forces
+from framework.dynamics.forces import inertial_forces, static_forces
 from framework.errors import NoLaw, NotConverged, point
+from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import difference, integrate
-from framework.kinematics.inverse_kinematics import ClosedStack, close_loops, motion_at, system_at
-from framework.kinematics.loop_matrices import measured_matrix
-from framework.kinematics.tracking import Branch
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.linearised_loops import ClosedStack, linearised_at
+from framework.kinematics.loop_matrices import type2_matrix
+from framework.kinematics.motion_rates import Motion, motion_at
 from framework.motion.path import along
-from framework.singularity.classification import sign_along, uncontrolled_motion
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.root_of_g import root_of_g
-
-# |alpha| against the size of its own terms: below, s" has no hold on t_s . W_p beyond rounding
-NO_HOLD = 1e-9
+from framework.singularity.type2 import sign_along, uncontrolled_motion
+from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 
 
 class Condition8(NamedTuple):
-    """alpha s" + beta s'^2 + delta s' + gamma = t_s . W_p [N, or N m for a pure turn]."""
+    """alpha s" + beta s'^2 + delta s' + gamma = t_s . W_p [N, or N m for a pure turn].
+
+    A coefficient that is no more than rounding of its own terms is zero.
+    """
 
     alpha: float
     beta: float
     gamma: float
     delta: float
-    scale: float  # what the coefficients would be if the terms of their sums did not cancel
 
     @property
     def holds_anyway(self) -> bool:
         """t_s . W_p is zero whatever s' and s" are: a straight path across t_s, without gravity along it."""
-        return max(abs(value) for value in self[:4]) <= NO_HOLD * self.scale
+        return not any(self)
 
     def acceleration(self, speed: float) -> float:
         """The s" [1/s^2] that makes t_s . W_p vanish at this s' [1/s]; 0 when any does."""
@@ -99,7 +101,7 @@ def crossing_point(
     def passive(s: Array) -> Array:
         nonlocal before
         before = s, closed(s)
-        return measured_matrix(robot, before[1].system)
+        return type2_matrix(robot, before[1].linearised)
 
     found = root_of_g(passive, near)
     if found.converged:
@@ -117,7 +119,7 @@ def imposed_point(branch: Branch, s: float) -> CrossingPoint:
 
 def _oriented(branch: Branch, s: float, closed: ClosedStack) -> CrossingPoint:
     """The uncontrolled motion there, its twist pointing along the path."""
-    found = uncontrolled_motion(branch.robot, closed.system)
+    found = uncontrolled_motion(branch.robot, closed.linearised)
     sign = sign_along(found.twist, branch.robot.platform.path_twist(branch.path, s))
     return CrossingPoint(s, found.kind, sign * found.twist, sign * found.motion, closed.q[0])
 
@@ -133,53 +135,89 @@ def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | N
 
 
 def effective(
-    branch: Branch, here: CrossingPoint, coefficients: tuple[Condition8, float], deflection: Deflection | None
+    branch: Branch, here: CrossingPoint, condition: Condition8, deflection: Deflection | None
 ) -> Condition8:
     """The condition of `coefficients_at`, if s" can meet it; raises as `condition_at`."""
-    robot, (condition, own) = branch.robot, coefficients
-    if condition.holds_anyway or abs(condition.alpha) > NO_HOLD * own:
+    robot = branch.robot
+    if condition.holds_anyway or condition.alpha != 0.0:
         return condition
     where = f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = {point(branch.path(here.s))}"
     if deflection is not None and robot.n_e:
         raise NotConverged(
-            f'{where} s" has no effect on t_s . W_p once the robot deflects (alpha = '
-            f"{condition.alpha:.2g}): with these deflections the path runs orthogonal to t_s; use stiffer "
-            f"springs, geometry rigid, or another direction",
-            residual=abs(condition.alpha) / own,
+            f'{where} s" has no effect on t_s . W_p once the robot deflects: with these deflections the path '
+            f"runs orthogonal to t_s; use stiffer springs, geometry rigid, or another direction",
+            residual=0.0,
         )
     raise NoLaw(
-        f"{where} the path runs orthogonal to t_s (alpha = "
-        f'{condition.alpha:.2g}): s" has no effect on t_s . W_p there; cross in another direction'
+        f'{where} the path runs orthogonal to t_s: s" has no effect on t_s . W_p there; cross in another '
+        f"direction"
     )
 
 
-def coefficients_at(
-    branch: Branch, here: CrossingPoint, deflection: Deflection | None
-) -> tuple[Condition8, float]:
-    """Coefficients of condition (8), and the size of the terms of alpha before they cancel."""
+def coefficients_at(branch: Branch, here: CrossingPoint, deflection: Deflection | None) -> Condition8:
+    """Coefficients of condition (8) at a crossing point.
+
+    Inertial forces alone, at s" = 1, at s' = 1 and of the deflections, are alpha, beta and a share of gamma;
+    no difference is taken. Of delta one share is damping at s' = 1, the other is bilinear in s' and the rates
+    of the deflections: the half difference at +s' and -s', where both move the joints equally fast.
+    """
     robot = branch.robot
-    speed, acceleration = np.array([0.0, 0.0, 1.0, -1.0]), np.array([0.0, 1.0, 0.0, 0.0])
-    q = np.repeat(here.q[None], 4, axis=0)
-    x = np.repeat(branch.path(here.s)[None], 4, axis=0)
-    closed = ClosedStack(q, x, system_at(robot, q, x))
-    _, dx, ddx = along(branch.path, [np.full(4, here.s), speed, acceleration])
-    rates: tuple[Array, ...] = ()
+    motion = _at_speeds(branch, here, [0.0, 1.0], [1.0, 0.0])
+    alpha, beta = inertial_forces(robot, motion) * here.motion  # (nv,) terms of sums
+    gamma = static_forces(robot, here.q[None])[0] * here.motion
+    rate = float(np.abs(motion.v[1] / robot.column_scale).max())
+    sizes = bounds_of_terms(branch, here, rate)
+    delta = robot.joint_damping * motion.v[1] * here.motion
+    terms = np.array([alpha, beta, gamma, delta])
+    values, sizes = terms.sum(axis=1), np.maximum(sizes, np.abs(terms).sum(axis=1))
     if deflection is not None and robot.n_e:
-        rates = (np.tile(deflection.rate, (4, 1)), np.tile(deflection.acceleration, (4, 1)))
-    forces = tree_forces(robot, motion_at(robot, closed, dx, ddx, *rates))
-    rest, pushed, forth, back = forces @ here.motion
-    alpha = pushed - rest
-    # what s" = 1 asks for at most; on massless legs the forces of a payload cancel before they get here
-    size = np.where(robot.translations, 1.0, robot.length)
-    moved = np.abs(robot.platform.path_twist(branch.path, here.s)) * size
-    mass = sum(inertia.mass for inertia in robot.model.inertias)
-    own = max(float(np.abs((forces[1] - forces[0]) * here.motion).sum()), mass * float(moved.max()))
-    scale = max(float(np.abs(forces * here.motion).sum(axis=1).max()), own)
-    condition = Condition8(
-        alpha=float(alpha),
-        beta=float(0.5 * (forth + back) - rest),
-        gamma=float(rest),
-        delta=float(0.5 * (forth - back)),
-        scale=scale,
+        swing = float(np.abs(deflection.rate / robot.column_scale[robot.elastic]).max())
+        pace = swing / rate if swing > 0.0 and rate > 0.0 else 1.0
+        still = np.zeros_like(deflection.rate)
+        rates = np.array([deflection.rate, deflection.rate, deflection.rate])
+        accelerations = np.array([deflection.acceleration, still, still])
+        motion = _at_speeds(branch, here, [0.0, pace, -pace], [0.0, 0.0, 0.0], rates, accelerations)
+        own, forth, back = inertial_forces(robot, motion) * here.motion
+        own += robot.joint_damping * motion.v[0] * here.motion
+        across = 0.5 * (forth - back) / pace
+        values[2:] += own.sum(), across.sum()
+        sizes[2:] += np.abs(own).sum(), np.abs(across).sum()
+        if abs(values[0]) > NO_HOLD * sizes[0]:
+            return Condition8(*map(float, values))  # what stiff springs add is little, and no rounding
+    return Condition8(*map(float, without_rounding(values, sizes, 0)))
+
+
+def without_rounding(values: Array, sizes: Array, alpha: int) -> Array:
+    """The coefficients (k,), zero where they are rounding of their terms; the one of s" is at `alpha`."""
+    rounding = CONDITION_ROUNDING if abs(values[alpha]) > NO_HOLD * sizes[alpha] else NO_HOLD
+    return np.where(np.abs(values) > rounding * sizes, values, 0.0)
+
+
+def bounds_of_terms(branch: Branch, here: CrossingPoint, rate: float) -> Array:
+    """What the terms of alpha, beta, gamma and delta may be, (4,), where they cancel before they are seen.
+
+    On massless legs the forces of a payload do: they are none on the joints, but rounding. So the mass of all
+    bodies is taken to move as the platform does and, for beta, as joints of the robot's length do at their
+    largest `rate` [1/s, over s'].
+    """
+    robot = branch.robot
+    lengths = np.where(robot.translations, 1.0, robot.length)
+    tangent, escape = (
+        float(np.abs(twist * lengths).max())
+        for twist in (robot.platform.path_twist(branch.path, here.s), here.twist)
     )
-    return condition, own
+    weight = float(np.linalg.norm(robot.model.gravity.linear))
+    return robot.mass * escape * np.array([tangent, robot.length * rate**2, weight, 0.0])
+
+
+def _at_speeds(
+    branch: Branch, here: CrossingPoint, speeds: list[float], accelerations: list[float], *elastic: Array
+) -> Motion:
+    """The motion at a crossing point for some s' and s", with rates and accelerations (T, n_e) of springs."""
+    robot, count = branch.robot, len(speeds)
+    q = np.repeat(here.q[None], count, axis=0)
+    x = np.repeat(branch.path(here.s)[None], count, axis=0)
+    closed = ClosedStack(q, x, linearised_at(robot, q, x))
+    s = [np.full(count, here.s), np.array(speeds), np.array(accelerations)]
+    _, dx, ddx = along(branch.path, s)
+    return motion_at(robot, closed, dx, ddx, *elastic)

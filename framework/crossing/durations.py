@@ -21,29 +21,30 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
+from framework.crossing.crossing_points import PathToCross
 from framework.crossing.feasibility import Feasibility, feasibility_on_path
-from framework.crossing.optimal_motion import best_undeformed
-from framework.crossing.optimal_task import Task
+from framework.crossing.optimal.optimal_motion import best_undeformed
+from framework.crossing.optimal.optimal_task import Task
+from framework.crossing.refusals.uncrossable_points import stops_at
 from framework.crossing.request import Request
 from framework.crossing.specification import specification_of
-from framework.crossing.targets import END, TargetedPath
+from framework.crossing.timing import MIN_SEPARATION
 from framework.errors import NoLaw, NotConverged
 from framework.motion.law import Condition, Law
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
 from framework.singularity.points_on_path import SearchedPath
 
-CRUISING = (1.0, 1.3, 1.6, 2.0)  # s' T from which the search starts
-TRIALS = 80  # laws for each crossing and start: the longest is found to about a hundredth
-GAIN = 1e-2  # share by which a further start must lengthen the longest, for another one to be tried
-MOST = 3  # crossings
-CLOSEST = 1e-3  # of the duration between two crossings, and between the ends and one
+CRUISING_SPEEDS = (1.0, 1.3, 1.6, 2.0)  # s' T from which the search starts
+MAX_TRIALS = 80  # laws for each crossing and start: the longest is found to about a hundredth
+MIN_GAIN = 1e-2  # share by which a further start must lengthen the longest, for another one to be tried
+MAX_CROSSINGS = 3  # through more, the search takes too long
 INSTANTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(120) + 0.5) / 120)  # of t/T, where a law is looked at
 
 
 class PolynomialDurations(NamedTuple):
     """The shortest and the longest duration [s] found at which one polynomial always advances.
 
-    0 and infinity where nothing bounds them, and the other way round where none was found.
+    0 and infinity where nothing bounds them, and the other way round where none was one.
     """
 
     shortest: float
@@ -96,21 +97,22 @@ class OptimalDurations(NamedTuple):
 
 
 def polynomial_durations(searched: SearchedPath, smoothness: int) -> PolynomialDurations | None:
-    """The durations of polynomials of least degree through all singular points of a path, springs at rest.
+    """Return the durations of polynomials of least degree through all singular points, springs at rest.
 
-    Times and speeds of the crossings are searched for. None where no polynomial can cross, and through more
-    than MOST singular points, where it would take too long.
+    Times and speeds of the crossings are searched for. None where no polynomial can cross; with damping,
+    which is not affine in T^2; and through more than MAX_CROSSINGS singular points, where it would take
+    too long.
     """
-    asked = _crossable(searched)
-    if asked is None or len(asked) > MOST:
+    conditions = _crossable(searched)
+    if conditions is None or len(conditions) > MAX_CROSSINGS or any(one.damped for one in conditions):
         return None
-    if any(found.orthogonal and not found.condition.holds_anyway for found in asked):
+    if any(one.orthogonal and not one.condition.holds_anyway for one in conditions):
         return None
-    return _searched_durations(asked, smoothness)
+    return _searched_durations(conditions, smoothness)
 
 
 def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
-    """The durations of laws of free shape through all singular points of a path, springs at rest.
+    """Return the durations of laws of free shape through all singular points of a path, springs at rest.
 
     The limits and the smoothness are those of the request. None where no law can cross, and beyond the
     smoothness that such a law can have.
@@ -122,9 +124,9 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
     if not (specification.limited or np.isfinite(specification.speed_limit).any()):
         return OptimalDurations(0.0)
     try:
-        targeted = TargetedPath(searched, searched.points)
+        to_cross = PathToCross(searched, searched.points)
         best = best_undeformed(
-            Task(targeted, replace(request, times=None, speeds=None, at=None), specification)
+            Task(to_cross, replace(request, times=None, speeds=None, at=None), specification)
         )
     except (NoLaw, NotConverged) as refusal:
         return OptimalDurations(None, str(refusal))
@@ -132,64 +134,70 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
 
 
 def _crossable(searched: SearchedPath) -> list[Feasibility] | None:
-    """What condition (8) asks at each singular point; None if one of them cannot be crossed by any law."""
-    asked = [found for found in feasibility_on_path(searched) if found is not None]
-    touched = any(at.contact == "tangential" for at in searched.points)
-    ends = any(not END < at.s < 1.0 - END for at in searched.points)
+    """Return what condition (8) asks at each singular point; None if no law can cross one of them."""
+    conditions = [one for one in feasibility_on_path(searched) if one is not None]
+    touched = any(singular.contact == "tangential" for singular in searched.points)
+    ends = any(stops_at(singular) for singular in searched.points)
     hopeless = any(
-        found.orthogonal and not found.condition.holds_anyway and found.steady_speed is None
-        for found in asked
+        one.orthogonal and not one.condition.holds_anyway and one.steady_speed is None for one in conditions
     )
-    return None if len(asked) < len(searched.points) or touched or ends or hopeless else asked
+    return None if len(conditions) < len(searched.points) or touched or ends or hopeless else conditions
 
 
-def _searched_durations(asked: Sequence[Feasibility], smoothness: int) -> PolynomialDurations:
-    """The shortest and the longest duration [s] found, over times and speeds of the crossings."""
+def _searched_durations(conditions: Sequence[Feasibility], smoothness: int) -> PolynomialDurations:
+    """Search the shortest and the longest duration [s], over times and speeds of the crossings."""
     from scipy.optimize import minimize
 
-    paces = [found.pace for found in asked if found.pace is not None]
+    paces = [one.pace for one in conditions if one.pace is not None]
     unit = min(paces, default=1.0)
-    places = np.array([found.s for found in asked])
+    places = np.array([one.s for one in conditions])
     shortest, longest = np.inf, 0.0
 
     def longer(free: Array) -> float:
-        """What is minimised: the longest duration with its sign changed."""
+        """Return what is minimised: the longest duration with its sign changed."""
         nonlocal shortest, longest
-        low, high = _advancing(asked, free[: len(asked)], np.exp(free[len(asked) :]), unit, smoothness)
+        low, high = _advancing(
+            conditions, free[: len(conditions)], np.exp(free[len(conditions) :]), unit, smoothness
+        )
         if not low < high:
             return 1e6
         shortest, longest = min(shortest, low), max(longest, high)
         return -high
 
-    for cruising in CRUISING:
-        start = np.concatenate([0.5 + (places - 0.5) / cruising, np.full(len(asked), np.log(cruising))])
+    for cruising in CRUISING_SPEEDS:
+        start = np.concatenate([0.5 + (places - 0.5) / cruising, np.full(len(conditions), np.log(cruising))])
         simplex = np.vstack([start, start + 0.1 * np.eye(len(start))])
-        options = {"initial_simplex": simplex, "maxfev": TRIALS * len(asked), "xatol": 1e-3, "fatol": 1e-3}
+        options = {
+            "initial_simplex": simplex,
+            "maxfev": MAX_TRIALS * len(conditions),
+            "xatol": 1e-3,
+            "fatol": 1e-3,
+        }
         before = longest
         longer(start)
         if np.isinf(longest) and shortest == 0.0:
             break
         minimize(longer, start, method="Nelder-Mead", options=options)
-        if before and longest < (1.0 + GAIN) * before:
+        if before and longest < (1.0 + MIN_GAIN) * before:
             break
     return PolynomialDurations(unit * shortest, unit * longest)
 
 
 def _advancing(
-    asked: Sequence[Feasibility], times: Array, speeds: Array, unit: float, smoothness: int
+    conditions: Sequence[Feasibility], times: Array, speeds: Array, unit: float, smoothness: int
 ) -> tuple[float, float]:
-    """The durations over `unit` between which the polynomial through these t_k/T and s'_k T advances.
+    """Return the durations over `unit` between which the polynomial through these t_k/T and s'_k T advances.
 
     The first is not below the second where there are none.
     """
-    if np.any(np.diff([0.0, *times, 1.0]) < CLOSEST):
+    if np.any(np.diff([0.0, *times, 1.0]) < MIN_SEPARATION):
         return np.inf, 0.0
     laws = []
     for weight in (0.0, unit**2):
         inner = [
             Condition(float(t), order, value)
-            for found, t, v in zip(asked, times, speeds, strict=True)
-            for order, value in enumerate((found.s, float(v), _asked(found, float(v), weight)))
+            for one, t, v in zip(conditions, times, speeds, strict=True)
+            for order, value in enumerate((one.s, float(v), _acceleration(one, float(v), weight)))
         ]
         laws.append(Law.rest_to_rest(1.0, smoothness, inner)(INSTANTS, 1))
     plain, more = laws[0], laws[1] - laws[0]  # s' T without weight, and what the weight adds at T = unit
@@ -201,9 +209,9 @@ def _advancing(
     return float(np.sqrt(low)), float(np.sqrt(max(high, 0.0)))
 
 
-def _asked(found: Feasibility, speed: float, squared_duration: float) -> float:
-    """s" T^2 that condition (8) asks for at s' T, where it asks for any."""
-    if found.condition.holds_anyway:
+def _acceleration(one: Feasibility, speed: float, squared_duration: float) -> float:
+    """Return s" T^2 that condition (8) asks for at s' T, where it asks for any."""
+    if one.condition.holds_anyway:
         return 0.0
-    weight = 0.0 if found.weightless else found.constant
-    return found.per_squared_speed * speed**2 + weight * squared_duration
+    weight = 0.0 if one.weightless else one.constant
+    return one.per_squared_speed * speed**2 + weight * squared_duration

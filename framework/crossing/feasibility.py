@@ -1,7 +1,8 @@
 """What condition (8) asks of any law at a singular point, told before a law is sought.
 
-alpha s" + beta s'^2 + gamma = 0 on the undeformed robot: gamma is what the weight (and springs of the robot
-itself) do in the uncontrolled motion, beta what the bends of path and joints ask, alpha what s" can do.
+alpha s" + beta s'^2 + gamma + delta s' = 0 on the undeformed robot: gamma is what the weight (and springs of
+the robot itself) do in the uncontrolled motion, beta what the bends of path and joints ask, delta what
+viscous damping takes, alpha what s" can do.
 """
 
 from __future__ import annotations
@@ -12,13 +13,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from framework.crossing.condition import NO_HOLD, Condition8, CrossingPoint, coefficients_at, crossing_point
-from framework.dynamics.crossings import check_kind
+from framework.crossing.condition import Condition8, CrossingPoint, coefficients_at, crossing_point
+from framework.crossing.path_length import coordinate_sizes
+from framework.dynamics.singularity_crossings import check_kind
 from framework.errors import NoLaw
-from framework.kinematics.tracking import Branch
+from framework.kinematics.continuation.tracking import Branch
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
-BENT = 4.0  # |s"| over s'^2 from which the bends count: what a polynomial of that duration has at its most
+NOTABLE_CURVATURE = 4.0  # |s"| over s'^2 that is worth a word: what a polynomial has at its most
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,11 @@ class Feasibility:
     condition: Condition8
     weight_share: float
     tangent_share: float
-    orthogonal: bool  # s" has no effect on t_s . W_p
+
+    @property
+    def orthogonal(self) -> bool:
+        """Whether s" has no effect on t_s . W_p."""
+        return self.condition.alpha == 0.0
 
     @property
     def constant(self) -> float:
@@ -47,17 +53,30 @@ class Feasibility:
         return np.nan if self.orthogonal else 0.0 - self.condition.beta / self.condition.alpha
 
     @property
+    def per_speed(self) -> float:
+        """What s' adds to it [1/s]; not a number where s" has no effect."""
+        return np.nan if self.orthogonal else 0.0 - self.condition.delta / self.condition.alpha
+
+    @property
     def weightless(self) -> bool:
-        """Whether nothing but motion enters the condition, which then looks alike at all durations."""
-        return abs(self.condition.gamma) <= NO_HOLD * self.condition.scale
+        """Whether no weight enters the condition, which without damping looks alike at all durations."""
+        return self.condition.gamma == 0.0
+
+    @property
+    def damped(self) -> bool:
+        """Whether viscous damping enters the condition."""
+        return self.condition.delta != 0.0
 
     @property
     def steady_speed(self) -> float | None:
-        """The s' [1/s] that meets the condition with s" = 0, if there is one."""
-        product = self.condition.gamma * self.condition.beta
-        if self.weightless or product >= 0 or abs(self.condition.beta) <= NO_HOLD * self.condition.scale:
-            return None
-        return float(np.sqrt(-self.condition.gamma / self.condition.beta))
+        """The least s' > 0 [1/s] that meets the condition with s" = 0, if there is one."""
+        _, beta, gamma, delta = self.condition
+        if beta == 0.0:
+            roots = [-gamma / delta] if delta else []
+        else:
+            square = delta**2 - 4.0 * beta * gamma
+            roots = [(-delta + sign * np.sqrt(square)) / (2.0 * beta) for sign in (-1, 1) if square > 0]
+        return min((float(root) for root in roots if root > 0), default=None)
 
     @property
     def pace(self) -> float | None:
@@ -72,6 +91,7 @@ class Feasibility:
             "alpha": self.condition.alpha,
             "beta": self.condition.beta,
             "gamma": self.condition.gamma,
+            "delta": self.condition.delta,
             "acceleration": None if self.orthogonal else [self.constant, self.per_squared_speed],
             "weight_share": self.weight_share,
             "tangent_share": self.tangent_share,
@@ -81,9 +101,11 @@ class Feasibility:
     @property
     def sentence(self) -> str:
         """The condition and which way to go, in one line."""
-        alpha, beta, gamma = (self._cleared(value) for value in self.condition[:3])
+        alpha, beta, gamma, delta = self.condition
+        damping = f", delta = {delta:.6g}" if self.damped else ""
         return (
-            f"condition (8) at s = {self.s:.6g} has alpha = {alpha}, beta = {beta}, gamma = {gamma}, with "
+            f"condition (8) at s = {self.s:.6g} has alpha = {alpha:.6g}, beta = {beta:.6g}, "
+            f"gamma = {gamma:.6g}{damping}, with "
             f"{100 * self.weight_share:.3g} % of the weight and {100 * self.tangent_share:.3g} % of the "
             f"path's tangent along t_s: {self._asks()}"
         )
@@ -96,25 +118,25 @@ class Feasibility:
                 "no law meets it" if self.steady_speed is None else f"only s' = {self.steady_speed:.4g} does"
             )
             return f's" has no effect, {only}; turn the path towards t_s'
-        beta = float(self._cleared(self.condition.beta))
-        asked = f's" = {float(self._cleared(self.condition.gamma)) / -self.condition.alpha + 0.0:.6g}'
+        alpha, beta, gamma, _ = self.condition
+        demand = f's" = {gamma / -alpha + 0.0:.6g}'
         if beta:
-            asked += f" {'+-'[beta * self.condition.alpha > 0]} {abs(self.per_squared_speed):.6g} s'^2"
-        return "; ".join([asked, *self._ways()])
-
-    def _cleared(self, coefficient: float) -> str:
-        """A coefficient as it is read; what is rounding against the others is 0."""
-        return f"{0.0 if abs(coefficient) <= NO_HOLD * self.condition.scale else coefficient:.6g}"
+            demand += f" {'+-'[beta * alpha > 0]} {abs(self.per_squared_speed):.6g} s'^2"
+        if self.damped:
+            demand += f" {'+-'[self.per_speed < 0]} {abs(self.per_speed):.6g} s'"
+        return "; ".join([demand, *self._ways()])
 
     def _ways(self) -> list[str]:
         ways = []
         if self.steady_speed is not None:
             ways.append(f"s' = {self.steady_speed:.4g} 1/s needs no s\"")
-        if self.pace is None:
+        if self.pace is None and self.damped:
+            ways.append("no weight enters, but damping does: the slower, the more it counts")
+        elif self.pace is None:
             ways.append("no weight enters, so what it asks for looks alike at all durations")
         else:
             ways.append(f"the weight sets the pace, {self.pace:.3g} s for the whole path from rest")
-        if abs(self.per_squared_speed) > BENT:
+        if abs(self.per_squared_speed) > NOTABLE_CURVATURE:
             ways.append(
                 f"s' changes e-fold over {1 / abs(self.per_squared_speed):.2g} of the path there: make it "
                 f"smoother (straighter), or nearer to t_s"
@@ -122,34 +144,33 @@ class Feasibility:
         return ways
 
 
-def feasibility_at(branch: Branch, at: SingularPoint) -> Feasibility | None:
-    """What condition (8) asks for at a singular point; None if it is none that one condition lets pass."""
-    if at.corank > 1:
+def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | None:
+    """Return what condition (8) asks for at a singular point; None where one condition is not enough."""
+    if singular.corank > 1:
         return None
     try:
-        check_kind(branch.robot, at)
+        check_kind(branch.robot, singular)
     except NoLaw:
         return None
-    return _feasibility(branch, crossing_point(branch, at, None, at.s))
+    return _feasibility(branch, crossing_point(branch, singular, None, singular.s))
 
 
 def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...]:
-    """The same for all singular points of a path."""
-    return tuple(feasibility_at(searched.branch, at) for at in searched.points)
+    """Return the same for all singular points of a path."""
+    return tuple(feasibility_at(searched.branch, singular) for singular in searched.points)
 
 
-def _feasibility(branch: Branch, here: CrossingPoint) -> Feasibility:
+def _feasibility(branch: Branch, place: CrossingPoint) -> Feasibility:
     robot = branch.robot
-    condition, own = coefficients_at(branch, here, None)
+    condition = coefficients_at(branch, place, None)
     data = robot.model.createData()
-    falling = pin.jacobianCenterOfMass(robot.model, data, here.q) @ here.motion
-    length = np.where(robot.translations, 1.0, robot.length)
+    falling = pin.jacobianCenterOfMass(robot.model, data, place.q) @ place.motion
+    size = coordinate_sizes(robot)
     return Feasibility(
-        here.s,
+        place.s,
         condition,
         weight_share=_cosine(robot.model.gravity.linear, falling),
-        tangent_share=_cosine(robot.platform.path_twist(branch.path, here.s) * length, here.twist * length),
-        orthogonal=abs(condition.alpha) <= NO_HOLD * own,
+        tangent_share=_cosine(robot.platform.path_twist(branch.path, place.s) * size, place.twist * size),
     )
 
 

@@ -18,7 +18,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 RATES = ("", "/s", "/s2")  # of a unit, by the order of the derivative
 
 
-SAMPLES = (2, 10_000_000)
+MIN_SAMPLES, MAX_SAMPLES = 2, 10_000_000
 
 
 class Column(NamedTuple):
@@ -41,7 +41,7 @@ class MotionTable(NamedTuple):
         return [column.name for column in self.columns]
 
     def as_csv(self) -> str:
-        """The table as text, numbers to their last digit."""
+        """Return the table as text, numbers to their last digit."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.names)
@@ -49,7 +49,7 @@ class MotionTable(NamedTuple):
         return text.getvalue()
 
     def metadata(self, file: str) -> str:
-        """What the columns of a file are, as W3C's CSV on the Web asks for (JSON)."""
+        """Describe the columns of a file as W3C's CSV on the Web asks for (JSON)."""
         columns = [
             {
                 "name": column.name,
@@ -68,12 +68,12 @@ class MotionTable(NamedTuple):
 
 
 def motion_table(dynamics: InverseDynamics, count: int) -> MotionTable:
-    """The motion at `count` equidistant instants.
+    """Sample the motion at `count` equidistant instants.
 
     Raises:
         InvalidInput: no whole number of at least two.
     """
-    count = whole_number("samples", count, *SAMPLES)
+    count = whole_number("samples", count, MIN_SAMPLES, MAX_SAMPLES)
     robot, law = dynamics.robot, dynamics.law
     times = np.linspace(0.0, dynamics.duration, count)
     values: list[Array] = [times[:, None], *(law(times, order)[:, None] for order in range(3))]
@@ -82,18 +82,18 @@ def motion_table(dynamics: InverseDynamics, count: int) -> MotionTable:
     for sampled in (dynamics.platform, dynamics.motor_angle, dynamics.deflection):
         values += [sampled(times, order) for order in (1, 2)]
     values += [_passive_positions(dynamics, times)]
-    values += [robot.named(dynamics.velocity(times, order))[:, robot.passive] for order in (1, 2)]
+    values += [robot.coordinates.named(dynamics.velocity(times, order))[:, robot.passive] for order in (1, 2)]
     return MotionTable(motion_columns(robot), np.concatenate(values, axis=1))
 
 
 def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
-    """The columns of motion.csv, in their order."""
+    """Return the columns of motion.csv, in their order."""
     axes = list(zip(robot.axis_names, _lengths(robot.translations), strict=True))
     joints = robot.actuator_names
     forces = list(zip(joints, robot.torque_units, strict=True))
     motors = [(joint, "m" if unit == "N" else "rad") for joint, unit in forces]
     springs = list(zip(robot.elastic_names, _lengths(robot.sliding[robot.elastic]), strict=True))
-    names = [robot.joint_of(column) for column in robot.passive]
+    names = [robot.coordinates.name_of(column) for column in robot.passive]
     ball = turning = ""
     if robot.model.nq > robot.model.nv:
         ball = "; of a ball, a component of the rotation vector about the axes of its origin"
@@ -132,6 +132,6 @@ def _lengths(sliding: Iterable[bool]) -> list[str]:
 
 
 def _passive_positions(dynamics: InverseDynamics, times: Array) -> Array:
-    """Positions (T, n_p) of the joints without a motor."""
+    """Return the positions (T, n_p) of the joints without a motor."""
     robot = dynamics.robot
-    return robot.positions(dynamics.configuration(times))[:, robot.passive]
+    return robot.coordinates.positions(dynamics.configuration(times))[:, robot.passive]

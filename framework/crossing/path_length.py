@@ -8,15 +8,15 @@ from framework.arrays import Array
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.path import Path
 
-POINTS = 1001
+SAMPLES = 1001  # of the polygon that is measured
 
 
 def coordinate_sizes(robot: ParallelRobot) -> Array:
-    """What one unit of each platform coordinate counts, (n,) [m]: 1 for m, the robot's length for rad."""
+    """Return the length (n,) [m] of each platform coordinate's unit: 1 for m, the robot's length for rad."""
     return np.where(robot.translations, 1.0, robot.length)
 
 
 def path_length(robot: ParallelRobot, path: Path) -> float:
-    """[m]"""
-    points = path(np.linspace(0.0, 1.0, POINTS)) * coordinate_sizes(robot)
+    """Compute the length of a path [m]."""
+    points = path(np.linspace(0.0, 1.0, SAMPLES)) * coordinate_sizes(robot)
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

@@ -13,12 +13,14 @@ from framework.crossing.condition import (
     crossing_point,
     effective,
 )
+from framework.crossing.crossing_points import PathToCross
+from framework.crossing.refusals.turning_back import check_advance
+from framework.crossing.refusals.uncrossable_points import check_one_condition_each
 from framework.crossing.request import Request
-from framework.crossing.targets import TargetedPath
-from framework.crossing.timing import CrossingTime, check_advance, choose_timing
+from framework.crossing.timing import CrossingTime, choose_timing
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
-from framework.errors import InvalidInput, NoLaw
+from framework.errors import InvalidInput
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import Condition, Law, MotionLaw, advance_through
 from framework.singularity.points_on_path import SingularPoint
@@ -38,22 +40,22 @@ class PolynomialMotion(NamedTuple):
     conditions: list[Condition8]
 
 
-def polynomial_motion(targeted: TargetedPath, request: Request) -> PolynomialMotion:
+def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMotion:
     """The certified motion with the polynomial of least degree; what is open of its timing is chosen.
 
     Raises:
         As `plan_crossing`.
     """
-    branch, points, targets = targeted.branch, targeted.points, targeted.targets
-    robot, choice = branch.robot, timing_of(targeted, request)
+    branch, points = to_cross.branch, to_cross.points
+    robot, choice = branch.robot, timing_of(to_cross, request)
 
     def crossings(
         deflections: TimeFunction | None, before: MotionLaw | None
     ) -> list[tuple[CrossingPoint, Condition8]]:
         if deflections is None or request.geometry != "deformed":
-            return _at_rest(targeted)
+            return _at_rest(to_cross)
         found = []
-        for target, crossing_time in zip(targets, choice, strict=True):
+        for target, crossing_time in zip(to_cross.crossing_points, choice, strict=True):
             here = Deflection(*(deflections(crossing_time.time, order) for order in range(3)))
             if isinstance(target, SingularPoint):
                 near = target.s if before is None else float(before(crossing_time.time))
@@ -72,30 +74,35 @@ def polynomial_motion(targeted: TargetedPath, request: Request) -> PolynomialMot
         return law
 
     chosen: list[tuple[Law, list[Condition8]]] = []
-    dynamics = resolve(targeted.searched, choose_law, geometry=request.geometry, tolerance=request.tolerance)
+    dynamics = resolve(
+        to_cross.searched,
+        choose_law,
+        geometry=request.geometry,
+        tolerance=request.tolerance,
+        friction=request.friction,
+    )
     law, conditions = next(one for one in reversed(chosen) if one[0] is dynamics.law)
     if len(chosen) > 1:  # else it is the first law, which has been checked
         check_advance(law, [found.s for found in dynamics.crossings], robot.name)
     return PolynomialMotion(dynamics, law, choice, conditions)
 
 
-def polynomial_at_rest(targeted: TargetedPath, request: Request) -> Law:
+def polynomial_at_rest(to_cross: PathToCross, request: Request) -> Law:
     """The law of the undeformed robot before anything is proved.
 
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
-    crossings = _at_rest(targeted)
-    law = _law(crossings, timing_of(targeted, request), request)
-    check_advance(law, [point.s for point in targeted.points], targeted.branch.robot.name)
+    crossings = _at_rest(to_cross)
+    law = _law(crossings, timing_of(to_cross, request), request)
+    check_advance(law, [point.s for point in to_cross.points], to_cross.branch.robot.name)
     return law
 
 
-def _at_rest(targeted: TargetedPath) -> list[tuple[CrossingPoint, Condition8]]:
+def _at_rest(to_cross: PathToCross) -> list[tuple[CrossingPoint, Condition8]]:
     """The crossing points of the undeformed robot, and what condition (8) asks there."""
     return [
-        (place, effective(targeted.branch, place, coefficients, None))
-        for place, coefficients in targeted.at_rest
+        (place, effective(to_cross.branch, place, condition, None)) for place, condition in to_cross.at_rest
     ]
 
 
@@ -129,43 +136,21 @@ def _inner(
     ]
 
 
-def timing_of(targeted: TargetedPath, request: Request) -> tuple[CrossingTime, ...]:
+def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ...]:
     """Times and speeds of the crossings on the undeformed robot, those left open chosen."""
     duration = request.fixed_duration
-    if not targeted.targets:
+    if not to_cross.crossing_points:
         return ()
-    check_contacts(targeted)
+    check_one_condition_each(to_cross.branch.robot, to_cross.crossing_points)
     for t in request.times or ():
         if not 0 < t < duration:
             raise InvalidInput(
                 f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
                 f"{OF_A_SCENE}"
             )
-    crossings = _at_rest(targeted)
+    crossings = _at_rest(to_cross)
 
     def advance(crossing_times: Sequence[CrossingTime]) -> float:
         return advance_through(duration, request.smoothness, _inner(crossings, crossing_times))
 
-    return choose_timing([place.s for place, _ in crossings], request, advance, targeted.branch.robot.name)
-
-
-def check_contacts(targeted: TargetedPath) -> None:
-    """Raise NoLaw where a law has to meet more than one condition, which the polynomial does not.
-
-    At a tangential touch these are condition (8) and its derivative; else one for each motion that escapes.
-    """
-    for target in targeted.targets:
-        if not isinstance(target, SingularPoint):
-            continue
-        where = f"{targeted.branch.robot.name}: at s = {target.s:.6g}"
-        if target.corank > 1:
-            raise NoLaw(
-                f"{where} {target.corank} motions are uncontrolled at once, each with a condition (8) of "
-                f"its own, and the polynomial meets one; use law optimal"
-            )
-        if target.contact == "tangential":
-            raise NoLaw(
-                f"{where} the path touches the locus without crossing it; finite torques ask for condition "
-                f"(8) and its time derivative at once, and the polynomial meets the first; use law optimal, "
-                f"or move the path off the locus or across it"
-            )
+    return choose_timing([place.s for place, _ in crossings], request, advance, to_cross.branch.robot.name)

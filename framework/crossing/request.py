@@ -2,121 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from framework.dynamics.inverse_dynamics import GEOMETRIES, TOLERANCE, check_tolerance, checked_geometry
-from framework.dynamics.motor_limits import Limit, limits_of_motors
-from framework.errors import InvalidInput, choose_from
+from framework.crossing.options import OPTIONS, Options, takes_options
+from framework.dynamics.inverse_dynamics import checked_geometry
+from framework.dynamics.motor_limits import limits_of_motors
+from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.motion.cone_program import GOALS
-from framework.motion.law import check_duration, is_number
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
 from framework.motion.path import Path, expect_path
 
-LAWS = ("auto", "polynomial", "optimal")
-LARGEST_SPEED = 1e6  # whole paths in the duration; what a law can keep is a few
+MAX_PATHS_PER_DURATION = 1e6  # s' at a crossing times the duration; what a law can keep is a few
 SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends: elastic, rigid
-MOST_SMOOTHNESS = 12
+MAX_SMOOTHNESS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request:
-    """A path, how long its motion takes, what is asked at the crossings, and which law is wanted.
+class Request(Options):
+    """A path and the options of its plan (`options.Options`), checked and completed for one robot.
 
-    `Request.of` makes one for a robot, with the meaning of each field in `plan_crossing`. What was left open
-    and depends on the robot alone is filled in: geometry and smoothness. What planning has to choose is None:
-    the duration, times and speeds of crossings, `at` where the singular points are to be located, and
-    `optimize`. Limits are those asked for, one number for all motors or one for each; None leaves it to the
-    robot file (`limits.motor_limits`).
+    `Request.of` makes one. What was left open and depends on the robot alone is filled in: geometry and
+    smoothness. What planning has to choose is None: the duration, times and speeds of crossings, `at` where
+    the singular points are to be located, and `optimize`. Limits are those asked for, one number for all
+    motors or one for each; None leaves it to the robot file (`specification.motor_limits`).
 
     Raises:
         InvalidInput: numbers or options that cannot be right, or that contradict each other.
     """
 
     path: Path
-    duration: float | None = None
-    times: tuple[float, ...] | None = None
-    speeds: tuple[float, ...] | None = None
-    at: tuple[float, ...] | None = None
-    geometry: str = "rigid"
-    smoothness: int = SMOOTHNESS[False]
-    tolerance: float = TOLERANCE
-    law: str = "auto"
-    optimize: str | None = None
-    longest: float | None = None
-    torque_limit: tuple[float, ...] | None = None
-    speed_limit: tuple[float, ...] | None = None
-    margin: float = 0.0
-    keep_limits: bool = False
+    geometry: str = "rigid"  # filled in
+    smoothness: int = SMOOTHNESS[False]  # filled in
 
     @staticmethod
-    def of(
-        robot: ParallelRobot,
-        path: Path,
-        *,
-        duration: float | None = None,
-        times: Iterable[float] | None = None,
-        speeds: Iterable[float] | None = None,
-        at: Iterable[float] | None = None,
-        geometry: str | None = None,
-        smoothness: int | None = None,
-        tolerance: float = TOLERANCE,
-        law: str = "auto",
-        optimize: str | None = None,
-        longest: float | None = None,
-        torque_limit: Limit = None,
-        speed_limit: Limit = None,
-        margin: float = 0.0,
-        keep_limits: bool = False,
-    ) -> Request:
-        """The request of `plan_crossing` with these arguments.
+    @takes_options
+    def of(robot: ParallelRobot, path: Path, **options: Any) -> Request:
+        """Return the request with these options of `plan_crossing`.
 
         Raises:
-            InvalidInput: an argument that cannot be right; says what is valid.
+            InvalidInput: an option that cannot be right; says what is valid.
         """
         expect_robot(robot)
         expect_path(path)
-        request = Request(
-            path=path,
-            duration=duration,
-            times=_numbers("times", times),
-            speeds=_numbers("speeds", speeds),
-            at=_numbers("at", at),
-            geometry=checked_geometry(robot, geometry),
-            smoothness=checked_smoothness(robot, smoothness),
-            tolerance=tolerance,
-            law=law,
-            optimize=optimize,
-            longest=longest,
-            torque_limit=limits_of_motors(robot, "torque_limit", torque_limit),
-            speed_limit=limits_of_motors(robot, "speed_limit", speed_limit),
-            margin=margin,
-            keep_limits=keep_limits,
-        )
+        filled_in = {
+            "geometry": checked_geometry(robot, options.get("geometry")),
+            "smoothness": checked_smoothness(robot, options.get("smoothness")),
+            "torque_limit": limits_of_motors(robot, "torque_limit", options.get("torque_limit")),
+            "speed_limit": limits_of_motors(robot, "speed_limit", options.get("speed_limit")),
+        }
+        request = Request(path=path, **{**options, **filled_in})
         request.check_limited(robot)
         return request
 
     def __post_init__(self) -> None:
         expect_path(self.path)
-        if self.geometry not in GEOMETRIES:
-            raise InvalidInput(choose_from("geometry", self.geometry, GEOMETRIES))
-        if not isinstance(self.keep_limits, bool | np.bool_):
-            raise InvalidInput(f"keep_limits: must be true or false, got {self.keep_limits!r}")
-        if self.duration is not None:
-            check_duration(self.duration)
+        for option in OPTIONS.values():
+            value = getattr(self, option.name)
+            left_open = value is None and getattr(Options, option.name) is None
+            if option.check is not None and not left_open:
+                object.__setattr__(self, option.name, option.check(option.name, value))
         self._check_crossings()
-        check_tolerance(self.tolerance)
-        if not (is_number(self.margin) and 0 <= self.margin < 1):
-            raise InvalidInput(f"margin: must lie in [0, 1), got {self.margin!r}")
-        if self.law not in LAWS:
-            raise InvalidInput(choose_from("law", self.law, LAWS))
-        if self.optimize is not None and self.optimize not in GOALS:
-            raise InvalidInput(choose_from("optimize", self.optimize, GOALS))
-        if self.longest is not None:
-            check_duration(self.longest)
         if self._bounded and self.law == "polynomial":
             raise InvalidInput(
                 "optimize, longest, limits and margin are for the optimal law, not the polynomial"
@@ -125,10 +73,6 @@ class Request:
             self._check_optimal()
         elif self.duration is None:
             raise InvalidInput("duration: needed, unless optimize time finds the least, or longest bounds it")
-        for name in ("duration", "longest", "tolerance", "margin"):  # numpy's numbers are not all for JSON
-            given = getattr(self, name)
-            object.__setattr__(self, name, None if given is None else float(given))
-        object.__setattr__(self, "keep_limits", bool(self.keep_limits))
 
     @property
     def kind(self) -> str:
@@ -163,9 +107,10 @@ class Request:
     def check_limited(self, robot: ParallelRobot) -> None:
         """Raise InvalidInput where the least time is asked of motors without any limit."""
         motors = robot.description.actuators
-        given = [self.torque_limit, self.speed_limit]
         in_file = [limit for motor in motors for limit in (motor.torque_limit, motor.speed_limit)]
-        if self.goal == "time" and all(limit is None for limit in (*given, *in_file)):
+        if self.goal == "time" and all(
+            limit is None for limit in (self.torque_limit, self.speed_limit, *in_file)
+        ):
             raise InvalidInput(
                 "torque_limit: optimize time needs a limit of torque or speed, given or in the robot file"
             )
@@ -174,10 +119,10 @@ class Request:
         for speed in self.speeds or ():
             if speed <= 0:
                 raise InvalidInput(f"speeds: s' at a crossing must be greater than zero, got {speed:g}")
-            if self.duration is not None and speed > LARGEST_SPEED / self.duration:
+            if self.duration is not None and speed > MAX_PATHS_PER_DURATION / self.duration:
                 raise InvalidInput(
-                    f"speeds: s' at a crossing must be at most {LARGEST_SPEED / self.duration:g} 1/s, a "
-                    f"million paths in the duration, got {speed:g}"
+                    f"speeds: s' at a crossing must be at most {MAX_PATHS_PER_DURATION / self.duration:g} "
+                    f"1/s, a million paths in the duration, got {speed:g}"
                 )
         for name, values in (("times", self.times), ("at", self.at)):
             if values is not None and np.any(np.diff(values) <= 0):
@@ -203,30 +148,21 @@ class Request:
             )
 
 
-def _numbers(name: str, given: object) -> tuple[float, ...] | None:
-    """A list of finite numbers as a tuple of floats."""
-    if given is None:
-        return None
-    if not isinstance(given, Iterable) or isinstance(given, str) or np.ndim(given) == 0:  # type: ignore[arg-type]
-        raise InvalidInput(f"{name}: needs a list of numbers, got {given!r}")
-    values = list(given)
-    for value in values:
-        if not is_number(value):
-            raise InvalidInput(f"{name}: must be finite numbers, got {value!r}")
-    return tuple(map(float, values))
+def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
+    """Return how many derivatives of s vanish at both ends: by default as many as the torque contains.
 
-
-def checked_smoothness(robot: ParallelRobot, given: int | None) -> int:
-    """How many derivatives of s are to vanish at both ends: by default as many as the torque contains."""
+    Raises:
+        InvalidInput: no whole number, or one of them would make the torque jump at the ends.
+    """
     least = SMOOTHNESS[robot.n_e > 0]
-    if given is None:
+    if smoothness is None:
         return least
-    if isinstance(given, bool) or not isinstance(given, int | np.integer):
-        raise InvalidInput(f"smoothness: needs a whole number, got {given!r}")
-    if not least <= given <= MOST_SMOOTHNESS:
+    if isinstance(smoothness, bool) or not isinstance(smoothness, int | np.integer):
+        raise InvalidInput(f"smoothness: needs a whole number, got {smoothness!r}")
+    if not least <= smoothness <= MAX_SMOOTHNESS:
         raise InvalidInput(
-            f"smoothness: got {given}, valid: {least} .. {MOST_SMOOTHNESS} (the torque of a "
+            f"smoothness: got {smoothness}, valid: {least} .. {MAX_SMOOTHNESS} (the torque of a "
             f"{robot.flexibility} robot contains derivatives of s up to order {least} at least; fewer zeros "
             f"make it jump there)"
         )
-    return int(given)
+    return int(smoothness)

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import IO
 
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.crossing.condition import Condition8
+from framework.crossing.condition import Condition8, Deflection, coefficients_at, crossing_point
+from framework.crossing.crossing_points import PathToCross
 from framework.crossing.motion_table import MotionTable, motion_table
 from framework.crossing.request import Request
 from framework.crossing.specification import Specification
+from framework.crossing.timing import CrossingTime
 from framework.dynamics.certificate import Certificate
-from framework.dynamics.result import InverseDynamics
-from framework.kinematics.joint_limits import positions_beyond_limits
+from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tree_model import positions_beyond_limits
 from framework.motion.law import PlannedLaw
 from framework.motion.path import Path
+from framework.singularity.points_on_path import SingularPoint
+
+PEAK_SAMPLES = 2001  # equidistant instants at which peaks and limits are looked at
+TIMING_ROUNDING = 1e-9  # of the duration, and of the speed: a crossing this near to one asked for is that one
+PLACE_ROUNDING = 1e-9  # in s: an imposed place this near to a singular point is that point
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,32 +112,40 @@ class CrossingPlan:
     @property
     def peak_torque(self) -> dict[str, float]:
         """Largest |torque| [N m] of each motor, by joint."""
-        times = np.linspace(0.0, self.duration, 2001)
+        times = np.linspace(0.0, self.duration, PEAK_SAMPLES)
         peaks = np.abs(self.torque(times)).max(axis=0)
         return dict(zip(self.robot.actuator_names, map(float, peaks), strict=True))
+
+    @property
+    def neglected_friction(self) -> str:
+        """Dry friction that the plan does not count with, its size by joint; empty without any."""
+        robot = self.robot
+        if self.request.friction == "driven":
+            return robot.friction_sizes(robot.passive)
+        return robot.friction_sizes(np.concatenate([robot.actuated, robot.passive]))
 
     @property
     def exceeded(self) -> dict[str, str]:
         """Limits that the plan does not keep, by joint: those of the robot file's motors (torque and speed),
         and the positions that the URDF allows its joints.
         """
-        times = np.linspace(0.0, self.duration, 2001)
+        times = np.linspace(0.0, self.duration, PEAK_SAMPLES)
         torques = np.abs(self.torque(times)).max(axis=0)
         speeds = np.abs(self.motor_angle(times, 1)).max(axis=0)
-        found = {}
+        exceeded = {}
         for k, motor in enumerate(self.robot.description.actuators):
-            asked = []
+            excesses = []
             if motor.torque_limit is not None and torques[k] > motor.torque_limit:
                 unit = self.robot.torque_units[k]
-                asked.append(f"torque {torques[k]:.4g} {unit} of {motor.torque_limit:.4g}")
+                excesses.append(f"torque {torques[k]:.4g} {unit} of {motor.torque_limit:.4g}")
             if motor.speed_limit is not None and speeds[k] > motor.speed_limit:
-                asked.append(f"speed {speeds[k]:.4g} rad/s of {motor.speed_limit:.4g}")
-            if asked:
-                found[motor.joint] = ", ".join(asked)
+                excesses.append(f"speed {speeds[k]:.4g} rad/s of {motor.speed_limit:.4g}")
+            if excesses:
+                exceeded[motor.joint] = ", ".join(excesses)
         beyond = positions_beyond_limits(self.robot.limits, self.dynamics.configuration(times))
         for joint, position in beyond.items():
-            found[joint] = f"{found[joint]}, {position}" if joint in found else position
-        return found
+            exceeded[joint] = f"{exceeded[joint]}, {position}" if joint in exceeded else position
+        return exceeded
 
     def __repr__(self) -> str:
         where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
@@ -151,3 +167,92 @@ class CrossingPlan:
                 stream.write(text)
         else:
             file.write(text)
+
+
+def certified_plan(
+    to_cross: PathToCross,
+    request: Request,
+    dynamics: InverseDynamics,
+    law: PlannedLaw,
+    timing: Sequence[CrossingTime],
+    *,
+    seconds: float,
+    reason: str,
+    optimality: Optimality | None = None,
+    conditions: Sequence[Condition8] = (),
+) -> CrossingPlan:
+    """Return the plan of a motion that has its torques.
+
+    Args:
+        timing: when and how fast the law was made to cross; a crossing that is measured so to rounding has
+            these numbers, any other its own.
+        seconds, reason, optimality: of the plan.
+        conditions: those that the law was made to meet, one for each crossing point; measured if not at hand.
+    """
+    crossings = []
+    for measured, k in zip(dynamics.crossings, _matches(to_cross, dynamics.crossings), strict=True):
+        time, speed = _timing(measured.time, law, timing)
+        condition = None
+        if k is not None:
+            condition = conditions[k] if conditions else _condition(to_cross, request, dynamics, k, time)
+        crossings.append(
+            Crossing(
+                s=measured.s,
+                time=time,
+                speed=speed,
+                acceleration=float(law(time, 2)),
+                kind=measured.kind,
+                twist=measured.twist,
+                platform=measured.platform,
+                residual=measured.residual,
+                condition=condition,
+            )
+        )
+    certificate = replace(dynamics.certificate, monotone=law.advance(request.smoothness) > 0)
+    return CrossingPlan(
+        robot=dynamics.robot,
+        request=request,
+        law=law,
+        crossings=tuple(crossings),
+        dynamics=dynamics,
+        certificate=certificate,
+        seconds=seconds,
+        reason=reason,
+        optimality=optimality,
+    )
+
+
+def _timing(measured: float, law: PlannedLaw, timing: Sequence[CrossingTime]) -> CrossingTime:
+    """Return when and how fast the law crosses near a measured instant [s]."""
+    for intended in timing:
+        if abs(intended.time - measured) < TIMING_ROUNDING * law.duration:
+            speed = float(law(intended.time, 1))
+            if abs(intended.speed - speed) < TIMING_ROUNDING * speed:
+                return intended
+            return intended._replace(speed=speed)
+    return CrossingTime(measured, float(law(measured, 1)))
+
+
+def _matches(to_cross: PathToCross, crossings: Sequence[SingularityCrossing]) -> list[int | None]:
+    """Return which crossing point each crossing is; None where condition (8) was not asked for."""
+    points = to_cross.crossing_points
+    if len(points) == len(crossings) and all(isinstance(one, SingularPoint) for one in points):
+        return list(range(len(points)))  # both in the order of the path; springs may have moved the crossings
+    matches: list[int | None] = []
+    for crossing in crossings:
+        near = [k for k, one in enumerate(points) if abs(one.s - crossing.s) < PLACE_ROUNDING]
+        matches.append(near[0] if near else None)
+    return matches
+
+
+def _condition(
+    to_cross: PathToCross, request: Request, dynamics: InverseDynamics, k: int, time: float
+) -> Condition8:
+    """Return condition (8) where and when the motion crosses, with its own deflections."""
+    if request.geometry != "deformed" or not dynamics.robot.n_e:
+        return to_cross.at_rest[k][1]
+    place = to_cross.crossing_points[k]
+    deflection = Deflection(*(dynamics.deflection(time, order) for order in range(3)))
+    if isinstance(place, SingularPoint):
+        place = crossing_point(to_cross.branch, place, deflection, float(dynamics.law(np.array(time))))
+    return coefficients_at(to_cross.branch, place, deflection)

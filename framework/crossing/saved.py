@@ -1,54 +1,30 @@
-"""plan.json: a plan written down, and read back.
-
-It holds the request, the law and the verdict. What the law does is computed anew when it is read, torques and
-certificate with it, and must be what the file says: nothing in the file is believed.
-"""
+"""plan.json: a plan written down, its request, law and verdict; `restored` reads it back."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path as FilePath
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from framework.arrays import Array
 from framework.catalogue import catalogue
-from framework.catalogue import robot_file as robot_file_of
-from framework.crossing.finish import finished_plan
 from framework.crossing.request import Request
-from framework.crossing.result import Crossing, CrossingPlan, Optimality
-from framework.crossing.scenes import path_of
-from framework.crossing.specification import specification_of
-from framework.crossing.targets import targeted_path
-from framework.crossing.timing import CrossingTime
-from framework.dynamics.inverse_dynamics import check_law, resolve
-from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from
-from framework.input import read_text
+from framework.crossing.result import Crossing, CrossingPlan
+from framework.errors import InvalidInput, choose_from
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.law import Law, PlannedLaw, check_duration
+from framework.motion.law import Law, PlannedLaw
 from framework.motion.optimal_law import OptimalLaw
 from framework.motion.path import PointPath
 from framework.output import write_file
-from framework.singularity.points_on_path import search_path
 
 FILE = "plan.json"
 VERSION = 2  # of plan.json; files of version 1 had none, and did not say what had been asked
-LARGEST_DOCUMENT = 1_000_000_000  # bytes
 LAW_KINDS = (Law.kind, OptimalLaw.kind)
-SAME = 1e-6  # share of its size by which a number of the file and the one computed anew may differ
-
-
-# ------------------------------------------------------------------ written
 
 
 def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:
-    """Write plan.json into a folder, for `load_plan`; returns the file.
+    """Write plan.json into a folder, for `load_plan`, and return the file.
 
     Raises:
         InvalidInput: see `plan_document`.
@@ -61,7 +37,7 @@ def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:
 
 
 def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[str, Any]:
-    """The content of plan.json, SI units.
+    """Return the content of plan.json, SI units.
 
     Args:
         folder: where the file is to stand; the robot file is then stated relative to it, where it can be.
@@ -81,6 +57,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[st
         "crossings": [_crossing_document(crossing) for crossing in plan.crossings],
         "peak_torque": plan.peak_torque,
         "exceeded": plan.exceeded,
+        "neglected_friction": plan.neglected_friction,
         "certificate": asdict(plan.certificate),
         "reason": plan.reason,
         "optimality": None
@@ -94,7 +71,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[st
 
 
 def robot_place(robot: ParallelRobot, folder: FilePath | None = None) -> str:
-    """The robot's name if it is one of the catalogue, else the path of its file, relative to a folder."""
+    """Return the robot's name in the catalogue, or else the path of its file, relative to a folder."""
     name, file = robot.name, robot.description.file
     entry = catalogue().get(name)
     if entry is not None and file.exists() and entry.file.samefile(file):
@@ -143,200 +120,3 @@ def _crossing_document(crossing: Crossing) -> dict[str, Any]:
         "residual": crossing.residual,
         "condition": None if condition is None else condition._asdict(),
     }
-
-
-# ------------------------------------------------------------------ read
-
-
-def is_plan_folder(name: str) -> bool:
-    """Whether this is a folder with a plan.json in it."""
-    return os.path.isfile(os.path.join(name, FILE))
-
-
-def load_plan(folder: str | FilePath, *, robot_file: str | FilePath | None = None) -> CrossingPlan:
-    """The plan of a folder written by `crossing plan --out` or `save_plan`.
-
-    Request, law, reason and seconds are those of the file. Crossings, torques and certificate are computed
-    anew from the law: the same numbers again for a rigid robot, equal to the accuracy of the certificate
-    for a deformed one, whose deflections then start from another guess.
-
-    Args:
-        robot_file: the robot file, or its name in the catalogue, where it is no longer where the plan says.
-
-    Raises:
-        InvalidInput: there is no plan.json, it is not one of this version, or its robot has changed since.
-        RobotFileError: the robot file is gone or broken.
-    """
-    file = FilePath(folder) / FILE
-    return restored_plan(read_document(file, "plan"), file, robot_file=robot_file)
-
-
-def restored_plan(
-    saved: dict[str, Any], file: FilePath, *, robot_file: str | FilePath | None = None
-) -> CrossingPlan:
-    """The plan of which `plan_document` gave `saved`.
-
-    Args:
-        file: where that stands, for complaints; paths in it are relative to its folder.
-
-    Raises:
-        InvalidInput, RobotFileError: see `load_plan`.
-    """
-    if saved.get("version") != VERSION:
-        raise InvalidInput(
-            f"{file}: version: this program reads plans of version {VERSION}, got "
-            f"{saved.get('version', 'none, as before version 2')}; plan again"
-        )
-    with _complaints(file):
-        robot = _robot(saved, file, robot_file)
-        request = _request(robot, saved["request"])
-        law = _law(saved["law"], float(saved["duration"]), request)
-        if saved["geometry"] != request.geometry:
-            raise InvalidInput(f"geometry: {saved['geometry']!r}, but the request says {request.geometry!r}")
-        optimality = None
-        if isinstance(law, OptimalLaw):
-            reference = _numbers("optimality.reference", saved["optimality"]["reference"], (robot.n_a,))
-            optimality = Optimality(specification_of(robot, request), reference)
-        timing = [
-            CrossingTime(float(stated["time"]), float(stated["speed"])) for stated in saved["crossings"]
-        ]
-        reason, seconds = str(saved["reason"]), float(saved["seconds"])
-        check_law(law)
-    try:
-        targeted = targeted_path(search_path(robot, request.path), request)
-        dynamics = resolve(
-            targeted.searched, lambda *_: law, geometry=request.geometry, tolerance=request.tolerance
-        )
-        plan = finished_plan(
-            targeted, request, dynamics, law, timing, seconds=seconds, reason=reason, optimality=optimality
-        )
-    except (NoAnswer, InvalidInput) as error:
-        raise InvalidInput(
-            f"{file}: the robot has changed since, its law fits no more; plan again ({error})"
-        ) from None
-    with _complaints(file):
-        _check_same(saved, plan)
-    return plan
-
-
-def read_document(file: FilePath, command: str) -> dict[str, Any]:
-    """The JSON object that a command wrote into the folder of --out.
-
-    Raises:
-        InvalidInput: there is none.
-    """
-    complaint = f"{file}: cannot be read; give a folder of `crossing {command} --out`"
-    text = read_text(file, complaint, largest=LARGEST_DOCUMENT)
-    try:
-        saved = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InvalidInput(f"{file}: not JSON ({error})") from None
-    if not isinstance(saved, dict):
-        raise InvalidInput(f"{file}: must be one JSON object, got {type(saved).__name__}")
-    return saved
-
-
-@contextmanager
-def _complaints(file: FilePath) -> Iterator[None]:
-    """Complaints about a document name its file; what is missing, or of another type, is no plan of ours."""
-    try:
-        yield
-    except RobotFileError:
-        raise
-    except InvalidInput as error:
-        raise InvalidInput(f"{file}: {error}") from None
-    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        raise InvalidInput(
-            f"{file}: not a plan that `crossing plan --out` wrote ({type(error).__name__}: {error}); "
-            f"plan again"
-        ) from None
-
-
-def _robot(saved: dict[str, Any], file: FilePath, named: str | FilePath | None) -> ParallelRobot:
-    """The robot in the file that is named anew, or else in the one that the plan says."""
-    if named is not None:
-        return ParallelRobot.from_file(robot_file_of(str(named)), flexibility=saved["flexibility"])
-    known, stated = catalogue(), str(saved["robot_file"])
-    place = known[stated].file if stated in known else file.parent / stated
-    if not os.path.exists(place):
-        raise RobotFileError(
-            f"{file}: robot_file: there is no {place}; if it has moved, name it again (--robot-file, or "
-            f"robot_file= of load_plan)"
-        )
-    return ParallelRobot.from_file(place, flexibility=saved["flexibility"])
-
-
-def _request(robot: ParallelRobot, saved: dict[str, Any]) -> Request:
-    rest = dict(saved)
-    ((kind, points),) = rest.pop("path").items()
-    known = [field.name for field in fields(Request) if field.name != "path"]
-    for key in rest:
-        if key not in known:
-            raise InvalidInput(f"request: {choose_from('key', key, known)}")
-    return Request.of(robot, path_of(kind, points), **rest)
-
-
-def _law(saved: dict[str, Any], duration: float, request: Request) -> PlannedLaw:
-    """The law by its kind; a polynomial if it names none."""
-    check_duration(duration)
-    if request.duration not in (None, duration):
-        raise InvalidInput(f"duration: got {duration}, but the request says {request.duration}")
-    kind = saved.get("kind", Law.kind)
-    if kind not in LAW_KINDS:
-        raise InvalidInput(choose_from("kind of law", kind, LAW_KINDS))
-    if kind == Law.kind:
-        return Law(_numbers("law.chebyshev", saved["chebyshev"]), duration)
-    smoothness = saved["smoothness"]
-    if isinstance(smoothness, bool) or smoothness != request.smoothness:
-        raise InvalidInput(f"law.smoothness: got {smoothness!r}, but the request says {request.smoothness}")
-    series = _numbers("law.squared_speed", saved["squared_speed"])
-    return OptimalLaw(series, request.smoothness, duration, tuple(map(float, saved["dense_at"])))
-
-
-def _numbers(key: str, saved: Any, shape: tuple[int, ...] | None = None) -> Array:
-    values = np.array(saved, dtype=float)
-    fits = (values.ndim == 1 and values.size >= 2) if shape is None else values.shape == shape
-    if not fits or not np.all(np.isfinite(values)):
-        raise InvalidInput(f"{key}: must be a list of finite numbers")
-    return values
-
-
-def _check_same(saved: dict[str, Any], plan: CrossingPlan) -> None:
-    """Raise InvalidInput where a file says other than the plan that was computed anew from it."""
-    largest = max(plan.peak_torque.values())
-    for joint, peak in plan.peak_torque.items():
-        _check_number(f"peak torque of {joint}", saved["peak_torque"].get(joint), peak, largest)
-    if len(saved["crossings"]) != len(plan.crossings):
-        raise _changed("crossings", len(saved["crossings"]), len(plan.crossings))
-    pace = 1.0 / plan.duration
-    sizes = {"s": 1.0, "time": plan.duration, "speed": pace, "acceleration": pace**2}
-    for k, (stated, crossing) in enumerate(zip(saved["crossings"], plan.crossings, strict=True)):
-        where = f"crossings[{k}]"
-        if stated["kind"] != crossing.kind:
-            raise _changed(f"{where}.kind", stated["kind"], crossing.kind)
-        for key, size in sizes.items():
-            now = getattr(crossing, key)
-            _check_number(f"{where}.{key}", stated[key], now, max(size, abs(now)))
-        _check_number(f"{where}.twist", stated["twist"], crossing.twist, 1.0)
-        _check_number(f"{where}.platform", stated["platform"], crossing.platform, plan.robot.length)
-        if (stated["condition"] is None) != (crossing.condition is None):
-            raise _changed(f"{where}.condition", stated["condition"], crossing.condition)
-        for key, now in ({} if crossing.condition is None else crossing.condition._asdict()).items():
-            _check_number(
-                f"{where}.condition.{key}", stated["condition"][key], now, stated["condition"]["scale"]
-            )
-    if saved["certificate"]["monotone"] is not plan.certificate.monotone:
-        raise _changed("certificate.monotone", saved["certificate"]["monotone"], plan.certificate.monotone)
-
-
-def _check_number(key: str, stated: Any, now: ArrayLike, size: float) -> None:
-    """Raise InvalidInput unless what the file says is within SAME of its size."""
-    values = np.array(np.nan if stated is None else stated, dtype=float)
-    if values.shape != np.shape(now) or not np.all(np.abs(values - now) <= SAME * size):
-        raise _changed(key, stated, now)
-
-
-def _changed(key: str, stated: object, now: object) -> InvalidInput:
-    return InvalidInput(
-        f"{key}: the file says {stated}, the robot now needs {now}: the robot has changed since; plan again"
-    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from framework.crossing.options import OPTIONS
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
@@ -15,7 +16,7 @@ from framework.motion.path import Arc, Line, Path, Spline
 
 
 def scene(robot: ParallelRobot, name: str) -> Scene:
-    """The scene of that name.
+    """Return the scene of that name.
 
     Raises:
         InvalidInput: the robot has no such scene; lists those it has.
@@ -28,12 +29,12 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
 
 
 def scene_path(scene: Scene) -> Path:
-    """The path of a scene."""
+    """Return the path of a scene."""
     return path_of(scene.kind, scene.points)
 
 
 def path_of(kind: str, points: Sequence[Sequence[float]]) -> Path:
-    """A line (start, end), an arc (start, via, end) or a spline through points (m, n).
+    """Return a line (start, end), an arc (start, via, end) or a spline through points (m, n).
 
     Raises:
         InvalidInput: another kind, or points that do not make such a path.
@@ -49,12 +50,12 @@ def path_of(kind: str, points: Sequence[Sequence[float]]) -> Path:
 
 
 def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:
-    """`plan_crossing` with what the scene says; keyword options override it."""
+    """Plan as `plan_crossing` with what the scene says; keyword options override it."""
     return plan_request(robot, scene_request(robot, name, **options))
 
 
 def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
-    """What a scene asks for; keyword options of `plan_crossing` override it.
+    """Return what a scene asks for; keyword options of `plan_crossing` override it.
 
     The timing of a scene's crossings belongs to the polynomial and is left out where the options are for an
     optimal law; its duration where they ask for a law that finds its own.
@@ -63,10 +64,10 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
         InvalidInput: the robot has no such scene, or see `Request.of`.
     """
     chosen = scene(robot, name)
-    given = {"duration": chosen.duration, "times": chosen.times, "speeds": chosen.speeds, "at": chosen.at}
+    stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}
     wanted = [options.get(key) for key in ("optimize", "longest", "torque_limit", "speed_limit", "margin")]
     if options.get("law") == "optimal" or any(value is not None for value in wanted):
-        given.update(times=None, speeds=None)
+        stated.update(times=None, speeds=None)
     if options.get("optimize") == "time" or options.get("longest") is not None:
-        given.update(duration=None)
-    return Request.of(robot, scene_path(chosen), **{**given, **options})
+        stated.update(duration=None)
+    return Request.of(robot, scene_path(chosen), **{**stated, **options})

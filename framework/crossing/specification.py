@@ -9,6 +9,8 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.crossing.request import Request
+from framework.dynamics.motor_friction import motor_friction
+from framework.dynamics.motor_limits import Limit
 from framework.kinematics.parallel_robot import ParallelRobot
 
 
@@ -21,6 +23,7 @@ class Specification(ReadOnlyArrays):
         if there is none, all with the same number; that does not bound them.
     duration: to be met exactly [s]; `longest`: not to be exceeded [s].
     torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite where there is none.
+    friction: (n_a,) dry friction of the motors that counts among their torques [N m], motor side.
     """
 
     goal: str
@@ -29,9 +32,10 @@ class Specification(ReadOnlyArrays):
     torque_limit: Array
     speed_limit: Array
     smoothness: int
+    friction: Array
 
     def tightened(self, share: float) -> Specification:
-        """The same with limits multiplied by `share`."""
+        """Return the same with limits multiplied by `share`."""
         return replace(self, torque_limit=self.torque_limit * share, speed_limit=self.speed_limit * share)
 
     @property
@@ -51,7 +55,7 @@ class Specification(ReadOnlyArrays):
 
 
 def motor_limits(robot: ParallelRobot, request: Request) -> tuple[Array, Array]:
-    """Largest torques [N m] and speeds [rad/s] (n_a,) of the motors, motor side, the margin taken off.
+    """Return the limits of torques [N m] and speeds [rad/s] (n_a,), motor side, the margin taken off.
 
     Infinite where neither the request nor the robot file has a limit.
     """
@@ -61,13 +65,20 @@ def motor_limits(robot: ParallelRobot, request: Request) -> tuple[Array, Array]:
     return torque * share, speed * share
 
 
-def _limits(asked: Sequence[float] | None, in_file: Sequence[float | None]) -> Array:
-    if asked is not None:
-        return np.broadcast_to(np.array(asked), (len(in_file),)).copy()
+def _limits(limit: Limit, in_file: Sequence[float | None]) -> Array:
+    if limit is not None:
+        return np.broadcast_to(np.array(limit), (len(in_file),)).copy()
     return np.array([np.inf if limit is None else limit for limit in in_file])
 
 
 def specification_of(robot: ParallelRobot, request: Request) -> Specification:
-    """What an optimal law for this request is to be best at, with the limits of this robot's motors."""
+    """Return what an optimal law for this request is to be best at, within the limits of the motors."""
     limits = motor_limits(robot, request)
-    return Specification(request.goal, request.duration, request.longest, *limits, request.smoothness)
+    return Specification(
+        request.goal,
+        request.duration,
+        request.longest,
+        *limits,
+        request.smoothness,
+        motor_friction(robot, request.friction),
+    )

@@ -9,17 +9,15 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.request import Request
-from framework.dynamics.crossings import instants
+from framework.dynamics.singularity_crossings import instants
 from framework.errors import InvalidInput, NoLaw
-from framework.motion.law import OVERSHOOT, Law
+from framework.motion.law import Law
 
 # Least slope of s (the ends' zeros divided out) over its mean that a law of our own choice should keep.
-COMFORTABLE = 0.2
-MOST_CROSSINGS = 8  # through more, one polynomial has so many turns that none that advances is found
-TRIALS = 1600  # laws that are tried at most while times or speeds are moved
-
-
-OTHERWISE = "choose other times or speeds, or law optimal"
+COMFORTABLE_ADVANCE = 0.2
+MAX_CROSSINGS = 8  # through more, one polynomial has so many turns that none that advances is found
+MAX_TRIALS = 1600  # laws that are tried while times or speeds are moved
+MIN_SEPARATION = 1e-3  # of the duration, between crossings and from them to the ends, in a search
 
 
 class CrossingTime(NamedTuple):
@@ -35,10 +33,10 @@ def choose_timing(
     advance: Callable[[Sequence[CrossingTime]], float],
     name: str,
 ) -> tuple[CrossingTime, ...]:
-    """Timing of the crossings at path coordinates s (k,), ascending.
+    """Choose the timing of the crossings at path coordinates s (k,), ascending.
 
     What the request gives is kept. What is open starts from the law that would ignore the crossings, and
-    is then moved, if need be, until the law through it advances comfortably, as told by `advance`.
+    is then moved, if need be, until the law through it advances comfortably, as `advance` measures it.
 
     Raises:
         NoLaw: no law that always advances was found.
@@ -46,18 +44,18 @@ def choose_timing(
     if request.times is not None and request.speeds is not None:
         # what such a law does is for `check_advance` to judge
         return _timings(np.array(request.times), np.array(request.speeds))
-    if len(s) > MOST_CROSSINGS:
+    if len(s) > MAX_CROSSINGS:
         raise NoLaw(
             f"{name}: the path meets {len(s)} singular points, the first at s = {s[0]:.6g}; a law through "
-            f"more than {MOST_CROSSINGS} is not searched for: cut the path, or give all times and speeds"
+            f"more than {MAX_CROSSINGS} is not searched for: cut the path, or give all times and speeds"
         )
     best: tuple[CrossingTime, ...] = ()
     score = -np.inf
     for start in _starts(s, request):
-        found = _advance(advance, start, request)
-        if found > score or not best:
-            best, score = start, found
-        if score >= COMFORTABLE:
+        advanced = _advance(advance, start, request)
+        if advanced > score or not best:
+            best, score = start, advanced
+        if score >= COMFORTABLE_ADVANCE:
             return best
     best, score = _improve(best, request, advance)
     if score <= 0:
@@ -70,45 +68,8 @@ def choose_timing(
     return best
 
 
-def check_advance(law: Law, s: Sequence[float], name: str) -> None:
-    """Refuse a law that runs backwards, leaves the path, or meets a singular point s (k,) twice.
-
-    A law that always advances passes; so does one that overshoots an end by less than OVERSHOOT and
-    comes back to it, as the paper's case C does with degree 8.
-
-    Raises:
-        NoLaw: says where and when.
-    """
-    times = np.linspace(0.0, law.duration, 2001)
-    values = law(times)
-    for end, beyond in ((0.0, -values), (1.0, values - 1.0)):
-        worst = int(np.argmax(beyond))
-        if beyond[worst] > OVERSHOOT:
-            raise NoLaw(
-                f"{name}: the law does not always advance: it leaves the path at s = {end:g}, up to "
-                f"s = {values[worst]:.4g} at t = {times[worst]:.4g} s; {OTHERWISE}"
-            )
-    inside = (values > 0) & (values < 1)
-    rates = law(times, 1)
-    backwards = rates < -1e-9 * np.abs(rates).max()
-    if np.any(inside & backwards):
-        k = int(np.argmax(inside & backwards))
-        raise NoLaw(
-            f"{name}: the law does not always advance: it runs backwards at t = {times[k]:.4g} s, s = "
-            f"{values[k]:.4g}; {OTHERWISE}"
-        )
-    for singular in s:
-        crossed = np.flatnonzero(np.diff(values > singular))
-        if len(crossed) > 1:
-            raise NoLaw(
-                f"{name}: the law does not always advance: it meets the singular point s = "
-                f"{singular:.6g} {len(crossed)} times (about t = "
-                f"{', '.join(f'{times[k]:.4g}' for k in crossed)} s); {OTHERWISE}"
-            )
-
-
 def _starts(s: Sequence[float], request: Request) -> Iterator[tuple[CrossingTime, ...]]:
-    """First the law that ignores the crossings, then laws of one cruising speed, ever faster."""
+    """Yield first the law that ignores the crossings, then laws of one cruising speed, ever faster."""
     duration, times, speeds = request.fixed_duration, request.times, request.speeds
     plain = Law.rest_to_rest(duration, request.smoothness)
     ends = np.array([0.0, duration])
@@ -130,10 +91,10 @@ def _advance(
     crossing_times: Sequence[CrossingTime],
     request: Request,
 ) -> float:
-    """How well the law advances; negative infinity where there is none."""
+    """Return how well the law advances; negative infinity where there is none."""
     duration = request.fixed_duration
     t = np.array([0.0, *(m.time for m in crossing_times), duration])
-    if np.any(np.diff(t) < 1e-3 * duration) or any(m.speed <= 0 for m in crossing_times):
+    if np.any(np.diff(t) < MIN_SEPARATION * duration) or any(m.speed <= 0 for m in crossing_times):
         return -np.inf
     try:
         return advance(crossing_times)
@@ -146,7 +107,7 @@ def _improve(
     request: Request,
     advance: Callable[[Sequence[CrossingTime]], float],
 ) -> tuple[tuple[CrossingTime, ...], float]:
-    """Nelder-Mead on what is open, until the law advances comfortably."""
+    """Search by Nelder and Mead's method what is open, until the law advances comfortably."""
     from scipy.optimize import OptimizeResult, minimize
 
     count, duration = len(first), request.fixed_duration
@@ -162,25 +123,25 @@ def _improve(
 
     def cost(free: Array) -> float:
         score = _advance(advance, crossing_times(free), request)
-        return 1e6 if np.isneginf(score) else -min(score, COMFORTABLE)
+        return 1e6 if np.isneginf(score) else -min(score, COMFORTABLE_ADVANCE)
 
     def stop_when_comfortable(intermediate_result: OptimizeResult) -> None:
-        if intermediate_result.fun <= -COMFORTABLE:
+        if intermediate_result.fun <= -COMFORTABLE_ADVANCE:
             raise StopIteration
 
     unknowns = count * (open_times + open_speeds)
     simplex = np.vstack([np.zeros(unknowns), 0.1 * np.eye(unknowns)])
-    found = minimize(
+    optimum = minimize(
         cost,
         np.zeros(unknowns),
         method="Nelder-Mead",
         callback=stop_when_comfortable,
         options={
             "initial_simplex": simplex,
-            "maxfev": min(400 * unknowns, TRIALS),
+            "maxfev": min(400 * unknowns, MAX_TRIALS),
             "xatol": 1e-4,
             "fatol": 1e-6,
         },
     )
-    best = crossing_times(found.x)
+    best = crossing_times(optimum.x)
     return best, _advance(advance, best, request)

@@ -15,8 +15,9 @@ import numpy as np
 from framework.arrays import Array
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import FramePlatform
+from framework.tolerances import LINE_PITCH
 
-PITCHLESS = 1e-6  # of a line's moment: what is left of a screw's pitch by rounding and Newton's tolerance
+PSEUDOINVERSE_CUTOFF = 1e-9  # over the largest singular value: what a line's moment leaves open
 
 
 class ActionLines(NamedTuple):
@@ -51,8 +52,9 @@ def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None
     # place x way = arm, on the axes about which the platform turns: place = -[way]x^+ arm there
     crossing = np.cross(np.eye(3), way[:, :, None, :])  # (F, n_a, 3, 3): row i is e_i x way
     of_place = np.swapaxes(crossing, 2, 3)[:, :, turning, :]
-    place = np.einsum("fkij,fkj->fki", np.linalg.pinv(of_place, rcond=1e-9), arm[:, :, turning])
+    to_place = np.linalg.pinv(of_place, rcond=PSEUDOINVERSE_CUTOFF)
+    place = np.einsum("fkij,fkj->fki", to_place, arm[:, :, turning])
     missed = np.abs(np.einsum("fkij,fkj->fki", of_place, place) - arm[:, :, turning]).max()
-    if missed > PITCHLESS * max(robot.length, float(np.abs(arm).max())):
+    if missed > LINE_PITCH * max(robot.length, float(np.abs(arm).max())):
         return None
     return ActionLines(place, way)

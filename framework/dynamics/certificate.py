@@ -19,10 +19,15 @@ class Certificate:
         coordinates as functions of time [m or rad]; all loop equations, redundant ones too.
     max_residual_torque: largest torque that a joint would still have to give, beside motors and springs, for
         the motion to be as planned, half-way between the nodes [N m or N]. Joints without motor or spring
-        have none to give; where some are held still as idle, they are looked at on the nodes too.
+        have none to give; those that are held still as idle are counted apart.
+    max_held_torque: largest torque that would hold still the joints whose motion moves no centre of mass,
+        such as a rod's about its own line [N m or N]; the motors' torques are wrong by its order.
+        0 without such joints; at most `tolerances.HELD_IDLE` of a motor's largest torque on the joint side.
     end_speed: largest motor speed at both ends over the largest one on the way. Zero when the law is
         smooth enough; an elastic robot whose springs carry inertia needs more smoothness than its default.
     monotone: the law advances at all instants between its ends.
+    rounded_gap: largest loop equation, of those that repeat others but for rounding and were left aside [m or
+        rad]; 0 without such.
     """
 
     nodes: int
@@ -31,5 +36,7 @@ class Certificate:
     change: float
     max_closure_error: float
     max_residual_torque: float
+    max_held_torque: float
     end_speed: float
     monotone: bool
+    rounded_gap: float = 0.0

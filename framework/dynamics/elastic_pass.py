@@ -8,10 +8,11 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.forces import Forces, loop_forces
+from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
-from framework.kinematics.inverse_kinematics import Motion, close_loops, joint_rates, motion_at
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw
 from framework.motion.path import along
@@ -60,9 +61,9 @@ def moving(
         step[:, robot.elastic] = q_e
         near = integrate(robot, branch.guess(s[0]), step)
     else:  # along the tangent, by the factors that are there already
-        system = before.motion.system
-        ahead = -robot.platform.residual(system.frames, x)
-        near = integrate(robot, before.motion.q, joint_rates(robot, system, ahead, q_e - before.q_e))
+        linearised = before.motion.linearised
+        ahead = -robot.platform.residual(linearised.frames, x)
+        near = integrate(robot, before.motion.q, joint_rates(robot, linearised, ahead, q_e - before.q_e))
     closed = close_loops(robot, x, near)
     if not robot.n_e:
         return q_e, motion_at(robot, closed, dx, ddx)

@@ -17,7 +17,8 @@ degree, so that dG is far from normal, though nearly nilpotent. Then Newton's me
 solved by GMRES, which needs dG along some directions only, one pass each: its k-th step is the best of all
 combinations of k passes, of which plain repetition is one. It works on as many coefficients of q_e as are
 needed, found by raising their number until what is cut off is small enough.
-What is left in the end, the change that one more pass would make, belongs to the result (`Deflected.change`).
+What is left in the end, the change that one more pass would make, belongs to the result
+(`DeflectionSolution.change`).
 
 Source: Knoll and Keyes, Jacobian-free Newton-Krylov methods, J. Comput. Phys. 193 (2004).
 """
@@ -33,9 +34,9 @@ from framework.arrays import Array
 from framework.dynamics.elastic_pass import Pass, moving, one_pass, spring_scale
 from framework.dynamics.forces import Forces
 from framework.errors import NoAnswer, NotConverged
-from framework.kinematics.inverse_kinematics import Motion
+from framework.kinematics.continuation.tracking import Branch
+from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tracking import Branch
 from framework.linalg.krylov import gmres
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw
@@ -58,7 +59,7 @@ LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
 
 
 @dataclass(frozen=True, eq=False)
-class Deflected:
+class DeflectionSolution:
     """The motion on the nodes of `grid`, its forces, and the deflections that it has and causes."""
 
     grid: TimeGrid
@@ -83,7 +84,7 @@ def solve_deflections(
     *,
     tolerance: float = 1e-10,
     is_fine: Callable[[Pass], bool] = lambda _: True,
-) -> Deflected:
+) -> DeflectionSolution:
     """Deflections and forces at the nodes of the grid, as near to agreement as they come.
 
     Args:
@@ -107,18 +108,20 @@ def solve_deflections(
             return _small_displacements(branch, grid, here)
         _check_stiffness(robot, grid, here)
         if not is_fine(here):
-            return Deflected(grid, here.law, here.motion, here.forces, rest, here.caused, change=np.inf)
+            return DeflectionSolution(
+                grid, here.law, here.motion, here.forces, rest, here.caused, change=np.inf
+            )
     else:
         function = grid.resolved(start(grid.times))
         here = one_pass(branch, grid, choose_law(function, before), function, None)
     return _Iteration(branch, grid, choose_law, tolerance).run(here)
 
 
-def _small_displacements(branch: Branch, grid: TimeGrid, here: Pass) -> Deflected:
+def _small_displacements(branch: Branch, grid: TimeGrid, here: Pass) -> DeflectionSolution:
     deflections, motion = grid.fit(here.caused), here.motion
     if branch.robot.n_e:
         motion = moving(branch, grid, here.law, deflections, here)[1]
-    return Deflected(grid, here.law, motion, here.forces, deflections, here.caused)
+    return DeflectionSolution(grid, here.law, motion, here.forces, deflections, here.caused)
 
 
 def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, here: Pass) -> None:
@@ -146,7 +149,7 @@ class _Iteration:
     passes: int = 1
     obstacle: str = ""
 
-    def run(self, here: Pass) -> Deflected:
+    def run(self, here: Pass) -> DeflectionSolution:
         """Until the change within what the grid resolves is settled, or is the least to be had."""
         ratio, last = GAIN, (here, np.inf)  # what a pass leaves of the change, as far as is known
         while True:
@@ -288,8 +291,8 @@ class _Iteration:
         largest, force = float((caused / scale).max()), float((caused * stiffness * scale).max())
         return np.asarray(np.maximum(1.0 / (scale * largest), stiffness * scale / force))
 
-    def _result(self, here: Pass, deflections: TimeFunction) -> Deflected:
-        return Deflected(
+    def _result(self, here: Pass, deflections: TimeFunction) -> DeflectionSolution:
+        return DeflectionSolution(
             grid=self.grid,
             law=here.law,
             motion=here.motion,

@@ -16,10 +16,11 @@ from framework.arrays import Array
 from framework.dynamics.forces import loop_forces
 from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.errors import InvalidInput
+from framework.kinematics.continuation.tracking import Branch, track_path
 from framework.kinematics.frames import integrate
-from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tracking import Branch, track_path
 from framework.motion.law import MotionLaw, is_number
 from framework.motion.path import Path, along
 

@@ -18,9 +18,11 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.kinematics.frames import difference, scratch_of
-from framework.kinematics.inverse_kinematics import Motion, System, without_elastic_rates
+from framework.kinematics.frames import along_joints, difference
+from framework.kinematics.linearised_loops import LinearisedLoops
+from framework.kinematics.motion_rates import Motion, without_elastic_rates
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import solve
 
 
@@ -43,29 +45,70 @@ class JointMotion(Protocol):
 
 
 def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
-    """RNEA of the open tree and the springs on its own joints, (T, nv).
+    """Compute the forces (T, nv) of the open tree: RNEA with armature, springs and damping of its own joints.
 
     Of a robot without `elastic_inertia` at the rates that its platform's motion alone makes.
     """
-    if robot.n_e and not robot.elastic_inertia:
-        motion = without_elastic_rates(robot, motion.q, motion.v, motion.a)
-    model, data = robot.model, scratch_of(robot).data
-    forces: Array = np.empty((len(motion.q), model.nv))
-    for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-        forces[k] = pin.rnea(model, data, q, v, a)
-    if robot.has_joint_springs:
-        turned = difference(robot, pin.neutral(model), motion.q)
-        forces = forces + np.asarray(robot.joint_stiffness * (turned - robot.joint_rest), dtype=float)
+    motion = _as_felt(robot, motion)
+    forces = _rnea(robot, robot.model, motion)
+    if robot.joint_stiffness.any():
+        forces += _spring_torques(robot, motion.q)
+    if robot.is_damped:
+        forces += robot.joint_damping * motion.v
     return forces
 
 
+def static_forces(robot: ParallelRobot, q: Array) -> Array:
+    """Compute what of `tree_forces` (T, nv) there is at rest at q (T, nq): gravity and joint springs."""
+    forces: Array = np.empty((len(q), robot.model.nv))
+    data = scratch_of(robot).data
+    for k in range(len(q)):
+        forces[k] = pin.computeGeneralizedGravity(robot.model, data, q[k])
+    if robot.joint_stiffness.any():
+        forces += _spring_torques(robot, q)
+    return forces
+
+
+def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
+    """Compute the share of `tree_forces` (T, nv) that accelerates the bodies and the armature.
+
+    It is linear in the accelerations and quadratic in the rates, so its coefficients can be read at any pace;
+    out of `tree_forces` they would come as differences against gravity, which loses digits for a robot that
+    is small or quick.
+    """
+    return _rnea(robot, robot.weightless, _as_felt(robot, motion))
+
+
+def _as_felt(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
+    """The motion at whose rates and accelerations forces arise, see `ParallelRobot.elastic_inertia`."""
+    if robot.n_e and not robot.elastic_inertia:
+        return without_elastic_rates(robot, motion.q, motion.v, motion.a)
+    return motion
+
+
+def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
+    """Forces (T, nv) of the bodies of the open tree, of `robot.model` or its copy without gravity."""
+    data = scratch_of(robot).data
+    forces: Array = np.empty((len(motion.q), model.nv))
+    for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
+        forces[k] = pin.rnea(model, data, q, v, a)
+    return forces
+
+
+def _spring_torques(robot: ParallelRobot, q: Array) -> Array:
+    """Torques (T, nv) of the springs on joints of the URDF."""
+    turned = difference(robot, robot.neutral, q)
+    springs = np.asarray(robot.joint_stiffness * (turned - robot.joint_rest), dtype=float)
+    return along_joints(robot, robot.neutral, q, springs)
+
+
 def loop_forces(robot: ParallelRobot, motion: Motion) -> Forces:
-    """Joint torques and spring forces along a motion, instant by instant; see `balanced_forces`."""
-    return balanced_forces(robot, motion.system, tree_forces(robot, motion))
+    """Compute joint torques and spring forces along a motion, instant by instant; see `balanced_forces`."""
+    return balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
 
 
-def balanced_forces(robot: ParallelRobot, system: System, r: Array) -> Forces:
-    """What motors and springs give so that the loops can carry the forces r (T, nv) of the open tree.
+def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array) -> Forces:
+    """Compute what motors and springs give so that the loops can carry the forces r (T, nv) of the open tree.
 
     The loops close with the platform held by a wrench w and free motors, or by the motors alone:
 
@@ -80,7 +123,7 @@ def balanced_forces(robot: ParallelRobot, system: System, r: Array) -> Forces:
     loads = np.zeros((1 + robot.n_a, len(r), len(columns)))
     loads[0] = r.take(columns, axis=1)
     loads[1:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
-    carried = system.factors.solve_transposed(loads)
+    carried = linearised.factors.solve_transposed(loads)
     wrench, matrix = carried[0, :, : robot.n], carried[1:, :, : robot.n].transpose(1, 2, 0)
     torque = _motor_share(robot, matrix, wrench)
     if not robot.n_e:
@@ -88,20 +131,25 @@ def balanced_forces(robot: ParallelRobot, system: System, r: Array) -> Forces:
     with np.errstate(invalid="ignore"):  # an infinite torque leaves no number
         multipliers = carried[0] - np.einsum("atk,ta->tk", carried[1:], torque)
     multipliers[:, : robot.n] = 0.0  # nobody holds the platform
-    held = system.equations.elastic.transposed_times(system.entries, multipliers)
+    held = linearised.equations.elastic.transposed_times(linearised.entries, multipliers)
     return Forces(torque, r[:, robot.elastic] - held)
 
 
 def _motor_share(robot: ParallelRobot, matrix: Array, wrench: Array) -> Array:
-    """Joint torques (T, n_a) with matrix (T, n, n_a) @ torque = wrench (T, n)."""
+    """Joint torques (T, n_a) with matrix (T, n, n_a) @ torque = wrench (T, n).
+
+    Redundant motors: of least norm on the motor side. The equations of forces are multiplied by the robot's
+    length before, so that all are couples: those of a small robot would lose digits beside its moments.
+    """
     if robot.n_a > robot.n:
-        geared = matrix * robot.gear_ratio
-        return robot.gear_ratio * np.einsum("tan,tn->ta", np.linalg.pinv(geared), wrench)
+        arm = robot.platform_scale
+        geared = arm[:, None] * matrix * robot.gear_ratio
+        return robot.gear_ratio * np.einsum("tan,tn->ta", np.linalg.pinv(geared), arm * wrench)
     return solve(matrix, wrench)
 
 
 def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> Array:
-    """Torque (T, n_a) [N m] on the motor side: rotor inertia and joint torque through the gear.
+    """Compute the torque (T, n_a) [N m] on the motor side: rotor inertia and joint torque through the gear.
 
     tau = I_a n ddq_a + tau_joint / n, Eqs. (3a) and (11c), with n the gear ratio and ddq_a on the
     joint side.

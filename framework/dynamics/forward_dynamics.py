@@ -15,17 +15,17 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.forces import Forces
-from framework.dynamics.instant import Instant, instant_of
-from framework.dynamics.reactions import given_wrenches, loaded_tree_forces, loads_on, stacked_rows
+from framework.dynamics.pointwise_dynamics import Instant, instant_of
+from framework.dynamics.reactions import applied_wrenches, given_wrenches, loaded_tree_forces, stacked_rows
 from framework.errors import InvalidInput
 from framework.kinematics.closures import scaled
-from framework.kinematics.inverse_kinematics import ClosedStack, Motion, assembled_at
+from framework.kinematics.linearised_loops import ClosedStack, assembled_at
+from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.ordered_sums import matvec
 from framework.simulation.accelerations import accelerations
 from framework.simulation.equations import EquationsOfMotion
-
-CLOSING = 1e-6  # rates of loop equations over those of joints that are no rounding of a joint velocity
+from framework.tolerances import OPEN_LOOP
 
 
 def forward_dynamics(
@@ -36,7 +36,7 @@ def forward_dynamics(
     *,
     wrenches: Mapping[str, ArrayLike] | None = None,
 ) -> Instant:
-    """What the robot does at an assembled configuration q (nq,) with joint rates v (nv,) under motor torques.
+    """Compute what the robot does under motor torques, assembled at q (nq,) with joint rates v (nv,).
 
         M a + c + g + K (q - rest) = S' n tau + f + J' lambda,        J a + drift = 0
 
@@ -61,24 +61,25 @@ def forward_dynamics(
     closed = assembled_at(robot, q, stacks=True)
     count, nv = len(closed.q), robot.model.nv
     rates = stacked_rows("v", v, nv, count)
-    given = stacked_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
+    torques = stacked_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
     _check_rates(robot, closed, rates)
-    at_rest = Motion(closed.q, rates.copy(), np.zeros((count, nv)), closed.system)
-    loads = loads_on(robot, at_rest, given_wrenches(robot, wrenches, count))
+    at_rest = Motion(closed.q, rates.copy(), np.zeros((count, nv)), closed.linearised)
+    loads = applied_wrenches(robot, at_rest, given_wrenches(robot, wrenches, count))
     applied = sum((load.generalised for load in loads), start=np.zeros((count, nv)))
     equations = _equations(robot, threading.get_ident())
-    found = accelerations(equations, closed.q, rates, given, applied)
-    motion = replace(at_rest, a=found.a)
+    solution = accelerations(equations, closed.q, rates, torques, applied)
+    motion = replace(at_rest, a=solution.a)
     r = loaded_tree_forces(robot, motion, loads)
-    rotors = robot.rotor_inertia * robot.gear_ratio**2 * found.a[:, robot.actuated]
+    rotors = robot.rotor_inertia * robot.gear_ratio**2 * solution.a[:, robot.actuated]
     forces = Forces(
-        robot.gear_ratio * given - rotors, -robot.stiffness * robot.positions(closed.q)[:, robot.elastic]
+        robot.gear_ratio * torques - rotors,
+        -robot.stiffness * robot.coordinates.positions(closed.q)[:, robot.elastic],
     )
     single = np.ndim(getattr(q, "q", q)) == 1
-    here = 0 if single else slice(None)
-    known = np.where(found.undetermined, np.nan, found.a)
+    which = 0 if single else slice(None)
+    known = np.where(solution.undetermined, np.nan, solution.a)
     return replace(
-        instant_of(robot, motion, loads, r, forces, single=single), torque=given[here], a=known[here]
+        instant_of(robot, motion, loads, r, forces, single=single), torque=torques[which], a=known[which]
     )
 
 
@@ -90,9 +91,9 @@ def _equations(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
 def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
     """Refuse joint rates (T, nv) under which the loop equations open."""
     speeds = v / robot.column_scale
-    opening = matvec(scaled(robot, closed.system.closures, robot.loops.rotation), speeds)
+    opening = matvec(scaled(robot, closed.linearised.closures, robot.loops.rotation), speeds)
     left = np.abs(opening).max(axis=1, initial=0.0)
-    wrong = np.flatnonzero(left > CLOSING * np.abs(speeds).max(axis=1, initial=0.0))
+    wrong = np.flatnonzero(left > OPEN_LOOP * np.abs(speeds).max(axis=1, initial=0.0))
     if len(wrong):
         row = f", row {wrong[0]}" if len(v) > 1 else ""
         raise InvalidInput(

@@ -15,20 +15,21 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.dynamics.certificate import Certificate
-from framework.dynamics.crossings import (
+from framework.dynamics.elastic_pass import Pass
+from framework.dynamics.elasticity import DeflectionSolution, LawChoice, solve_deflections
+from framework.dynamics.forces import motor_torque
+from framework.dynamics.motor_friction import FRICTIONS, PlannedFriction, motor_friction
+from framework.dynamics.near_misses import unseen_near_miss
+from framework.dynamics.refusals import LOOSEST, not_resolved, not_settled
+from framework.dynamics.residuals import check_idle_joints, measure_neglected
+from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.dynamics.singularity_crossings import (
     check_bounded,
     check_crossings,
     deformed_crossing,
     panel_edges,
     rigid_crossings,
 )
-from framework.dynamics.elastic_pass import Pass
-from framework.dynamics.elasticity import Deflected, LawChoice, solve_deflections
-from framework.dynamics.forces import motor_torque
-from framework.dynamics.near_misses import unseen_near_miss
-from framework.dynamics.neglected import check_idle_joints, measure_neglected
-from framework.dynamics.refusals import LOOSEST, not_resolved, not_settled
-from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import (
     InvalidInput,
     NotAssembled,
@@ -36,14 +37,15 @@ from framework.errors import (
     choose_from,
     expect_call,
 )
+from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import difference
-from framework.kinematics.idle_spin import without_spin
+from framework.kinematics.inverse_kinematics import without_spin
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.tracking import Branch
 from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import OVERSHOOT, MotionLaw, PlannedLaw, is_number
+from framework.motion.law import MotionLaw, PlannedLaw, is_number
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.tolerances import OVERSHOOT
 
 GEOMETRIES = ("rigid", "deformed")
 TOLERANCE = 1e-10  # tail of the torques that counts as resolved
@@ -65,6 +67,7 @@ def inverse_dynamics(
     *,
     geometry: str | None = None,
     tolerance: float = TOLERANCE,
+    friction: str = FRICTIONS[0],
 ) -> InverseDynamics:
     """Torques for a path under any law that a user brings.
 
@@ -73,9 +76,10 @@ def inverse_dynamics(
         geometry: "rigid" (small displacements: forces of the undeformed robot) or "deformed", the
             default for elastic robots.
         tolerance: tail of the torques that counts as resolved.
+        friction: "driven" adds the dry friction of driven joints by the sign of their speed, "none" does not.
 
     Raises:
-        InvalidInput: geometry unknown, law leaves [0, 1] or is not finite, path does not fit.
+        InvalidInput: geometry or friction unknown, law leaves [0, 1] or is not finite, path does not fit.
         UnboundedTorque: the law violates condition (8) at a singular instant: no torque is returned.
         NoLaw: the motion stops on the locus, or meets a singularity that no law can cross.
         NotConverged: torques or deflections cannot be resolved to the tolerance.
@@ -85,7 +89,10 @@ def inverse_dynamics(
     """
     geometry = checked_geometry(robot, geometry)
     check_law(law)
-    return resolve(search_path(robot, path), lambda *_: law, geometry=geometry, tolerance=tolerance)
+    if friction not in FRICTIONS:
+        raise InvalidInput(choose_from("friction", friction, FRICTIONS))
+    searched = search_path(robot, path)
+    return resolve(searched, lambda *_: law, geometry=geometry, tolerance=tolerance, friction=friction)
 
 
 def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
@@ -110,6 +117,7 @@ def resolve(
     *,
     geometry: str,
     tolerance: float,
+    friction: str,
 ) -> InverseDynamics:
     """Double the nodes until the torques are resolved, or tell why they never are."""
     check_tolerance(tolerance)
@@ -185,12 +193,24 @@ def resolve(
                 continue
             check_bounded(branch.robot, crossings, PROVED)
             check_crossings(branch.robot, state, geometry, crossings)
-            check_idle_joints(branch, state, result)
-            return replace(result, crossings=crossings)
+            held = check_idle_joints(branch, state, result)
+            certificate = replace(result.certificate, max_held_torque=held)
+            result = replace(result, crossings=crossings, certificate=certificate)
+            return replace(result, friction=_planned_friction(result, friction))
     check_bounded(branch.robot, crossings, pole)
     if state.change > LOOSEST < enough:
         raise not_settled(branch.robot, state)
     raise not_resolved(searched, result, tolerance, size=grid.size, enough=enough, unseen=unseen)
+
+
+def _planned_friction(result: InverseDynamics, friction: str) -> PlannedFriction | None:
+    """Return the dry friction of driven joints along a motion, None where there is none to plan with."""
+    actuated, size = result.robot.actuated, motor_friction(result.robot, friction)
+
+    def speed(t: Array) -> Array:
+        return result.robot.gear_ratio * result.velocity(t)[:, actuated]
+
+    return PlannedFriction.along(size, speed, result.duration)
 
 
 def stalled(changes: list[float]) -> bool:
@@ -229,7 +249,7 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
 
 def _result(
     branch: Branch,
-    state: Deflected,
+    state: DeflectionSolution,
     geometry: str,
     crossings: tuple[SingularityCrossing, ...],
     passes: int,
@@ -252,6 +272,9 @@ def _result(
         torques=torques,
         motor_angles=motor,
         deflections=deflections,
+        deflection_rates=tuple(
+            grid.fit(rates[:, robot.elastic]) for rates in (state.motion.v, state.motion.a)
+        ),
         offsets=offsets,
         origin=branch.origin,
         crossings=crossings,
@@ -262,19 +285,21 @@ def _result(
             change=state.change,
             max_closure_error=0.0,
             max_residual_torque=0.0,
+            max_held_torque=0.0,
             end_speed=_end_speed(robot, state),
             monotone=bool(np.all(np.diff(s) > -1e-14)),
         ),
     )
 
 
-def _with_neglected(branch: Branch, state: Deflected, result: InverseDynamics) -> InverseDynamics:
+def _with_neglected(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> InverseDynamics:
     """The result whose certificate has looked at all rows and joints, between the nodes too."""
     left_out = measure_neglected(branch, state, result)
     certificate = replace(
         result.certificate,
         max_closure_error=left_out.closure_error,
         max_residual_torque=left_out.residual_torque,
+        rounded_gap=left_out.rounded_gap,
     )
     return replace(result, certificate=certificate)
 
@@ -285,7 +310,7 @@ def _tail(function: TimeFunction, rounding: Array) -> float:
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
 
 
-def _tails(robot: ParallelRobot, grid: TimeGrid, here: Pass | Deflected) -> float:
+def _tails(robot: ParallelRobot, grid: TimeGrid, here: Pass | DeflectionSolution) -> float:
     """The tail of the motors' torques, or of the deflections that the forces cause if that is larger."""
     torques = grid.fit(motor_torque(robot, here.motion, here.forces.joint_torque))
     return max(
@@ -296,11 +321,10 @@ def _tails(robot: ParallelRobot, grid: TimeGrid, here: Pass | Deflected) -> floa
 
 def _torque_rounding(robot: ParallelRobot, duration: float) -> Array:
     """What rounding makes of motor torques (n_a,) [N m] that are zero, as at constant speed."""
-    mass = sum(inertia.mass for inertia in robot.model.inertias)
-    return np.asarray(1e-15 * mass * (robot.length / duration) ** 2 / np.abs(robot.gear_ratio))
+    return np.asarray(1e-15 * robot.mass * (robot.length / duration) ** 2 / np.abs(robot.gear_ratio))
 
 
-def _end_speed(robot: ParallelRobot, state: Deflected) -> float:
+def _end_speed(robot: ParallelRobot, state: DeflectionSolution) -> float:
     """Largest motor speed at both ends of the motion over the largest one on the way."""
     speeds = np.abs(robot.gear_ratio * state.motion.v[:, robot.actuated])
     quickest = float(speeds.max(initial=0.0))

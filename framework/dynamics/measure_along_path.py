@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from framework.arrays import Array
 from framework.dynamics.result import InverseDynamics
-from framework.singularity.classification import singularity_measure
 from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.singularity.type2 import singularity_measure
 
 
 class MeasureAlongPath(NamedTuple):
@@ -23,12 +23,12 @@ class MeasureAlongPath(NamedTuple):
 
     def of_rest(self, s: Array) -> Array:
         """g (T,) at ascending path coordinates s (T,), springs at rest."""
-        return singularity_measure(self.result.robot, self.at_rest.branch.closed(s).system).g
+        return singularity_measure(self.result.robot, self.at_rest.branch.closed(s).linearised).g
 
     def of_motion(self, t: Array) -> Array:
         """g (T,) at ascending instants t (T,), with the deflections of the motion."""
-        return singularity_measure(self.result.robot, self.result.motion(t).system).g
+        return singularity_measure(self.result.robot, self.result.motion(t).linearised).g
 
     def nearest_at_rest(self, s: float) -> float:
-        """The singular point at rest that is nearest to path coordinate s."""
-        return min((point.s for point in self.at_rest.points), key=lambda found: abs(found - s))
+        """Return the singular point at rest that is nearest to path coordinate s."""
+        return min((point.s for point in self.at_rest.points), key=lambda place: abs(place - s))

@@ -11,13 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.crossings import instants
-from framework.dynamics.elasticity import Deflected
+from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import loop_forces
-from framework.dynamics.neglected import motion_of_forces, planned_pose
+from framework.dynamics.residuals import motion_of_forces, planned_pose
 from framework.dynamics.result import InverseDynamics
+from framework.dynamics.singularity_crossings import instants
 from framework.errors import point
-from framework.kinematics.loop_matrices import measured_matrix
+from framework.kinematics.loop_matrices import type2_matrix
 from framework.singularity.extrema_of_g import extremum_near
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.rank_deficiency import NearMiss
@@ -25,7 +25,9 @@ from framework.singularity.rank_deficiency import NearMiss
 SEEN = 1e-6  # of the largest torque: the loosest tolerance of a resolved one
 
 
-def unseen_near_miss(searched: SearchedPath, state: Deflected, result: InverseDynamics) -> NearMiss | None:
+def unseen_near_miss(
+    searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics
+) -> NearMiss | None:
     """The first near miss where the torques are not what their series say; None if all are."""
     for miss in searched.near_misses:
         for t in instants(state.law, state.grid.edges, miss.s):
@@ -35,7 +37,7 @@ def unseen_near_miss(searched: SearchedPath, state: Deflected, result: InverseDy
 
 
 def _is_seen(
-    searched: SearchedPath, state: Deflected, result: InverseDynamics, miss: NearMiss, near: float
+    searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics, miss: NearMiss, near: float
 ) -> bool:
     robot, edges = searched.branch.robot, state.grid.edges
     start, duration = edges[0], edges[-1] - edges[0]
@@ -45,7 +47,7 @@ def _is_seen(
         closed = planned_pose(result, times)
         if result.geometry == "rigid":
             closed = searched.branch.closed(np.asarray(state.law(times)))
-        return measured_matrix(robot, closed.system)
+        return type2_matrix(robot, closed.linearised)
 
     # with its deflections the robot is nearest to the singularity somewhat earlier or later
     turning = extremum_near(matrices, (edges - start) / duration, (near - start) / duration, miss.size)

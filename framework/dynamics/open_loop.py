@@ -16,15 +16,17 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.platform_wrench import platform_wrench
 from framework.dynamics.result import InverseDynamics
-from framework.kinematics.inverse_kinematics import close_loops, motion_at
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.motion_rates import motion_at
 
-INSTANTS = 65
-STEP = 1e-4  # [rad, robot lengths] for a difference of wrenches
-SLIGHT, MOST = 1e-4, 300.0  # exponents of growth that are 1 to rounding, and beyond all numbers
+GROWTH_INSTANTS = 65  # at which the rate of growth is computed and integrated over the motion
+DIFFERENCE_STEP = 1e-4  # [rad, robot lengths] for a difference of wrenches
+# Exponents of growth below which the growth is 1 but for rounding, and above which it overflows.
+MIN_EXPONENT, MAX_EXPONENT = 1e-4, 300.0
 
 
 def repelling_rates(result: InverseDynamics, times: Array) -> Array:
-    """The largest rate (T,) [1/s] at which an error of the platform grows; 0 where all errors swing or stay.
+    """Compute the largest rate (T,) [1/s] at which an error of the platform grows; 0 where none does.
 
     Springs are taken for rigid where they are.
 
@@ -32,17 +34,18 @@ def repelling_rates(result: InverseDynamics, times: Array) -> Array:
         NotAssembled: the loops do not close beside the path.
     """
     robot = result.robot
-    x, near, torque = result.platform(times), result.configuration(times), result.torque(times)
+    x, near = result.platform(times), result.configuration(times)
+    torque = result.torque_without_friction(times)
     still = np.zeros_like(x)
 
     def unbalanced(moved: Array, ddx: Array) -> Array:
         """W - G' tau (T, n) at rest with accelerations ddx."""
-        at = platform_wrench(robot, motion_at(robot, close_loops(robot, moved, near), still, ddx))
-        return at.asked - np.einsum("tan,ta->tn", at.motor_speed, torque)
+        required = platform_wrench(robot, motion_at(robot, close_loops(robot, moved, near), still, ddx))
+        return required.asked - np.einsum("tan,ta->tn", required.motor_speed, torque)
 
     rest, units = unbalanced(x, still), np.eye(robot.n)
     inertia = np.stack([unbalanced(x, still + unit) - rest for unit in units], axis=2)
-    steps = STEP * np.where(robot.translations, robot.length, 1.0)
+    steps = DIFFERENCE_STEP * robot.platform_scale
     slope = [
         (unbalanced(x + h * unit, still) - unbalanced(x - h * unit, still)) / (2.0 * h)
         for h, unit in zip(steps, units, strict=True)
@@ -59,7 +62,9 @@ def open_loop_growth(result: InverseDynamics) -> float:
     Raises:
         NotAssembled: the loops do not close beside the path.
     """
-    times = np.linspace(0.0, result.duration, INSTANTS)
+    times = np.linspace(0.0, result.duration, GROWTH_INSTANTS)
     rate = repelling_rates(result, times)
     exponent = float(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(times)))
-    return float(2.0 * (np.cosh(min(exponent, MOST)) - 1.0) / exponent**2) if exponent > SLIGHT else 1.0
+    if exponent <= MIN_EXPONENT:
+        return 1.0
+    return float(2.0 * (np.cosh(min(exponent, MAX_EXPONENT)) - 1.0) / exponent**2)

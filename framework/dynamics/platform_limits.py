@@ -25,7 +25,9 @@ from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.motor_limits import Limit, limits_of_motors
 from framework.dynamics.platform_wrench import motor_speeds
-from framework.kinematics.inverse_kinematics import assembled_at, motion_at, require_square
+from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.linearised_loops import assembled_at
+from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.polytope import Polytope, slabs, zonotope
 
@@ -57,7 +59,7 @@ def platform_limits(
     torque_limit: Limit = None,
     speed_limit: Limit = None,
 ) -> PlatformLimits:
-    """The admissible wrenches and speeds of the platform at an assembled configuration q (nq,).
+    """Compute the admissible wrenches and speeds of the platform at an assembled configuration q (nq,).
 
     Args:
         q: as `assemble` or `forward_kinematics` give it.
@@ -75,15 +77,15 @@ def platform_limits(
     actuators = robot.description.actuators
     torque = _limits(robot, "torque_limit", torque_limit, [one.torque_limit for one in actuators])
     speed = _limits(robot, "speed_limit", speed_limit, [one.speed_limit for one in actuators])
-    G, rates = motor_speeds(robot, closed.system)
+    G, rates = motor_speeds(robot, closed.linearised)
     rest = np.zeros((1, robot.n))
     motion = motion_at(robot, closed, rest, rest)
     weight = (tree_forces(robot, motion) @ rates[0])[0]
-    size = np.where(robot.translations, robot.length, 1.0)  # forces times lengths, speeds over lengths
+    size = robot.platform_scale  # forces times lengths, speeds over lengths
     wrenches = speeds = None
     if torque is not None:
-        found = zonotope(-weight * size, torque[:, None] * G[0] * size)
-        wrenches = _in_units(found, size)
+        forces = zonotope(-weight * size, torque[:, None] * G[0] * size)
+        wrenches = _in_units(forces, size)
     if speed is not None:
         speeds = _in_units(slabs(G[0] * size, speed), 1.0 / size)
     return PlatformLimits(robot, wrenches, speeds, weight)
@@ -98,9 +100,9 @@ def _limits(robot: ParallelRobot, name: str, given: Limit, in_file: list[float |
     return np.array(known) if len(known) == len(in_file) else None
 
 
-def _in_units(found: Polytope, size: Array) -> Polytope:
-    """A polytope of y size as one of y."""
-    normals = found.normals * size
+def _in_units(scaled: Polytope, size: Array) -> Polytope:
+    """Turn a polytope of y * size into one of y."""
+    normals = scaled.normals * size
     lengths = np.linalg.norm(normals, axis=1)
-    free = np.linalg.qr((found.free / size).T)[0].T if len(found.free) else found.free
-    return Polytope(normals / lengths[:, None], found.offsets / lengths, found.vertices / size, free)
+    free = np.linalg.qr((scaled.free / size).T)[0].T if len(scaled.free) else scaled.free
+    return Polytope(normals / lengths[:, None], scaled.offsets / lengths, scaled.vertices / size, free)

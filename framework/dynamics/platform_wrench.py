@@ -20,7 +20,8 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
-from framework.kinematics.inverse_kinematics import Motion, System, assembled_at, joint_rates
+from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
+from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 
 
@@ -61,10 +62,11 @@ def _applied(matrix: Array, twist: Array) -> Array:
     return np.asarray(np.einsum("tan,tn->ta", matrix, np.broadcast_to(twist, (len(matrix), matrix.shape[2]))))
 
 
-def motor_speeds(robot: ParallelRobot, system: System) -> tuple[Array, Array]:
+def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
     """G (T, n_a, n), and the joint rates (T, nv, n) for unit twists along the platform's axes."""
-    units = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, len(system.residual), robot.n))
-    rates = joint_rates(robot, system, units, np.zeros((len(system.residual), robot.n_e))).transpose(1, 2, 0)
+    count = len(linearised.residual)
+    units = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, count, robot.n))
+    rates = joint_rates(robot, linearised, units, np.zeros((count, robot.n_e))).transpose(1, 2, 0)
     return robot.gear_ratio[:, None] * rates[:, robot.actuated], rates
 
 
@@ -74,7 +76,7 @@ def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:
     Raises:
         NotAssembled: the platform does not determine the joints at some instant (Type 1).
     """
-    G, rates = motor_speeds(robot, motion.system)
+    G, rates = motor_speeds(robot, motion.linearised)
     rotors = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]  # (T, n_a) motor side
     own = np.einsum("tan,ta->tn", G, rotors)
     return PlatformWrench(np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion)) + own, G, own)
@@ -97,7 +99,7 @@ def hold_at(robot: ParallelRobot, q: Array, wrench: Array) -> Hold:
     Raises:
         InvalidInput: q is not assembled.
     """
-    G = motor_speeds(robot, assembled_at(robot, q).system)[0][0]
+    G = motor_speeds(robot, assembled_at(robot, q).linearised)[0][0]
     if G.shape[0] != G.shape[1] or np.linalg.matrix_rank(G) < robot.n:
         return Hold(G, None)
     return Hold(G, np.linalg.solve(G.T, wrench))

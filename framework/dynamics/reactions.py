@@ -23,16 +23,17 @@ import pinocchio as pin
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.forces import tree_forces
 from framework.errors import InvalidInput, choose_from, finite_numbers, short
-from framework.kinematics.frames import carriers, cross, rotations, scratch_of
-from framework.kinematics.inverse_kinematics import Motion, System
+from framework.kinematics.frames import rotations
+from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.mechanism import frame_of
+from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.ordered_sums import matmul, matvec
+from framework.kinematics.pinocchio_memory import carriers, scratch_of
+from framework.linalg.ordered_sums import cross, matmul, matvec
+from framework.tolerances import INDETERMINATE_FORCE, REDUNDANT_ROW
 
-REACHED = 1e-9  # [N, lengths] by which a unit of what may be added to lambda moves what is not rounding
 
-
-class Load(NamedTuple):
+class AppliedWrench(NamedTuple):
     """A wrench of the world on the body that a joint carries."""
 
     joint: int
@@ -54,7 +55,7 @@ Wrenches = Mapping[str, Array]  # by URDF link or joint (T, 6): ON its body, at 
 
 
 def given_wrenches(robot: ParallelRobot, given: Mapping[str, ArrayLike] | None, count: int) -> Wrenches:
-    """The wrenches that a caller gives, (6,) or (T, 6) each, at T = `count` configurations.
+    """Check wrenches, (6,) or (T, 6) each, and stack them for T = `count` configurations.
 
     Raises:
         InvalidInput: a frame that is not there, or not 6 finite numbers.
@@ -72,7 +73,7 @@ def given_wrenches(robot: ParallelRobot, given: Mapping[str, ArrayLike] | None, 
 
 
 def stacked_rows(name: str, given: ArrayLike, width: int, count: int) -> Array:
-    """The given numbers, (width,) for all or (count, width), as an array (count, width).
+    """Return numbers, (width,) for all or (count, width), as an array (count, width).
 
     Raises:
         InvalidInput: they are not finite numbers, or not as many.
@@ -83,39 +84,40 @@ def stacked_rows(name: str, given: ArrayLike, width: int, count: int) -> Array:
     return values if values.ndim == 2 else np.repeat(values[None], count, axis=0)
 
 
-def loads_on(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> tuple[Load, ...]:
-    """Wrenches of the world, (6,) or (T, 6) each, along a motion."""
-    return tuple(_load_on(robot, motion, frame, wrench) for frame, wrench in wrenches.items())
+def applied_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> tuple[AppliedWrench, ...]:
+    """Return the wrenches of the world, (6,) or (T, 6) each, as they act along a motion."""
+    return tuple(_applied_wrench(robot, motion, frame, wrench) for frame, wrench in wrenches.items())
 
 
-def loaded_tree_forces(robot: ParallelRobot, motion: Motion, loads: Sequence[Load]) -> Array:
-    """Forces (T, nv) of the open tree, less those of the world."""
+def loaded_tree_forces(robot: ParallelRobot, motion: Motion, loads: Sequence[AppliedWrench]) -> Array:
+    """Compute the forces (T, nv) of the open tree, less those of the world."""
     r = tree_forces(robot, motion)
     for load in loads:
         r = r - load.generalised
     return r
 
 
-def _load_on(robot: ParallelRobot, motion: Motion, frame: str, wrench: Array) -> Load:
+def _applied_wrench(robot: ParallelRobot, motion: Motion, frame: str, wrench: Array) -> AppliedWrench:
     model, data = robot.model, scratch_of(robot).data
-    index, at = frame_of(model, frame), np.empty((len(motion.q), 3))
+    index, origin = frame_of(model, frame), np.empty((len(motion.q), 3))
     for k, q in enumerate(motion.q):
         pin.forwardKinematics(model, data, q)
-        at[k] = pin.updateFramePlacement(model, data, index).translation
+        origin[k] = pin.updateFramePlacement(model, data, index).translation
     joint = int(model.frames[index].parentJoint)
-    wrench = _moved(np.broadcast_to(wrench, (len(at), 6)), at)
+    wrench = _moved(np.broadcast_to(wrench, (len(origin), 6)), origin)
     carried = carriers(model, np.array([joint]))[0]
-    along = matvec(motion.system.frames.screws, wrench)
-    return Load(joint, wrench, along * carried)
+    along = matvec(motion.linearised.frames.screws, wrench)
+    return AppliedWrench(joint, wrench, along * carried)
 
 
-def loop_loads(robot: ParallelRobot, system: System, r: Array, joint_torque: Array) -> LoopLoads:
+def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array) -> LoopLoads:
     """Solve r = S tau + J' lambda for all rows of J and the joints that follow; r (T, nv), tau (T, n_a)."""
-    rows, columns, at = robot.rows, robot.moving, system.frames
-    wrench, position = system.loops.wrench, at.position[:, rows.second]
-    signs = at.carried[rows.second] - at.carried[rows.first]
-    screws = at.screws.swapaxes(1, 2)[:, :, columns]
+    rows, columns, frames = robot.rows, robot.moving, linearised.frames
+    wrench, position = linearised.loops.wrench, frames.position[:, rows.second]
+    signs = frames.carried[rows.second] - frames.carried[rows.first]
+    screws = frames.screws.swapaxes(1, 2)[:, :, columns]
     jacobian = matmul(_moved(wrench, position), screws) * signs[:, columns]
+    jacobian = jacobian + rows.coupling_jacobian(robot.model.nv)[:, columns]
     scale = robot.column_scale[columns]  # columns in radians and robot lengths, and so are the rows
     lengths = robot.row_lengths
     left = r[:, columns].copy()
@@ -123,31 +125,49 @@ def loop_loads(robot: ParallelRobot, system: System, r: Array, joint_torque: Arr
     # J' lambda = left by the singular value decomposition of J
     along_rows, sizes, along_columns = np.linalg.svd(jacobian * scale / lengths[:, None])
     count = sizes.shape[1]
-    sound = sizes > REACHED * sizes.max(axis=1, initial=0.0)[:, None]
+    sound = sizes > REDUNDANT_ROW * sizes.max(axis=1, initial=0.0)[:, None]
     parts = matvec(along_columns[:, :count], left * scale)
     parts = np.where(sound, parts / np.where(sound, sizes, 1.0), 0.0)
     free = along_rows.swapaxes(1, 2).copy()
     free[:, :count] *= ~sound[:, :, None]
     multipliers = matvec(along_rows[:, :, :count], parts)
-    displacement = position - at.position[:, rows.first]
+    displacement = position - frames.position[:, rows.first]
     return LoopLoads(wrench, position, displacement, multipliers / lengths, free / lengths)
 
 
-def loop_forces(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
-    """BY b's body ON a's body, at a's origin, by closure with frames [a, b], (T, 6); NaN: indeterminate."""
-    at_first, found, first = _moved(loops.wrench, loops.displacement), {}, 0
+def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
+    """Compute the wrench (T, 6) of each closure, by its name; NaN: indeterminate.
+
+    Of a closure with frames [a, b] it is exerted BY b's body ON a's body, at a's origin.
+    """
+    at_first, wrenches, first = _moved(loops.wrench, loops.displacement), {}, 0
     for closure in robot.description.closures:
         rows = slice(first, first + len(closure.axes))
         first = rows.stop
         wrench = -matvec(at_first[:, rows].swapaxes(1, 2), loops.multipliers[:, rows])
-        found[closure.name] = _determinate(robot, wrench, loops.free[:, :, rows] @ at_first[:, rows])
-    return found
+        wrenches[closure.name] = _determinate(robot, wrench, loops.free[:, :, rows] @ at_first[:, rows])
+    return wrenches
+
+
+def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
+    """Compute what each coupling gives its first joint (T,) [N m, N], by its name; NaN: indeterminate.
+
+    Its second joint gets that times minus the ratio.
+    """
+    rows = np.flatnonzero(robot.rows.coupled)
+    reached = np.abs(loops.free[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
+    torque = np.where(reached > INDETERMINATE_FORCE, np.nan, loops.multipliers[:, rows])
+    names = [coupling.name for coupling in robot.description.couplings]
+    return dict(zip(names, torque.T, strict=True))
 
 
 def joint_reactions(
-    robot: ParallelRobot, motion: Motion, loads: Sequence[Load], loops: LoopLoads
+    robot: ParallelRobot, motion: Motion, loads: Sequence[AppliedWrench], loops: LoopLoads
 ) -> dict[str, Array]:
-    """BY the body before a joint ON the one behind it, at the joint's origin, (T, 6); NaN: indeterminate."""
+    """Compute the wrench (T, 6) in each joint, by its name; NaN: indeterminate.
+
+    It is exerted BY the body before the joint ON the one behind it, at the joint's origin.
+    """
     model, scratch, count = robot.model, scratch_of(robot), len(motion.q)
     poses, own = np.empty((count, *scratch.joints.shape)), np.empty((count, *scratch.forces.shape))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
@@ -164,10 +184,10 @@ def joint_reactions(
     of_loops = carrying[ends[robot.rows.second]] - carrying[ends[robot.rows.first]]  # (rows, joints)
     about_base = _moved(loops.wrench, loops.position)
     # wrenches about the base's origin, summed for each joint and moved to its own
-    given = matmul(of_loops.T, loops.multipliers[:, :, None] * about_base)
+    carried = matmul(of_loops.T, loops.multipliers[:, :, None] * about_base)
     for load in loads:
-        given += carrying[load.joint][:, None] * load.wrench[:, None]
-    reactions -= _moved(given, -position)
+        carried += carrying[load.joint][:, None] * load.wrench[:, None]
+    reactions -= _moved(carried, -position)
     moved = np.einsum("mj,tkm,tmi->tjki", of_loops, loops.free, about_base)
     moved = _moved(moved, -position[:, :, None])
     names = {j: str(model.names[j]) for j in range(1, model.njoints)}
@@ -175,14 +195,14 @@ def joint_reactions(
 
 
 def _moved(wrench: Array, arm: Array) -> Array:
-    """A wrench (..., 6) at a point, about the place from which an arm (..., 3) leads there."""
+    """Move wrenches (..., 6) from a point to the place from which an arm (..., 3) leads there."""
     moved = wrench.copy()
     moved[..., 3:] += cross(arm, wrench[..., :3])
     return moved
 
 
 def _carrying(model: pin.Model) -> Array:
-    """1 where a joint (the second index) carries the body of another or its own, (joints, joints)."""
+    """Return 1 where a joint (the second index) carries the body of another or its own, (joints, joints)."""
     carrying = np.zeros((model.njoints, model.njoints))
     for joint in range(model.njoints):
         carrying[joint, list(model.supports[joint])] = 1.0
@@ -190,7 +210,10 @@ def _carrying(model: pin.Model) -> Array:
 
 
 def _determinate(robot: ParallelRobot, wrench: Array, moved: Array) -> Array:
-    """Wrenches (T, 6), NaN where a unit of what may be added to lambda moves them, moved (T, k, 6)."""
+    """Replace by NaN what is indeterminate of wrenches (T, 6).
+
+    `moved` (T, k, 6) is what a unit of each direction that may be added to lambda adds to them.
+    """
     lever = np.repeat([1.0, robot.length], 3)
     reached = np.abs(moved / lever).max(axis=1, initial=0.0) * robot.length
-    return np.where(reached > REACHED, np.nan, wrench)
+    return np.where(reached > INDETERMINATE_FORCE, np.nan, wrench)

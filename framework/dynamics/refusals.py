@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from framework.dynamics.elastic_pass import spring_scale
-from framework.dynamics.elasticity import Deflected
+from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.near_misses import near_miss_sentence
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NotConverged
@@ -18,7 +18,7 @@ from framework.singularity.rank_deficiency import NearMiss
 LOOSEST = 1e-6  # tolerance that still tells a resolved torque from a pole
 
 
-def not_settled(robot: ParallelRobot, state: Deflected) -> NotConverged:
+def not_settled(robot: ParallelRobot, state: DeflectionSolution) -> NotConverged:
     """Where no deflections were found that their forces cause."""
     size = np.abs(state.caused / spring_scale(robot))
     instant, k = divmod(int(np.argmax(size)), robot.n_e)

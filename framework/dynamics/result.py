@@ -8,9 +8,11 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.certificate import Certificate
+from framework.dynamics.motor_friction import PlannedFriction
 from framework.errors import check_order
 from framework.kinematics.frames import integrate
-from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import MotionLaw
@@ -48,13 +50,15 @@ class InverseDynamics(ReadOnlyArrays):
     path: Path
     law: MotionLaw
     geometry: str
-    torques: TimeFunction  # (n_a) [N m], motor side
+    torques: TimeFunction  # (n_a) [N m], motor side, without dry friction
     motor_angles: TimeFunction  # (n_a) [rad], motor side
     deflections: TimeFunction  # (n_e) [m, rad]
+    deflection_rates: tuple[TimeFunction, ...]  # (n_e) their first and second time derivatives
     offsets: TimeFunction  # (nv) all coordinates as tangent offset from `origin`
     origin: Array  # (nq,)
     crossings: tuple[SingularityCrossing, ...]
     certificate: Certificate
+    friction: PlannedFriction | None = None  # dry, of the driven joints
 
     def __repr__(self) -> str:
         return (
@@ -68,16 +72,32 @@ class InverseDynamics(ReadOnlyArrays):
         return self.law.duration
 
     def torque(self, t: ArrayLike, order: int = 0) -> Array:
-        """Motor torques [N m] or their time derivatives; t (T,) gives (T, n_a), a scalar (n_a,)."""
+        """Motor torques [N m] or their time derivatives; t (T,) gives (T, n_a), a scalar (n_a,).
+
+        Dry friction of the driven joints is part of them if it was planned with, and makes them jump where
+        a motor reverses.
+        """
+        smooth = self.torques(t, order)
+        return smooth if self.friction is None or order > 0 else smooth + self.friction(t)
+
+    def torque_without_friction(self, t: ArrayLike, order: int = 0) -> Array:
+        """The smooth share of `torque`, which drives a robot without dry friction."""
         return self.torques(t, order)
 
     def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
-        """Motor angles [rad] (gear ratio times joint angle), (T, n_a)."""
-        return self.motor_angles(t, order)
+        """Motor angles [rad] (gear ratio times joint angle) or their time derivatives, (T, n_a).
+
+        Accelerations are those of `motion`: a series that is differentiated twice loses digits at its ends.
+        """
+        if order != 2:
+            return self.motor_angles(t, order)
+        times = np.asarray(t, dtype=float)
+        accelerations = self.robot.gear_ratio * self.motion(times.ravel()).a[:, self.robot.actuated]
+        return np.asarray(accelerations.reshape(*times.shape, -1))
 
     def deflection(self, t: ArrayLike, order: int = 0) -> Array:
-        """Deflections of the springs [m, rad], (T, n_e)."""
-        return self.deflections(t, order)
+        """Deflections of the springs [m, rad] or their time derivatives, (T, n_e)."""
+        return self.deflection_rates[order - 1](t) if order in (1, 2) else self.deflections(t, order)
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
         """Platform coordinates [m, rad] or their time derivatives up to order 4, (T, n)."""
@@ -98,7 +118,7 @@ class InverseDynamics(ReadOnlyArrays):
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Joint velocities (order 1) or accelerations (order 2), (T, nv)."""
-        if self.robot.model.nq == self.robot.model.nv:
+        if order == 1 and self.robot.model.nq == self.robot.model.nv:
             return self.offsets(np.atleast_1d(t), order)
         motion = self.motion(t)  # the rate of a ball's offset is no angular velocity
         return motion.v if order == 1 else motion.a

@@ -19,9 +19,10 @@ import pinocchio as pin
 from framework.arrays import Array, ArrayLike, IntArray
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.closures import closure_drift, scaled
-from framework.kinematics.frames import FrameStack, difference, frame_motions, frames_at, scratch_of
-from framework.kinematics.inverse_kinematics import System, system_at
+from framework.kinematics.frames import FrameStack, along_joints, difference, frame_motions, frames_at
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import matmul, matvec, solve
 
 
@@ -76,33 +77,35 @@ def spring_forces(robot: ParallelRobot, q: Array) -> Array:
     turned = difference(robot, robot.neutral, q)
     springs = robot.joint_stiffness * (turned - robot.joint_rest)
     springs[:, robot.elastic] += robot.stiffness * turned[:, robot.elastic]
-    return springs
+    return along_joints(robot, robot.neutral, q, springs)
 
 
 def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
     """How far configurations q (T, nq), whose loops need not be closed, are from balance."""
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
-    system = system_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
-    J = scaled(robot, system.closures, robot.loops.rotation)[:, :, columns]
-    residual = system.residual[:, robot.n :] * np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
+    linearised = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
+    J = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
+    residual = linearised.residual[:, robot.n :] * np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
     range_, R, null = _factored(J)
     closing = -matvec(range_, solve(R.swapaxes(1, 2), residual))
     steps = np.concatenate([null, closing[:, :, None]], axis=2)
-    forces = _forces(robot, system, q, load)
-    H = tangent_stiffness(robot, system, q, steps * lengths[:, None], load)
+    forces = _forces(robot, linearised, q, load)
+    H = tangent_stiffness(robot, linearised, q, steps * lengths[:, None], load)
     slope = matvec(null.swapaxes(1, 2), forces[:, columns] * lengths) + H[:, :-1, -1]
     return Balance(np.abs(residual).max(axis=1, initial=0.0), closing, null, slope, H[:, :-1, :-1])
 
 
-def tangent_stiffness(robot: ParallelRobot, system: System, q: Array, steps: Array, load: Load) -> Array:
+def tangent_stiffness(
+    robot: ParallelRobot, linearised: LinearisedLoops, q: Array, steps: Array, load: Load
+) -> Array:
     """d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2 (T, p, p) along p motions `steps` (T, f, p) at q (T, nq)."""
     model, data = robot.model, scratch_of(robot).data
     columns, count = moving_columns(robot), steps.shape[2]
     weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
     lengths = robot.column_scale[columns]
-    J = scaled(robot, system.closures, robot.loops.rotation)[:, :, columns]
-    forces = _forces(robot, system, q, load)[:, columns] * lengths
+    J = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
+    forces = _forces(robot, linearised, q, load)[:, columns] * lengths
     range_, R, _ = _factored(J)
     multipliers = solve(R, matvec(range_.swapaxes(1, 2), forces)) * weights
     weight = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
@@ -111,7 +114,7 @@ def tangent_stiffness(robot: ParallelRobot, system: System, q: Array, steps: Arr
     first, second = np.triu_indices(count)
     v = np.zeros((len(q), len(first), model.nv))
     v[:, :, columns] = (steps[:, :, first] + steps[:, :, second]).swapaxes(1, 2)
-    drift = _drift(robot, q, system.frames, v, multipliers, load.share[:, None] * load.w)
+    drift = _drift(robot, q, linearised.frames, v, multipliers, load.share[:, None] * load.w)
     own = drift[:, first == second] / 4.0  # of a + a: twice a has four times the drift of a
     curved = np.zeros((len(q), count, count))
     curved[:, first, second] = 0.5 * (drift - own[:, first] - own[:, second])
@@ -126,11 +129,11 @@ def _factored(J: Array) -> tuple[Array, Array, Array]:
     return Q[:, :, :count], R[:, :count], Q[:, :, count:]
 
 
-def _forces(robot: ParallelRobot, system: System, q: Array, load: Load) -> Array:
+def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> Array:
     """What the closures have to carry (T, nv): springs, and a share of weight and wrench."""
     model, data = robot.model, scratch_of(robot).data
     weight = np.array([pin.computeGeneralizedGravity(model, data, row) for row in q])
-    pulled = weight - matvec(system.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
+    pulled = weight - matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
     share = load.share[:, None]
     return np.asarray(spring_forces(robot, q) - (1.0 - share) * load.before + share * pulled)
 

@@ -9,9 +9,9 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics
-from framework.kinematics.inverse_kinematics import Motion, joint_rates
+from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.singularity.classification import sign_along, singularity_measure, unit_twist
+from framework.singularity.type2 import sign_along, singularity_measure, unit_twist
 
 
 class WrenchCurves(NamedTuple):
@@ -35,13 +35,13 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
     still = np.zeros((len(forces), robot.n_e))
     wrench = np.empty((len(forces), robot.n))
     for k, axis in enumerate(np.eye(robot.n)):
-        rates = joint_rates(robot, motion.system, np.broadcast_to(axis, wrench.shape), still)
+        rates = joint_rates(robot, motion.linearised, np.broadcast_to(axis, wrench.shape), still)
         wrench[:, k] = np.sum(rates * forces, axis=1)
-    measure = singularity_measure(robot, motion.system)
-    twist = np.einsum("tnv,tv->tn", motion.system.platform, measure.motion)
+    measure = singularity_measure(robot, motion.linearised)
+    twist = np.einsum("tnv,tv->tn", motion.linearised.platform, measure.motion)
     nearest = int(np.argmin(np.abs(measure.g)))
     size = unit_twist(robot, twist[nearest]) or 1.0
-    size *= sign_along(twist[nearest], motion.system.platform[nearest] @ motion.v[nearest])
+    size *= sign_along(twist[nearest], motion.linearised.platform[nearest] @ motion.v[nearest])
     return WrenchCurves(measure.g, twist / size, wrench, np.sum(forces * measure.motion, axis=1) / size)
 
 

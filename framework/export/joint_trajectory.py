@@ -66,7 +66,7 @@ def joint_trajectory(plan: CrossingPlan, *, samples: int = DEFAULT, side: str = 
 
 
 def side_told(plan: CrossingPlan, side: str = "joint") -> str:
-    """Which side of gears and springs the trajectory is on, in a line."""
+    """Return a line that says on which side of gears and springs the trajectory is."""
     return SIDES[side] + (BEFORE_SPRINGS if plan.robot.n_e else "")
 
 

@@ -1,9 +1,10 @@
 """A robot as MuJoCo's model: the open tree with its springs, the loops as equalities between sites.
 
-Joints keep their names, axes and zeros; the frames of the platform and of the loops become sites. A rotor is
-the armature gear ratio^2 times its inertia, a motor an actuator of that gear whose control is its torque, a
-spring a joint with stiffness. Loops are equalities, see `mjcf_loops`. MuJoCo wants mass in each body that
-moves: where the robot has none, MASS and INERTIA stand in. Bodies have no shape.
+Joints keep their names, axes and zeros, armature, damping, dry friction and springs; the frames of the
+platform and of the loops become sites. A rotor adds the armature gear ratio^2 times its inertia, a motor is
+an actuator of that gear whose control is its torque, a spring of the robot a joint with stiffness. Loops and
+couplings of joints are equalities, see `mjcf_loops`. MuJoCo wants mass in each body that moves: where the
+robot has none, MASS and INERTIA stand in. Bodies have no shape.
 
 A torque limit is the range of a motor's control and force, which MuJoCo keeps. The URDF's range of a joint is
 its range, which MuJoCo keeps, too, by forces of its own, and so a range that the reference is not in is left
@@ -23,12 +24,15 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.export.mjcf_loops import OFF_ORIGIN, equality_axes, frame_names
-from framework.kinematics.joint_limits import positions_beyond_limits
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tree_model import is_ball
+from framework.kinematics.tree_model import is_ball, positions_beyond_limits
 
 MASS, INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of bodies without; MuJoCo refuses less than 1e-15
 STEP = 1e-3  # [s]
+START = (
+    "start from the keyframe `reference`, where the loops are closed: "
+    "mj_resetDataKeyframe(model, data, 0); at zero they are torn"
+)
 HARD = "0.9999 0.9999 0.001 0.5 2"  # solimp: what is nearest to a rigid loop
 ALONG = 0.1  # robot lengths between the points that close a hinge or a weld
 
@@ -40,6 +44,7 @@ def mjcf_text(robot: ParallelRobot) -> str:
         InvalidInput: a loop that MuJoCo has no equality for, see `mjcf_loops.equality_axes`.
     """
     root = ElementTree.Element("mujoco", model=robot.name)
+    root.append(ElementTree.Comment(f" {START} "))
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="false")
     ElementTree.SubElement(
         root,
@@ -105,14 +110,16 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
         linear, angular = np.split(np.asarray(data.joints[j].S).ravel(), 2)  # the axis, fixed in the joint
         slides = np.linalg.norm(angular) == 0
         joint |= {"type": "slide" if slides else "hinge", "axis": _numbers(linear if slides else angular)}
-    armature = np.zeros(model.nv)
-    armature[robot.actuated] = robot.rotor_inertia * robot.gear_ratio**2
+    armature = model.armature.copy()
+    armature[robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
     stiffness = robot.joint_stiffness.copy()
     stiffness[robot.elastic] = robot.stiffness
     for key, value in (
         ("armature", armature[column]),
         ("stiffness", stiffness[column]),
         ("springref", robot.joint_rest[column]),
+        ("damping", robot.joint_damping[column]),
+        ("frictionloss", robot.joint_friction[column]),
     ):
         if value:
             joint[key] = repr(float(value))
@@ -169,6 +176,10 @@ def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[Ele
                     site(point, frame, ALONG * robot.length * np.eye(3)[k])
             joined = {"name": name, "site1": pair[0], "site2": pair[1]}
             ElementTree.SubElement(equality, "connect", joined | hard)
+    for coupling in robot.description.couplings:
+        joined = {"name": coupling.name, "joint1": coupling.joint, "joint2": coupling.of}
+        polynomial = _numbers([coupling.offset, coupling.ratio, 0, 0, 0])
+        ElementTree.SubElement(equality, "joint", joined | {"polycoef": polynomial} | hard)
 
 
 def _placed(placement: pin.SE3) -> dict[str, str]:

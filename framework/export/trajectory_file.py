@@ -18,7 +18,7 @@ from framework.model.fields import Table, entries, list_of, number, one_of, read
 
 
 class TrajectoryFile(NamedTuple):
-    """What a trajectory says, T points of n joints, and on which side of the gears."""
+    """A trajectory, T points of n joints, and on which side of the gears."""
 
     side: str  # "joint" or "motor": that of all positions, their derivatives and efforts
     before_springs: bool  # of drives and links: the links stand aside by the deflections

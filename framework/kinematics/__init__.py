@@ -1,1 +1,29 @@
-"""How the robot moves: closures, assembly, A, B, C, singularities and the path's singular points."""
+"""How a mechanism moves. Open `linearised_loops` first: everything here is made of F(q) = 0 and dF/dq.
+
+What a robot is
+    tree_model          pinocchio's tree, the names of its coordinates, their limits
+    mechanism           a tree and its loops, not yet closed
+    parallel_robot      a mechanism that closes, with platform and motors: what is proved when it is made
+    platform, attitude  the platform's coordinates x and its velocity v; charts of SO(3)
+    assembly            the loops closed at the reference
+    loop_structure      which loop equations repeat others, which joints move nothing
+
+The equations, for stacks of configurations
+    pinocchio_memory    pinocchio's working memory as arrays
+    frames              poses, screws and motions of the frames; steps between configurations
+    closures            the loop equations, their derivatives and drift
+    equations           the table of all equations and the sparsity of dF/dq
+    linearised_loops    F and dF/dq at given configurations
+
+From the platform to the joints, and back
+    newton, inverse_kinematics  all joints at prescribed x
+    motion_rates        velocities and accelerations of all joints; how dF/dq changes
+    loop_matrices       the matrices of Type 1 and Type 2, without dimension
+    velocity_matrices   A v = B dq_a + C dq_e
+    modes               signs of working and assembly modes, legs
+    continuation/       branches followed: along paths, and with the motors (forward kinematics)
+
+What people ask of a pose
+    pose, placements    in the words of the robot file; where joints and frames are drawn
+    diagnostics/        `check`: mobility, closed poses searched for, advice
+"""

@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, IntArray, ReadOnlyArrays
-from framework.errors import NotAssembled
-from framework.kinematics.closures import loop_equations, scaled
+from framework.arrays import NONZERO, Array, IntArray, ReadOnlyArrays
+from framework.errors import NotAssembled, finite_numbers
+from framework.kinematics.closures import loop_equations, scaled, turned_over
 from framework.kinematics.frames import difference, frames_at, integrate
-from framework.kinematics.locked_directions import turned_over
 from framework.kinematics.mechanism import Mechanism, columns_of
+from framework.tolerances import CLOSED_LOOP, REDUNDANT_ROW, REFERENCE_MOVE, SINGULAR_REFERENCE
 
-# A row that others repeat, repeats them up to rounding; between that and a real one lie orders of
-# magnitude. Relative to the largest row, in lengths of the robot.
-REDUNDANT = 1e-9
-CLOSED = 1e-12  # largest loop equation of a closed robot, in lengths of the robot and radians
-FAR = 0.2  # [rad, lengths] that a joint may end from where the robot file puts it
-LONGEST_STEP = 0.5  # [rad or lengths of the robot] that one Newton step may move a joint
-NEARBY = 0.05  # [rad, lengths] from the reference to the configurations that its rank is compared with
-WAYS, DRAWN = 2, 8  # so many of them if they lie in different directions, out of so many drawn
-SAME_WAY = 0.99  # cosine between two directions, either sign
-# Singular values of the reference, without dimension, that count as zero if they are not zero nearby. At a
-# distance d from where branches cross, loops are closed to d^2 between them: at 1e-6 all are the same.
-CROSSED = 1e-6
+MAX_NEWTON_STEP = 0.5  # [rad or lengths of the robot] that one Newton step may move a joint
+NEARBY_DISTANCE = 0.05  # [rad, lengths] from the reference to where its rank is compared with
+MAX_NEARBY, NEARBY_DRAWS = 2, 8  # configurations taken, if they lie in different directions, and drawn
+MIN_NEARBY_RATIO = 0.1  # of that distance: what closes nearer has come back
+SAME_DIRECTION_COSINE = 0.99  # between two directions, either sign
+MAX_ITERATIONS = 100
+ROUNDING_GAP = 1e-15  # [rad, lengths] below which no Newton step improves the loops
+MIN_DAMPING = 1e-4  # share of a Newton step that is still tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +37,19 @@ class Configuration(ReadOnlyArrays):
     iterations: int
 
 
+def configuration(robot: Mechanism, given: Any, *, stacks: bool = False) -> Array:
+    """Return all joints q (nq,), of an array or of what `assemble` and `forward_kinematics` return.
+
+    Args:
+        stacks: whether T configurations (T, nq) will do as well.
+
+    Raises:
+        InvalidInput: it has the wrong shape, or is not finite.
+    """
+    q = getattr(given, "q", given)
+    return finite_numbers(f"q, all joints of {robot.name},", q, robot.model.nq, stacks=stacks)
+
+
 class Closing(NamedTuple):
     """Where the loops are least open."""
 
@@ -51,7 +60,7 @@ class Closing(NamedTuple):
 
 
 def close_reference(mechanism: Mechanism) -> Closing:
-    """The assembled configuration at the robot file's `reference`, springs at rest.
+    """Return the assembled configuration at the robot file's `reference`, springs at rest.
 
     The joints that the file gives are held while the others close the loops; if that cannot be, all
     joints give way, as little as possible. It decides the working and the assembly mode.
@@ -63,9 +72,9 @@ def close_reference(mechanism: Mechanism) -> Closing:
     given = columns_of(mechanism.model, mechanism.description.reference)
     others = np.setdiff1d(mechanism.joints, given)
     closing = _close(mechanism, mechanism.q_near, others) if len(given) and len(others) else None
-    if closing is None or closing.worst > CLOSED:
+    if closing is None or closing.worst > CLOSED_LOOP:
         closing = _close(mechanism, mechanism.q_near, mechanism.joints)
-    if closing.worst > CLOSED:
+    if closing.worst > CLOSED_LOOP:
         raise _left_open(mechanism, closing)
     turned = turned_over(mechanism, frames_at(mechanism, closing.q[None]))
     if turned is not None:
@@ -80,7 +89,7 @@ def close_reference(mechanism: Mechanism) -> Closing:
 
 
 def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
-    """Damped Newton steps of least norm of the columns `free` on all loop equations, from `start`."""
+    """Close all loops by damped Newton steps of least norm of the columns `free`, from `start`."""
     rows, lengths = mechanism.rows, mechanism.column_scale[free]
     weights = np.where(rows.rotation, 1.0, 1.0 / mechanism.length)
 
@@ -89,15 +98,15 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
 
     q, iterations = start[None], 0
     now = mismatch(q)
-    while iterations < 100 and now > 1e-15:
+    while iterations < MAX_ITERATIONS and now > ROUNDING_GAP:
         iterations += 1
         loops = loop_equations(rows, frames_at(mechanism, q))
         jacobian = scaled(mechanism, loops.jacobian, rows.rotation)[0][:, free]
-        joint = -np.linalg.lstsq(jacobian, weights * loops.residual[0], rcond=REDUNDANT)[0]
+        joint = -np.linalg.lstsq(jacobian, weights * loops.residual[0], rcond=REDUNDANT_ROW)[0]
         step = np.zeros((1, mechanism.model.nv))
-        step[0, free] = joint * min(1.0, LONGEST_STEP / max(np.abs(joint).max(), 1e-300)) * lengths
+        step[0, free] = joint * min(1.0, MAX_NEWTON_STEP / max(np.abs(joint).max(), NONZERO)) * lengths
         fraction = 1.0
-        while (after := mismatch(integrate(mechanism, q, fraction * step))) > now and fraction > 1e-4:
+        while (after := mismatch(integrate(mechanism, q, fraction * step))) > now and fraction > MIN_DAMPING:
             fraction *= 0.5
         if after >= now:
             break
@@ -107,7 +116,7 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
 
 
 def _left_open(mechanism: Mechanism, closing: Closing) -> NotAssembled:
-    """What to say of loops that stay open."""
+    """Return the error for loops that stay open."""
     rows = mechanism.rows
     left = np.abs(loop_equations(rows, frames_at(mechanism, closing.q[None])).residual[0])
     row = int(np.argmax(left * np.where(rows.rotation, mechanism.length, 1.0)))
@@ -124,10 +133,10 @@ def _check_near(mechanism: Mechanism, closing: Closing, given: IntArray) -> None
     """Refuse an assembled configuration in which a joint is far from what the file gives."""
     moved = difference(mechanism, mechanism.q_near, closing.q[None])[0]
     far = np.abs(moved / mechanism.column_scale)[given]
-    if not far.max(initial=0.0) > FAR:
+    if not far.max(initial=0.0) > REFERENCE_MOVE:
         return
     column = int(given[np.argmax(far)])
-    joint = mechanism.joint_of(column)
+    joint = mechanism.coordinates.name_of(column)
     value = mechanism.description.reference[joint]
     raise NotAssembled(
         f"{mechanism.name}: the reference is not near an assembled configuration: {joint} is given as "
@@ -139,35 +148,35 @@ def _check_near(mechanism: Mechanism, closing: Closing, given: IntArray) -> None
 
 
 def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array, ...]:
-    """Assembled configurations (nq,) about `NEARBY` from the reference (nq,), springs at rest.
+    """Find assembled configurations (nq,) about `NEARBY_DISTANCE` from the reference (nq,), springs at rest.
 
     The reference moved along motions that its loops allow, drawn at random but always alike, and closed
     again; of a structure none.
     """
     joints, lengths = mechanism.joints, mechanism.column_scale
-    values, right = np.linalg.svd(loop_matrix(mechanism, reference)[:, joints])[1:]
-    allowed = right[int(np.sum(values > CROSSED * values.max(initial=0.0))) :]
+    values, right = np.linalg.svd(all_loops_matrix(mechanism, reference)[:, joints])[1:]
+    allowed = right[int(np.sum(values > SINGULAR_REFERENCE * values.max(initial=0.0))) :]
     random = np.random.default_rng(0)
     found: list[Array] = []
     ways: list[Array] = []
-    for _ in range(DRAWN if len(allowed) > 1 else len(allowed)):
+    for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
         motion = (allowed @ random.standard_normal(len(joints))) @ allowed  # whatever basis `allowed` is
         step = np.zeros((1, mechanism.model.nv))
-        step[0, joints] = NEARBY * motion / np.abs(motion).max() * lengths[joints]
+        step[0, joints] = NEARBY_DISTANCE * motion / np.abs(motion).max() * lengths[joints]
         closing = _close(mechanism, integrate(mechanism, reference[None], step)[0], joints)
         way = difference(mechanism, reference, closing.q[None])[0] / lengths
         size = float(np.linalg.norm(way))
-        new = all(abs(way @ other) < SAME_WAY * size * np.linalg.norm(other) for other in ways)
-        if closing.worst <= CLOSED and size > 0.1 * NEARBY and new:
+        new = all(abs(way @ other) < SAME_DIRECTION_COSINE * size * np.linalg.norm(other) for other in ways)
+        if closing.worst <= CLOSED_LOOP and size > MIN_NEARBY_RATIO * NEARBY_DISTANCE and new:
             found.append(closing.q)
             ways.append(way)
-        if len(found) == WAYS:
+        if len(found) == MAX_NEARBY:
             break
     return tuple(found)
 
 
-def loop_matrix(mechanism: Mechanism, q: Array) -> Array:
-    """Jacobian (rows, nv) of all loop equations at q (nq,), without dimension."""
+def all_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
+    """Compute the Jacobian (rows, nv) of all loop equations at q (nq,), without dimension."""
     rows = mechanism.rows
     jacobian = loop_equations(rows, frames_at(mechanism, q[None])).jacobian
     return scaled(mechanism, jacobian, rows.rotation)[0]

@@ -28,8 +28,8 @@ from typing import Protocol
 import numpy as np
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
-from framework.kinematics.frames import cross
-from framework.linalg.ordered_sums import dot
+from framework.linalg.ordered_sums import cross, dot
+from framework.linalg.rotations import left_jacobian_series, rotation_matrix, rotation_vector
 
 
 class Attitude(Protocol):
@@ -39,36 +39,36 @@ class Attitude(Protocol):
     by_rates: bool  # whether v = dx
 
     def coordinates(self, rotation: Array) -> Array:
-        """Coordinates x (T, k) [rad]."""
+        """Compute coordinates x (T, k) [rad]."""
         ...
 
     def residual(self, rotation: Array, x: Array) -> Array:
-        """How far R is from the attitude of x, (T, k), turns taken the short way: it grows with v."""
+        """Compute the offset of R from the attitude of x, (T, k), turns the short way: its rate is v."""
         ...
 
     def couples(self, rotation: Array) -> Array:
-        """The couples (T, k, 3), or (k, 3) if constant, in base axes: v = couples w."""
+        """Compute the couples (T, k, 3), or (k, 3) if constant, in base axes: v = couples w."""
         ...
 
     def couple_rates(self, rotation: Array, w: Array) -> Array:
-        """Their time derivatives (T, k, 3) at angular velocities w (T, 3)."""
+        """Compute the couples' time derivatives (T, k, 3) at angular velocities w (T, 3)."""
         ...
 
     def turning(self, rotation: Array, v: Array) -> Array:
-        """An angular velocity w (T, 3) with couples w = v (T, k), without a turn that no coordinate tells."""
+        """Compute w (T, 3) with couples w = v (T, k), without a turn that no coordinate measures."""
         ...
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-        """v = E(x) dx and its time derivative, (T, k)."""
+        """Compute v = E(x) dx and its time derivative, (T, k)."""
         ...
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Coordinates (T, k) of the same attitudes next to `near` (k,) or (T, k)."""
+        """Compute coordinates (T, k) of the same attitudes next to `near` (k,) or (T, k)."""
         ...
 
 
 def attitude_about(axes: IntArray) -> Attitude:
-    """The chart of one, two or three different axes 0..2 in the stated order."""
+    """Return the chart of one, two or three different axes 0..2 in the stated order."""
     if len(axes) == 2:
         return TwoAngles.about(axes)
     return TwistAngle(axes) if len(axes) == 1 else RotationVector(axes)
@@ -123,7 +123,7 @@ class TwoAngles(ReadOnlyArrays):
 
     @staticmethod
     def about(axes: IntArray) -> TwoAngles:
-        """The chart of two different axes 0..2."""
+        """Return the chart of two different axes 0..2."""
         order = [*axes, 3 - int(axes.sum())]
         basis = np.eye(3)[order]
         return TwoAngles(axes, basis, float(np.linalg.det(basis)))
@@ -169,7 +169,7 @@ class TwoAngles(ReadOnlyArrays):
         return _by_full_turns(x, near)
 
     def _parts(self, rotation: Array) -> tuple[Array, Array, Array]:
-        """Sine and cosine of the first angle and tangent of the second, each (T, 1)."""
+        """Compute the sine and cosine of the first angle and tangent of the second, each (T, 1)."""
         first, second = np.split(self.coordinates(rotation), 2, axis=1)
         return np.sin(first), np.cos(first), np.tan(second)
 
@@ -183,11 +183,11 @@ class RotationVector(ReadOnlyArrays):
     by_rates = False
 
     def coordinates(self, rotation: Array) -> Array:
-        return _logarithm(rotation)[:, self.axes]
+        return rotation_vector(rotation)[:, self.axes]
 
     def residual(self, rotation: Array, x: Array) -> Array:
         target = rotation_matrix(self._vector(x))
-        return _logarithm(rotation @ target.transpose(0, 2, 1))[:, self.axes]
+        return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
     def couples(self, rotation: Array) -> Array:
         return np.eye(3)[self.axes]
@@ -200,7 +200,7 @@ class RotationVector(ReadOnlyArrays):
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
         r, dr, ddr = (self._vector(part) for part in (x, dx, ddx))
-        a, da, b, db = _left_jacobian_series(dot(r, r), dot(r, dr))
+        a, da, b, db = left_jacobian_series(dot(r, r), dot(r, dr))
         swept, swept_twice = cross(r, dr), cross(r, cross(r, dr))
         omega = dr + a * swept + b * swept_twice
         alpha = (
@@ -219,17 +219,10 @@ class RotationVector(ReadOnlyArrays):
         return x + 2 * np.pi * np.round(missing / (2 * np.pi)) * about
 
     def _vector(self, x: Array) -> Array:
-        """Vectors (T, 3) on the base's axes of components (T, 3) in the stated order."""
+        """Return vectors (T, 3) on the base's axes of components (T, 3) in the stated order."""
         vector = np.empty_like(x)
         vector[:, self.axes] = x
         return vector
-
-
-def rotation_matrix(vector: Array) -> Array:
-    """Rotation matrices (T, 3, 3) of rotation vectors (T, 3) [rad]."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
 def _short_way(difference: Array) -> Array:
@@ -238,44 +231,3 @@ def _short_way(difference: Array) -> Array:
 
 def _by_full_turns(x: Array, near: Array) -> Array:
     return x + 2 * np.pi * np.round((near - x) / (2 * np.pi))
-
-
-def _logarithm(rotation: Array) -> Array:
-    """Rotation vectors (T, 3) of rotations (T, 3, 3), each as if alone; NaN where one is not finite."""
-    trace = rotation[:, 0, 0] + rotation[:, 1, 1] + rotation[:, 2, 2]
-    # turned by less than 120 degrees: what is not symmetric says it all
-    doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # 2 sin(t) times the axis
-    angle = np.arctan2(0.5 * np.sqrt(dot(doubled, doubled)), 0.5 * (trace - 1.0))
-    vectors = np.asarray(0.5 * doubled / np.sinc(angle / np.pi)[:, None])
-    wide = np.flatnonzero((trace <= 0.0) & np.isfinite(angle))
-    if len(wide):
-        from scipy.spatial.transform import Rotation
-
-        vectors[wide] = Rotation.from_matrix(rotation[wide]).as_rotvec()
-    return vectors
-
-
-def _left_jacobian_series(square: Array, half_rate: Array) -> tuple[Array, Array, Array, Array]:
-    """a = (1 - cos t) / t^2, b = (t - sin t) / t^3 and their time derivatives, each (T, 1).
-
-    `square` is t^2, `half_rate` half its time derivative. Below one radian by their series, which the
-    closed forms lose to cancellation.
-    """
-    small = square < 1.0
-    t = np.sqrt(np.where(small, 1.0, square))
-    a_series, b_series, da_series, db_series = (np.zeros_like(square) for _ in range(4))
-    term_a, term_b = 0.5, 1.0 / 6.0
-    for k in range(12):  # the last term is below 1e-17 for t < 1
-        power = square**k
-        a_series += term_a * power
-        b_series += term_b * power
-        term_a /= -(2 * k + 3) * (2 * k + 4)
-        term_b /= -(2 * k + 4) * (2 * k + 5)
-        da_series += term_a * (k + 1) * power  # derivative with respect to t^2
-        db_series += term_b * (k + 1) * power
-    a = np.where(small, a_series, (1 - np.cos(t)) / t**2)
-    b = np.where(small, b_series, (t - np.sin(t)) / t**3)
-    da = np.where(small, da_series, (t * np.sin(t) - 2 * (1 - np.cos(t))) / (2 * t**4))
-    db = np.where(small, db_series, (t * (1 - np.cos(t)) - 3 * (t - np.sin(t))) / (2 * t**5))
-    rate = (2 * half_rate)[:, None]
-    return a[:, None], da[:, None] * rate, b[:, None], db[:, None] * rate

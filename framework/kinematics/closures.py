@@ -4,6 +4,14 @@ Each equation is written as a wrench between its two bodies: what the wrench yie
 joint that carries one of them is the derivative along that joint (Ball's reciprocal product). So one
 table of rows (`Mechanism.rows`) serves every kind of joint, and a joint that carries both bodies or
 neither leaves no entry at all: a kind is data, not code.
+
+The directions that closures keep alike, which tell a closed loop from one that is turned over.
+
+A rotation is locked by keeping axes of the two frames perpendicular (see `LoopRows`). That is exact near the
+right pose, but holds as well with a hinge's axis turned round, or two welded frames turned by 120 degrees
+about (1, 1, 1) or by 180 degrees about an axis: the equations are closed there, but the joint would have to
+be taken apart to get there. The vector between an axis on the one frame and the same on the other vanishes
+in the right pose alone.
 """
 
 from __future__ import annotations
@@ -14,10 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
-from framework.kinematics.frames import FrameMotions, FrameStack, cross
+from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.kinematics.mechanism import Mechanism
-from framework.linalg.ordered_sums import dot, matmul
-from framework.model.loop_rows import LoopRows
+from framework.linalg.ordered_sums import cross, dot, matmul
+from framework.model.loop_rows import LockedDirections, LoopRows
+from framework.tolerances import TURNED_OVER
 
 
 class LoopEquations(NamedTuple):
@@ -38,27 +47,38 @@ class LoopWrenches(NamedTuple):
     wrench: Array  # (T, m, 6) force and couple at the origin of the second frame
 
     def take(self, rows: IntArray) -> LoopWrenches:
-        """Those of some of the equations, ascending."""
+        """Return some of the equations, by ascending rows."""
         if len(rows) == self.residual.shape[1]:
             return self
         return LoopWrenches(self.residual.take(rows, axis=1), self.wrench.take(rows, axis=1))
 
 
 def loop_equations(rows: LoopRows, at: FrameStack) -> LoopEquations:
-    """closures(q) and its derivative, any rows of a robot."""
+    """Compute closures(q) and its derivative, of any rows of a robot."""
     residual, wrench = loop_wrenches(rows, at)
     wrench[..., 3:] += cross(at.position[:, rows.second], wrench[..., :3])  # about the base's origin
     signs = at.carried[rows.second] - at.carried[rows.first]
-    return LoopEquations(residual, matmul(wrench, at.screws.swapaxes(1, 2)) * signs)
+    jacobian = matmul(wrench, at.screws.swapaxes(1, 2)) * signs
+    if rows.has_couplings:
+        jacobian += rows.coupling_jacobian(jacobian.shape[2])
+    return LoopEquations(residual, jacobian)
 
 
 def loop_wrenches(rows: LoopRows, at: FrameStack) -> LoopWrenches:
-    """The loop equations as wrenches.
+    """Compute the loop equations as wrenches; couplings of joints have a value and no wrench.
 
     Translation: d/dt e.d = e.(v2 - v1 - w1 x d) with e carried by the first frame: the force e. Distance
     L: d/dt (d.d - L^2) / 2L = (d / L).(v2 - v1): the force d / L. Rotation: d/dt u.w =
     (w x u).(w2 - w1): the couple w x u.
     """
+    residual, wrench = _of_frames(rows, at)
+    if rows.has_couplings:
+        residual[:, rows.coupled] = rows.coupling_residual(at.q)
+    return LoopWrenches(residual, wrench)
+
+
+def _of_frames(rows: LoopRows, at: FrameStack) -> LoopWrenches:
+    """Compute the loop equations between frames as wrenches."""
     e, d = _first_axes(rows, at), _displacements(rows, at)
     wrench = np.zeros((*d.shape[:2], 6))
     if rows.only_translations:
@@ -75,7 +95,7 @@ def loop_wrenches(rows: LoopRows, at: FrameStack) -> LoopWrenches:
 
 
 def wrench_rates(rows: LoopRows, at: FrameStack, twists: Array) -> Array:
-    """Time derivative (T, m, 6) of the wrenches of `loop_wrenches`; twists (T, F, 6) of the frames."""
+    """Compute the rates (T, m, 6) of the wrenches of `loop_wrenches` for twists (T, F, 6) of the frames."""
     e, d = _first_axes(rows, at), _displacements(rows, at)
     twist1, twist2 = twists[:, rows.first], twists[:, rows.second]
     rate = np.zeros((*d.shape[:2], 6))
@@ -93,7 +113,7 @@ def wrench_rates(rows: LoopRows, at: FrameStack, twists: Array) -> Array:
 
 
 def closure_drift(rows: LoopRows, at: FrameStack, motions: FrameMotions) -> Array:
-    """Second time derivative (T, m) of the loop equations when joint accelerations are zero."""
+    """Compute the second time derivative (T, m) of the loop equations when joint accelerations are zero."""
     e, d = _first_axes(rows, at), _displacements(rows, at)
     first = motions.rates.take(rows.first, axis=2)  # twists and drifts, (2, T, m, 6)
     apart = motions.rates.take(rows.second, axis=2) - first
@@ -112,28 +132,51 @@ def closure_drift(rows: LoopRows, at: FrameStack, motions: FrameMotions) -> Arra
 
 
 def _first_axes(rows: LoopRows, at: FrameStack) -> Array:
-    """For every row the axis on its first frame, (T, m, 3)."""
+    """Return the axis of every row on its first frame, (T, m, 3)."""
     return at.rotation.swapaxes(2, 3)[:, rows.first, rows.first_axis]
 
 
 def _displacements(rows: LoopRows, at: FrameStack) -> Array:
-    """For every row p2 - p1, (T, m, 3)."""
+    """Compute p2 - p1 of every row, (T, m, 3)."""
     return at.position[:, rows.second] - at.position[:, rows.first]
 
 
 def _second_axes(rows: LoopRows, at: FrameStack) -> Array:
-    """For every row the axis on its second frame, (T, m, 3)."""
+    """Return the axis of every row on its second frame, (T, m, 3)."""
     return at.rotation.swapaxes(2, 3)[:, rows.second, rows.second_axis]
 
 
-# ------------------------------------------------------------------ without dimension
-
-
 def scaled(mechanism: Mechanism, matrix: Array, turning: NDArray[np.bool_]) -> Array:
-    """A matrix (..., m, nv) made dimensionless: metres in lengths of the mechanism.
+    """Make a matrix (..., m, nv) dimensionless: metres in lengths of the mechanism.
 
     `turning` (m,) tells the rows that are angles. Conditioning and singularity are judged on this, so a
     robot drawn in millimetres is judged alike.
     """
     row_scale = np.where(turning, 1.0, 1.0 / mechanism.length)
     return matrix * row_scale[:, None] * mechanism.column_scale
+
+
+def direction_gaps(directions: LockedDirections, at: FrameStack) -> Array:
+    """Compute the vectors (T, d, 3) from each axis on the first frame to the same on the second."""
+    axes = at.rotation.swapaxes(2, 3)
+    return np.asarray(
+        axes[:, directions.second, directions.axis] - axes[:, directions.first, directions.axis]
+    )
+
+
+def direction_slopes(directions: LockedDirections, at: FrameStack) -> Array:
+    """Compute the derivatives (T, d, 3, nv) of `direction_gaps`: de/dt = w x e of an axis e."""
+    axes, turns = at.rotation.swapaxes(2, 3), at.jacobian[:, :, 3:].swapaxes(2, 3)  # (T, F, nv, 3)
+
+    def change(frames: IntArray) -> Array:
+        e = axes[:, frames, directions.axis][:, :, None]  # (T, d, 1, 3)
+        return cross(turns[:, frames], np.broadcast_to(e, turns[:, frames].shape)).swapaxes(2, 3)
+
+    return np.asarray(change(directions.second) - change(directions.first))
+
+
+def turned_over(mechanism: Mechanism, at: FrameStack) -> str | None:
+    """Return the name of a closure whose equations may hold, T = 1, but in a pose that is turned over."""
+    directions = mechanism.directions
+    lengths = np.linalg.norm(direction_gaps(directions, at)[0], axis=1)
+    return directions.closures[int(np.argmax(lengths))] if np.any(lengths > TURNED_OVER) else None

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import IntArray, ReadOnlyArrays
-from framework.kinematics.frames import scratch_of
 from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import PlatformCoordinates
 from framework.linalg.banded_lu import Band
 from framework.linalg.sparsity import Part, Sparsity
@@ -34,10 +34,13 @@ class Equations(ReadOnlyArrays):
     def of(
         mechanism: Mechanism, platform: PlatformCoordinates, loops: LoopRows, columns: IntArray, n_a: int
     ) -> Equations:
-        """The table for these loop equations and `columns`, of which the first n_a have motors."""
+        """Return the table for these loop equations and `columns`, of which the first n_a have motors."""
         carried, n = scratch_of(mechanism).carried, platform.n
         own = platform.felt_by(carried[0])
-        pattern = Sparsity.of(np.concatenate([own, carried[loops.second] - carried[loops.first]]))
+        signs = np.concatenate([own, carried[loops.second] - carried[loops.first]])
+        direct = np.zeros_like(signs)
+        direct[n:] = loops.coupling_jacobian(signs.shape[1])
+        pattern = Sparsity.of(signs, direct)
         rows = np.arange(pattern.shape[0])
         moving = pattern.part(rows, columns)
         passive = pattern.part(rows[n:], columns[n_a:])

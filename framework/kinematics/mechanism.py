@@ -6,6 +6,7 @@ proof that a `ParallelRobot` starts from work on it.
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -18,16 +19,23 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays, read_only
 from framework.errors import RobotFileError
-from framework.kinematics.joint_limits import JointLimit, joint_limits
-from framework.kinematics.tree_model import coordinate_names, named_axes, tree_model
+from framework.kinematics.tree_model import (
+    Coordinates,
+    JointLimit,
+    coordinate_names,
+    joint_limits,
+    named_axes,
+    tree_model,
+)
 from framework.model.bare_urdf import bare_urdf
-from framework.model.description import ParsedRobot, RobotDescription
+from framework.model.description import Coupling, JointDynamics, ParsedRobot, RobotDescription
 from framework.model.documents import naming, parse_xml
-from framework.model.loop_rows import LockedDirections, LoopRows, locked_directions, loop_rows
+from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows, locked_directions, loop_rows
 from framework.model.readers.recognise import parse_any
 from framework.model.spring_joints import count_turns, insert_springs
+from framework.model.urdf_elements import SEVERAL, coordinates_of
 
-MOST_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
+MAX_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,9 +53,12 @@ class Mechanism(ReadOnlyArrays):
     stiffness: Array  # (n_e,) [N/m] or [N m/rad]
     joint_stiffness: Array  # (nv,) of springs on joints of the URDF, joint side
     joint_rest: Array  # (nv,) where those springs are at rest
+    joint_damping: Array  # (nv,) viscous [N m s/rad, N s/m]; the armature of the joints is in `model`
+    joint_friction: Array  # (nv,) dry [N m, N]
     elastic_names: tuple[str, ...]  # (n_e,)
     frames: tuple[int, ...]  # pinocchio frames whose motion the equations need; the platform is 0
     rows: LoopRows  # all loop equations, redundant ones too
+    rounded: LoopRows  # those left aside, which repeat others but for rounding: see `rounded_loops`
     directions: LockedDirections  # what the loop equations alone would let turn over
     limits: tuple[JointLimit, ...]  # of the joints' positions, as the URDF has them
     q_near: Array  # (nq,) configuration of the robot file, nearly assembled
@@ -64,12 +75,15 @@ class Mechanism(ReadOnlyArrays):
         motors: Sequence[str] | None = None,
         reference: Mapping[str, float] | None = None,
         base: str | None = None,
+        locked: Mapping[str, float | None] | None = None,
+        platform_joints: Sequence[str] | None = None,
         parameters: Mapping[str, float] | None = None,
     ) -> Self:
-        """The mechanism or robot of a file with the springs of one flexibility.
+        """Read the mechanism or robot of a file with the springs of one flexibility.
 
         The file is ours or of any dialect that `framework.model.readers` knows; `platform`, `axes`, `motors`,
-        `reference` [rad, m] and `base` say what a foreign file does not, as for `read_any`; `parameters` are
+        `reference` [rad, m], `base`, `locked` and `platform_joints` say what a foreign file does not, as for
+        `read_any`; `parameters` are
         values in place of those that a robot file declares.
 
         Raises:
@@ -83,13 +97,15 @@ class Mechanism(ReadOnlyArrays):
             motors=motors,
             reference=reference,
             base=base,
+            locked=locked,
+            platform_joints=platform_joints,
             parameters=parameters,
         )
         return cls.of(_built(parsed, flexibility))
 
     @classmethod
     def from_description(cls, description: RobotDescription, *, flexibility: str = "rigid") -> Self:
-        """The mechanism or robot of a description with the springs of one flexibility.
+        """Build the mechanism or robot of a description with the springs of one flexibility.
 
         Raises:
             RobotFileError: unknown flexibility, pinocchio refuses the URDF, or too many joints.
@@ -101,7 +117,7 @@ class Mechanism(ReadOnlyArrays):
 
     @classmethod
     def of(cls, mechanism: Mechanism) -> Self:
-        """The same numbers, without what a `ParallelRobot` adds to them."""
+        """Return the same numbers, without what a `ParallelRobot` adds to them."""
         return cls(**{field.name: getattr(mechanism, field.name) for field in fields(Mechanism)})
 
     @property
@@ -113,18 +129,45 @@ class Mechanism(ReadOnlyArrays):
         return len(self.elastic)
 
     @cached_property
+    def mass(self) -> float:
+        """Mass of the bodies that move [kg]; with `length` and a duration, the scale of forces."""
+        return float(sum(body.mass for body in list(self.model.inertias)[1:]))
+
+    @cached_property
+    def weightless(self) -> pin.Model:
+        """The model without gravity."""
+        model = pin.Model(self.model)
+        model.gravity.linear = np.zeros(3)
+        return model
+
+    @cached_property
     def joints(self) -> IntArray:
         """All entries of the velocity vector but those of springs."""
         return read_only(np.setdiff1d(np.arange(self.model.nv), self.elastic))
 
+    @property
+    def spring_names(self) -> tuple[str, ...]:
+        """Names of all springs: of virtual joints, and of the joints of the URDF that springs act on."""
+        sprung = np.flatnonzero(self.joint_stiffness)
+        return (*self.elastic_names, *(self.coordinates.name_of(int(column)) for column in sprung))
+
+    def friction_sizes(self, columns: IntArray) -> str:
+        """Dry friction of those of these coordinates that have some, as text; empty without any."""
+        return ", ".join(
+            f"{self.coordinates.name_of(int(column))} {self.joint_friction[column]:.3g} "
+            f"{'N' if self.sliding[column] else 'N m'}"
+            for column in columns
+            if self.joint_friction[column] > 0.0
+        )
+
     @cached_property
-    def has_joint_springs(self) -> bool:
-        """Whether springs act on joints of the URDF."""
-        return bool(self.joint_stiffness.any())
+    def is_damped(self) -> bool:
+        """Whether viscous damping acts on joints of the URDF."""
+        return bool(self.joint_damping.any())
 
     @cached_property
     def sliding(self) -> NDArray[np.bool_]:
-        """Which coordinates of pinocchio's velocity vector slide [m], (nv,); the others turn [rad]."""
+        """Whether each coordinate of pinocchio's velocity vector slides [m], (nv,); the others turn [rad]."""
         sliding = np.zeros(self.model.nv, dtype=bool)
         for joint in self.model.joints[1:]:
             sliding[joint.idx_v] = joint.shortname().startswith("JointModelP")
@@ -141,30 +184,14 @@ class Mechanism(ReadOnlyArrays):
         return read_only(np.asarray(pin.neutral(self.model)))
 
     @cached_property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """A name for each entry of the velocity vector: its joint's, of a ball NAME_rx, NAME_ry, NAME_rz."""
-        return coordinate_names(self.model)
-
-    def joint_of(self, column: int) -> str:
-        """Name of one entry of the velocity vector."""
-        return self.coordinate_names[column]
-
-    def positions(self, q: Array) -> Array:
-        """The coordinates (T, nv) by which files say q (T, nq) [rad, m]: of balls, rotation vectors."""
-        model = self.model
-        if model.nq == model.nv:
-            return q
-        from_neutral = [pin.difference(model, self.neutral, np.ascontiguousarray(row)) for row in q]
-        return self.named(np.asarray(from_neutral))
-
-    def named(self, v: Array) -> Array:
-        """Velocities (T, nv), or other tangent vectors, on the axes that `coordinate_names` mean."""
-        return v if self.model.nq == self.model.nv else np.asarray(v @ named_axes(self.model).T)
+    def coordinates(self) -> Coordinates:
+        """The coordinates by the names and on the axes that files use."""
+        return Coordinates(self.model)
 
     def reference_values(self, q: Array) -> dict[str, float]:
-        """A `reference` that says q (nq,): all coordinates by name, springs left out."""
-        values = self.positions(q[None])[0]
-        return {self.joint_of(int(column)): float(values[column]) for column in self.joints}
+        """Return q (nq,) as a `reference`: all coordinates by name, springs left out."""
+        values = self.coordinates.positions(q[None])[0]
+        return {self.coordinates.name_of(int(column)): float(values[column]) for column in self.joints}
 
     def __repr__(self) -> str:
         loops = ", ".join(closure.name for closure in self.description.closures)
@@ -172,71 +199,118 @@ class Mechanism(ReadOnlyArrays):
 
 
 def columns_of(model: pin.Model, joints: Iterable[str]) -> IntArray:
-    """Entries of the velocity vector that have these names."""
+    """Return entries of the velocity vector that have these names."""
     names = coordinate_names(model)
     return np.array([names.index(name) for name in joints], dtype=int)
 
 
 def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
-    description, urdf, _ = parsed
+    description, urdf = parsed.description, parsed.urdf
     springs = description.active_springs(flexibility)
     moving = bare_urdf(urdf)
     count_turns(moving)
     insert_springs(moving, springs)
     try:
-        model = tree_model(moving)
+        model = tree_model(moving, _balls_by_axes(urdf, description))
     except (ValueError, RuntimeError) as error:
         raise RobotFileError(
             f"{description.file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}"
         ) from None
-    if model.nv > MOST_JOINTS:
+    if model.nv > MAX_JOINTS:
         raise RobotFileError(
-            f"{description.file}: {model.nv} joints that move, springs included; at most {MOST_JOINTS} "
+            f"{description.file}: {model.nv} joints that move, springs included; at most {MAX_JOINTS} "
             f"are taken (pinocchio's working memory grows with their third power)"
         )
     model.gravity.linear = np.array(description.gravity)
+
+    def acting(what: str) -> Array:
+        """Return one parameter of the joints' springs, damping and friction, (nv,)."""
+        joints = description.joints.items()
+        return _on_joints(model, {name: getattr(joint, what) for name, joint in joints})
+
+    model.armature[:] = acting("armature")
     elastic_names = [name for spring in springs for name in spring.coordinates]
     frames = [description.platform.frame]
     for closure in description.closures:
         frames += [name for name in closure.frames if name not in frames]
     reference = named_axes(model).T @ _on_joints(model, description.reference)
     q_near = np.asarray(pin.integrate(model, pin.neutral(model), reference))
+    used = tuple(frame_of(model, name) for name in frames)
+    couplings = [_coupled(model, coupling) for coupling in description.couplings]
+    rows = loop_rows(description.closures, frames, couplings)
     return Mechanism(
         description=description,
         flexibility=description.least_flexibility(flexibility),
         model=model,
         elastic=columns_of(model, elastic_names),
         stiffness=np.array([value for spring in springs for value in spring.stiffness]),
-        joint_stiffness=_on_joints(model, {s.joint: s.stiffness for s in description.joint_springs}),
-        joint_rest=_on_joints(model, {s.joint: s.rest for s in description.joint_springs}),
+        joint_stiffness=acting("stiffness"),
+        joint_rest=acting("rest"),
+        joint_damping=acting("damping"),
+        joint_friction=acting("friction"),
         elastic_names=tuple(elastic_names),
-        frames=tuple(frame_of(model, name) for name in frames),
-        rows=loop_rows(description.closures, frames),
+        frames=used,
+        rows=rows,
+        rounded=rows.take(np.empty(0, dtype=int)),
         directions=locked_directions(description.closures, frames),
         limits=joint_limits(urdf, model),
         q_near=q_near,
-        length=_length(model, q_near),
+        length=_length(model, q_near, used),
+    )
+
+
+def _balls_by_axes(urdf: ElementTree.Element, description: RobotDescription) -> list[str]:
+    """Return names of balls whose axes matter: those with unlike springs or damping about them."""
+    found = []
+    for joint in urdf.findall("joint"):
+        name, kind = joint.get("name", ""), joint.get("type", "")
+        turns = coordinates_of(name, kind)[-3:] if kind in SEVERAL else ()
+        acting = {description.joints.get(turn, JointDynamics()) for turn in turns}
+        if len(acting) > 1 or any(joint.rest for joint in acting):
+            found.append(name)
+    return found
+
+
+def _coupled(model: pin.Model, coupling: Coupling) -> CoupledJoints:
+    """Return a coupling with the places of its joints."""
+    first, second = (model.joints[model.getJointId(name)] for name in (coupling.joint, coupling.of))
+    return CoupledJoints(
+        coupling.name,
+        (first.idx_v, second.idx_v),
+        (first.idx_q, second.idx_q),
+        coupling.ratio,
+        coupling.offset,
+        turns=not first.shortname().startswith("JointModelP"),
     )
 
 
 def frame_of(model: pin.Model, name: str) -> int:
-    """Index of the frame of a link or else of a joint: URDF lets the two share a name."""
+    """Return the index of the frame of a link or else of a joint: URDF lets the two share a name."""
     link = pin.FrameType.BODY
     is_link = model.existFrame(name, link)
     return int(model.getFrameId(name, link) if is_link else model.getFrameId(name))
 
 
 def _on_joints(model: pin.Model, values: Mapping[str, float]) -> Array:
-    """A vector (nv,) with values by joint name, zero elsewhere."""
+    """Return a vector (nv,) with values by joint name, zero elsewhere."""
     vector = np.zeros(model.nv)
     vector[columns_of(model, values)] = list(values.values())
     return vector
 
 
-def _length(model: pin.Model, q: Array) -> float:
-    """Largest distance between two frames of the robot at q [m]; 1 for a robot without extent."""
+def _length(model: pin.Model, q: Array, frames: Iterable[int]) -> float:
+    """Compute the size of the mechanism at q [m], to compare metres with radians; 1 if nothing has any.
+
+    It is the largest distance between joints, frames that move and those of the loops: where the robot stands
+    does not count. Where all of them meet in one point, as in a spherical robot, it is the largest radius of
+    gyration of a body about its joint.
+    """
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
-    points = np.array([placement.translation for placement in list(data.oMf)[1:]])  # not the universe
-    extent = float(np.sqrt(((points[:, None] - points[None]) ** 2).sum(axis=2).max()))
-    return extent if extent > 0 else 1.0
+    moving = [k for k, frame in enumerate(model.frames) if frame.parentJoint > 0]
+    places = [*list(data.oMi)[1:], *(data.oMf[k] for k in {*moving, *frames})]
+    points = np.array([place.translation for place in places])
+    spread = np.sqrt(((points[:, None] - points[None]) ** 2).sum(axis=2).max())
+    bodies = [body for body in list(model.inertias)[1:] if body.mass > 0.0]  # not the fixed ones
+    gyration = [body.lever @ body.lever + 0.5 * np.trace(body.inertia) / body.mass for body in bodies]
+    return float(max(spread, np.sqrt(max(gyration, default=0.0)))) or 1.0

@@ -14,15 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
-from framework.kinematics.assembly import LONGEST_STEP
+from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.frames import integrate
 from framework.kinematics.mechanism import Mechanism
 from framework.linalg.banded_lu import Factors
+from framework.tolerances import NEWTON_STEP
 
-# A Newton step this small leaves an error of its square: rounding. In radians and robot lengths.
-LAST_STEP = 1e-8
-EXACT = 2e-15  # a step of rounding (angles near 2 pi are 1e-15 apart): the loops are closed before it
-ITERATIONS = 25
+ROUNDING_STEP = 2e-15  # a step of rounding (angles near 2 pi are 1e-15 apart): the loops are closed before it
+MAX_ITERATIONS = 25
 
 S = TypeVar("S")
 Which = IntArray | slice  # some of the instants
@@ -39,7 +38,7 @@ class NewtonResult(NamedTuple, Generic[S]):
     """Where Newton's method has led."""
 
     q: Array  # (T, nq)
-    system: S  # the equations there
+    linearised: S  # the equations there
     closed: NDArray[np.bool_]  # (T,) whether the last step was rounding
 
 
@@ -50,11 +49,11 @@ def newton(
     evaluate: Callable[[Array, Which], S],
     linear: Callable[[S], Linear],
     *,
-    iterations: int = ITERATIONS,
+    iterations: int = MAX_ITERATIONS,
     farthest: float = np.inf,
-    last_step: float = LAST_STEP,
+    last_step: float = NEWTON_STEP,
 ) -> NewtonResult[S]:
-    """Configurations q (T, nq) near the guess (T, nq) that meet the equations; only `columns` (k,) move.
+    """Find q (T, nq) near the guess (T, nq) that meets the equations; only `columns` (k,) move.
 
     Steps are bounded. What has no solution is told by `closed` and leaves the others alone.
 
@@ -68,10 +67,10 @@ def newton(
     q, largest, size = guess, np.inf, np.full(len(guess), np.inf)
     live: Which = slice(None)
     for _ in range(iterations):
-        system = evaluate(q[live], live)
+        linearised = evaluate(q[live], live)
         if largest < last_step or not len(size):
             break
-        residual, factors = linear(system)
+        residual, factors = linear(linearised)
         sound = None
         try:
             steps = -factors.solve(residual) / lengths
@@ -89,10 +88,10 @@ def newton(
             near = size <= farthest
             live, size, steps = np.arange(len(guess))[live][near], size[near], steps[near]
             largest = float(size.max(initial=0.0))
-        if largest < EXACT:
+        if largest < ROUNDING_STEP:
             break
-        if largest > LONGEST_STEP:
-            steps /= np.maximum(size / LONGEST_STEP, 1.0)[:, None]
+        if largest > MAX_NEWTON_STEP:
+            steps /= np.maximum(size / MAX_NEWTON_STEP, 1.0)[:, None]
         moved = np.zeros((len(size), robot.model.nv))
         moved[:, columns] = steps * lengths
         ahead = integrate(robot, q[live], moved)
@@ -102,9 +101,9 @@ def newton(
             q = q.copy()
             q[live] = ahead
     else:
-        system = evaluate(q[live], live)
+        linearised = evaluate(q[live], live)
     closed = np.zeros(len(guess), dtype=bool)
     closed[live] = size < last_step
     if len(size) < len(guess):
-        system = evaluate(q, slice(None))
-    return NewtonResult(q, system, closed)
+        linearised = evaluate(q, slice(None))
+    return NewtonResult(q, linearised, closed)

@@ -13,32 +13,26 @@ from framework.arrays import Array, IntArray, read_only
 from framework.errors import expect
 from framework.kinematics.assembly import (
     Configuration,
-    close_reference,
     nearby_configurations,
 )
 from framework.kinematics.equations import Equations
 from framework.kinematics.frames import frames_at
-from framework.kinematics.independence import (
-    idle_columns,
-    independent_rows,
-    motion_matrix,
-    rows_of_springs_alone,
-    singular_reference,
-)
+from framework.kinematics.loop_structure import LoopStructure, motion_matrix, singular_reference
 from framework.kinematics.mechanism import Mechanism, columns_of
 from framework.kinematics.platform import PlatformCoordinates
+from framework.kinematics.rounded_loops import assembled_mechanism
 from framework.model.loop_rows import LoopRows
-
-UNLIKE = 0.02  # a loop equation below this share of a unit motion, or above its inverse, is brought to it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ParallelRobot(Mechanism):
-    """A mechanism that is assembled: which of its coordinates are what, and which loop equations count.
+    """A mechanism that is assembled, with a platform and motors.
 
-    `actuated` (n_a,), `elastic` (n_e,) and `passive` (n_p,) index pinocchio's velocity vector, in the
-    order of the robot file for the first two. q_a is the joint side of the gear; the motor angle is
-    gear_ratio * q_a.
+    A robot is the mechanism (its tree, its springs, its loops); which coordinates are driven (`actuated`,
+    n_a), sprung (`elastic`, n_e) and neither (`passive`, n_p), index sets into pinocchio's velocity vector,
+    the first two in the order of the robot file; the platform's coordinates x; the assembled `reference`; and
+    what was decided of its loops there, `structure`. All else is derived from these. q_a is the joint side of
+    the gear; the motor angle is gear_ratio * q_a.
 
     `dataclasses.replace` keeps what was proved: it is for other masses, springs and motors, and for lengths
     that are a little off. Where more is changed, `ParallelRobot.of` proves it anew.
@@ -50,36 +44,31 @@ class ParallelRobot(Mechanism):
     gear_ratio: Array  # (n_a,) motor angle over joint angle
     rotor_inertia: Array  # (n_a,) [kg m^2], motor side
     reference: Configuration  # assembled; fixes the working and the assembly mode
-    independent: IntArray  # (m,) ascending, of `rows`: the loop equations that do not repeat others
-    springs_alone: tuple[str, ...]  # names of those that springs can move and joints cannot
-    idle: IntArray  # passive joints to hold still because their motion moves nothing
+    structure: LoopStructure  # which loop equations count, and which joints do not
     equations: Equations  # the independent loops and the platform, and where their Jacobian has entries
-    row_sizes: Array  # (m,) divides the loop equations where rank is judged, see `_row_sizes`
     elastic_inertia: bool = True  # False: a model whose bodies do not feel how the springs move
 
     @classmethod
     def of(cls, mechanism: Mechanism) -> Self:
-        """The robot that a mechanism is with the platform and the motors of its description.
+        """Return the robot that a mechanism is with the platform and the motors of its description.
 
         Raises:
-            NotAssembled: the loops do not close near the reference, see `close_reference`.
+            NotAssembled: the loops do not close near the reference, see `assembled_mechanism`.
             SingularReference: the reference is on a singularity of the loops, see `singular_reference`.
         """
+        mechanism, closed = assembled_mechanism(mechanism)
         numbers, description = vars(Mechanism.of(mechanism)), mechanism.description
         platform = PlatformCoordinates.of(description.platform, mechanism.model)
         actuated = columns_of(mechanism.model, (actuator.joint for actuator in description.actuators))
         passive = np.setdiff1d(mechanism.joints, actuated)
-        closed = close_reference(mechanism)
         poses = (closed.q, *nearby_configurations(mechanism, closed.q))
         matrices = [motion_matrix(mechanism, platform, q) for q in poses]
         singular = singular_reference(mechanism, passive, poses, matrices)
         if singular is not None:
             raise singular
-        here = matrices[0][platform.n :]
-        independent = independent_rows(here[:, mechanism.joints])
-        idle = idle_columns(matrices[0][:, passive], passive)
-        moving = np.concatenate([actuated, np.setdiff1d(passive, idle)])
-        loops = mechanism.rows.take(independent)
+        structure = LoopStructure.of(mechanism, passive, matrices)
+        moving = np.concatenate([actuated, np.setdiff1d(passive, structure.idle)])
+        loops = mechanism.rows.take(structure.independent)
         x = platform.coordinates(frames_at(mechanism, closed.q[None]))[0]
         return cls(
             **numbers,
@@ -89,11 +78,8 @@ class ParallelRobot(Mechanism):
             gear_ratio=np.array([actuator.gear_ratio for actuator in description.actuators]),
             rotor_inertia=np.array([actuator.rotor_inertia for actuator in description.actuators]),
             reference=Configuration(closed.q, x, closed.residual, closed.iterations),
-            independent=independent,
-            springs_alone=rows_of_springs_alone(mechanism, independent, matrices),
-            idle=idle,
+            structure=structure,
             equations=Equations.of(mechanism, platform, loops, moving, len(actuated)),
-            row_sizes=_row_sizes(here[independent][:, moving]),
         )
 
     @property
@@ -104,10 +90,6 @@ class ParallelRobot(Mechanism):
     @property
     def n_a(self) -> int:
         return len(self.actuated)
-
-    @property
-    def n_p(self) -> int:
-        return len(self.passive)
 
     @property
     def loops(self) -> LoopRows:
@@ -126,8 +108,13 @@ class ParallelRobot(Mechanism):
 
     @property
     def translations(self) -> NDArray[np.bool_]:
-        """Which of the platform's coordinates are translations, (n,) [m]; the others are turns [rad]."""
+        """Whether each platform coordinate is a translation [m], (n,); the others are turns [rad]."""
         return self.platform.translations
+
+    @cached_property
+    def platform_scale(self) -> Array:
+        """Length of the robot for translations of the platform, 1 for its turns, (n,)."""
+        return read_only(np.where(self.translations, self.length, 1.0))
 
     @cached_property
     def actuator_names(self) -> tuple[str, ...]:
@@ -149,35 +136,26 @@ class ParallelRobot(Mechanism):
 
     @cached_property
     def row_lengths(self) -> Array:
-        """What makes `rows` angles and lengths of the robot by division, (rows,): 1 where they turn."""
+        """Characteristic scale of each of `rows`, (rows,): length of the robot [m], or 1 for rotations."""
         return read_only(np.where(self.rows.rotation, 1.0, self.length))
 
     @cached_property
     def passive_scale(self) -> Array:
-        """What makes the passive columns of the loop equations dimensionless by multiplication, (m, n_p)."""
-        rows = self.row_lengths[self.independent] * self.row_sizes
+        """Factors (m, n_p) that make the passive columns of the loop equations dimensionless."""
+        rows = self.row_lengths[self.structure.independent] * self.structure.row_sizes
         return read_only(self.column_scale[self.following] / rows[:, None])
 
     def actuated_coordinates(self, q: Array) -> Array:
-        """The motors' joints q_a (T, n_a) at q (T, nq), joint side of the gears [rad, m]."""
-        return self.positions(q)[:, self.actuated]
+        """Return the motors' joints q_a (T, n_a) at q (T, nq), joint side of the gears [rad, m]."""
+        return self.coordinates.positions(q)[:, self.actuated]
 
     def __repr__(self) -> str:
         return (
             f"ParallelRobot({self.name!r}, {self.flexibility}: platform {', '.join(self.axis_names)}; "
-            f"motors {', '.join(self.actuator_names)}; springs {', '.join(self.elastic_names) or 'none'})"
+            f"motors {', '.join(self.actuator_names)}; springs {', '.join(self.spring_names) or 'none'})"
         )
 
 
 def expect_robot(given: object) -> None:
     """Raise InvalidInput unless what was given is a robot."""
     expect("robot", given, ParallelRobot, 'robots.load("five_bar") or ParallelRobot.from_file("my.yaml")')
-
-
-def _row_sizes(loops: Array) -> Array:
-    """What makes the largest entry of each loop equation (m, columns) 1 at the reference, if far from that.
-
-    An equation may be written in any unit, or as any multiple of itself: none of that is a singularity.
-    """
-    sizes = np.abs(loops).max(axis=1, initial=0.0)
-    return np.where((sizes < UNLIKE) | (sizes > 1 / UNLIKE), np.maximum(sizes, 1e-300), 1.0)

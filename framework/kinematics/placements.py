@@ -2,33 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.errors import finite_numbers
 from framework.kinematics.frames import frames_at
-from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
-
-
-def configuration(robot: Mechanism, given: Any, *, stacks: bool = False) -> Array:
-    """All joints q (nq,), given as such or as what `assemble` and `forward_kinematics` return.
-
-    Args:
-        stacks: whether T configurations (T, nq) will do as well.
-
-    Raises:
-        InvalidInput: it has the wrong shape, or is not finite.
-    """
-    q = getattr(given, "q", given)
-    return finite_numbers(f"q, all joints of {robot.name},", q, robot.model.nq, stacks=stacks)
+from framework.tolerances import PLANAR_AXES
 
 
 def joint_poses(robot: ParallelRobot, q: Array) -> Array:
-    """Position and quaternion (F, njoints, 7), (x, y, z, qx, qy, qz, qw), of every joint at q (F, nq).
+    """Compute (x, y, z, qx, qy, qz, qw) of every joint at q (F, nq), (F, njoints, 7).
 
     Quaternions go on smoothly from frame to frame: q and -q are the same turn, but not half-way between.
     """
@@ -45,35 +31,35 @@ def joint_poses(robot: ParallelRobot, q: Array) -> Array:
 
 
 def platform_positions(robot: ParallelRobot, poses: Array) -> Array:
-    """Origin (F, 3) of the platform's frame, for poses of `joint_poses`."""
+    """Compute the origin (F, 3) of the platform's frame, for poses of `joint_poses`."""
     return frame_origins(robot, poses, robot.frames[0])
 
 
 def platform_twists(robot: ParallelRobot, q: Array, v: Array) -> Array:
-    """Twists (F, 6) of the platform's frame in base axes for its velocities v (F, n) at q (F, nq)."""
+    """Compute twists (F, 6) of the platform's frame in base axes for its velocities v (F, n) at q (F, nq)."""
     return robot.platform.frame_twist(frames_at(robot, q), v)
 
 
 def platform_wrenches(robot: ParallelRobot, q: Array, W: Array) -> Array:
-    """Wrenches (F, 6) at the platform's origin in base axes with components W (F, n) at q (F, nq)."""
+    """Compute wrenches (F, 6) at the platform's origin in base axes with components W (F, n) at q (F, nq)."""
     return robot.platform.frame_wrench(frames_at(robot, q), W)
 
 
 def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
-    """Origin (F, 3) of one of pinocchio's frames, for poses of `joint_poses`."""
+    """Compute the origin (F, 3) of one of pinocchio's frames, for poses of `joint_poses`."""
     known = robot.model.frames[frame]
     joint = poses[:, known.parentJoint]
     return np.asarray(joint[:, :3] + rotated(joint[:, 3:], np.asarray(known.placement.translation)))
 
 
 def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
-    """All places (m, 3) where joints, the platform and the loops' ends come: what has to be in sight."""
+    """Compute all positions (m, 3) of joints, platform and ends of loops, all of which a view has to show."""
     ends = [frame_origins(robot, poses, frame) for frame in robot.frames]
     return np.concatenate([poses[:, 1:, :3].reshape(-1, 3), *ends])
 
 
 def rotated(quaternion: Array, vector: Array) -> Array:
-    """A vector (3,), or one each (F, 3), turned by quaternions (F, 4), (x, y, z, w)."""
+    """Turn a vector (3,), or one each (F, 3), by quaternions (F, 4), (x, y, z, w)."""
     axis, w = quaternion[:, :3], quaternion[:, 3:]
     across = 2 * np.cross(axis, vector)
     return np.asarray(vector + w * across + np.cross(axis, across))
@@ -88,7 +74,7 @@ class JointAxis(NamedTuple):
 
 
 def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
-    """Where an entry of the velocity vector acts, seen from the joint before: it stays there."""
+    """Return the axis of an entry of the velocity vector, fixed in the joint before."""
     joint, _, axis = carried_axis(robot, column)
     placement = robot.model.jointPlacements[joint]
     return JointAxis(
@@ -99,7 +85,7 @@ def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
 
 
 def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
-    """Where an entry of the velocity vector acts, seen from its own joint: it moves along."""
+    """Return the axis of an entry of the velocity vector, fixed in its own joint."""
     model = robot.model
     joint = next(
         j for j in range(1, model.njoints) if 0 <= column - model.joints[j].idx_v < model.joints[j].nv
@@ -112,7 +98,7 @@ def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
 
 
 def planar_normal(robot: ParallelRobot) -> Array | None:
-    """The normal (3,) of a planar robot: all joints turn about it or slide across it. None for any other."""
+    """Compute the normal (3,) of a planar robot, which all joints turn about or slide across; else None."""
     model, data = robot.model, robot.model.createData()
     whole = np.array(pin.computeJointJacobians(model, data, robot.reference.q), dtype=float)
     turning = np.linalg.norm(whole[3:], axis=0) > 0.5  # (nv,), axes in the base frame
@@ -122,4 +108,4 @@ def planar_normal(robot: ParallelRobot) -> Array | None:
     normal = np.asarray(turns[0])
     aside = np.linalg.norm(np.cross(turns, normal), axis=1).max()
     along = np.abs(slides @ normal).max(initial=0.0)
-    return normal if max(aside, along) < 1e-6 else None
+    return normal if max(aside, along) < PLANAR_AXES else None

@@ -38,7 +38,7 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
 
     @staticmethod
     def of(platform: Platform, model: pin.Model) -> PlatformCoordinates:
-        """The coordinates that a robot file asks for."""
+        """Return the coordinates that a robot file asks for."""
         if platform.joints:
             return JointPlatform.of_joints(platform.joints, model)
         return FramePlatform.on_axes(platform.axes)
@@ -55,50 +55,50 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
 
     @abstractmethod
     def coordinates(self, at: FrameStack) -> Array:
-        """Coordinates x (T, n) [m, rad]."""
+        """Compute coordinates x (T, n) [m, rad]."""
 
     @abstractmethod
     def residual(self, at: FrameStack, x: Array) -> Array:
-        """How far the platform is from x, (T, n), turns taken the short way; its rate is v."""
+        """Compute the offset of the platform from x, (T, n), turns the short way; its rate is v."""
 
     @abstractmethod
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Coordinates x (T, n) with turns counted on through full ones, next to `near` (n,) or (T, n)."""
+        """Compute coordinates x (T, n) with turns counted on from `near`, (n,) or (T, n)."""
 
     @abstractmethod
     def wrenches(self, at: FrameStack) -> Array:
-        """The wrenches (T, n, 6), or (n, 6) if constant, at the frame's origin: v is what they yield."""
+        """Compute the wrenches (T, n, 6), or (n, 6) if constant, at the frame's origin, whose power is v."""
 
     @abstractmethod
     def wrench_rates(self, at: FrameStack, w: Array, screw_rates: Array) -> Array:
-        """Their time derivatives (T, n, 6), with w (T, 3) of the frame and those of all screws (T, nv, 6)."""
+        """Compute rates (T, n, 6) of the wrenches for w (T, 3) of the frame and screw rates (T, nv, 6)."""
 
     @abstractmethod
     def felt_by(self, carried: Array) -> Array:
-        """1 where a joint (nv) takes part in a coordinate (n), else 0; `carried` (nv,) of the frame."""
+        """Return 1 where a joint (nv) moves a coordinate (n), else 0; `carried` (nv,) of the frame."""
 
     @abstractmethod
     def jacobian(self, at: FrameStack) -> Array:
-        """Derivative (T, n, nv) of v along pinocchio's velocity vector."""
+        """Compute the derivative (T, n, nv) of v along pinocchio's velocity vector."""
 
     @abstractmethod
     def drift(self, at: FrameStack, motions: FrameMotions) -> Array:
-        """dv/dt (T, n) when all joint accelerations are zero."""
+        """Compute dv/dt (T, n) when all joint accelerations are zero."""
 
     @abstractmethod
     def frame_twist(self, at: FrameStack, v: Array) -> Array:
-        """A twist (T, 6) of the frame with this v (T, n), without what no coordinate tells: to be drawn."""
+        """Compute a twist (T, 6) of the frame with this v (T, n), for drawings; zero along free turns."""
 
     def frame_wrench(self, at: FrameStack, W: Array) -> Array:
-        """The wrench (T, 6) at the frame's origin with components W (T, n), so that its power is W . v."""
+        """Compute the wrench (T, 6) at the frame's origin of components W (T, n); its power is W . v."""
         return matvec(np.swapaxes(np.broadcast_to(self.wrenches(at), (len(W), self.n, 6)), 1, 2), W)
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
-        """v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
+        """Compute v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
         return dx, np.zeros_like(dx) if ddx is None else ddx
 
     def path_twist(self, path: Path, s: float) -> Array:
-        """v (n,) of the platform for ds/dt = 1 at path coordinate s."""
+        """Compute v (n,) of the platform for ds/dt = 1 at path coordinate s."""
         here = np.array([s])
         return self.twist(path(here), path(here, 1))[0][0]
 
@@ -114,7 +114,7 @@ class FramePlatform(PlatformCoordinates):
 
     @staticmethod
     def on_axes(names: tuple[str, ...]) -> FramePlatform:
-        """The coordinates on axes out of x, y, z, rx, ry, rz."""
+        """Return the coordinates on axes out of x, y, z, rx, ry, rz."""
         axes = np.array([AXES.index(name) for name in names])
         translations = axes < 3
         sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)
@@ -191,7 +191,7 @@ class FramePlatform(PlatformCoordinates):
         return v, dv
 
     def _yield(self, at: FrameStack, twists: Array) -> Array:
-        """What the wrenches yield (T, n, k) on twists (T, 6, k) of the frame."""
+        """Compute the power (T, n, k) of the wrenches on twists (T, 6, k) of the frame."""
         return twists[:, self.axes] if self.constant else matmul(self.wrenches(at), twists)
 
 
@@ -204,7 +204,7 @@ class JointPlatform(PlatformCoordinates):
 
     @staticmethod
     def of_joints(names: tuple[str, ...], model: pin.Model) -> JointPlatform:
-        """The coordinates on joints of one degree of freedom."""
+        """Return the coordinates on joints of one degree of freedom."""
         joints = [model.joints[model.getJointId(name)] for name in names]
         slides = np.array([joint.shortname().startswith("JointModelP") for joint in joints])
         nothing = np.empty(0, dtype=np.intp)
@@ -244,7 +244,7 @@ class JointPlatform(PlatformCoordinates):
         return twist
 
     def _of_screws(self, screws: Array) -> Array:
-        """The couples about the joints that turn, and the forces along those that slide, (T, n, 6)."""
+        """Compute couples about the joints that turn and forces along those that slide, (T, n, 6)."""
         wrenches = screws[:, self.columns].copy()
         wrenches[:, ~self.translations, :3] = 0.0
         return wrenches

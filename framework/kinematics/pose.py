@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from framework.arrays import ArrayLike
-from framework.kinematics.inverse_kinematics import assembled_at, mode_signs
-from framework.kinematics.joint_limits import positions_beyond_limits
+from framework.kinematics.linearised_loops import assembled_at
+from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.tree_model import positions_beyond_limits
 
 
 @dataclass(frozen=True)
@@ -27,14 +28,14 @@ class Pose:
 
 
 def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
-    """What is known of an assembled configuration q (nq,), as `assemble` or `forward_kinematics` give it.
+    """Describe an assembled configuration q (nq,), as `assemble` or `forward_kinematics` return it.
 
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
     """
     expect_robot(robot)
     closed = assembled_at(robot, q)
-    working, assembly = (int(sign[0]) for sign in mode_signs(robot, closed.system))
+    working, assembly = (int(sign[0]) for sign in mode_signs(robot, closed.linearised))
     motors = robot.actuated_coordinates(closed.q)[0]
     return Pose(
         robot=robot.name,
@@ -45,6 +46,6 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
         joints=robot.reference_values(closed.q[0]),
         working_mode=working,
         assembly_mode=assembly,
-        closure_error=float(closed.system.gap[0]),
+        closure_error=float(closed.linearised.gap[0]),
         exceeded=positions_beyond_limits(robot.limits, closed.q),
     )

@@ -1,4 +1,4 @@
-"""Pinocchio's model of the open tree, and the names of its coordinates.
+"""Pinocchio's model of the open tree, the names of its coordinates, and their limits.
 
 A ball keeps a quaternion, so that no pose of it is singular, as those of three hinges in series are where the
 second has turned by a right angle. A floating joint is three slides and a ball. The velocity of a ball is the
@@ -6,12 +6,18 @@ angular velocity of what it carries relative to what carries it, about axes that
 goes through the centre of mass behind the ball. So a rod that spins idly between two balls spins about that
 axis, and planning holds the one rate at zero, whatever the frame of the rod is. Files, tables and messages
 say a ball by its rotation vector about the axes of the joint's origin.
+
+Limits are `lower` and `upper` of a revolute or prismatic joint. Nothing is limited where the two are left out
+or are the same, as exporters write them that know of none; one left out alone is 0, as the URDF has it.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -19,13 +25,16 @@ import pinocchio as pin
 from framework.arrays import Array
 from framework.model.placement import turning
 from framework.model.urdf_elements import SEVERAL
+from framework.tolerances import ON_JOINT_LIMIT
 
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))
-ON_CENTRE = 1e-12  # [m] nearer to the ball's centre than this, a centre of mass gives no direction
+CENTRE_DISTANCE = 1e-12  # [m] nearer to the ball's centre than this, a centre of mass gives no direction
 
 
-def tree_model(urdf: ElementTree.Element) -> pin.Model:
-    """The model of a URDF as `bare_urdf` leaves it, which is used up.
+def tree_model(urdf: ElementTree.Element, as_declared: Collection[str] = ()) -> pin.Model:
+    """Return the model of a URDF as `bare_urdf` leaves it, which is used up.
+
+    The axes of a ball are turned towards the centre of mass behind it, but for joints `as_declared`.
 
     Raises:
         ValueError, RuntimeError: of pinocchio's parser.
@@ -36,11 +45,11 @@ def tree_model(urdf: ElementTree.Element) -> pin.Model:
             several[joint.get("name", "")] = kind
             joint.set("type", "floating")  # the only one that the parser knows
     model = pin.buildModelFromXML(ElementTree.tostring(urdf, encoding="unicode"))
-    return _with_balls(model, several) if several else model
+    return _with_balls(model, several, as_declared) if several else model
 
 
-def _with_balls(parsed: pin.Model, several: Mapping[str, str]) -> pin.Model:
-    """The model with balls, behind slides if they float, in place of the joints that are named."""
+def _with_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str]) -> pin.Model:
+    """Return the model with balls, behind slides if they float, in place of the joints that are named."""
     model = pin.Model()
     model.name = parsed.name
     identity = pin.SE3.Identity()
@@ -55,7 +64,9 @@ def _with_balls(parsed: pin.Model, several: Mapping[str, str]) -> pin.Model:
             if several[name] == "floating":
                 for suffix, slide in _SLIDES:
                     new, place = model.addJoint(new, slide(), place, f"{name}{suffix}"), identity
-            axes = pin.SE3(turning("z", _along(parsed, j)), np.zeros(3))
+            axes = identity
+            if name not in as_declared:
+                axes = pin.SE3(turning("z", _along(parsed, j)), np.zeros(3))
             turned[j] = axes.inverse()
             index[j] = model.addJoint(new, pin.JointModelSpherical(), place * axes, name)
         model.appendBodyToJoint(index[j], inertia, turned[j])
@@ -69,17 +80,46 @@ def _with_balls(parsed: pin.Model, several: Mapping[str, str]) -> pin.Model:
 
 
 def _along(model: pin.Model, j: int) -> Array:
-    """From joint j towards the centre of mass behind it, or, if that is none, its farthest frame (3,)."""
+    """Return the direction (3,) of the centre of mass behind joint j, or else of its farthest frame."""
     inertia = model.inertias[j]
-    if inertia.mass > 0 and np.linalg.norm(inertia.lever) > ON_CENTRE:
+    if inertia.mass > 0 and np.linalg.norm(inertia.lever) > CENTRE_DISTANCE:
         return np.asarray(inertia.lever)
     frames = [frame.placement.translation for frame in model.frames if frame.parentJoint == j]
     farthest = max(frames, key=np.linalg.norm)
-    return farthest if np.linalg.norm(farthest) > ON_CENTRE else np.array([0.0, 0.0, 1.0])
+    return farthest if np.linalg.norm(farthest) > CENTRE_DISTANCE else np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """The entries of a model's velocity vector by the names and on the axes that files and messages use."""
+
+    model: pin.Model
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """A name for each entry, (nv,): its joint's, of a ball NAME_rx, NAME_ry, NAME_rz."""
+        return coordinate_names(self.model)
+
+    def name_of(self, column: int) -> str:
+        """Return the name of one entry."""
+        return self.names[column]
+
+    def positions(self, q: Array) -> Array:
+        """Return the coordinates (T, nv) of q (T, nq) [rad, m]: of balls, rotation vectors."""
+        model = self.model
+        if model.nq == model.nv:
+            return q
+        neutral = pin.neutral(model)
+        from_neutral = [pin.difference(model, neutral, np.ascontiguousarray(row)) for row in q]
+        return self.named(np.asarray(from_neutral))
+
+    def named(self, v: Array) -> Array:
+        """Return velocities (T, nv), or other tangent vectors, on the axes that `names` mean."""
+        return v if self.model.nq == self.model.nv else np.asarray(v @ named_axes(self.model).T)
 
 
 def coordinate_names(model: pin.Model) -> tuple[str, ...]:
-    """A name for each entry of the velocity vector, (nv,)."""
+    """Return a name for each entry of the velocity vector, (nv,)."""
     return tuple(
         f"{name}{suffix}"
         for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True)
@@ -93,7 +133,7 @@ def is_ball(joint: pin.JointModel) -> bool:
 
 
 def named_axes(model: pin.Model) -> Array:
-    """Takes a tangent vector from the neutral configuration to the coordinates as files have them, (nv, nv).
+    """Return the matrix (nv, nv) from tangent vectors at the neutral configuration to coordinates of files.
 
     The identity but for balls, whose axes the model turns.
     """
@@ -106,3 +146,44 @@ def named_axes(model: pin.Model) -> Array:
                 frame = model.frames[model.getFrameId(name, pin.FrameType.JOINT)]
                 axes[own, own] = frame.placement.rotation.T
     return axes
+
+
+class JointLimit(NamedTuple):
+    """What a URDF says of one joint; `coordinate` is its place in q."""
+
+    joint: str
+    coordinate: int
+    lower: float
+    upper: float
+    unit: str  # rad or m
+
+
+def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimit, ...]:
+    """Return the limited joints, in the order of the URDF."""
+    found = []
+    for joint in urdf.findall("joint"):
+        limit, kind = joint.find("limit"), joint.get("type")
+        if limit is None or kind not in ("revolute", "prismatic"):
+            continue
+        lower, upper = (float(limit.get(key, "0")) for key in ("lower", "upper"))
+        if lower == upper:
+            continue
+        name = joint.get("name", "")
+        place = model.joints[model.getJointId(name)].idx_q
+        found.append(JointLimit(name, place, lower, upper, "m" if kind == "prismatic" else "rad"))
+    return tuple(found)
+
+
+def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str, str]:
+    """Return joints of q (T, nq) beyond their limits, with text such as `position -4.27 rad of -3.2`."""
+    found = {}
+    for joint, coordinate, lower, upper, unit in limits:
+        least, most = float(np.min(q[:, coordinate])), float(np.max(q[:, coordinate]))
+        beyond = []
+        if least < lower - ON_JOINT_LIMIT:
+            beyond.append(f"{least:.6g} {unit} of {lower:.6g}")
+        if most > upper + ON_JOINT_LIMIT:
+            beyond.append(f"{most:.6g} {unit} of {upper:.6g}")
+        if beyond:
+            found[joint] = "position " + " and ".join(beyond)
+    return found

@@ -13,8 +13,8 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, read_only
 from framework.kinematics.closures import scaled
-from framework.kinematics.equation_rates import jacobian_rate
-from framework.kinematics.inverse_kinematics import Motion, System, assembled_at
+from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
+from framework.kinematics.motion_rates import Motion, jacobian_rate
 from framework.kinematics.parallel_robot import ParallelRobot
 
 
@@ -27,7 +27,7 @@ class VelocityMatrices(NamedTuple):
 
 
 def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
-    """A (m, n), B (m, n_a), C (m, n_e) at an assembled configuration q (nq,).
+    """Compute A (m, n), B (m, n_a), C (m, n_e) at an assembled configuration q (nq,).
 
     The rows are an orthonormal choice, fixed up to a rotation among them; A is singular in Type 2, B
     in Type 1 singularities.
@@ -35,19 +35,19 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
     """
-    found = dimensionless_matrices(robot, assembled_at(robot, q).system)
+    found = dimensionless_matrices(robot, assembled_at(robot, q).linearised)
     A, B, C = (read_only(matrix[0]) for matrix in _with_dimension(robot, found))
     return VelocityMatrices(A, B, C)
 
 
 def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMatrices, VelocityMatrices]:
-    """A (T, m, n), B (T, m, n_a), C (T, m, n_e) along a motion, and their time derivatives.
+    """Compute A (T, m, n), B (T, m, n_a), C (T, m, n_e) along a motion, and their time derivatives.
 
     With N the basis of `velocity_matrices`, M the Jacobian of platform and loops and M_p its passive columns,
     N M_p = 0 for all times, so that N' M_p = -N M_p'. Of all bases that go on smoothly, N' = -N M_p' M_p^+ is
     the one that does not turn in itself. Another choice of basis adds R A, R B, R C with one R to the rates.
     """
-    jacobians = motion.system.jacobian, jacobian_rate(robot, motion)
+    jacobians = motion.linearised.jacobian, jacobian_rate(robot, motion)
     M, dM = (_balanced(robot, jacobian) for jacobian in jacobians)
     N, passive = _left_null_space(robot, M), robot.following
     dN = -N @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
@@ -59,13 +59,13 @@ def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMa
     return _with_dimension(robot, here), _with_dimension(robot, rates)
 
 
-def dimensionless_matrices(robot: ParallelRobot, system: System) -> VelocityMatrices:
-    """A (T, m, n), B (T, m, n_a), C (T, m, n_e) of T configurations in radians and lengths of the robot.
+def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) -> VelocityMatrices:
+    """Compute A (T, m, n), B (T, m, n_a), C (T, m, n_e), in radians and lengths of the robot.
 
     [A, rest] is the transpose of an orthonormal basis of the left null space of the passive columns of
     d[platform ; closures]/dq: the singular values of A are cosines, in 0 .. 1.
     """
-    balanced = _balanced(robot, system.jacobian)
+    balanced = _balanced(robot, linearised.jacobian)
     N = _left_null_space(robot, balanced)
     return VelocityMatrices(
         N[:, :, : robot.n], N @ balanced[:, :, robot.actuated], N @ balanced[:, :, robot.elastic]
@@ -73,20 +73,20 @@ def dimensionless_matrices(robot: ParallelRobot, system: System) -> VelocityMatr
 
 
 def _balanced(robot: ParallelRobot, jacobian: Array) -> Array:
-    """d[platform ; closures]/dq (T, n + m, nv) without dimension."""
+    """Compute d[platform ; closures]/dq (T, n + m, nv) without dimension."""
     return scaled(robot, jacobian, np.concatenate([~robot.translations, robot.loops.rotation]))
 
 
 def _left_null_space(robot: ParallelRobot, balanced: Array) -> Array:
-    """Orthonormal rows (T, m, n + m) to which the passive columns are orthogonal."""
+    """Compute orthonormal rows (T, m, n + m) to which the passive columns are orthogonal."""
     passive = robot.following
     return np.linalg.qr(balanced[:, :, passive], mode="complete")[0][:, :, len(passive) :].swapaxes(1, 2)
 
 
 def _with_dimension(robot: ParallelRobot, matrices: VelocityMatrices) -> VelocityMatrices:
-    """Back to metres and radians: the twist and the rates on the right were in lengths of the robot."""
+    """Turn matrices for twists and rates in lengths of the robot back to metres."""
     A, B, C = matrices
-    twist = np.where(robot.translations, robot.length, 1.0)
+    twist = robot.platform_scale
     return VelocityMatrices(
         A / twist, B / robot.column_scale[robot.actuated], C / robot.column_scale[robot.elastic]
     )

@@ -1,1 +1,8 @@
-"""Linear algebra that numpy and scipy lack, and that knows no robot."""
+"""Linear algebra that knows no robot. Each file stands for itself.
+
+* `ordered_sums`: products of stacks whose items do not feel each other, to the last bit;
+* `rotations`: rotation vectors and the left Jacobian of SO(3);
+* `sparsity`, `banded_lu`: patterns of stacked matrices, and their factorisation in a band;
+* `krylov`: systems of which only products are known;
+* `polytope`: zonotopes and slabs.
+"""

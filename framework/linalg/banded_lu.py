@@ -34,7 +34,7 @@ class Band(ReadOnlyArrays):
 
     @staticmethod
     def of(row: IntArray, column: IntArray, size: int) -> Band:
-        """The band of matrices (size, size) whose entries stand at (row, column), each (E,)."""
+        """Return the band of matrices (size, size) whose entries stand at (row, column), each (E,)."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import reverse_cuthill_mckee
 
@@ -62,7 +62,7 @@ class Band(ReadOnlyArrays):
         return float(np.round(np.linalg.det(unit[self.row_order]) * np.linalg.det(unit[self.column_order])))
 
     def factor(self, values: Array) -> Factors:
-        """LU factors of the matrices with entries `values` (T, E)."""
+        """Compute the LU factors of the matrices with entries `values` (T, E)."""
         from scipy.linalg.lapack import dgbtrf
 
         count = len(values)
@@ -82,7 +82,7 @@ class Factors:
     singular: int  # 0, or one more than the column of the first pivot that is zero
 
     def solve(self, right: Array) -> Array:
-        """Solutions (..., T, k) for right-hand sides (..., T, k).
+        """Compute solutions (..., T, k) for right-hand sides (..., T, k).
 
         Raises:
             numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
@@ -91,7 +91,7 @@ class Factors:
         return self._solve(right, band.row_order, band.column_place, transposed=False)
 
     def solve_transposed(self, right: Array) -> Array:
-        """Solutions for the transposed matrices; shapes and error as in `solve`."""
+        """Compute solutions for the transposed matrices; shapes and error as in `solve`."""
         band = self.band
         return self._solve(right, band.column_order, band.row_place, transposed=True)
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from framework.arrays import Array
 
-PATIENCE, STAGNANT = 12, 0.9  # products after which no less than this share of what was left is left
+STAGNATION_PRODUCTS, STAGNATION_RATIO = 12, 0.9  # after so many products, more than this share is left
 
 
 def gmres(product: Callable[[Array], Array], right: Array, *, left: float, most: int, weak: float) -> Array:
-    """x (n,) of least |right - A x| among combinations of right, A right, A A right, ...
+    """Find x (n,) of least |right - A x| among combinations of right, A right, A A right, ...
 
     Args:
         product: A times a vector (n,) of length 1.
@@ -47,7 +47,9 @@ def gmres(product: Callable[[Array], Array], right: Array, *, left: float, most:
         weights = np.linalg.lstsq(small, target[: k + 2], rcond=weak)[0]
         remaining = float(np.linalg.norm(target[: k + 2] - small @ weights))
         history.append(remaining)
-        stagnant = k >= PATIENCE and remaining > STAGNANT * history[-1 - PATIENCE]
+        stagnant = (
+            k >= STAGNATION_PRODUCTS and remaining > STAGNATION_RATIO * history[-1 - STAGNATION_PRODUCTS]
+        )
         if (
             remaining <= left * size
             or stagnant

@@ -13,14 +13,15 @@ import numpy as np
 
 from framework.arrays import Array
 
-FEW = 300  # numbers: up to here the calls of numpy cost, beyond it the numbers
+_NEXT_AXIS, _AXIS_BEFORE = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
+SMALL_STACK = 300  # numbers: up to here the calls of numpy cost, beyond it the numbers
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Sums of a b (..., n) over the last axis, (...)."""
+    """Compute sums of a b (..., n) over the last axis, (...)."""
     if not a.shape[-1]:
         return np.zeros(np.broadcast(a, b).shape[:-1])
-    if a.size + b.size < FEW:
+    if a.size + b.size < SMALL_STACK:
         terms = a * b
         total = terms[..., 0]
         for k in range(1, terms.shape[-1]):
@@ -34,18 +35,18 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def matvec(matrix: Array, vector: Array) -> Array:
-    """Products (..., m) of matrices (..., m, n) and vectors (..., n)."""
+    """Compute products (..., m) of matrices (..., m, n) and vectors (..., n)."""
     return dot(matrix, vector[..., None, :])
 
 
 def matmul(a: Array, b: Array) -> Array:
-    """Products (..., m, p) of matrices (..., m, n) and (..., n, p)."""
+    """Compute products (..., m, p) of matrices (..., m, n) and (..., n, p)."""
     columns = np.swapaxes(b, -1, -2)  # (..., p, n)
     return dot(a[..., :, None, :], columns[..., None, :, :])
 
 
 def solve(matrix: Array, vector: Array) -> Array:
-    """Solutions (R, n) of systems with matrices (R, n, n) and vectors (R, n), infinite where singular."""
+    """Solve systems with matrices (R, n, n) and vectors (R, n); solutions (R, n), infinite where singular."""
     try:
         return np.asarray(np.linalg.solve(matrix, vector[..., None])[..., 0])
     except np.linalg.LinAlgError:
@@ -57,3 +58,17 @@ def _solve_one(matrix: Array, vector: Array) -> Array:
         return np.asarray(np.linalg.solve(matrix, vector[:, None])[:, 0])
     except np.linalg.LinAlgError:
         return np.full(len(vector), np.inf)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Compute the cross product over the last axis, several times faster than np.cross on stacks."""
+    if a.size + b.size < SMALL_STACK:
+        both = a.take(_NEXT_AXIS, -1) * b.take(_AXIS_BEFORE, -1)
+        return both[..., :3] - both[..., 3:]
+    a1, a2, a3 = a[..., 0], a[..., 1], a[..., 2]
+    b1, b2, b3 = b[..., 0], b[..., 1], b[..., 2]
+    product = np.empty(np.broadcast(a, b).shape)
+    np.subtract(a2 * b3, a3 * b2, out=product[..., 0])
+    np.subtract(a3 * b1, a1 * b3, out=product[..., 1])
+    np.subtract(a1 * b2, a2 * b1, out=product[..., 2])
+    return product

@@ -13,9 +13,7 @@ from itertools import combinations, product
 import numpy as np
 
 from framework.arrays import Array, BoolArray, ReadOnlyArrays
-
-FLAT = 1e-9  # singular value, of the largest, below which a direction has no width (or no bound)
-ROUNDING = 1e-9  # of a facet's offset: nearer to a facet than this, a point is on it
+from framework.tolerances import FLAT_DIRECTION, ON_FACET, VERTEX_RANK
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,41 +32,41 @@ class Polytope(ReadOnlyArrays):
     def contains(self, points: Array) -> BoolArray:
         """Whether points (..., n) are inside, but for rounding."""
         size = np.abs(self.offsets).max(initial=0.0)
-        return np.asarray(np.all(points @ self.normals.T <= self.offsets + ROUNDING * size, axis=-1))
+        return np.asarray(np.all(points @ self.normals.T <= self.offsets + ON_FACET * size, axis=-1))
 
     def reach(self, direction: Array) -> tuple[float, float]:
-        """The least and the largest t for which t times a direction (n,) is inside; (nan, nan) if none is."""
+        """Compute the least and the largest t for which t direction (n,) is inside; (nan, nan) if none is."""
         slope = self.normals @ direction
-        steep = np.abs(slope) > FLAT * np.linalg.norm(direction)
+        steep = np.abs(slope) > FLAT_DIRECTION * np.linalg.norm(direction)
         size = np.abs(self.offsets).max(initial=0.0)
-        if np.any(self.offsets[~steep] < -ROUNDING * size):
+        if np.any(self.offsets[~steep] < -ON_FACET * size):
             return np.nan, np.nan
         ends = self.offsets[steep] / slope[steep]
         low = float(ends[slope[steep] < 0].max(initial=-np.inf))
         high = float(ends[slope[steep] > 0].min(initial=np.inf))
         if low > high:
-            return (np.nan, np.nan) if low - high > ROUNDING * max(abs(low), abs(high)) else (high, high)
+            return (np.nan, np.nan) if low - high > ON_FACET * max(abs(low), abs(high)) else (high, high)
         return low, high
 
     def alone(self) -> Array:
-        """The range (n, 2) of each coordinate when all others are zero, see `reach`."""
+        """Compute the range (n, 2) of each coordinate when all others are zero, see `reach`."""
         return np.array([self.reach(axis) for axis in np.eye(self.normals.shape[1])])
 
     def bounds(self) -> Array:
-        """The range (n, 2) of each coordinate when the others are what suits it."""
+        """Compute the range (n, 2) of each coordinate over all values of the others."""
         if not len(self.vertices):
             return np.tile([-np.inf, np.inf], (self.normals.shape[1], 1))
         found = np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)], axis=1)
-        unbounded = np.abs(self.free).max(axis=0, initial=0.0) > FLAT
+        unbounded = np.abs(self.free).max(axis=0, initial=0.0) > FLAT_DIRECTION
         found[unbounded] = [-np.inf, np.inf]
         return found
 
 
 def zonotope(centre: Array, generators: Array) -> Polytope:
-    """The sums centre (n,) + t_1 g_1 + ... + t_m g_m of generators (m, n) with every |t_k| <= 1."""
+    """Compute the sums centre (n,) + t_1 g_1 + ... + t_m g_m of generators (m, n), every |t_k| <= 1."""
     n = len(centre)
     _, values, right = np.linalg.svd(generators)
-    rank = int(np.sum(values > FLAT * values.max(initial=0.0)))
+    rank = int(np.sum(values > FLAT_DIRECTION * values.max(initial=0.0)))
     span, across = right[:rank], right[rank:]
     inside = generators @ span.T  # (m, rank)
     directions = [across]
@@ -79,7 +77,8 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
     normals = np.concatenate([np.reshape(part, (-1, n)) for part in directions])
     normals = _distinct(np.concatenate([normals, -normals]))
     width = np.abs(normals @ generators.T).sum(axis=1)
-    width[np.abs(normals @ span.T).max(axis=1, initial=0.0) < FLAT] = 0.0  # across the flat: only rounding
+    across_the_flat = np.abs(normals @ span.T).max(axis=1, initial=0.0) < FLAT_DIRECTION
+    width[across_the_flat] = 0.0  # but for rounding
     offsets = normals @ centre + width
     signs = np.array(list(product((-1.0, 1.0), repeat=len(generators))))
     points = _distinct(centre + signs @ generators)
@@ -87,37 +86,37 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
 
 
 def slabs(rows: Array, limits: Array) -> Polytope:
-    """The points y (n,) with |rows y| <= limits, rows (m, n) and positive limits (m,)."""
+    """Return the points y (n,) with |rows y| <= limits, rows (m, n) and positive limits (m,)."""
     n = rows.shape[1]
     sizes = np.linalg.norm(rows, axis=1)
     kept = sizes > 0
     normals = np.concatenate([rows[kept], -rows[kept]]) / np.tile(sizes[kept], 2)[:, None]
     offsets = np.tile(limits[kept] / sizes[kept], 2)
     _, values, right = np.linalg.svd(rows)
-    rank = int(np.sum(values > FLAT * values.max(initial=0.0)))
+    rank = int(np.sum(values > FLAT_DIRECTION * values.max(initial=0.0)))
     free, span = right[rank:], right[:rank]
     inside = rows @ span.T
     points = [np.zeros((0, n))]
     for chosen in combinations(range(len(rows)), rank) if rank else ():
         square = inside[list(chosen)]
-        if np.linalg.svd(square, compute_uv=False)[-1] > FLAT * values[0]:
+        if np.linalg.svd(square, compute_uv=False)[-1] > FLAT_DIRECTION * values[0]:
             corners = np.array(list(product((-1.0, 1.0), repeat=rank))) * limits[list(chosen)]
             points.append(np.linalg.solve(square, corners.T).T @ span)
     corners = np.concatenate(points)
-    corners = corners[np.all(np.abs(corners @ rows.T) <= limits * (1 + ROUNDING), axis=1)]
+    corners = corners[np.all(np.abs(corners @ rows.T) <= limits * (1 + ON_FACET), axis=1)]
     return Polytope(normals, offsets, _distinct(corners), free)
 
 
 def _normal(rows: Array, n: int) -> Array | None:
-    """The unit vector (n,) orthogonal to rows (n - 1, n); None if there are several."""
+    """Compute the unit vector (n,) orthogonal to rows (n - 1, n); None if there are several."""
     if not len(rows):
         return np.ones(1)
     _, values, right = np.linalg.svd(rows)
-    return None if values[-1] <= FLAT * values[0] or values[0] == 0.0 else right[n - 1]
+    return None if values[-1] <= FLAT_DIRECTION * values[0] or values[0] == 0.0 else right[n - 1]
 
 
 def _distinct(points: Array) -> Array:
-    """Points (k, n) without those that repeat others but for rounding."""
+    """Return points (k, n) without those that repeat others but for rounding."""
     size = np.abs(points).max(initial=0.0)
     if not size:
         return points[:1]
@@ -126,8 +125,8 @@ def _distinct(points: Array) -> Array:
 
 
 def _extreme(points: Array, normals: Array, offsets: Array) -> Array:
-    """The vertices among points (k, n): where the half-spaces that touch leave no freedom."""
+    """Return the vertices among points (k, n), at which the touching half-spaces leave no freedom."""
     size = np.abs(offsets).max(initial=0.0)
-    touching = points @ normals.T >= offsets - ROUNDING * size
+    touching = points @ normals.T >= offsets - ON_FACET * size
     n = points.shape[1]
-    return points[[np.linalg.matrix_rank(normals[one], tol=1e-6) == n for one in touching]]
+    return points[[np.linalg.matrix_rank(normals[one], tol=VERTEX_RANK) == n for one in touching]]

@@ -19,37 +19,43 @@ class Sparsity(ReadOnlyArrays):
     """E entries of matrices (m, nv): equation `row`, joint column `column`, each (E,).
 
     `sign` is 1 where the joint carries the second body of the equation, -1 where it carries the first.
+    `constant` is the entry of an equation between joints themselves, 0 of others.
     """
 
     shape: tuple[int, int]
     row: IntArray
     column: IntArray
     sign: Array
+    constant: Array
 
     @staticmethod
-    def of(signs: Array) -> Sparsity:
-        """The pattern of a matrix of signs (m, nv), 0 where there is no entry."""
-        row, column = np.nonzero(signs)
-        return Sparsity((signs.shape[0], signs.shape[1]), row, column, signs[row, column])
+    def of(signs: Array, constants: Array | None = None) -> Sparsity:
+        """Return the pattern of matrices of signs and of constants (m, nv), 0 where there is no entry."""
+        constants = np.zeros_like(signs) if constants is None else constants
+        row, column = np.nonzero((signs != 0) | (constants != 0))
+        shape = (signs.shape[0], signs.shape[1])
+        return Sparsity(shape, row, column, signs[row, column], constants[row, column])
 
     def entries(self, wrench: Array, screws: Array) -> Array:
-        """Entries (T, E) of the Jacobians for wrenches (T, m, 6) and screws of the joints (T, nv, 6)."""
+        """Compute entries (T, E) of the Jacobians for wrenches (T, m, 6) and joint screws (T, nv, 6)."""
         if self.shape[0] * self.shape[1] <= 8 * len(self.row):  # so full that all products are quicker
             everywhere = (wrench @ screws.swapaxes(1, 2)).reshape(len(wrench), self.shape[0] * self.shape[1])
-            return np.asarray(everywhere.take(self.place, axis=1) * self.sign)
-        return np.einsum("tei,tei->te", wrench[:, self.row], screws[:, self.column]) * self.sign
+            of_frames = everywhere.take(self.place, axis=1) * self.sign
+        else:
+            of_frames = np.einsum("tei,tei->te", wrench[:, self.row], screws[:, self.column]) * self.sign
+        return of_frames + self.constant if self.constant.any() else of_frames
 
     @cached_property
     def place(self) -> IntArray:
-        """Where each entry (E,) stands in the memory of a matrix."""
+        """Index of each entry (E,) in the memory of a matrix."""
         return read_only(self.row * self.shape[1] + self.column)
 
     def dense(self, values: Array) -> Array:
-        """The matrices (T, m, nv) with these entries (T, E)."""
+        """Return the matrices (T, m, nv) with these entries (T, E)."""
         return _scattered(values, self.place, self.shape)
 
     def part(self, rows: IntArray, columns: IntArray) -> Part:
-        """The entries in some rows and columns, in their order."""
+        """Return the entries in some rows and columns, in their order."""
         place_of_row, place_of_column = (np.full(size, -1) for size in self.shape)
         place_of_row[rows], place_of_column[columns] = np.arange(len(rows)), np.arange(len(columns))
         row, column = place_of_row[self.row], place_of_column[self.column]
@@ -68,31 +74,31 @@ class Part(ReadOnlyArrays):
 
     @cached_property
     def place(self) -> IntArray:
-        """Where each entry (K,) stands in the memory of a matrix."""
+        """Index of each entry (K,) in the memory of a matrix."""
         return read_only(self.row * self.shape[1] + self.column)
 
     def dense(self, values: Array) -> Array:
-        """The part (T, rows, columns) of matrices with entries `values` (T, E)."""
+        """Return the part (T, rows, columns) of matrices with entries `values` (T, E)."""
         return _scattered(values.take(self.entry, axis=1), self.place, self.shape)
 
     def times(self, values: Array, right: Array) -> Array:
-        """Products (T, rows) of the part of matrices with entries `values` (T, E) with (T, columns)."""
+        """Multiply the part of matrices with entries `values` (T, E) by vectors (T, columns)."""
         return _sums(values[:, self.entry] * right[:, self.column], self.row, self.shape[0])
 
     def transposed_times(self, values: Array, right: Array) -> Array:
-        """Products (T, columns) of the part, transposed, with (T, rows)."""
+        """Multiply the transposed part by vectors (T, rows)."""
         return _sums(values[:, self.entry] * right[:, self.row], self.column, self.shape[1])
 
 
 def _scattered(values: Array, place: IntArray, shape: tuple[int, int]) -> Array:
-    """Matrices (T, *shape) with values (T, K) at places (K,) of their memory, zero elsewhere."""
+    """Return matrices (T, *shape) with values (T, K) at places (K,) of their memory, zero elsewhere."""
     matrices = np.zeros((len(values), shape[0] * shape[1]))
     matrices[:, place] = values
     return matrices.reshape(len(values), *shape)
 
 
 def _sums(terms: Array, place: IntArray, size: int) -> Array:
-    """Sums (T, size) of terms (T, K) that belong to the same place."""
+    """Compute sums (T, size) of terms (T, K) that belong to the same place."""
     where = np.arange(len(terms))[:, None] * size + place
     sums = np.bincount(where.ravel(), weights=terms.ravel(), minlength=len(terms) * size)
     return np.asarray(sums.reshape(len(terms), size), dtype=float)

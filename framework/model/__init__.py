@@ -1,4 +1,34 @@
-"""What the robot is: its description, its springs, its URDF and the tables of its loops."""
+"""What the robot is. Open `description` first: readers make these records, and all else starts from them.
+
+The records
+    description         robot, closures, springs, scenes: frozen, without a file
+    loop_rows           closures as scalar loop equations
+    placement           rigid placements as 4 x 4 matrices
+    fidelity_levels     which parts of a robot a model keeps
+
+The robot file (YAML)
+    robot_file          read a robot file and its URDF
+    robot_keys          the keys of a robot file, one table a mapping
+    fields              typed values out of a mapping
+    parameters          named parameters, `${...}`
+    additions           frames, bodies and joints that it adds to a URDF
+    robot_file_writer   write a description
+
+The URDF
+    urdf, urdf_elements  where it is; its joints and links, read and checked
+    inertia             which inertia a body can have
+    bare_urdf           the part that pinocchio parses
+    visuals             the solids that it shows
+    urdf_writing        write its elements
+    documents, xml_reading  XML and YAML within limits; attributes of an element
+
+Springs
+    beams               stiffness of a link from its section and material
+    spring_joints       springs as virtual joints in the URDF
+
+Files of other programs
+    readers/            one file a dialect
+"""
 
 from framework.model.robot_file import read_robot_file
 

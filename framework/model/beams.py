@@ -36,9 +36,7 @@ from framework.model.placement import inverse, placement
 from framework.model.robot_file_writer import spring_entry
 from framework.model.urdf_writing import joint_element, origin_element
 from framework.model.xml_reading import origin_of
-
-OPPOSITE = 0.01  # [rad] from -x: nearer, the least turn spins the section a hundred times as far as the beam
-PARALLEL = 1e-6  # sine of the angle between the beam and a direction that is meant to be across it
+from framework.tolerances import BEAM_NEAR_MINUS_X, SECTION_AXIS_ALONG_BEAM
 
 
 @dataclass(frozen=True)
@@ -229,7 +227,7 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
 def _section_axes(along: Array, y: ArrayLike | None) -> Array:
     """Axes of a beam's frame as columns (3, 3), for directions (3,) of the beam and of its section's y."""
     if y is None:
-        if 1.0 + along[0] < 0.5 * OPPOSITE**2:
+        if 1.0 + along[0] < 0.5 * BEAM_NEAR_MINUS_X**2:
             raise InvalidInput(
                 "y: required, because the beam runs along -x of its link, where the least turn has no axis; "
                 "give the direction of the section's y axis in the link"
@@ -239,7 +237,7 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
     else:
         given = finite_numbers("y", y, 3)
         across = given - (given @ along) * along
-        if not np.linalg.norm(across) > PARALLEL * np.linalg.norm(given):
+        if not np.linalg.norm(across) > SECTION_AXIS_ALONG_BEAM * np.linalg.norm(given):
             raise InvalidInput(f"y: needs a direction across the beam, which runs along {point(along)}")
     across = across / np.linalg.norm(across)
     return np.column_stack([along, across, np.cross(along, across)])

@@ -126,23 +126,45 @@ class Spring:
 
 
 @dataclass(frozen=True)
-class JointSpring:
-    """A spring on a real joint of the URDF, there for every flexibility.
+class JointDynamics:
+    """What acts along one coordinate of the tree, on the joint side of a gear, whether it has a motor or not.
 
-    It pulls the `joint` to `rest` [rad, m] with `stiffness` [N m/rad, N/m], joint side of a gear.
+        torque of the joint = armature a + damping v + stiffness (q - rest) + friction sign(v)
+
+    beside the inertia of the bodies, for a hinge [kg m^2, N m s/rad, N m/rad, rad, N m] and for a slide
+    [kg, N s/m, N/m, m, N]. It is there for every flexibility and whichever motors are chosen.
     """
 
-    name: str
-    joint: str
-    stiffness: float
+    armature: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0  # dry
+    stiffness: float = 0.0
     rest: float = 0.0
 
 
 @dataclass(frozen=True)
-class KeptRung:
-    """The least rung of the fidelity ladder that was found enough for a scene, to a tolerance (a share)."""
+class Coupling:
+    """A loop equation between two joints of one degree of freedom: q_joint = ratio q_of + offset.
 
-    rung: str
+    `ratio` and `offset` are in the units of the joints [rad, m]. Gears, mirrored fingers, <mimic>.
+    """
+
+    joint: str
+    of: str
+    ratio: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Name of its loop equation."""
+        return f"{self.joint}_of_{self.of}"
+
+
+@dataclass(frozen=True)
+class KeptLevel:
+    """The least level of fidelity that is enough for a scene, to a tolerance (a share)."""
+
+    level: str
     tolerance: float
 
 
@@ -162,7 +184,7 @@ class Scene:
     times: tuple[float, ...] | None = None
     speeds: tuple[float, ...] | None = None
     at: tuple[float, ...] | None = None
-    fidelity: KeptRung | None = None
+    fidelity: KeptLevel | None = None
 
 
 @dataclass(frozen=True)
@@ -176,7 +198,8 @@ class RobotDescription:
     actuators: tuple[Actuator, ...]
     closures: tuple[Closure, ...]
     springs: tuple[Spring, ...] = ()
-    joint_springs: tuple[JointSpring, ...] = ()
+    joints: Mapping[str, JointDynamics] = field(default_factory=dict)  # by coordinate
+    couplings: tuple[Coupling, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     reference: Mapping[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict)
@@ -204,9 +227,12 @@ class RobotDescription:
 
 class ParsedRobot(NamedTuple):
     """What a file says: a description, the root of the URDF that its `urdf_text` holds, parsed once and not
-    to be changed, and the dialect that it is written in (`readers.recognise.DIALECTS`).
+    to be changed, and the dialect that it is written in (`readers.recognise.DIALECTS`). Of a foreign file
+    `left_out` names what acts and is not read, and `remarks` say what was proposed where it is silent.
     """
 
     description: RobotDescription
     urdf: ElementTree.Element
     dialect: str = "robot file"
+    left_out: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()

@@ -17,10 +17,10 @@ from yaml.resolver import Resolver
 
 from framework.errors import MissingPackage, RobotFileError
 
-BLANK = "\ufeff \t\r\n"  # may stand before the first element
-LARGEST_XML = 200_000  # elements
-LARGEST_YAML_TEXT = 500_000  # characters
-LARGEST_YAML = 20_000  # values, aliases written out
+LEADING_BLANKS = "\ufeff \t\r\n"  # may stand before the first element
+MAX_XML_ELEMENTS = 200_000
+MAX_YAML_CHARACTERS = 500_000
+MAX_YAML_VALUES = 20_000  # aliases written out
 
 
 @contextmanager
@@ -35,7 +35,7 @@ def naming(path: Path | str) -> Iterator[None]:
     except MissingPackage as error:
         raise MissingPackage(f"{path}: {error}", package=error.package) from None
     except RobotFileError as error:
-        raise RobotFileError(f"{path}: {error}") from None
+        raise RobotFileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except RecursionError:
         raise RobotFileError(f"{path}: nested too deeply") from None
 
@@ -44,11 +44,11 @@ def parse_xml(text: str) -> ElementTree.Element:
     """The root of an XML text without a document type.
 
     Raises:
-        RobotFileError: it has one (entities can grow without bound), has more than LARGEST_XML elements,
+        RobotFileError: it has one (entities can grow without bound), has more than MAX_XML_ELEMENTS elements,
             or is not well-formed.
     """
     try:
-        return ElementTree.fromstring(text.lstrip(BLANK), ElementTree.XMLParser(target=_Builder()))
+        return ElementTree.fromstring(text.lstrip(LEADING_BLANKS), ElementTree.XMLParser(target=_Builder()))
     except (ElementTree.ParseError, ValueError) as error:
         if isinstance(error, RobotFileError):
             raise
@@ -64,8 +64,8 @@ class _Builder(ElementTree.TreeBuilder):
 
     def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:
         self._count += 1
-        if self._count > LARGEST_XML:
-            raise RobotFileError(f"more than {LARGEST_XML} XML elements")
+        if self._count > MAX_XML_ELEMENTS:
+            raise RobotFileError(f"more than {MAX_XML_ELEMENTS} XML elements")
         return super().start(tag, attrs)
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
@@ -78,15 +78,15 @@ def parse_yaml(text: str) -> Any:
     Raises:
         RobotFileError: it is not, has a duplicate key, or is no YAML.
     """
-    if len(text) > LARGEST_YAML_TEXT:
-        raise RobotFileError(f"{len(text)} characters of YAML; at most {LARGEST_YAML_TEXT} are read")
+    if len(text) > MAX_YAML_CHARACTERS:
+        raise RobotFileError(f"{len(text)} characters of YAML; at most {MAX_YAML_CHARACTERS} are read")
     try:
         loader = _Loader(text)
         try:
             node = loader.get_single_node()
             if node is None:
                 return None
-            if _size(node, {}) > LARGEST_YAML:
+            if _size(node, {}) > MAX_YAML_VALUES:
                 raise _too_many()
             return loader.construct_document(node)
         finally:
@@ -113,7 +113,7 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         self._count += 1
-        if self._count > LARGEST_YAML:
+        if self._count > MAX_YAML_VALUES:
             raise _too_many()
         return super().compose_node(parent, index)
 
@@ -132,14 +132,14 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
 
 
 def _too_many() -> RobotFileError:
-    return RobotFileError(f"aliases: more than {LARGEST_YAML} values when written out, or endless")
+    return RobotFileError(f"aliases: more than {MAX_YAML_VALUES} values when written out, or endless")
 
 
 def _size(node: yaml.Node, known: dict[int, int]) -> int:
     """Values of a node with its aliases written out; an alias of itself counts as too many."""
     if id(node) in known:
         return known[id(node)]
-    known[id(node)] = LARGEST_YAML + 1  # for those met again below themselves
+    known[id(node)] = MAX_YAML_VALUES + 1  # for those met again below themselves
     total = 1
     if isinstance(node, yaml.SequenceNode):
         total += sum(_size(child, known) for child in node.value)

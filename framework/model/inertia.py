@@ -12,10 +12,9 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import RobotFileError
+from framework.tolerances import INERTIA_ROUNDING, POINT_BODY_GYRATION
 
 ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-ROUNDED = 1e-2  # of the largest moment: what writing with three figures can do to a thin plate or rod
-POINT = 1e-6  # [m] radius of gyration below which a body counts as a point
 
 
 def symmetric(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
@@ -35,10 +34,10 @@ def check_inertia(where: str, matrix: ArrayLike, mass: float = 0.0) -> None:
     """
     entries = np.asarray(matrix, dtype=float)
     size = float(np.abs(entries).max())
-    if size <= POINT**2 * mass:
+    if size <= POINT_BODY_GYRATION**2 * mass:
         return
     moments = np.linalg.eigvalsh(entries / size)  # without overflow
-    rounding = ROUNDED * float(np.abs(moments).max())
+    rounding = INERTIA_ROUNDING * float(np.abs(moments).max())
     if moments[0] < -rounding or moments[2] - moments[1] - moments[0] > rounding:
         with np.errstate(over="ignore"):
             shown = ", ".join(f"{moment:.4g}" for moment in size * moments)

@@ -22,7 +22,8 @@ class LoopRows(ReadOnlyArrays):
     row is sign u . w = 0 with u the axis `first_axis` of the first and w the axis `second_axis` of the
     second frame (Haug's dot-1 primitive): polynomial in the rotation matrices, so it has no angle that
     jumps, and to first order it is the relative rotation about the locked axis. A distance row is
-    (|p2 - p1|^2 - length^2) / (2 length) = 0, to first order the error in length.
+    (|p2 - p1|^2 - length^2) / (2 length) = 0, to first order the error in length. A coupling row is
+    q_a - ratio q_b - offset = 0 of two joints; as a loop equation of frames it is one that always holds.
     """
 
     first: IntArray  # (m,) frame, as index into Mechanism.frames
@@ -33,11 +34,34 @@ class LoopRows(ReadOnlyArrays):
     second_axis: IntArray  # (m,)
     sign: Array  # (m,)
     length: Array  # (m,) [m], of distance rows
+    coupled: NDArray[np.bool_]  # (m,)
+    columns: IntArray  # (m, 2) of coupling rows a and b, as indices into the velocity vector
+    places: IntArray  # (m, 2) the same in the configuration vector
+    ratio: Array  # (m,)
+    offset: Array  # (m,) [rad or m]
     names: tuple[str, ...]  # closure.axis
 
     @cached_property
     def only_translations(self) -> bool:
         return not (self.rotation.any() or self.distance.any())
+
+    @cached_property
+    def has_couplings(self) -> bool:
+        return bool(self.coupled.any())
+
+    def coupling_residual(self, q: Array) -> Array:
+        """Values (T, c) of the c coupling rows at configurations q (T, nq)."""
+        rows = self.coupled
+        joint, of = self.places[rows].T
+        return np.asarray(q[:, joint] - self.ratio[rows] * q[:, of] - self.offset[rows])
+
+    def coupling_jacobian(self, nv: int) -> Array:
+        """Derivatives (m, nv) of the coupling rows along the joints; zero in other rows."""
+        jacobian, rows = np.zeros((len(self.names), nv)), np.flatnonzero(self.coupled)
+        joint, of = self.columns[rows].T
+        jacobian[rows, joint] = 1.0
+        jacobian[rows, of] = -self.ratio[rows]
+        return jacobian
 
     def take(self, rows: IntArray) -> LoopRows:
         """The table of some of the rows."""
@@ -46,8 +70,21 @@ class LoopRows(ReadOnlyArrays):
         return LoopRows(**{name: table[rows] for name, table in tables.items()}, names=names)
 
 
-def loop_rows(closures: Sequence[Closure], frames: Sequence[str]) -> LoopRows:
-    """One row for each locked axis of each closure; `frames` names those of the mechanism."""
+class CoupledJoints(NamedTuple):
+    """A coupling q_a = ratio q_b + offset with the places of its joints a and b."""
+
+    name: str
+    columns: tuple[int, int]  # in the velocity vector
+    places: tuple[int, int]  # in the configuration vector
+    ratio: float
+    offset: float
+    turns: bool  # whether a is a hinge, so that the row is in radians
+
+
+def loop_rows(
+    closures: Sequence[Closure], frames: Sequence[str], couplings: Sequence[CoupledJoints] = ()
+) -> LoopRows:
+    """One row for each locked axis of each closure, one a coupling; `frames` names those of the mechanism."""
     table: list[tuple[float, ...]] = []
     names: list[str] = []
     for closure in closures:
@@ -59,8 +96,12 @@ def loop_rows(closures: Sequence[Closure], frames: Sequence[str]) -> LoopRows:
             pair = _perpendicular_pair(k, locked) if rotation else (k, 0, 1.0)
             table.append((first, second, distance, rotation, *pair, closure.length or 0.0))
             names.append(f"{closure.name}.{axis}")
+    for coupling in couplings:  # two axes of one frame stay perpendicular, its origin where it is
+        table.append((0, 0, False, coupling.turns, 0, 1, 1.0, 0.0))
+        names.append(f"{coupling.name}.q")
     columns = np.array(table).T
     first_frame, second_frame, first_axis, second_axis = columns[[0, 1, 4, 5]].astype(np.intp)
+    none = [(0, 0)] * (len(table) - len(couplings))
     return LoopRows(
         first=first_frame,
         second=second_frame,
@@ -70,6 +111,11 @@ def loop_rows(closures: Sequence[Closure], frames: Sequence[str]) -> LoopRows:
         second_axis=second_axis,
         sign=columns[6],
         length=columns[7],
+        coupled=np.arange(len(table)) >= len(none),
+        columns=np.array([*none, *(coupling.columns for coupling in couplings)], dtype=np.intp),
+        places=np.array([*none, *(coupling.places for coupling in couplings)], dtype=np.intp),
+        ratio=np.array([0.0] * len(none) + [coupling.ratio for coupling in couplings]),
+        offset=np.array([0.0] * len(none) + [coupling.offset for coupling in couplings]),
         names=tuple(names),
     )
 

@@ -20,8 +20,8 @@ from framework.errors import RobotFileError, choose_from, short
 from framework.model.documents import parse_yaml
 
 PLACEHOLDER = re.compile(r"\$\{([^{}]*)\}")
-LARGEST_EXPRESSION = 200  # letters
-MOST_VALUES = 100_000  # of one parameter
+MAX_EXPRESSION_CHARACTERS = 200
+MAX_PARAMETER_VALUES = 100_000  # of one parameter
 _OPERATORS: Mapping[type[ast.AST], Callable[..., float]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -87,8 +87,10 @@ def _name(name: Any) -> str:
 
 def _values(name: str, given: Any) -> list[float]:
     values = given if isinstance(given, list) else [given]
-    if not values or len(values) > MOST_VALUES:
-        raise RobotFileError(f"parameters.{name}: needs 1 to {MOST_VALUES} numbers, got {len(values)}")
+    if not values or len(values) > MAX_PARAMETER_VALUES:
+        raise RobotFileError(
+            f"parameters.{name}: needs 1 to {MAX_PARAMETER_VALUES} numbers, got {len(values)}"
+        )
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise RobotFileError(f"parameters.{name}: needs finite numbers, got {short(value)}")
@@ -97,8 +99,8 @@ def _values(name: str, given: Any) -> list[float]:
 
 def _evaluated(expression: str, values: Mapping[str, float]) -> float:
     place = f"${{{expression[:60]}}}"
-    if len(expression) > LARGEST_EXPRESSION:
-        raise RobotFileError(f"{place}: more than {LARGEST_EXPRESSION} letters")
+    if len(expression) > MAX_EXPRESSION_CHARACTERS:
+        raise RobotFileError(f"{place}: more than {MAX_EXPRESSION_CHARACTERS} letters")
     try:
         number = float(_value(ast.parse(expression.strip(), mode="eval").body, values, place))
     except (SyntaxError, ValueError, ArithmeticError, TypeError, RecursionError, MemoryError) as error:

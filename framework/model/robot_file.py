@@ -16,8 +16,8 @@ import numpy as np
 from framework.errors import RobotFileError
 from framework.input import read_text
 from framework.model.additions import AddedFrame, add_frames, free_root, lock_joints
-from framework.model.description import JointSpring, ParsedRobot, RobotDescription, Spring
-from framework.model.documents import BLANK, naming, parse_xml, parse_yaml
+from framework.model.description import ParsedRobot, RobotDescription, Spring
+from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.fields import (
     Reader,
     Table,
@@ -38,10 +38,10 @@ from framework.model.fields import (
 )
 from framework.model.inertia import check_inertia
 from framework.model.parameters import filled, with_parameters
-from framework.model.robot_keys import robot_table
+from framework.model.robot_keys import JointSpring, joint_dynamics, robot_table
 from framework.model.spring_joints import virtual_link
 from framework.model.urdf import Urdf, check_urdf, locate_urdf
-from framework.model.urdf_elements import MOVING
+from framework.model.urdf_elements import MOVING, declared_couplings, declared_dynamics
 
 VERSION = 1
 
@@ -68,20 +68,40 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     """
     tree = read_table("", content, _TREE, others=None)
     urdf_text, root, urdf = _urdf(path.parent, tree, parameters)
-    robot = read_table("", content, robot_table(urdf), others=_TREE)
-    springs = robot.pop("springs")
+    with naming(f"urdf: {tree['urdf']}"):
+        mimicked = declared_couplings(root)
+    table = robot_table(urdf, is_coupled="couplings" in content or bool(mimicked))
+    robot = read_table("", content, table, others=_TREE)
+    coupled = [coupling.joint for coupling in robot["couplings"]]
+    robot["couplings"] += tuple(coupling for coupling in mimicked if coupling.joint not in coupled)
+    springs, joints = robot.pop("springs"), robot.pop("joints")
+    for spring in springs:
+        if isinstance(spring, JointSpring):
+            _add_spring(joints, spring)
     description = RobotDescription(
         name=path.stem,
         file=path,
         urdf_text=urdf_text,
-        springs=tuple(found for found in springs if isinstance(found, Spring)),
-        joint_springs=tuple(found for found in springs if isinstance(found, JointSpring)),
+        springs=tuple(spring for spring in springs if isinstance(spring, Spring)),
+        joints=joint_dynamics(declared_dynamics(root), joints),
         parameters=dict(parameters),
         **robot,
     )
     _check_scenes(description)
     _check_names(description, urdf)
     return ParsedRobot(description, root)
+
+
+def _add_spring(joints: dict[str, dict[str, float]], spring: JointSpring) -> None:
+    """Put a spring on a real joint into what is said of that joint.
+
+    Raises:
+        RobotFileError: the joint has a spring already.
+    """
+    said = joints.setdefault(spring.joint, {})
+    if "stiffness" in said or "rest" in said:
+        raise RobotFileError(f"springs: joint {spring.joint!r} has two springs of its own; add them up")
+    said.update(stiffness=spring.stiffness, rest=spring.rest)
 
 
 # ------------------------------------------------------------------ the tree
@@ -109,11 +129,11 @@ def _urdf(
 ) -> tuple[str, ElementTree.Element, Urdf]:
     """The URDF with what the robot file changes in it, as text and parsed, and its names."""
     path = locate_urdf(folder, tree["urdf"])
-    urdf_text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(BLANK)
+    urdf_text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
     with naming(f"urdf: {path}"):
         urdf_text = filled(urdf_text, parameters)
         root = parse_xml(urdf_text)
-    urdf = check_urdf(path, root, tree["locked"])
+    urdf = check_urdf(path, root)
     locked, free, frames = tree["locked"], tree["root"] == "free", tree["frames"]
     if not (locked or free or frames):
         return urdf_text, root, urdf
@@ -172,6 +192,7 @@ def _check_names(description: RobotDescription, urdf: Urdf) -> None:
     groups = {
         "actuators": [actuator.joint for actuator in description.actuators],
         "closures": [closure.name for closure in description.closures],
+        "couplings": [coupling.joint for coupling in description.couplings],
         "springs": [name for spring in description.springs for name in spring.coordinates],
     }
     for key, names in groups.items():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from framework.errors import OutputError, RobotFileError
 from framework.model.description import (
     Actuator,
     Closure,
+    JointDynamics,
     Platform,
     RobotDescription,
     Scene,
@@ -20,13 +23,18 @@ from framework.model.description import (
     locked_axes,
 )
 from framework.model.robot_file import VERSION, read_robot_file
+from framework.model.urdf_elements import coordinates_of
 from framework.output import written_together
 
 _KINDS = {locked_axes(kind): kind for kind in ("fixed", "spherical", "distance")}  # without an axis
 
 
-def write_robot_file(description: RobotDescription, folder: str | Path) -> Path:
+def write_robot_file(
+    description: RobotDescription, folder: str | Path, *, comments: Iterable[str] = ()
+) -> Path:
     """Write NAME.yaml and NAME.urdf into a folder, read them back to be sure, and return the YAML's path.
+
+    `comments` stand on top of the YAML, a line each.
 
     Raises:
         OutputError: the folder cannot be written, or these would overwrite the file that was read.
@@ -45,7 +53,7 @@ def write_robot_file(description: RobotDescription, folder: str | Path) -> Path:
             _urdf_text(description.urdf_text, description.file.parent, out), encoding="utf-8"
         )
         written = temporary / f"{name}.yaml"
-        written.write_text(_yaml_text(description), encoding="utf-8")
+        written.write_text(_yaml_text(description, comments), encoding="utf-8")
         try:
             read_robot_file(written)
         except RobotFileError as error:
@@ -73,12 +81,12 @@ def robot_document(description: RobotDescription) -> dict[str, Any]:
         "closures": [_closure(closure) for closure in description.closures],
     }
     springs = [spring_entry(spring) for spring in description.springs]
-    springs += [
-        {"name": s.name, "joint": s.joint, "stiffness": s.stiffness, "rest": s.rest}
-        for s in description.joint_springs
-    ]
     if springs:
         document["springs"] = springs
+    if description.couplings:
+        document["couplings"] = [asdict(coupling) for coupling in description.couplings]
+    if description.joints:
+        document["joints"] = _joints(description)
     if description.reference:
         document["reference"] = dict(description.reference)
     if description.scenes:
@@ -99,6 +107,25 @@ def _actuator(actuator: Actuator) -> dict[str, Any]:
     return entry
 
 
+def _joints(description: RobotDescription) -> dict[str, dict[str, float]]:
+    """What acts on each coordinate; on a ball as on one joint where it is alike about all its axes."""
+    written = {name: _joint(joint) for name, joint in description.joints.items()}
+    for joint in ElementTree.fromstring(description.urdf_text).findall("joint"):
+        name = joint.get("name", "")
+        names = coordinates_of(name, joint.get("type", ""))
+        values = [description.joints.get(coordinate) for coordinate in names]
+        if len(names) > 1 and values[0] is not None and all(value == values[0] for value in values):
+            written = {key: value for key, value in written.items() if key not in names}
+            written[name] = _joint(values[0])
+    return written
+
+
+def _joint(joint: JointDynamics) -> dict[str, float]:
+    """What is not zero, and what the URDF beside it may say otherwise."""
+    said = ("damping", "friction")
+    return {key: value for key, value in asdict(joint).items() if value or key in said}
+
+
 def _closure(closure: Closure) -> dict[str, Any]:
     entry: dict[str, Any] = {"name": closure.name, "frames": list(closure.frames)}
     if closure.axes in _KINDS:
@@ -117,12 +144,13 @@ def _scene(scene: Scene) -> dict[str, Any]:
         if getattr(scene, key) is not None:
             entry[key] = list(getattr(scene, key))
     if scene.fidelity is not None:
-        entry["fidelity"] = {"rung": scene.fidelity.rung, "tolerance": scene.fidelity.tolerance}
+        entry["fidelity"] = {"rung": scene.fidelity.level, "tolerance": scene.fidelity.tolerance}
     return entry
 
 
-def _yaml_text(description: RobotDescription) -> str:
+def _yaml_text(description: RobotDescription, comments: Iterable[str] = ()) -> str:
     head = f"# Converted from {description.file.name}. SI units: m, kg, s, rad, N, N m.\n"
+    head += "".join(f"# {' '.join(line.split())}\n" for line in comments)
     return head + yaml.safe_dump(
         robot_document(description), sort_keys=False, default_flow_style=None, allow_unicode=True, width=110
     )

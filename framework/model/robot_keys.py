@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from framework.errors import RobotFileError
 from framework.model.description import (
     AXES,
     Actuator,
     Closure,
-    JointSpring,
-    KeptRung,
+    Coupling,
+    JointDynamics,
+    KeptLevel,
     Platform,
     Scene,
     Spring,
     locked_axes,
 )
+from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.fields import (
     Reader,
     Table,
@@ -38,21 +40,23 @@ from framework.model.fields import (
     text,
     vector3,
 )
-from framework.model.rungs import RUNGS
 from framework.model.urdf import Urdf
-from framework.model.urdf_elements import MOVING
+from framework.model.urdf_elements import MOVING, SEVERAL, coordinates_of
 
 PATH_KINDS = {"line": 2, "arc": 3, "spline": 2}  # least number of points
 
 
-def robot_table(urdf: Urdf) -> Table:
-    """The keys of the robot on the tree of this URDF."""
+def robot_table(urdf: Urdf, *, is_coupled: bool = False) -> Table:
+    """The keys of the robot on the tree of this URDF; couplings of joints may be its only loops."""
     movable = [name for name, kind in urdf.joints.items() if kind in MOVING]
+    closure = _closure(urdf)
     return {
         "platform": required(_platform(urdf)),
         "actuators": required(entries(_actuator(urdf))),
-        "closures": required(entries(_closure(urdf))),
+        "closures": optional(list_of(closure), ()) if is_coupled else required(entries(closure)),
+        "couplings": optional(entries(_coupling(movable)), ()),
         "springs": optional(entries(_spring(urdf, movable)), ()),
+        "joints": optional(_joints(urdf), {}),
         "gravity": optional(vector3, (0.0, 0.0, -9.81)),
         "reference": optional(named(number, one_of("joint", urdf.coordinates)), {}),
         "scenes": optional(_scenes, {}),
@@ -152,6 +156,75 @@ def _pair(urdf: Urdf) -> Reader[tuple[str, str]]:
     return read
 
 
+def _coupling(movable: Sequence[str]) -> Reader[Coupling]:
+    """A loop equation between two joints of one degree of freedom."""
+    table = {
+        "joint": required(one_of("joint", movable)),
+        "of": required(one_of("joint", movable)),
+        "ratio": optional(number, 1.0),
+        "offset": optional(number, 0.0),
+    }
+
+    def make(where: str, values: dict[str, Any]) -> Coupling:
+        if values["joint"] == values["of"]:
+            raise RobotFileError(f"{below(where, 'of')}: needs another joint than {values['joint']!r}")
+        return Coupling(**values)
+
+    return record(table, make)
+
+
+_JOINT: Table = {
+    "armature": optional(not_negative),
+    "damping": optional(not_negative),
+    "friction": optional(not_negative),
+    "stiffness": optional(not_negative),
+    "rest": optional(number),
+}
+
+
+def _joints(urdf: Urdf) -> Reader[dict[str, dict[str, float]]]:
+    """What is said of each coordinate; a joint of several stands for all its coordinates."""
+    several = [name for name, kind in urdf.joints.items() if kind in SEVERAL]
+
+    def read(where: str, given: Any) -> dict[str, dict[str, float]]:
+        joints = named(record(_JOINT, _given_only), one_of("joint", [*urdf.coordinates, *several]))
+        values: dict[str, dict[str, float]] = {}
+        for name, said in sorted(joints(where, given).items(), key=lambda item: item[0] not in several):
+            coordinates = coordinates_of(name, urdf.joints[name]) if name in several else (name,)
+            if name not in urdf.joints and "armature" in said:
+                raise RobotFileError(
+                    f"{below(below(where, name), 'armature')}: a ball has one for all directions; give it "
+                    f"under the name of the joint"
+                )
+            for coordinate in coordinates:
+                values[coordinate] = {**values.get(coordinate, {}), **said}
+        return values
+
+    return read
+
+
+def _given_only(_: str, values: dict[str, Any]) -> dict[str, float]:
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def joint_dynamics(
+    declared: Mapping[str, Mapping[str, float]], given: Mapping[str, Mapping[str, float]]
+) -> dict[str, JointDynamics]:
+    """What acts on each coordinate: what the URDF declares, with what the robot file gives in its place."""
+    return {
+        name: JointDynamics(**{**declared.get(name, {}), **given.get(name, {})})
+        for name in dict.fromkeys([*declared, *given])
+    }
+
+
+class JointSpring(NamedTuple):
+    """An entry of `springs` that is on a real joint: another way to say stiffness and rest under `joints`."""
+
+    joint: str
+    stiffness: float
+    rest: float
+
+
 def _spring(urdf: Urdf, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
     """One behind a joint, or one on a joint of the URDF."""
     virtual = {
@@ -162,7 +235,7 @@ def _spring(urdf: Urdf, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
         "stiffness": required(one_or_list_of(positive)),
     }
     on_joint = {
-        "name": required(text),
+        "name": optional(text),
         "joint": required(one_of("joint", movable)),
         "stiffness": required(positive),
         "rest": optional(number, 0.0),
@@ -170,7 +243,8 @@ def _spring(urdf: Urdf, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
 
     def read(where: str, given: Any) -> Spring | JointSpring:
         if "joint" in mapping(where, given):
-            return JointSpring(**read_table(where, given, on_joint))
+            values = read_table(where, given, on_joint)
+            return JointSpring(values["joint"], values["stiffness"], values["rest"])
         spring = Spring(**read_table(where, given, virtual))
         count = max(len(spring.motion), 1)
         if len(spring.stiffness) != count:
@@ -198,8 +272,8 @@ _SCENE: Table = {
     "at": optional(list_of(number)),
     "fidelity": optional(
         record(
-            {"rung": required(one_of("rung", RUNGS)), "tolerance": required(positive)},
-            lambda _, values: KeptRung(**values),
+            {"rung": required(one_of("rung", LEVELS_BY_NAME)), "tolerance": required(positive)},
+            lambda _, values: KeptLevel(values["rung"], values["tolerance"]),
         )
     ),
 }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sysconfig
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
@@ -77,16 +76,14 @@ def locate_urdf(folder: Path, reference: str) -> Path:
     raise RobotFileError(f"urdf: the package {package} has no file {shared}")
 
 
-def check_urdf(path: Path, root: ElementTree.Element, locked: Collection[str] = ()) -> Urdf:
+def check_urdf(path: Path, root: ElementTree.Element) -> Urdf:
     """Names of a URDF, once it was judged; `path` is for messages.
-
-    Joints named in `locked` may mimic others, for they are about to be fixed.
 
     Raises:
         RobotFileError: not a tree of known joint types, or a number that is none.
     """
     with naming(f"urdf: {path}"):
-        tree = read_tree(root, locked)
+        tree = read_tree(root)
     joints = tree.joints.values()
     return Urdf(
         links=tree.links,

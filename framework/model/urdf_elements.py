@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, short
+from framework.model.description import Coupling
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
 from framework.model.xml_reading import attribute, axis_of, numbers, origin_numbers, origin_of, required
 
@@ -25,8 +26,8 @@ MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one deg
 # the axes of the joint's origin. URDF itself has no spherical one; URDF+ and converters from SDF do.
 SEVERAL = {"spherical": ("_rx", "_ry", "_rz"), "floating": ("_x", "_y", "_z", "_rx", "_ry", "_rz")}
 JOINT_TYPES = ("fixed", *MOVING, *SEVERAL)
-LARGEST_TREE = 5000  # links or joints; more is no robot
-DEEPEST_TREE = 1000  # joints from the root to a link: pinocchio's parser calls itself once for each
+MAX_TREE_ELEMENTS = 5000  # links or joints; more is no robot
+MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser calls itself once for each
 _LIMIT = ("lower", "upper", "effort", "velocity")
 
 
@@ -67,8 +68,8 @@ def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
     return (name,) if kind in MOVING else ()
 
 
-def read_tree(root: ElementTree.Element, locked: Collection[str] = ()) -> Tree:
-    """The links and joints below `<robot>`; joints in `locked` may mimic others, for they are to be fixed.
+def read_tree(root: ElementTree.Element) -> Tree:
+    """The links and joints below `<robot>`.
 
     Raises:
         RobotFileError: they are not a tree of known joints and possible bodies, or too many.
@@ -78,10 +79,10 @@ def read_tree(root: ElementTree.Element, locked: Collection[str] = ()) -> Tree:
     links = unique_names(root, "link")
     unique_names(root, "joint")
     most = max(len(links), len(root.findall("joint")))
-    if most > LARGEST_TREE:
-        raise RobotFileError(f"<robot>: {most} links or joints; at most {LARGEST_TREE} are read")
+    if most > MAX_TREE_ELEMENTS:
+        raise RobotFileError(f"<robot>: {most} links or joints; at most {MAX_TREE_ELEMENTS} are read")
     known = set(links)
-    joints = {j.name: j for j in (read_joint(e, known, locked) for e in root.findall("joint"))}
+    joints = {j.name: j for j in (read_joint(e, known) for e in root.findall("joint"))}
     for joint in joints.values():
         for name in joint.coordinates:
             if joint.kind in SEVERAL and name in joints:
@@ -112,8 +113,8 @@ def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
     lost = [link for link in links if link not in depths]
     if lost:
         raise RobotFileError(f"link {lost[0]!r} hangs in a circle of joints without a root")
-    if max(depths.values()) > DEEPEST_TREE:
-        raise RobotFileError(f"<robot>: more than {DEEPEST_TREE} joints in a row")
+    if max(depths.values()) > MAX_TREE_DEPTH:
+        raise RobotFileError(f"<robot>: more than {MAX_TREE_DEPTH} joints in a row")
     return roots[0]
 
 
@@ -146,7 +147,7 @@ def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
     return list(names)
 
 
-def read_joint(element: ElementTree.Element, links: set[str], locked: Collection[str] = ()) -> Joint:
+def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
     """A joint between two of these links; what has no meaning is taken out of the element.
 
     Raises:
@@ -157,11 +158,6 @@ def read_joint(element: ElementTree.Element, links: set[str], locked: Collection
     kind = attribute(element, where, "type")
     if kind not in JOINT_TYPES:
         raise RobotFileError(f"{where}: {choose_from('type', kind, JOINT_TYPES)}")
-    if element.find("mimic") is not None and name not in locked:
-        raise RobotFileError(
-            f"{where}: <mimic> is not supported; declare a loop instead, or fix the joint (in a robot file "
-            f"under locked)"
-        )
     ends = []
     for end in ("parent", "child"):
         link = attribute(required(element, where, end), f"{where}: <{end}>", "link")
@@ -228,6 +224,56 @@ def declared_motors(root: ElementTree.Element) -> list[str]:
         if joint.find("command_interface") is not None
     ]
     return list(dict.fromkeys(name for name in names if name))
+
+
+def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
+    """Damping and dry friction of <dynamics>, by coordinate, where they are not zero.
+
+    Raises:
+        RobotFileError: a number is none, or negative.
+    """
+    declared = {}
+    for joint in root.findall("joint"):
+        name, element = joint.get("name", ""), joint.find("dynamics")
+        coordinates = coordinates_of(name, joint.get("type", ""))
+        if element is None or not coordinates:
+            continue
+        values = {}
+        for key in ("damping", "friction"):
+            (value,) = numbers(f"joint {name!r}: <dynamics> {key}", element.get(key, "0"), 1)
+            if value < 0:
+                raise RobotFileError(f"joint {name!r}: <dynamics> {key}: must not be negative, got {value:g}")
+            if value:
+                values[key] = value
+        if values:
+            declared.update(dict.fromkeys(coordinates, values))
+    return declared
+
+
+def declared_couplings(root: ElementTree.Element) -> list[Coupling]:
+    """The couplings of <mimic>: position = multiplier * that of the other + offset; taken out of the URDF.
+
+    Raises:
+        RobotFileError: no such joint, or a number is none.
+    """
+    kinds = {joint.get("name", ""): joint.get("type", "") for joint in root.findall("joint")}
+    movable = [name for name, kind in kinds.items() if kind in MOVING]
+    couplings = []
+    for joint in root.findall("joint"):
+        name, mimic = joint.get("name", ""), joint.find("mimic")
+        if mimic is None:
+            continue
+        joint.remove(mimic)
+        if name not in movable:
+            continue  # it was fixed
+        where = f"joint {name!r}: <mimic>"
+        if mimic.get("joint") not in movable or mimic.get("joint") == name:
+            others = [other for other in movable if other != name]
+            raise RobotFileError(f"{where}: {choose_from('movable joint', mimic.get('joint'), others)}")
+        (ratio,) = numbers(f"{where} multiplier", mimic.get("multiplier", "1"), 1)
+        (offset,) = numbers(f"{where} offset", mimic.get("offset", "0"), 1)
+        couplings.append(Coupling(name, str(mimic.get("joint")), ratio, offset))
+    return couplings
 
 
 def local_name(tag: str) -> str:

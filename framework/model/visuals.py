@@ -22,8 +22,8 @@ from framework.model.urdf import locate_urdf
 
 Color = tuple[float, float, float, float]
 
-PLAIN: Color = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
-LARGEST_MESH = 100_000_000  # bytes
+DEFAULT_COLOR: Color = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
+MAX_MESH_BYTES = 100_000_000
 
 
 class Shape(NamedTuple):
@@ -90,7 +90,7 @@ def _mesh(description: RobotDescription, element: ElementTree.Element) -> tuple[
     """Vertices (V, 3) and faces (F, 3) of a mesh file."""
     reference = element.get("filename", "").removeprefix("file://")
     file = locate_urdf(description.file.parent, reference)  # RobotFileError is a ValueError
-    if not (reference and os.path.isfile(file) and os.path.getsize(file) <= LARGEST_MESH):
+    if not (reference and os.path.isfile(file) and os.path.getsize(file) <= MAX_MESH_BYTES):
         raise ValueError("no mesh file")
     mesh = coal.MeshLoader().load(os.path.abspath(file), np.array(_numbers(element.get("scale", "1 1 1"), 3)))
     vertices = np.array(mesh.vertices(), dtype=float).reshape(-1, 3)
@@ -116,7 +116,7 @@ def _color(
     if own is None and material is not None and material.get("name") in materials:
         own = materials[material.get("name")].find("color")
     if own is None:
-        return PLAIN
+        return DEFAULT_COLOR
     red, green, blue, alpha = _numbers(own.get("rgba"), 4)
     return red, green, blue, alpha
 

@@ -18,13 +18,14 @@ from numpy.polynomial import chebyshev
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, check_order
+from framework.tolerances import INSTANT_SLACK
 
-MANY = 400  # points: a step of Clenshaw's recurrence then costs less than the cosines it saves
-NOISE = 3.0  # times the largest coefficient of the last eighth: all that may be rounding
+MIN_CLENSHAW_POINTS = 400  # from which a step of its recurrence costs less than the cosines it saves
+NOISE_FACTOR = 3.0  # times the largest coefficient of the last eighth: what may be rounding
 
 
 def nodes(size: int) -> Array:
-    """Chebyshev points of the second kind on [-1, 1], ascending, ends included, shape (size,)."""
+    """Return the Chebyshev points of the second kind on [-1, 1], ascending, ends included, shape (size,)."""
     return -np.cos(np.pi * np.arange(size) / (size - 1))
 
 
@@ -40,12 +41,12 @@ def _transform(size: int) -> Array:
 
 
 def coefficients(values: Array) -> Array:
-    """Chebyshev coefficients of values (..., size, k) sampled at `nodes(size)`, same shape."""
+    """Compute the Chebyshev coefficients of values (..., size, k) sampled at `nodes(size)`, same shape."""
     return _transform(values.shape[-2]) @ values
 
 
 def tail(series: Array) -> float:
-    """Size of the last eighth of the coefficients (..., size, k) over the largest one; 0 for zero."""
+    """Return the size of the last eighth of coefficients (..., size, k) over the largest; 0 for zero."""
     largest = float(np.max(np.abs(series), initial=0.0))
     if not np.isfinite(largest):
         return float("inf")
@@ -54,23 +55,23 @@ def tail(series: Array) -> float:
 
 
 def evaluate(x: Array, series: Array) -> Array:
-    """Values (T, k) at x (T,) in [-1, 1] of Chebyshev series (size, k).
+    """Compute the values (T, k) at x (T,) in [-1, 1] of Chebyshev series (size, k).
 
     At a few points the polynomials are quicker all at once, as T_k(x) = cos(k arccos x), than by
     Clenshaw's recurrence, which takes `size` steps in Python.
     """
-    if x.size > MANY:
+    if x.size > MIN_CLENSHAW_POINTS:
         return np.asarray(chebyshev.chebval(x, series).T)
     return np.asarray(np.cos(np.arccos(x)[:, None] * np.arange(series.shape[0])) @ series)
 
 
 def extrema(series: Array) -> Array:
-    """Points in [-1, 1] where the derivative of one Chebyshev series (size,) vanishes, ascending."""
+    """Return where in [-1, 1] the derivative of one Chebyshev series (size,) vanishes, ascending."""
     return real_roots(derivative_matrix(len(series)) @ series)
 
 
 def real_roots(series: Array, *, margin: float = 1e-9) -> Array:
-    """Real roots in [-1, 1] of one Chebyshev series (size,), ascending, by the colleague matrix.
+    """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending, by the colleague matrix.
 
     `margin` accepts roots that rounding has pushed off the real axis or over an end.
     """
@@ -104,7 +105,7 @@ class TimeFunction(ReadOnlyArrays):
     coefficients: Array
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
-        """Value, or time derivative of the given order, at t: a scalar gives (k,), (T,) gives (T, k).
+        """Return the value, or a time derivative, at t: a scalar gives (k,), (T,) gives (T, k).
 
         Raises:
             InvalidInput: t lies outside the interval, or is not finite.
@@ -112,7 +113,7 @@ class TimeFunction(ReadOnlyArrays):
         check_order(order)
         times = np.asarray(t, dtype=float)
         start, end = self.edges[0], self.edges[-1]
-        slack = 1e-12 * (end - start)
+        slack = INSTANT_SLACK * (end - start)
         if not np.all((times >= start - slack) & (times <= end + slack)):
             raise InvalidInput(f"time {t!r} is outside [{start:g}, {end:g}] s")
         flat = times.ravel()
@@ -150,7 +151,7 @@ class TimeGrid(ReadOnlyArrays):
         return times.ravel()
 
     def fit(self, values: Array) -> TimeFunction:
-        """The function through values (panels * size, k) at `times`."""
+        """Return the function through values (panels * size, k) at `times`."""
         stacked = values.reshape(len(self.edges) - 1, self.size, -1)
         return TimeFunction(self.edges, coefficients(stacked))
 
@@ -160,19 +161,19 @@ class TimeGrid(ReadOnlyArrays):
         return self.size - max(2, self.size // 8)
 
     def resolved(self, values: Array) -> TimeFunction:
-        """The function through values (panels * size, k), without the part of its series that is rounding.
+        """Return the function through values (panels * size, k), without what is rounding of its series.
 
         Differentiating twice amplifies a coefficient by up to size^4, so rounding would grow if it were
         fed back. The last eighth of a resolved series is rounding and shows its size.
         """
         series = coefficients(values.reshape(len(self.edges) - 1, self.size, -1))
-        floor = NOISE * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
+        floor = NOISE_FACTOR * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
         series[np.abs(series) <= floor] = 0.0
         series[:, self.resolvable :] = 0.0
         return TimeFunction(self.edges, series)
 
     def values(self, function: TimeFunction) -> tuple[Array, Array, Array]:
-        """A function and its first and second derivative at the nodes, each (panels * size, k).
+        """Compute a function and its first and second derivative at the nodes, each (panels * size, k).
 
         The function is one of this grid's. From its coefficients, rounding stays that of each coefficient,
         however small, where `differentiate` amplifies that of the largest value.
@@ -186,7 +187,7 @@ class TimeGrid(ReadOnlyArrays):
         return first, second, third
 
     def differentiate(self, values: Array) -> tuple[Array, Array]:
-        """First and second time derivative at the nodes of values (panels * size, k), same shape."""
+        """Compute two time derivatives at the nodes of values (panels * size, k), each of the same shape."""
         first, second = _differentiation(self.size)
         half = 0.5 * np.diff(self.edges)[:, None, None]
         stacked = values.reshape(len(self.edges) - 1, self.size, -1)
@@ -195,7 +196,7 @@ class TimeGrid(ReadOnlyArrays):
 
     @staticmethod
     def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
-        """The grid of at least `size` nodes a panel that stays farthest from `instants` [s].
+        """Return the grid of at least `size` nodes a panel that stays farthest from `instants` [s].
 
         A node on the very instant of a crossing would divide 0 by 0; a few nodes more always help.
         """
@@ -231,10 +232,10 @@ def _differentiation(size: int) -> tuple[Array, Array]:
 def basis_values(size: int) -> tuple[Array, Array, Array]:
     """Chebyshev polynomials and their first and second derivatives at `nodes(size)`, each (size, size)."""
     derivative = derivative_matrix(size)
-    found = _values(size), _values(size) @ derivative, _values(size) @ (derivative @ derivative)
-    for matrix in found:
+    orders = _values(size), _values(size) @ derivative, _values(size) @ (derivative @ derivative)
+    for matrix in orders:
         matrix.flags.writeable = False
-    return found
+    return orders
 
 
 @lru_cache(maxsize=64)

@@ -19,7 +19,7 @@ import numpy as np
 from framework.arrays import Array, BoolArray, IntArray
 from framework.motion.infeasibility import Infeasible
 
-RANK = 1e-12  # singular value of normed equalities below which they say nothing new
+EQUALITY_RANK = 1e-12  # singular value of normed equalities below which they say nothing new
 GOALS = ("time", "peak_torque", "energy")
 
 
@@ -35,7 +35,7 @@ class Affine(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ConeProgram:
-    """What to optimise over the coefficients y (n,) of the squared speed.
+    """A cone program over the coefficients y (n,) of the squared speed.
 
     speeds: (P, n) values of z at the points where the duration is integrated.
     average: (C, P), what each slowness v (C,) is the inverse of, in terms of the square roots of `speeds`.
@@ -86,7 +86,7 @@ def solve(
     longest: float | None = None,
     about: Array | None = None,
 ) -> Optimum | Infeasible | Unsolved:
-    """The best admissible y, or a proof that holds that there is none, or neither.
+    """Compute the best admissible y, or a valid proof that there is none, or neither.
 
     Args:
         goal: "time", "peak_torque" (the largest |torque|), "energy" (the integral of the sum of torque^2) or
@@ -181,23 +181,23 @@ def _optimum(
         settings.verbose = False
         settings.direct_solve_method = "qdldl"  # the other one takes threads, and no less time
         settings.iterative_refinement_enable = careful
-        found = clarabel.DefaultSolver(upper, cost, matrix, right, kinds, settings).solve()
-        status = str(found.status)
+        solution = clarabel.DefaultSolver(upper, cost, matrix, right, kinds, settings).solve()
+        status = str(solution.status)
         if status == "Solved":
             break
         if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
-            refuted = Infeasible(np.array(found.z), matrix, right, sizes)
+            refuted = Infeasible(np.array(solution.z), matrix, right, sizes)
             if not refuted.holds:
                 refuted = refuted.refined()
             if refuted.holds:
                 return refuted
     if status not in ("Solved", "AlmostSolved"):
         return Unsolved(status)
-    x = np.array(found.x)
+    x = np.array(solution.x)
     start, free = eliminated
     y = start + free @ x[parts.place("x")]
     peak = float(np.abs(program.torque(y)).max(initial=0.0))
-    return Optimum(y, peak, float(program.weights @ x[parts.place("v")]), float(found.obj_val))
+    return Optimum(y, peak, float(program.weights @ x[parts.place("v")]), float(solution.obj_val))
 
 
 class _Values(NamedTuple):
@@ -227,8 +227,10 @@ class _Values(NamedTuple):
 
 
 class _Parts:
-    """Where the unknowns are: x of the coefficients, the largest torque of those bounded and of all, w and v,
-    and e where energy counts."""
+    """The places of the unknowns.
+
+    They are x of the coefficients, the largest torque of those bounded and of all, w, v, and e of the energy.
+    """
 
     def __init__(self, n: int, points: int, cells: int, energy: bool) -> None:
         sizes = {"x": n, "bound": 1, "peak": 1, "w": points, "v": cells, "e": points if energy else 0}
@@ -273,6 +275,6 @@ def eliminate(equalities: Affine) -> tuple[Array, Array]:
     size[size == 0] = 1.0
     matrix, offset = equalities.matrix / size[:, None], equalities.offset / size
     left, values, right = np.linalg.svd(matrix)
-    rank = int(np.count_nonzero(values > RANK))
+    rank = int(np.count_nonzero(values > EQUALITY_RANK))
     start = -right[:rank].T @ ((left.T @ offset)[:rank] / values[:rank])
     return start, right[rank:].T

@@ -11,33 +11,33 @@ from numpy.polynomial import chebyshev, legendre
 
 from framework.arrays import Array
 from framework.motion.cone_program import Affine
-from framework.motion.optimal_law import PANEL, Stretch, slowness_on_panels
+from framework.motion.optimal_law import PANEL_NODES, Stretch, slowness_on_panels
 
-NEWTON_STEPS = 12  # of the adjustment, from a duration that is nearly right
-BLEND_STEPS = 60  # of Newton's method from the slow side, which converges from there however far it is
-BLENDED = 1e-9  # of the duration, what a blend may miss: the adjustment does the rest
-LOW_DEGREES = 4.0  # power of the degree with which a coefficient resists being adjusted
+MAX_ADJUSTMENT_STEPS = 12  # of the adjustment, from a duration that is nearly right
+MAX_BLEND_STEPS = 60  # of Newton's method from the slow side, which converges from there however far it is
+BLEND_DURATION_ERROR = 1e-9  # of the duration, what a blend may miss: the adjustment does the rest
+DEGREE_WEIGHT_POWER = 4.0  # power of the degree with which a coefficient resists being adjusted
 
 
 def duration_of(series: Array, stretch: Stretch) -> float:
-    """The integral of z^(-1/2) over [0, 1] [s] for coefficients (size,) of a positive z."""
+    """Compute the integral of z^(-1/2) over [0, 1] [s] for coefficients (size,) of a positive z."""
     values, weights = _quadrature(series, stretch)
     return float(weights @ (values @ series) ** -0.5)
 
 
 def blended(quick: Array, slow: Array, duration: float, stretch: Stretch) -> Array:
-    """The series between two positive ones (size,) that takes `duration` [s], more than the quick and less
-    than the slow one does.
+    """Compute the series between two positive ones (size,) that takes `duration` [s], more than the quick
+    and less than the slow one does.
 
     Duration is convex along the blend, so Newton's method from the slow end never leaves the interval.
     """
     series, toward = slow, quick - slow
     share = 0.0  # of the quick one
-    for _ in range(BLEND_STEPS):
+    for _ in range(MAX_BLEND_STEPS):
         values, weights = _quadrature(series, stretch)
         z = values @ series
         missing = float(weights @ z**-0.5) - duration
-        if missing <= BLENDED * duration:
+        if missing <= BLEND_DURATION_ERROR * duration:
             break
         share += missing / float(0.5 * weights @ (z**-1.5 * (values @ toward)))
         series = slow + share * toward
@@ -45,14 +45,14 @@ def blended(quick: Array, slow: Array, duration: float, stretch: Stretch) -> Arr
 
 
 def adjusted(series: Array, equalities: Affine, duration: float, stretch: Stretch) -> Array:
-    """The series nearest to `series` (size,), low degrees first, that meets the equalities and takes
+    """Compute the series nearest to `series` (size,), low degrees first, that meets the equalities and takes
     exactly `duration` [s].
 
     Raises:
         InvalidInput: Newton's method on the duration finds no positive z.
     """
-    weight = (1.0 + np.arange(len(series))) ** -LOW_DEGREES
-    for _ in range(NEWTON_STEPS):
+    weight = (1.0 + np.arange(len(series))) ** -DEGREE_WEIGHT_POWER
+    for _ in range(MAX_ADJUSTMENT_STEPS):
         values, weights = _quadrature(series, stretch)
         z = values @ series
         gradient = -0.5 * (weights * z**-1.5) @ values
@@ -69,10 +69,10 @@ def adjusted(series: Array, equalities: Affine, duration: float, stretch: Stretc
 
 
 def _quadrature(series: Array, stretch: Stretch) -> tuple[Array, Array]:
-    """Chebyshev polynomials (P, size) and weights (P,) in sigma that integrate z^(-1/2) to rounding."""
+    """Return Chebyshev polynomials (P, size) and weights (P,) in sigma that integrate z^(-1/2)."""
     edges = slowness_on_panels(series, stretch).edges
-    points, weights = legendre.leggauss(PANEL)
+    points, weights = legendre.leggauss(PANEL_NODES)
     half = 0.5 * np.diff(edges)[:, None]
-    at = (edges[:-1, None] + half * (points + 1.0)).ravel()
-    values = np.asarray(chebyshev.chebvander(stretch(at), len(series) - 1), dtype=float)
+    sigma = (edges[:-1, None] + half * (points + 1.0)).ravel()
+    values = np.asarray(chebyshev.chebvander(stretch(sigma), len(series) - 1), dtype=float)
     return values, (half * weights).ravel()

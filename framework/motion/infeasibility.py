@@ -12,8 +12,8 @@ import numpy as np
 from framework.arrays import Array, IntArray
 
 # Largest entry of the unknowns that a proof is to rule out; in units near those of the optimum all are near 1
-REACH = 1e3
-ROUNDING = 1e-12  # of its length, by which a vector may be outside of its cone
+MIN_PROOF_REACH = 1e3
+CONE_MARGIN = 1e-12  # of its length, by which a vector may be outside of its cone
 
 
 class Infeasible(NamedTuple):
@@ -44,12 +44,12 @@ class Infeasible(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether q is in the dual of K, which is K itself, and rules out all x of entries up to REACH."""
+        """Whether q is in the dual of K, which is K itself, and rules out all x up to MIN_PROOF_REACH."""
         if not np.isfinite(self.proof).all():
             return False
         linear, heads, lengths = self._in_cones()
-        inside = (linear >= 0.0).all() and (heads >= (1.0 - ROUNDING) * lengths).all()
-        return bool(inside and self.reach > REACH)
+        inside = (linear >= 0.0).all() and (heads >= (1.0 - CONE_MARGIN) * lengths).all()
+        return bool(inside and self.reach > MIN_PROOF_REACH)
 
     def refined(self) -> Infeasible:
         """The same with A' q = 0 to rounding, q changed least over its distance from the cone's edge.

@@ -19,21 +19,18 @@ from numpy.polynomial import chebyshev
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, check_order
 from framework.motion.chebyshev import derivative_matrix, evaluate, extrema, nodes
+from framework.tolerances import INDEPENDENT_CONDITIONS, INSTANT_SLACK
 
-# A law may overshoot the ends of the path by this much of it; the path goes on there as a curve.
-# The paper's case C needs 1.3e-4 when its conditions are met with degree 8 (rigid robot).
-OVERSHOOT = 1e-3
 # Durations [s] whose fourth power and its inverse are far from overflow, with room for all other factors.
-SHORTEST, LONGEST = 1e-30, 1e30
-SLACK = 1e-9  # of the duration by which an instant may miss it, as rounding of a sampling does
+MIN_DURATION, MAX_DURATION = 1e-30, 1e30
 
 
 def check_duration(duration: float) -> None:
     """Raise InvalidInput unless the duration is a positive number of seconds that a law can be made for."""
     if not (is_number(duration) and duration > 0):
         raise InvalidInput(f"duration: must be a positive number of seconds, got {duration!r}")
-    if not SHORTEST <= duration <= LONGEST:
-        raise InvalidInput(f"duration: must lie in [{SHORTEST:g}, {LONGEST:g}] s, got {duration!r}")
+    if not MIN_DURATION <= duration <= MAX_DURATION:
+        raise InvalidInput(f"duration: must lie in [{MIN_DURATION:g}, {MAX_DURATION:g}] s, got {duration!r}")
 
 
 def is_number(value: object) -> bool:
@@ -104,7 +101,7 @@ class Law(ReadOnlyArrays):
         return len(self.coefficients) - 1
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
-        """s(t) or its derivative [1/s^order], with the shape of t.
+        """Return s(t) or its derivative [1/s^order], with the shape of t.
 
         Raises:
             InvalidInput: t lies outside [0, duration], where the polynomial means nothing, or is not finite.
@@ -112,7 +109,7 @@ class Law(ReadOnlyArrays):
         check_order(order)
         scale = 2.0 / self.duration
         local = np.asarray(t, dtype=float) * scale - 1.0
-        if not np.all(np.abs(local) <= 1.0 + SLACK):
+        if not np.all(np.abs(local) <= 1.0 + INSTANT_SLACK):
             raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
         series = self.coefficients
         if order:
@@ -121,7 +118,7 @@ class Law(ReadOnlyArrays):
 
     @staticmethod
     def from_conditions(conditions: Sequence[Condition], duration: float) -> Law:
-        """The law of least degree, one less than the number of conditions, that meets all of them.
+        """Return the law of least degree, one less than the number of conditions, that meets all of them.
 
         Raises:
             InvalidInput: the duration is not positive, a condition is not finite or lies outside
@@ -147,7 +144,7 @@ class Law(ReadOnlyArrays):
 
     @staticmethod
     def rest_to_rest(duration: float, smoothness: int, inner: Sequence[Condition] = ()) -> Law:
-        """From s = 0 to s = 1 with `smoothness` derivatives zero at both ends, through `inner`.
+        """Return the law from s = 0 to s = 1 through `inner`, `smoothness` derivatives zero at both ends.
 
         Degree 2 (smoothness + 1) + len(inner) - 1: with the three conditions of one crossing 8 for a
         rigid robot (smoothness 2) and 12 for an elastic one (4), as counted by Briot and Arakelian
@@ -169,7 +166,7 @@ class Law(ReadOnlyArrays):
         }
 
     def advance(self, smoothness: int) -> float:
-        """Smallest of s'(t) / (t (T - t))^smoothness on [0, T], over its mean; positive: monotone.
+        """Return the smallest of s'(t) / (t (T - t))^smoothness on [0, T], over its mean; positive: monotone.
 
         The zeros that the ends force on s' are divided out first, so that the sign near the ends is
         decided by the law and not by rounding.
@@ -178,7 +175,7 @@ class Law(ReadOnlyArrays):
 
 
 def advance_through(duration: float, smoothness: int, inner: Sequence[Condition]) -> float:
-    """`advance` of the law that `rest_to_rest` would give, for a search among many: the law is not made.
+    """Return `advance` of the law of `rest_to_rest` without making it, for a search among many.
 
     s' = (1 - x^2)^smoothness p(x) with x in [-1, 1] is at rest at both ends whatever p is, so that s(1) = 1
     and the inner conditions, of order 2 at most, are all that p has to meet.
@@ -198,7 +195,7 @@ def advance_through(duration: float, smoothness: int, inner: Sequence[Condition]
 
 
 def _least_over_mean(series: Array) -> float:
-    """The least value on [-1, 1] of a Chebyshev series (size,), over the mean of its size."""
+    """Return the least value on [-1, 1] of a Chebyshev series (size,), over the mean of its size."""
     ends = np.sum(series), np.sum(series[::2]) - np.sum(series[1::2])
     turning = evaluate(extrema(series), series)
     return float(min(*ends, turning.min(initial=np.inf)) / np.mean(np.abs(_inside(len(series)) @ series)))
@@ -206,7 +203,7 @@ def _least_over_mean(series: Array) -> float:
 
 @lru_cache(maxsize=64)
 def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array, Array]:
-    """Rows (k, k) of derivatives of the Chebyshev polynomials at (x, order), their inverse, their divisors.
+    """Return rows (k, k) of derivatives of Chebyshev polynomials at (x, order), their inverse and divisors.
 
     Raises:
         InvalidInput: two rows repeat each other.
@@ -218,7 +215,7 @@ def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array
     sizes = np.abs(rows).max(axis=1)
     rows /= np.where(sizes > 0, sizes, 1.0)[:, None]
     left, values, right = np.linalg.svd(rows)
-    if not values[-1] > 1e-13:
+    if not values[-1] > INDEPENDENT_CONDITIONS:
         raise InvalidInput(
             "the conditions on the law repeat or contradict each other, or are too near to each other in time"
         )
@@ -227,13 +224,13 @@ def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array
 
 @lru_cache(maxsize=64)
 def _inside(size: int) -> Array:
-    """Matrix from Chebyshev coefficients (size,) to values at points inside [-1, 1], more than unknowns."""
+    """Return the matrix from Chebyshev coefficients (size,) to values at more points inside [-1, 1]."""
     return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1), dtype=float)
 
 
 @lru_cache(maxsize=64)
 def _without_ends(degree: int, smoothness: int) -> Array:
-    """From the coefficients of s to those of s'(x) / (1 - x^2)^smoothness."""
+    """Return the matrix from the coefficients of s to those of s'(x) / (1 - x^2)^smoothness."""
     size = max(degree - 2 * smoothness, 1)
     local = nodes(2 * size + 4)[1:-1]
     slopes = chebyshev.chebvander(local, degree) @ derivative_matrix(degree + 1)
@@ -242,7 +239,7 @@ def _without_ends(degree: int, smoothness: int) -> Array:
 
 @lru_cache(maxsize=64)
 def _integrals(smoothness: int, size: int) -> Array:
-    """Series (n, size) of the integrals of (1 - x^2)^smoothness T_k(x) from -1 on, and two derivatives."""
+    """Return the series (n, size) of the integrals of (1 - x^2)^smoothness T_k(x), and two derivatives."""
     ends = chebyshev.chebpow([0.5, 0.0, -0.5], smoothness)  # 1 - x^2 = (1 - T_2) / 2
     integrals = np.zeros((2 * smoothness + size + 1, size))
     for k, unit in enumerate(np.eye(size)):

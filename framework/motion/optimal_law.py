@@ -23,18 +23,18 @@ from numpy.polynomial import chebyshev, polynomial
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order
 from framework.motion.chebyshev import TimeFunction, TimeGrid, extrema, nodes
-from framework.motion.law import SLACK
+from framework.tolerances import INSTANT_SLACK
 
 HIGHEST_SMOOTHNESS = 6  # beyond, the squared speed grows so much at the ends that its digits are lost
 HIGHEST_ORDER = 4  # derivatives of s that an elastic robot's torque needs
-PANEL = 24  # nodes of a panel of t(sigma)
-RESOLVED = 1e-15  # of the duration, what a panel may lose by the last coefficients of dt/d sigma
-BLURRED = 1e-8  # of the duration, what rounding of z may leave open: torques are resolved to 1e-9
-MOST_PANELS = 1024
-DEGREES_A_PANEL = 3  # degrees of z for each panel in time
-WIDTH = 0.1  # in sigma, of the stretch about a place where z is resolved more finely
-SHARE = 0.3  # of such a stretch: points are 1 + SHARE/WIDTH times as dense in its middle
-SAME = 1e-12  # of the duration by which the integral of a given speed may miss it
+PANEL_NODES = 24  # nodes of a panel of t(sigma)
+SLOWNESS_TAIL = 1e-15  # of the duration, what a panel may lose by the last coefficients of dt/d sigma
+SLOWNESS_ROUNDING = 1e-8  # of the duration, what rounding of z may leave open: torques are resolved to 1e-9
+MAX_PANELS = 1024
+DEGREES_PER_PANEL = 3  # degrees of z for each panel in time
+STRETCH_WIDTH = 0.1  # in sigma, of the stretch about a place where z is resolved more finely
+STRETCH_HEIGHT = 0.3  # of the arctangent: points are 1 + height / width times as dense in its middle
+DURATION_MISMATCH = 1e-12  # of the duration by which the integral of a given speed may miss it
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Smoothstep:
 
 @dataclass(frozen=True)
 class Stretch:
-    """xi from -1 to 1 on [0, 1], steeper near given places: sigma + SHARE times an arctangent for each.
+    """xi from -1 to 1 on [0, 1], steeper near given places: sigma plus a scaled arctangent for each.
 
     After the maps that Tee and Trefethen (2006, SIAM J. Sci. Comput. 28) put under Chebyshev series.
     """
@@ -88,14 +88,16 @@ class Stretch:
             return own
         away = sigma[..., None] - np.array(self.at)
         if order == 0:
-            bends = np.arctan(away / WIDTH)
+            bends = np.arctan(away / STRETCH_WIDTH)
         elif order == 1:
-            bends = WIDTH / (WIDTH**2 + away**2)
+            bends = STRETCH_WIDTH / (STRETCH_WIDTH**2 + away**2)
         elif order == 2:
-            bends = -2.0 * WIDTH * away / (WIDTH**2 + away**2) ** 2
+            bends = -2.0 * STRETCH_WIDTH * away / (STRETCH_WIDTH**2 + away**2) ** 2
         else:
-            bends = WIDTH * (6.0 * away**2 - 2.0 * WIDTH**2) / (WIDTH**2 + away**2) ** 3
-        return np.asarray(own + SHARE * bends.sum(axis=-1))
+            bends = (
+                STRETCH_WIDTH * (6.0 * away**2 - 2.0 * STRETCH_WIDTH**2) / (STRETCH_WIDTH**2 + away**2) ** 3
+            )
+        return np.asarray(own + STRETCH_HEIGHT * bends.sum(axis=-1))
 
     def inverse(self, xi: ArrayLike) -> Array:
         """sigma with the given xi."""
@@ -143,7 +145,7 @@ class OptimalLaw(ReadOnlyArrays):
             raise InvalidInput("law: the squared speed of an optimal law must be positive on all of [0, 1]")
         taken = float(self._time[1][-1])
         object.__setattr__(self, "duration", self.duration or taken)
-        if not abs(taken - self.duration) <= SAME * self.duration:
+        if not abs(taken - self.duration) <= DURATION_MISMATCH * self.duration:
             raise InvalidInput(f"law: its speed takes {taken!r} s, not {self.duration!r} s")
 
     @property
@@ -165,7 +167,8 @@ class OptimalLaw(ReadOnlyArrays):
         half = 0.5 * np.diff(slowness.edges)[:, None, None]
         series = np.asarray(chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1)) * half
         begin = np.concatenate(([0.0], np.cumsum(series.sum(axis=1)[:, 0])))
-        if abs(begin[-1] - self.duration) <= SAME * self.duration:  # of the duration to the last bit
+        # so that the law takes its duration to the last bit
+        if abs(begin[-1] - self.duration) <= DURATION_MISMATCH * self.duration:
             series, begin = series * (self.duration / begin[-1]), begin * (self.duration / begin[-1])
         return TimeFunction(slowness.edges, series), read_only(begin)
 
@@ -196,7 +199,7 @@ class OptimalLaw(ReadOnlyArrays):
             InvalidInput: t lies outside [0, duration], or is not finite.
         """
         times = np.asarray(t, dtype=float)
-        if not np.all(np.abs(2.0 * times / self.duration - 1.0) <= 1.0 + SLACK):
+        if not np.all(np.abs(2.0 * times / self.duration - 1.0) <= 1.0 + INSTANT_SLACK):
             raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
         flat = np.clip(np.atleast_1d(times).ravel(), 0.0, self.duration)
         return _parameter(self, flat.tobytes()).reshape(times.shape)
@@ -230,7 +233,7 @@ class OptimalLaw(ReadOnlyArrays):
     @property
     def edges(self) -> Array:
         """Instants (k,) [s] between which s(t) is resolved by some thirty points."""
-        count = max(self.degree // DEGREES_A_PANEL, 1)
+        count = max(self.degree // DEGREES_PER_PANEL, 1)
         inner = self.time(self.stretch.inverse(-np.cos(np.pi * np.arange(1, count) / count)))
         return np.concatenate(([0.0], inner, [self.duration]))
 
@@ -259,7 +262,7 @@ def _parameter(law: OptimalLaw, instants: bytes) -> Array:
     panel = np.clip(np.searchsorted(begin, flat, side="right") - 1, 0, len(begin) - 2)
     start, width = within.edges[panel], np.diff(within.edges)[panel]
     sought = flat - begin[panel]
-    series = within.coefficients[panel, :, 0]  # (T, PANEL + 1)
+    series = within.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1)
     k = np.arange(series.shape[1])
     x = np.clip(2.0 * sought / np.diff(begin)[panel] - 1.0, -1.0, 1.0)  # on the panel
     for _ in range(12):
@@ -284,18 +287,18 @@ def slowness_on_panels(series: Array, stretch: Stretch) -> TimeFunction:
     rounding = float(np.finfo(float).eps * np.abs(series).sum())
     edges = stretch.inverse(nodes(5))
     edges[[0, -1]] = 0.0, 1.0
-    while len(edges) <= MOST_PANELS:
-        grid = TimeGrid(edges, PANEL)
+    while len(edges) <= MAX_PANELS:
+        grid = TimeGrid(edges, PANEL_NODES)
         z = np.asarray(chebyshev.chebval(stretch(grid.times), series), dtype=float)
         if not z.min() > 0:
             break
         slowness, width = grid.fit(z[:, None] ** -0.5), np.diff(edges)
         lost = np.abs(slowness.coefficients[:, -2:, 0]).max(axis=1) * width
-        rounded = 0.5 * rounding * z.reshape(-1, PANEL).min(axis=1) ** -1.5 * width
+        rounded = 0.5 * rounding * z.reshape(-1, PANEL_NODES).min(axis=1) ** -1.5 * width
         taken = slowness.coefficients[:, 0, 0] @ width
-        coarse = np.flatnonzero(lost > np.maximum(RESOLVED * taken, rounded))
+        coarse = np.flatnonzero(lost > np.maximum(SLOWNESS_TAIL * taken, rounded))
         if not len(coarse):
-            if rounded.sum() > BLURRED * taken:
+            if rounded.sum() > SLOWNESS_ROUNDING * taken:
                 break
             return slowness
         edges = np.sort(np.concatenate([edges, 0.5 * (edges[coarse] + edges[coarse + 1])]))
@@ -303,6 +306,6 @@ def slowness_on_panels(series: Array, stretch: Stretch) -> TimeFunction:
 
 
 def least_value(series: Array) -> float:
-    """Least value on [-1, 1] of one Chebyshev series (size,)."""
-    at = np.concatenate(([-1.0, 1.0], extrema(series)))
-    return float(chebyshev.chebval(at, series).min())
+    """Compute the least value on [-1, 1] of one Chebyshev series (size,)."""
+    candidates = np.concatenate(([-1.0, 1.0], extrema(series)))
+    return float(chebyshev.chebval(candidates, series).min())

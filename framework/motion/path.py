@@ -3,6 +3,9 @@
 All paths share one call, `path(s, order)`: s of shape (T,) gives (T, n), a scalar gives (n,).
 `knots` (inside (0, 1)) are the places where a path is only finitely smooth; functions of time get a
 panel on either side of them.
+
+A path knows no robot: where some coordinates are metres and others radians, an arc's circle and a spline's
+chords count 1 m like 1 rad. Through the same points in other units it is another curve; a line is the same.
 """
 
 from __future__ import annotations
@@ -15,10 +18,11 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order, expect_call
+from framework.tolerances import COLLINEAR, REPEATED_POINT
 
 HIGHEST_ORDER = 4  # derivatives that an elastic robot's torque needs
 NO_KNOTS: Array = read_only(np.empty(0))
-LARGEST = 1e30  # [m, rad] coordinate whose powers do not overflow
+MAX_COORDINATE = 1e30  # [m, rad] coordinate whose powers do not overflow
 
 
 class Path(Protocol):
@@ -48,8 +52,8 @@ def _points(points: Any, least: int, kind: str) -> Array:
         raise InvalidInput(f"{kind}: needs at least {least} points (m, n), got {points!r}")
     if not np.all(np.isfinite(array)):
         raise InvalidInput(f"{kind}: points must be finite numbers, got {points!r}")
-    if np.any(np.abs(array) > LARGEST):
-        raise InvalidInput(f"{kind}: points must be at most {LARGEST:g} in size, got {points!r}")
+    if np.any(np.abs(array) > MAX_COORDINATE):
+        raise InvalidInput(f"{kind}: points must be at most {MAX_COORDINATE:g} in size, got {points!r}")
     if np.any(np.linalg.norm(np.diff(array, axis=0), axis=1) == 0):
         raise InvalidInput(f"{kind}: two points in a row are the same: {points!r}")
     return read_only(array)
@@ -116,6 +120,7 @@ class Line(PointPath):
 class Arc(PointPath):
     """The circular arc from `start` through `via` to `end`, each (n,), n >= 2, at constant speed.
 
+    Its circle is one in the numbers of the points, 1 m like 1 rad.
     `center` (n,), `radius` and the signed `angle` [rad] that it sweeps follow from them.
     """
 
@@ -133,14 +138,19 @@ class Arc(PointPath):
 
     def __post_init__(self) -> None:
         start, via, end = points = _points([self.start, self.via, self.end], 3, "arc")
-        first, second = via - start, end - start
-        plane = np.array([[first @ first, first @ second], [first @ second, second @ second]])
-        if len(start) < 2 or np.linalg.det(plane) <= 1e-18 * np.trace(plane) ** 2:
+        chord, longer = via - start, end - start
+        length = float(np.linalg.norm(chord))
+        u = chord / length
+        bow = longer - (longer @ u) * u
+        height = float(np.linalg.norm(bow))
+        if height <= COLLINEAR * np.linalg.norm(longer):
             raise InvalidInput(f"arc: its three points lie on a line: {points.tolist()}")
-        center = start + np.linalg.solve(plane, 0.5 * np.diag(plane)) @ np.array([first, second])
+        # in the axes u and v of its plane: start (0, 0), via (length, 0), end (longer . u, height)
+        v = bow / height
+        center = start + 0.5 * length * u + 0.5 * ((longer @ longer - (longer @ u) * length) / height) * v
         radius = float(np.linalg.norm(start - center))
         u = (start - center) / radius
-        across = first - (first @ u) * u
+        across = chord - (chord @ u) * u
         spokes = np.array([u, across / np.linalg.norm(across)])
         angle_via, angle_end = (
             float(np.arctan2(*(spokes @ (point - center))[::-1]) % (2 * np.pi)) for point in (via, end)
@@ -165,7 +175,7 @@ class Arc(PointPath):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Spline(PointPath):
-    """The spline through `points` (m, n) with four continuous derivatives, by chord length.
+    """The spline through `points` (m, n) with four continuous derivatives, by chord length (1 m like 1 rad).
 
     Degree 5, or m - 1 for fewer than six points: the torque of an elastic robot needs x''''.
     """
@@ -182,7 +192,7 @@ class Spline(PointPath):
         points = _points(self.points, 2, "spline")
         _hold(self, points=points, n=points.shape[1])
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        if chords.min() < 1e-9 * chords.max():
+        if chords.min() < REPEATED_POINT * chords.max():
             k = int(np.argmin(chords))
             raise InvalidInput(
                 f"spline: points {k} and {k + 1} are {chords[k]:.3g} apart, others {chords.max():.3g}: too "
@@ -198,7 +208,10 @@ class Spline(PointPath):
         chords = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         at = np.concatenate(([0.0], np.cumsum(chords) / chords.sum()))
         at[-1] = 1.0
-        return make_interp_spline(at, self.points, k=min(5, len(self.points) - 1))
+        degree = min(5, len(self.points) - 1)
+        # Not a knot: none at the two points next to an end. scipy 1.13 finds them for odd degrees only.
+        knots = np.concatenate((np.zeros(degree + 1), at[3:-3], np.ones(degree + 1)))
+        return make_interp_spline(at, self.points, k=degree, t=knots)
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         check_order(order)

@@ -17,11 +17,11 @@ import numpy as np
 from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.motion.path import Path, expect_path
+from framework.tolerances import WRONG_DERIVATIVE
 
-SAME = 1e-4  # of the largest derivative along the path: rounding and tables are below, mistakes above
-ROUNDING = 1e-10  # of the largest value, over the length of an interval
+DIFFERENCE_ROUNDING = 1e-10  # of x(b) - x(a), over the largest value: what a user's own formula may lose
 INTERVALS = 9
-LENGTH = 1e-3  # in s, of an interval; shorter between knots that are closer
+INTERVAL_LENGTH = 1e-3  # in s; shorter between knots that are closer
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # its multiples modulo 1 spread evenly and hit no regular grid
 
 
@@ -44,7 +44,7 @@ def check_path(path: Path) -> None:
         quotients = (last - first) / lengths[:, None]
         size = np.maximum(np.abs(means), np.abs(quotients)).max(axis=0)
         values = np.maximum(np.abs(first), np.abs(last)).max(axis=0)
-        allowed = SAME * size + ROUNDING * values / lengths[:, None]
+        allowed = WRONG_DERIVATIVE * size + DIFFERENCE_ROUNDING * values / lengths[:, None]
         excess = np.abs(means - quotients) - allowed
         if np.any(excess > 0):
             i, component = np.unravel_index(int(np.argmax(excess)), excess.shape)
@@ -69,7 +69,7 @@ def _intervals(path: Path) -> tuple[Array, Array]:
         raise InvalidInput(f"path: knots must ascend inside (0, 1), got {knots.tolist()}")
     places = np.mod(GOLDEN * np.arange(1, INTERVALS + 1), 1.0)
     panel = np.searchsorted(edges, places, side="right") - 1
-    lengths = np.minimum(LENGTH, np.diff(edges)[panel])
+    lengths = np.minimum(INTERVAL_LENGTH, np.diff(edges)[panel])
     return np.minimum(places, edges[panel + 1] - lengths), lengths
 
 

@@ -33,21 +33,21 @@ class KeptChunks:
 
     @staticmethod
     def of(out: Path, document: Mapping[str, Any], *parts: str) -> KeptChunks:
-        """The place in the folder `out` for chunks of what a document of JSON describes completely."""
+        """Return the place in the folder `out` for chunks of what a document of JSON describes completely."""
         text = json.dumps(document, sort_keys=True)
         name = f"{PREFIX}{hashlib.sha256(text.encode()).hexdigest()[:16]}"
         return KeptChunks(out.joinpath(name, *parts))
 
     def found(self) -> dict[str, Arrays]:
-        """What is there."""
-        found: dict[str, Arrays] = {}
+        """Return the finished chunks, by name."""
+        chunks: dict[str, Arrays] = {}
         for file in sorted(self.folder.glob("*.npz")):
             try:
-                with open(file, "rb") as stream, np.load(stream) as kept:
-                    found[file.stem] = {name: kept[name] for name in kept.files}
+                with open(file, "rb") as stream, np.load(stream) as archive:
+                    chunks[file.stem] = {name: archive[name] for name in archive.files}
             except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error):
                 continue  # not one of ours: computed anew
-        return found
+        return chunks
 
     def keep(self, name: str, arrays: Arrays) -> None:
         """Put a finished chunk there.

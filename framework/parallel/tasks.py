@@ -10,8 +10,8 @@ from typing import TypeVar
 from framework.errors import InvalidInput
 from framework.parallel.workers import Workers
 
-LISTENING = 0.1  # [s] between two looks whether Ctrl-C was pressed
-CONNECTING = "10s"  # patience with a dask scheduler
+SIGNAL_INTERVAL = 0.1  # [s] between two looks whether Ctrl-C was pressed
+DASK_TIMEOUT = "10s"  # patience with a dask scheduler
 K = TypeVar("K")
 R = TypeVar("R")
 
@@ -31,7 +31,7 @@ def completed(
     try:
         while waiting:
             # a signal may wake another thread: this one has to look for it
-            for future in wait(waiting, LISTENING, FIRST_COMPLETED).done:
+            for future in wait(waiting, SIGNAL_INTERVAL, FIRST_COMPLETED).done:
                 yield waiting.pop(future), future.result()
     finally:
         for future in waiting:
@@ -54,7 +54,7 @@ def executor_of(*, workers: int = 1, dask: str | None = None) -> Iterator[Execut
         except ImportError:
             raise InvalidInput("--dask: needs dask.distributed: pip install distributed") from None
         try:
-            client = Client(dask, timeout=CONNECTING)
+            client = Client(dask, timeout=DASK_TIMEOUT)
         except (OSError, ValueError) as error:
             raise InvalidInput(f"--dask: no scheduler answers at {dask}: {error}") from None
         with client:

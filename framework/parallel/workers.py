@@ -23,9 +23,9 @@ from typing import Any, NamedTuple, TypeVar
 
 from framework.errors import LostWorkers, whole_number
 
-MOST_WORKERS = 1000
-TRIES = 3  # processes that a task may cost
-UNPORTABLE = (pickle.PicklingError, AttributeError, TypeError)  # what pickle says of what it cannot do
+MAX_WORKERS = 1000
+MAX_TRIES = 3  # processes that a task may cost
+PICKLING_ERRORS = (pickle.PicklingError, AttributeError, TypeError)  # what pickle says of what it cannot do
 T = TypeVar("T")
 
 
@@ -49,7 +49,7 @@ class Workers(Executor):
     """
 
     def __init__(self, count: int) -> None:
-        count = whole_number("workers", count, 1, MOST_WORKERS)
+        count = whole_number("workers", count, 1, MAX_WORKERS)
         self._tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._alive: set[SpawnProcess] = set()
@@ -120,10 +120,10 @@ class Workers(Executor):
         """Settle a task; returns the process that is left, if any."""
         try:
             message = pickle.dumps(task.call)
-        except UNPORTABLE as error:
+        except PICKLING_ERRORS as error:
             task.future.set_exception(error)
             return worker
-        for _ in range(TRIES):
+        for _ in range(MAX_TRIES):
             try:
                 worker = worker or self._begun()
             except OSError as error:
@@ -149,14 +149,14 @@ class Workers(Executor):
             return worker
         task.future.set_exception(
             LostWorkers(
-                f"{TRIES} worker processes were killed one after the other over the same task, for want of "
-                f"memory perhaps; take fewer --workers"
+                f"{MAX_TRIES} worker processes were killed one after the other over the same task, for want "
+                f"of memory perhaps; take fewer --workers"
             )
         )
         return None
 
     def _begun(self) -> _Worker | None:
-        """A new process, None if there are to be none."""
+        """Start a process; None after `stop`."""
         ours, theirs = get_context("spawn").Pipe()
         process = get_context("spawn").Process(target=_work, args=(theirs,), daemon=True)
         with self._lock:
@@ -178,7 +178,7 @@ class Workers(Executor):
 
 
 def _work(pipe: Connection) -> None:
-    """What a worker process does: call by call, until the pipe breaks."""
+    """Answer calls in a worker process until the pipe breaks."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     while True:
         try:
@@ -189,7 +189,7 @@ def _work(pipe: Connection) -> None:
 
 
 def _answer(call: bytes) -> bytes:
-    """What a pickled call returned or raised, or why it cannot be read here, pickled."""
+    """Return, pickled, the result or the error of a pickled call, or why it cannot be read."""
     try:
         fn, args, kwargs = pickle.loads(call)
         return pickle.dumps((True, fn(*args, **kwargs)))
@@ -199,10 +199,10 @@ def _answer(call: bytes) -> bytes:
 
 
 def _portable(error: Exception) -> Exception:
-    """An error that survives the way to another process."""
+    """Return an error that can be pickled."""
     try:
         pickle.loads(pickle.dumps(error))
-    except UNPORTABLE:
+    except PICKLING_ERRORS:
         return RuntimeError(f"{type(error).__name__}: {error}")
     return error
 

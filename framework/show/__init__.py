@@ -1,4 +1,32 @@
-"""Where people look: figures, and pages for the browser. The only place that knows matplotlib and MeshCat."""
+"""Figures, and pages for the browser. Open `film` first: what pages and pictures show is sampled there.
+
+The only room that knows matplotlib and MeshCat. It draws, and computes no result.
+
+What is shown
+    film                a motion sampled in time: poses, torques, distance to the singularity
+    captions            sentences about a film
+    forces              all forces that the motors can give
+    shapes, motors      the solids of a robot and of its motors
+    sight               the direction from which a robot is looked at
+
+Figures
+    style               the look of all figures
+    plots               torques, law and certificate of a plan
+    phase_plane         s' and s" between what the motors allow
+    force_polygon       forces along t_s at a crossing: available and needed
+    map, locus_figures  maps over the workspace; the singular locus
+    design_study, fidelity, robustness  one figure for each study
+    drawing, still      a robot, and a scene, as a picture
+    moving              pictures and animated GIFs as files
+
+Pages
+    scene               a film as a document in JSON
+    page, page/         one HTML file with its scripts and styles
+    map_page            a map with the values under the pointer
+    jogging, server     a robot moved by hand: what the page asks, and who answers
+    report, report_figures, reproduction  the report of a plan, and how to have it again
+    jupyter             robots and plans that show themselves in notebooks
+"""
 
 from framework.errors import InvalidInput
 

@@ -11,7 +11,7 @@ from framework.crossing.scenes import scene_path
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.film import Film, FilmInstant
 
-NOTHING = 1e-3  # share of its largest value below which a force or an acceleration counts as zero here
+NEGLIGIBLE_SHARE = 1e-3  # of a force or an acceleration in its largest value: less is called zero in captions
 
 
 def said(name: str) -> str:
@@ -97,7 +97,7 @@ def how(film: Film, instant: FilmInstant) -> str:
         return ""
     if coasts(film, instant):
         zero = "here the acceleration itself is zero (s″ = 0): it coasts across"
-    elif _share(film, instant) < NOTHING:
+    elif _share(film, instant) < NEGLIGIBLE_SHARE:
         zero = "here it needs none at all (W_p = 0)"
     elif not np.all(film.robot.translations):
         zero = "W_p does no work along t_s"
@@ -112,7 +112,7 @@ def coasts(film: Film, instant: FilmInstant) -> bool:
     """Whether neither force nor acceleration along the path is asked for at that instant."""
     speeding = np.abs(film.law(film.time, 2)).max()
     there = abs(float(film.law(np.array([instant.time]), 2)[0]))
-    return _share(film, instant) < NOTHING and there < NOTHING * speeding
+    return _share(film, instant) < NEGLIGIBLE_SHARE and there < NEGLIGIBLE_SHARE * speeding
 
 
 def proof(film: Film) -> str:

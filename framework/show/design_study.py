@@ -18,15 +18,15 @@ from framework.atlas.quantities import QUANTITIES
 from framework.show.plots import save
 from framework.show.style import ALARM
 
-SIZE = 1.5  # [in] of a cell
+CELL_SIZE = 1.5  # [in] of a cell
 AREAS = {
     "area": "area reached",
     "free_area": "area on the reference's side of the locus",
     "carried_area": "area in which the load is carried",
 }
-COLOURED = "free_area"  # tells a design in one cell from the others, and is it again in the next
+COLORING_QUANTITY = "free_area"  # tells a design in one cell from the others, and is it again in the next
 PALETTE = "cividis"
-LABEL = 24  # characters of a line beside a row
+MAX_LABEL_CHARACTERS = 24  # characters of a line beside a row
 
 
 def plot_study(found: DesignStudy) -> Axes:
@@ -36,15 +36,16 @@ def plot_study(found: DesignStudy) -> Axes:
     """
     names, values = found.designs.names, found.designs.values
     rows = [*(key for key in AREAS if key in found.columns), *found.task.keys]
-    drawing = Figure(figsize=(SIZE * len(names) + 1.6, SIZE * len(rows) + 0.4), layout="constrained")
+    size = (CELL_SIZE * len(names) + 1.6, CELL_SIZE * len(rows) + 0.4)
+    drawing = Figure(figsize=size, layout="constrained")
     axes = drawing.subplots(len(rows), len(names), sharex="col", sharey="row", squeeze=False)
-    coloured = found.columns[COLOURED]
+    coloured = found.columns[COLORING_QUANTITY]
     known = coloured[np.isfinite(coloured)]
     norm = Normalize(known.min(), known.max()) if known.size else Normalize(0.0, 1.0)
     for row, key in zip(axes, rows, strict=True):
         for k, ax in enumerate(row):
             marks = _draw(found, key, values[:, k], ax, norm)
-        row[0].set_ylabel("\n".join([*wrap(_name(key), LABEL), f"[{_unit(found, key)}]"]))
+        row[0].set_ylabel("\n".join([*wrap(_name(key), MAX_LABEL_CHARACTERS), f"[{_unit(found, key)}]"]))
     for ax, name in zip(axes[-1], names, strict=True):
         ax.set_xlabel(name)
     refused = np.array([bool(why) for why in found.why])
@@ -52,7 +53,7 @@ def plot_study(found: DesignStudy) -> Axes:
         below = {"transform": ax.get_xaxis_transform(), "clip_on": False}
         ax.plot(at[refused], np.full(refused.sum(), 0.03), "x", color=ALARM, markersize=4, **below)
     bar = drawing.colorbar(marks, ax=axes, pad=0.02, aspect=40)
-    bar.set_label(f"colour: {AREAS[COLOURED]}  [{_unit(found, COLOURED)}]")
+    bar.set_label(f"colour: {AREAS[COLORING_QUANTITY]}  [{_unit(found, COLORING_QUANTITY)}]")
     told = f", {refused.sum()} of them make no robot (crosses)" if refused.any() else ""
     head = f"{len(refused)} designs{told}\ndots: medians over the map, lines: least to largest"
     drawing.suptitle(head, fontsize=8, x=0.02, ha="left")
@@ -68,7 +69,7 @@ def _draw(found: DesignStudy, key: str, at: Array, ax: Axes, norm: Normalize) ->
         ax.vlines(at, least, largest, color="#9aa4af", linewidth=0.8)
         if QUANTITIES[key].decades and np.nanmin(least, initial=np.inf) > 0:
             ax.set_yscale("log")
-    return ax.scatter(at, middle, s=12, zorder=3, c=found.columns[COLOURED], cmap=PALETTE, norm=norm)
+    return ax.scatter(at, middle, s=12, zorder=3, c=found.columns[COLORING_QUANTITY], cmap=PALETTE, norm=norm)
 
 
 def _name(key: str) -> str:

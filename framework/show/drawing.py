@@ -9,16 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from framework.arrays import Array
+from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import configuration, joint_poses, planar_normal, rotated
+from framework.kinematics.placements import joint_poses, planar_normal, rotated
 from framework.model.visuals import Shape
 from framework.show.motors import motor_shapes
 from framework.show.shapes import body_shapes
 from framework.show.sight import Projection, projection
 from framework.show.style import figure
 
-RIM = 32  # corners of a round outline
-LIGHT = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
+ROUND_OUTLINE_CORNERS = 32  # corners of a round outline
+LIGHT_DIRECTION = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
 
 
 def draw(robot: ParallelRobot, q: Any = None, ax: Axes | None = None) -> Axes:
@@ -69,7 +70,7 @@ def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, A
         triangles = placed(shape.vertices)[shape.faces]  # (F, 3, 3)
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-        bright = 0.55 + 0.45 * np.abs(normals @ LIGHT) / np.linalg.norm(LIGHT)
+        bright = 0.55 + 0.45 * np.abs(normals @ LIGHT_DIRECTION) / np.linalg.norm(LIGHT_DIRECTION)
         depths = triangles.mean(axis=1) @ onto.ahead
         shades = np.concatenate([color[:3] * bright[:, None], np.full((len(bright), 1), color[3])], axis=1)
         return [
@@ -77,8 +78,8 @@ def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, A
             for depth, flat, shade in zip(depths, onto(triangles), shades, strict=True)
         ]
     center = placed(np.zeros((1, 3)))[0]
-    angle = np.linspace(0.0, 2 * np.pi, RIM, endpoint=False)
-    circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(RIM)], axis=1)
+    angle = np.linspace(0.0, 2 * np.pi, ROUND_OUTLINE_CORNERS, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(ROUND_OUTLINE_CORNERS)], axis=1)
     if shape.kind == "sphere":
         outline = onto(center) + shape.size[0] * circle[:, :2]
     elif shape.kind == "cylinder":

@@ -1,4 +1,4 @@
-"""Figure of a fidelity study: where along the path each rung is off, and by how much."""
+"""Figure of a fidelity study: where along the path each level is off, and by how much."""
 
 from __future__ import annotations
 
@@ -7,24 +7,26 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from framework.crossing.fidelity import ROUNDING, FidelityStudy
+from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy
 from framework.show.style import ALARM, CROSSING, figure, line_style
 
 
 def plot_fidelity(study: FidelityStudy, axes: Sequence[Axes] | None = None) -> Axes:
-    """Torque error over the peak and platform error over the path's length along s, one curve a rung.
+    """Torque error over the peak and platform error over the path's length along s, one curve a level.
 
-    Rungs with the torques of a lower one, and those without a plan, have no curve.
+    Levels with the torques of a lower one, and those without a plan, have no curve.
     """
     axes = figure(2, height=2.0)[1] if axes is None else list(axes)
     s = study.highest.law(study.times)
-    own = [judged for judged in study.rungs if judged.plan is not None and not judged.same_as]
-    for k, judged in enumerate(own):
-        for ax, errors in zip(axes, (judged.torque_error, judged.platform_error), strict=True):
+    own = [
+        comparison for comparison in study.levels if comparison.plan is not None and not comparison.same_as
+    ]
+    for k, comparison in enumerate(own):
+        for ax, errors in zip(axes, (comparison.torque_error, comparison.platform_error), strict=True):
             ax.plot(
                 s,
-                np.where(errors > ROUNDING, errors, np.nan),
-                label=judged.rung.name.replace("_", " "),
+                np.where(errors > ERROR_ROUNDING, errors, np.nan),
+                label=comparison.level.name.replace("_", " "),
                 **line_style(k),
             )
     for ax, label in zip(axes, ("torque error  [peak]", "platform error  [path lengths]"), strict=True):

@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.refused import plan_or_sample
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
+from framework.crossing.uncertified import plan_or_sample
 from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.wrench import wrench_curves
-from framework.kinematics.inverse_kinematics import Motion
+from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import MotionLaw
 from framework.motion.path import Path
 
-FRAMES = 481
+FILM_FRAMES = 481
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Fi
     Raises:
         As `plan_crossing`, but no UnboundedTorque.
     """
-    found = plan_or_sample(robot, request, samples=FRAMES)
+    found = plan_or_sample(robot, request, samples=FILM_FRAMES)
     if isinstance(found, CrossingPlan):
         return film_plan(found, name=name)
     raw = found.samples
@@ -124,7 +124,7 @@ def _film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
         robot=robot,
         q=motion.q,
         x=facts["path"](facts["law"](facts["time"])),
-        g=curves.g if robot.n_p else np.full_like(curves.g, np.nan),
+        g=curves.g if len(robot.passive) else np.full_like(curves.g, np.nan),
         t_s=curves.twist,
         W_p=curves.wrench,
         motors=platform_wrench(robot, motion),
@@ -138,7 +138,7 @@ def _instants(crossings: Sequence[SingularityCrossing]) -> tuple[FilmInstant, ..
 
 def _frame_times(duration: float, instants: list[float]) -> Array:
     """Equidistant frames, the nearest of them moved onto each instant."""
-    times = np.linspace(0.0, duration, FRAMES)
+    times = np.linspace(0.0, duration, FILM_FRAMES)
     for instant in instants:
         times[np.argmin(np.abs(times - instant))] = instant
     return times

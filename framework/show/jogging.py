@@ -9,9 +9,10 @@ import numpy as np
 from framework.dynamics.action_lines import action_lines
 from framework.dynamics.platform_wrench import hold_at
 from framework.errors import InvalidInput, NotAssembled
-from framework.kinematics.forward_kinematics import motors_are_free
+from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
+from framework.locus.drawn_locus import locus_curves
 from framework.show.captions import about, unit
 from framework.show.captions import asked as kind_of_hold
 from framework.show.forces import drawn_sides, why_no_figure
@@ -26,9 +27,8 @@ from framework.singularity.jogging import (
     move_platform,
     pose_at,
 )
-from framework.singularity.locus import locus_curves
 
-PUSH = 10.0  # [N, or N m on a platform that only turns] along t_s, that the motors are to hold
+HELD_WRENCH = 10.0  # [N, or N m on a platform that only turns] along t_s, that the motors are to hold
 
 
 def hand_document(robot: ParallelRobot) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
     return robot_document(robot, poses) | {
         "kind": "hand",
         "about": about(robot),
-        "push": f"{PUSH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",
+        "push": f"{HELD_WRENCH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",
         "flat": robot.n == 2,
         "lines": _has_lines(robot),
         "no_figure": (why_no_figure(robot) or "") if len(robot.passive) else "",
@@ -113,7 +113,7 @@ def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
     """
     translations = robot.platform.translations
     try:
-        held = hold_at(robot, pose.q, PUSH * pose.twist)
+        held = hold_at(robot, pose.q, HELD_WRENCH * pose.twist)
     except NotAssembled:  # a Type 1 singularity: the platform does not determine the motors
         return {"torques": None, "sides": None, "lines": None}
     pushed = (

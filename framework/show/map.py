@@ -18,19 +18,19 @@ from matplotlib.transforms import ScaledTranslation
 from framework.arrays import Array, BoolArray
 from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.workspace_map import WorkspaceMap
-from framework.dynamics.loading import LoadReason
 from framework.motion.path import Path
 from framework.show.captions import said
 from framework.show.plots import save
-from framework.show.style import COLUMN, LOCUS, PATH
+from framework.show.style import COLUMN_WIDTH, LOCUS, PATH
+from framework.statics.loading import LoadReason
 
 # Both can be told apart without red and green, and in grey.
 SEQUENTIAL, DIVERGING = "cividis", "BrBG"
 UNREACHED, NOT_CARRIED = "#e4e7eb", "#e8a48c"
-TAILS = (2.0, 98.0)  # percentiles between which colours change: a pole would take them all
-SAMPLES = 401  # of a path
+COLOR_PERCENTILES = (2.0, 98.0)  # percentiles between which colours change: a pole would take them all
+PATH_SAMPLES = 401  # of a path
 UNEXPLAINED, NOT_TRACED = "g changes sign, no curve found", "locus not traced"
-LONGEST_EDGE = 3.4  # [in] of the window drawn
+MAX_WINDOW_EDGE = 3.4  # [in] of the window drawn
 LEFT, RIGHT, BELOW, ABOVE, BAR = 0.55, 0.65, 0.45, 0.15, 0.25  # [in] about it
 LINE, CHARACTERS, ENTRIES = 0.15, 60, 2  # above: a line's height [in], characters of one, keys in one
 
@@ -45,12 +45,12 @@ def colours(found: WorkspaceMap, key: str) -> tuple[Colormap, Normalize]:
     quantity, values = quantity_of(found, key), found.values[key]
     known = values[np.isfinite(values)]
     if quantity.signed:
-        most = float(np.percentile(np.abs(known), TAILS[1])) if known.size else 1.0
+        most = float(np.percentile(np.abs(known), COLOR_PERCENTILES[1])) if known.size else 1.0
         return colormaps[DIVERGING], Normalize(-most, most)
     palette = colormaps[SEQUENTIAL if quantity.large_is_good else f"{SEQUENTIAL}_r"]
     if quantity.decades:
         known = known[known > 0]
-    low, high = np.percentile(known, TAILS) if known.size else (0.1, 1.0)
+    low, high = np.percentile(known, COLOR_PERCENTILES) if known.size else (0.1, 1.0)
     high = high if high > low else low + max(abs(low), 1e-12) * 1e-6
     return palette, LogNorm(low, high) if quantity.decades else Normalize(min(low, 0.0), high)
 
@@ -92,7 +92,7 @@ def plot_map(
         ax.plot([], [], " ", label=NOT_TRACED)
     axes = list(found.window.axes)
     if path is not None:
-        way = path(np.linspace(0.0, 1.0, SAMPLES))[:, axes]
+        way = path(np.linspace(0.0, 1.0, PATH_SAMPLES))[:, axes]
         label = "path" if lies_in(found, path) else "path, projected"
         ax.plot(*way.T, color=PATH, linewidth=1.6, linestyle="--", path_effects=halo, label=label)
         ax.plot(*way[0], "o", color=PATH, markersize=4, markeredgecolor="white", markeredgewidth=0.8)
@@ -141,8 +141,8 @@ def _axes(found: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
     wide, high = 1.0, 0.8
     if is_to_scale(found):
         wide, high = found.window.upper - found.window.lower
-    width, height = LONGEST_EDGE * np.array([wide, high]) / max(wide, high)
-    whole = np.array([max(LEFT + width + BAR + RIGHT, COLUMN), BELOW + height + header.height])
+    width, height = MAX_WINDOW_EDGE * np.array([wide, high]) / max(wide, high)
+    whole = np.array([max(LEFT + width + BAR + RIGHT, COLUMN_WIDTH), BELOW + height + header.height])
     drawing = Figure(figsize=tuple(whole))
 
     def placed(left: float, across: float) -> Axes:
@@ -154,7 +154,7 @@ def _axes(found: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
 
 def lies_in(found: WorkspaceMap, path: Path) -> bool:
     """Whether a path keeps the coordinates that the map holds."""
-    apart = np.abs(path(np.linspace(0.0, 1.0, SAMPLES)) - found.window.held)
+    apart = np.abs(path(np.linspace(0.0, 1.0, PATH_SAMPLES)) - found.window.held)
     return bool(np.delete(apart, found.window.axes, axis=1).max(initial=0.0) < 1e-9)
 
 

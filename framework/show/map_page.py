@@ -13,13 +13,12 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.atlas.quantities import Quantity, unit_of
-from framework.atlas.sweep import WORDS, Reason
+from framework.atlas.sweep import REASON_WORDS, PoseReason
 from framework.atlas.workspace_map import WorkspaceMap
-from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.motion.path import Path
 from framework.show.map import (
     NOT_CARRIED,
-    SAMPLES,
+    PATH_SAMPLES,
     UNEXPLAINED,
     UNREACHED,
     cell_edges,
@@ -29,8 +28,9 @@ from framework.show.map import (
     title,
 )
 from framework.show.style import LOCUS, PATH
+from framework.statics.loading import LOAD_WORDS, LoadReason
 
-SHADES = 256
+COLOR_LEVELS = 256
 LEAD = (
     "All poses are reached from the robot's reference without leaving its working mode. Bright is good, grey "
     "is not reached."
@@ -44,7 +44,7 @@ def map_page(found: WorkspaceMap, *, path: Path | None = None) -> str:
     return Template(_asset("map.html")).substitute(
         title=html.escape(title(found)),
         lead=html.escape(
-            f"{LEAD} {ON_LOCUS if found.locus.curves else 'Singular locus:'} {found.locus.told}."
+            f"{LEAD} {ON_LOCUS if found.locus.curves else 'Singular locus:'} {found.locus.sentence}."
         ),
         style=_asset("map.css"),
         document=document,
@@ -59,7 +59,7 @@ def _document(found: WorkspaceMap, path: Path | None) -> dict[str, Any]:
     if len(found.locus.unexplained):
         legend.append((UNEXPLAINED, LOCUS, False))
     if path is not None:
-        way = path(np.linspace(0.0, 1.0, SAMPLES))[:, list(window.axes)]
+        way = path(np.linspace(0.0, 1.0, PATH_SAMPLES))[:, list(window.axes)]
         curves.append(_curve(way, PATH, 2.5, [7, 4]))
         where = "" if lies_in(found, path) else ", projected"
         legend.append((f"path, from the dot on{where}", PATH, False))
@@ -79,7 +79,7 @@ def _document(found: WorkspaceMap, path: Path | None) -> dict[str, Any]:
         "to_scale": is_to_scale(found),
         "quantities": [_quantity(found, one) for one in found.quantities],
         "reason": _packed(found.reason.astype(np.uint8)),
-        "reasons": [WORDS[kind] for kind in Reason],
+        "reasons": [REASON_WORDS[kind] for kind in PoseReason],
         "assembly": _packed(found.assembly.astype(np.int8).view(np.uint8)),
         "has_sides": robot.n_a == robot.n and len(robot.passive) > 0,
         "load": None if found.load is None else _packed(found.load),
@@ -95,7 +95,7 @@ def _document(found: WorkspaceMap, path: Path | None) -> dict[str, Any]:
 
 def _quantity(found: WorkspaceMap, one: Quantity) -> dict[str, Any]:
     palette, norm = colours(found, one.key)
-    shades = np.round(255 * palette(np.linspace(0.0, 1.0, SHADES))[:, :3]).astype(int)
+    shades = np.round(255 * palette(np.linspace(0.0, 1.0, COLOR_LEVELS))[:, :3]).astype(int)
     return {
         "key": one.key,
         "name": one.name,

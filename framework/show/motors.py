@@ -10,9 +10,9 @@ from framework.kinematics.placements import carried_axis, joint_axis
 from framework.model.visuals import Shape
 from framework.show.shapes import body_shapes, turned_onto
 
-MOTOR = 0.06  # radius of a motor, over the radius of the picture
-GREY = (0.83, 0.84, 0.86, 1.0)  # of a motor without torque, as on the page
-FOOT = 1.2  # from the foot of a leg that stretches to the middle of its drum, in lengths of the drum
+MOTOR_RADIUS = 0.06  # radius of a motor, over the radius of the picture
+IDLE_MOTOR_COLOR = (0.83, 0.84, 0.86, 1.0)  # of a motor without torque, as on the page
+DRUM_OFFSET = 1.2  # from the foot of a leg that stretches to the middle of its drum, in lengths of the drum
 
 
 def motor_shapes(robot: ParallelRobot, shapes: list[Shape] | None = None, size: float = 0.0) -> list[Shape]:
@@ -22,7 +22,7 @@ def motor_shapes(robot: ParallelRobot, shapes: list[Shape] | None = None, size: 
     axes = [joint_axis(robot, int(column)) for column in robot.actuated]
     motors = []
     for k, (node, place, axis) in enumerate(axes):
-        radius = MOTOR * size
+        radius = MOTOR_RADIUS * size
         if robot.sliding[robot.actuated[k]] and node:
             motors.append(
                 _drum_on_leg(node, place, axis, [shape for shape in shapes if shape.node == node], size)
@@ -31,11 +31,11 @@ def motor_shapes(robot: ParallelRobot, shapes: list[Shape] | None = None, size: 
         if robot.sliding[robot.actuated[k]]:
             node, place, axis = carried_axis(robot, int(robot.actuated[k]))
             block = (1.1 * radius, 1.1 * radius, 1.8 * radius)
-            motors.append(Shape(node, "box", block, placed(place, axis), GREY))
+            motors.append(Shape(node, "box", block, placed(place, axis), IDLE_MOTOR_COLOR))
             continue
         if any(j != k and np.linalg.norm(place - other.place) < 0.01 * size for j, other in enumerate(axes)):
             place, radius = _housing(place, axis, [shape for shape in shapes if shape.node == node], size)
-        motors.append(Shape(node, "cylinder", (radius, 1.3 * radius), placed(place, axis), GREY))
+        motors.append(Shape(node, "cylinder", (radius, 1.3 * radius), placed(place, axis), IDLE_MOTOR_COLOR))
     return motors
 
 
@@ -49,14 +49,16 @@ def placed(place: Array, axis: Array) -> Array:
 def _drum_on_leg(node: int, foot: Array, axis: Array, shapes: list[Shape], size: float) -> Shape:
     """The drum about the tube of a leg that stretches, near its foot: wider than the tube."""
     tube = max((shape.size[0] for shape in shapes if shape.kind == "cylinder"), default=0.0)
-    radius = max(0.6 * MOTOR * size, 1.5 * tube)
+    radius = max(0.6 * MOTOR_RADIUS * size, 1.5 * tube)
     length = 3.0 * radius
-    return Shape(node, "cylinder", (radius, length), placed(foot + FOOT * length * axis, axis), GREY)
+    return Shape(
+        node, "cylinder", (radius, length), placed(foot + DRUM_OFFSET * length * axis, axis), IDLE_MOTOR_COLOR
+    )
 
 
 def _housing(place: Array, axis: Array, shapes: list[Shape], size: float) -> tuple[Array, float]:
     """Place and radius of a motor whose axis meets others: about the farthest cylinder on it of its node."""
-    farthest, radius = 0.0, MOTOR * size
+    farthest, radius = 0.0, MOTOR_RADIUS * size
     for shape in shapes:
         offset = shape.placement[:3, 3] - place
         along = float(offset @ axis)

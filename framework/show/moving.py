@@ -14,19 +14,19 @@ from PIL import Image
 from framework.arrays import Array
 from framework.errors import InvalidInput, choose_from
 from framework.show.captions import said
-from framework.show.eye import eye_twist, plot_eyes
 from framework.show.film import Film
+from framework.show.force_polygon import eye_twist, plot_eyes
 from framework.show.plots import torque_axes
 from framework.show.scene import stated_limit
 from framework.show.still import locus_of, plot_still
 from framework.show.style import ALARM, GOOD, line_style, styled
 
-FRAMES = 60
+GIF_FRAMES = 60
 STEP, HELD = 100, 2000  # [ms] of a frame, and of one at a singular instant
-DPI = 100
+FRAME_DPI = 100
 
 
-KINDS = ("png", "svg", "pdf", "gif")
+PICTURE_KINDS = ("png", "svg", "pdf", "gif")
 
 
 def film_picture(films: Sequence[Film], kind: str) -> bytes:
@@ -34,13 +34,13 @@ def film_picture(films: Sequence[Film], kind: str) -> bytes:
 
     Args:
         films: of one robot; several go along one path, through a singularity.
-        kind: one of KINDS; a gif moves, the others show the singular instant.
+        kind: one of PICTURE_KINDS; a gif moves, the others show the singular instant.
 
     Raises:
         InvalidInput: no such kind, or the films do not share a robot and a path.
     """
-    if kind not in KINDS:
-        raise InvalidInput(choose_from("kind of picture", kind, KINDS))
+    if kind not in PICTURE_KINDS:
+        raise InvalidInput(choose_from("kind of picture", kind, PICTURE_KINDS))
     return _gif(films) if kind == "gif" else _still(films, kind)
 
 
@@ -50,7 +50,7 @@ def _still(films: Sequence[Film], kind: str) -> bytes:
         plot_still(_shown(films), left, limit=stated_limit(_shown(films), films))
         written = io.BytesIO()
         undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
-        drawing.savefig(written, format=kind, dpi=DPI, metadata=undated)
+        drawing.savefig(written, format=kind, dpi=FRAME_DPI, metadata=undated)
     return written.getvalue()
 
 
@@ -58,7 +58,7 @@ def _gif(films: Sequence[Film]) -> bytes:
     """It stands for two seconds at the singular instants."""
     film = _shown(films)
     instants = [int(np.argmin(np.abs(film.time - instant.time))) for instant in film.instants]
-    spread = np.linspace(0, len(film.time) - 1, FRAMES).astype(int)
+    spread = np.linspace(0, len(film.time) - 1, GIF_FRAMES).astype(int)
     frames = [int(k) for k in np.unique(np.append(spread, instants))]
     pictures = []
     with styled():

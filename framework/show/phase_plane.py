@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from framework.crossing.limit_curves import limit_curves
+from framework.crossing.optimal.limit_curves import limit_curves
 from framework.crossing.result import CrossingPlan
 from framework.show.style import COLORS, CROSSING, figure, legend_above, line_style
 
-ROOM = 1.5  # the highest value shown over the largest of the laws
-SAMPLES = 601
+AXIS_OVER_LARGEST_LAW = 1.5  # the highest value shown over the largest of the laws
+TIME_SAMPLES = 601
 
 
 def plot_phase_plane(
@@ -30,9 +30,10 @@ def plot_phase_plane(
     curves = limit_curves(plan)
     drawn = [plan] if beside is None else [plan, beside]
     laws = [
-        [each.law(np.linspace(0.0, each.duration, SAMPLES), order) for order in range(3)] for each in drawn
+        [each.law(np.linspace(0.0, each.duration, TIME_SAMPLES), order) for order in range(3)]
+        for each in drawn
     ]
-    tops = [ROOM * max(float(np.abs(law[order]).max()) for law in laws) for order in (1, 2)]
+    tops = [AXIS_OVER_LARGEST_LAW * max(float(np.abs(law[order]).max()) for law in laws) for order in (1, 2)]
     unit = plan.robot.torque_units[0]
     limits = ", ".join(f"{limit:.3g}" for limit in np.unique(curves.torque_limit))
     band: dict[str, Any] = {"color": COLORS[4], "alpha": 0.3, "linewidth": 0}

@@ -14,21 +14,21 @@ from framework.dynamics.finite_differences import FiniteDifferenceTorques
 from framework.dynamics.measure_along_path import MeasureAlongPath
 from framework.dynamics.wrench import wrench_along
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.show.eye import plot_eye
 from framework.show.film import film_plan
+from framework.show.force_polygon import plot_eye
 from framework.show.phase_plane import plot_phase_plane
-from framework.show.scene import CLIPPED
+from framework.show.scene import UNPROVED_TORQUE_RATIO
 from framework.show.still import plot_still
 from framework.show.style import ALARM, CROSSING, figure, legend_above, line_style, save_figure, styled
 
-SAMPLES = 601
-FEW = 4  # curves, among which a legend finds room
+CURVE_SAMPLES = 601
+MAX_LEGEND_CURVES = 4  # curves, among which a legend finds room
 
 
 def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axes]:
     """s(t) and its first two derivatives, on three axes."""
     axes = figure(3, height=1.25)[1] if axes is None else list(axes)
-    times = np.linspace(0.0, plan.duration, SAMPLES)
+    times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
     labels = ("$s$", r"$\dot s$  [1/s]", r"$\ddot s$  [1/s$^2$]")
     for order, (ax, label) in enumerate(zip(axes, labels, strict=True)):
         ax.plot(times, plan.law(times, order), **line_style(0))
@@ -46,7 +46,7 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
 def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Torque of each motor over time."""
     ax = figure()[1][0] if ax is None else ax
-    times = np.linspace(0.0, plan.duration, SAMPLES)
+    times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
     for k, (joint, torque) in enumerate(zip(plan.robot.actuator_names, plan.torque(times).T, strict=True)):
         ax.plot(times, torque, label=joint.replace("_", " "), **line_style(k))
     torque_axes(ax, plan.robot)
@@ -63,12 +63,12 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """The singularity measure g along the path, of the robot at rest and as it deflects."""
     ax = figure()[1][0] if ax is None else ax
     robot = plan.robot
-    s = np.linspace(0.0, 1.0, SAMPLES)
+    s = np.linspace(0.0, 1.0, CURVE_SAMPLES)
     measure = MeasureAlongPath.of(plan.dynamics)
     g = measure.of_rest(s)
     ax.plot(s, g, label="springs at rest" if robot.n_e else None, **line_style(0))
     if plan.geometry == "deformed":
-        times = np.linspace(0.0, plan.duration, SAMPLES)
+        times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
         deflected = measure.of_motion(times)
         deflected *= np.sign(deflected[0] * g[0])
         ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
@@ -113,7 +113,7 @@ def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
 def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """t_s . W_p over time: it has to vanish where g does."""
     ax = figure()[1][0] if ax is None else ax
-    times = np.linspace(0.0, plan.duration, SAMPLES)
+    times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
     _, wrench = wrench_along(plan.dynamics, times)
     turning = not np.any(plan.robot.platform.translations)
     ax.plot(times, wrench, **line_style(0))
@@ -139,7 +139,7 @@ def plot_raw_torques(
     torque_axes(ax, robot)
     finite = np.abs(raw.torque[np.isfinite(raw.torque).all(axis=1)]).max(axis=1)
     if len(poles) and finite.size:  # the height of a spike is that of the sampling: not drawn
-        top = CLIPPED * float(np.quantile(finite, 0.8))
+        top = UNPROVED_TORQUE_RATIO * float(np.quantile(finite, 0.8))
         ax.set_ylim(-top, top)
         for pole in poles:
             ax.axvline(pole, color=ALARM, linewidth=0.8, linestyle=(0, (4, 3)))
@@ -180,7 +180,7 @@ def torque_axes(ax: Axes, robot: ParallelRobot) -> None:
     unit = ", ".join(dict.fromkeys(robot.torque_units))
     ax.set_xlabel("time  [s]")
     ax.set_ylabel(f"motor torque  [{unit}]")
-    if robot.n_a <= FEW:
+    if robot.n_a <= MAX_LEGEND_CURVES:
         ax.legend()
     else:
         legend_above(ax, 3)

@@ -189,6 +189,8 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
                 f"The measure of singularity |g| is {nearest:.3g} or more at {len(film.g)} instants of the "
                 f"motion."
             )
+    if plan.neglected_friction:
+        said_of.append(f"Dry friction that the torques leave out: {plan.neglected_friction} (joint side).")
     items = "".join(f"<li>{_marked(text)}</li>" for text in said_of)
     return (
         f"<ul>{items}</ul><p>All of it was computed from the law when this page was "
@@ -201,6 +203,7 @@ _CERTIFIED = (
     ("tail", "what the series leaves out"),
     ("max_closure_error", "loops open by [m, rad]"),
     ("max_residual_torque", "joints out of balance by [N m, N]"),
+    ("max_held_torque", "idle joints held by [N m, N]"),
     ("change", "change of the deflections"),
     ("end_speed", "speed at the ends"),
 )
@@ -250,7 +253,7 @@ def _parameters(plan: CrossingPlan) -> str:
         ("asked for", ", ".join(f"{key} {_plain(value)}" for key, value in given_options(plan).items())),
         ("law", f"{plan.law.kind}: {plan.reason}"),
         ("gravity", f"{point(description.gravity)} m/s²"),
-        ("mass", f"{sum(inertia.mass for inertia in list(robot.model.inertias)[1:]):.6g} kg in moving parts"),
+        ("mass", f"{robot.mass:.6g} kg in moving parts"),
     ]
     rows += [
         (

@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from framework.crossing.result import CrossingPlan
 from framework.show import plots
 from framework.show.captions import asked, parts
-from framework.show.eye import plot_eye
 from framework.show.film import Film
+from framework.show.force_polygon import plot_eye
 from framework.show.still import plot_still
 from framework.show.style import styled
 

@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from framework.control.closed_loop import ControlLoop
+from framework.control.run_monitor import ControlLoop
 from framework.control.study import Study
 from framework.show.style import ALARM, GOOD, figure, line_style
 
-NARROW = 3.0  # torques that differ by less than that factor need no logarithms
-NEAR = 2.0  # limits beyond so many times the largest torque are told, not drawn
+LINEAR_AXIS_RATIO = 3.0  # torques that differ by less than that factor need no logarithms
+DRAWN_LIMIT_RATIO = 2.0  # limits beyond so many times the largest torque are told, not drawn
 
 
 def plot_robustness(
@@ -39,7 +39,7 @@ def plot_robustness(
         ax.set_ylabel("share of the runs")
         ax.set_ylim(0.0, 1.05)
     low, high = axes[1].get_xlim()
-    if high < NARROW * low:
+    if high < LINEAR_AXIS_RATIO * low:
         axes[1].set_xscale("linear")
         axes[1].xaxis.set_major_locator(MaxNLocator(5))
     else:
@@ -65,7 +65,7 @@ def _draw_bounds(axes: Sequence[Axes], loop: ControlLoop) -> None:
     )
     limits = np.unique(np.asarray(loop.limit or ()))
     within = torques.get_xaxis_transform()
-    near = limits[limits < NEAR * torques.get_xlim()[1]]
+    near = limits[limits < DRAWN_LIMIT_RATIO * torques.get_xlim()[1]]
     for limit in near:
         torques.axvline(limit, color=ALARM, linewidth=0.8, linestyle=(0, (4, 3)))
     if len(near):

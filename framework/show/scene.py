@@ -25,21 +25,21 @@ from framework.kinematics.placements import (
     platform_wrenches,
     rotated,
 )
+from framework.locus.drawn_locus import LocusCurves, locus_curves, locus_patch
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
 from framework.show.captions import asked, how, proof, said, stated, subtitle, summary, unit, why
-from framework.show.eye import shown_limit
 from framework.show.film import Film
+from framework.show.force_polygon import shown_limit
 from framework.show.forces import drawn_sides, figure_vectors, why_no_figure
 from framework.show.motors import motor_shapes, placed
 from framework.show.shapes import body_shapes
 from framework.show.sight import seen_from
-from framework.singularity.locus import LocusCurves, locus_curves, locus_patch
 
-CLIPPED = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
-COIL = 0.18  # length of a spring's coil, over the `length` of the document
-SHOWN = 0.35  # of the coil's length, or in radians: the largest deflection on the screen
-BESIDE = 0.9  # how far from the path the locus is drawn, in lengths of the robot
+UNPROVED_TORQUE_RATIO = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
+COIL_LENGTH = 0.18  # length of a spring's coil, over the `length` of the document
+MAX_DRAWN_DEFLECTION = 0.35  # of the coil's length, or in radians: the largest deflection on the screen
+LOCUS_MARGIN = 0.9  # how far from the path the locus is drawn, in lengths of the robot
 
 # The curves of the locus about a frame of a film, that are to serve for platform coordinates (T, n).
 CurvesAbout = Callable[[Film, int, Array], LocusCurves | None]
@@ -189,13 +189,16 @@ def _springs(film: Film, size: float) -> dict[str, Any] | None:
             }
         )
     slides_all = np.array([coil["slides"] for coil in coils])
-    for slides, largest_shown in ((True, SHOWN * COIL * size), (False, SHOWN)):
+    for slides, largest_shown in (
+        (True, MAX_DRAWN_DEFLECTION * COIL_LENGTH * size),
+        (False, MAX_DRAWN_DEFLECTION),
+    ):
         largest = np.abs(film.deflection[:, slides_all == slides]).max(initial=0.0)
         factors["slide" if slides else "turn"] = _round_down(largest_shown / largest) if largest > 0 else 1.0
     return {
         "coils": coils,
         "factors": factors,
-        "length": COIL * size,
+        "length": COIL_LENGTH * size,
         "deflection": floats(film.deflection),
     }
 
@@ -240,7 +243,7 @@ def _torque_limit(film: Film) -> float:
     if film.proved:
         return float(size.max())
     usual = float(np.quantile(size, 0.8))
-    return CLIPPED * usual if np.isfinite(usual) and usual > 0 else 1.0
+    return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0
 
 
 def _nearest(places: Array, times: Array, instant: float) -> list[float]:
@@ -264,7 +267,7 @@ def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> dict[str, 
 
 
 def locus_lines(
-    robot: ParallelRobot, found: LocusCurves | None, platform: Array, *, beside: float = BESIDE
+    robot: ParallelRobot, found: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
 ) -> list[Array]:
     """Curves (m, 3) of the locus within `beside` lengths of the robot from places (F, 3) of the platform."""
     if found is None:
@@ -284,7 +287,7 @@ def locus_lines(
 
 
 def drawn_locus(
-    robot: ParallelRobot, found: LocusCurves | None, platform: Array, *, beside: float = BESIDE
+    robot: ParallelRobot, found: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
 ) -> dict[str, Any] | None:
     """These curves for the page."""
     pieces = [floats(line) for line in locus_lines(robot, found, platform, beside=beside)]

@@ -17,7 +17,7 @@ from typing import Any
 from framework.errors import InvalidInput, NoAnswer
 from framework.interruption import SIGNALS
 
-LARGEST_REQUEST = 65536  # bytes
+MAX_REQUEST_BYTES = 65536
 
 Answer = Callable[[dict[str, Any]], dict[str, Any]]
 
@@ -83,8 +83,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _answer(self, answer: Answer) -> None:
         try:
             size = int(self.headers.get("Content-Length", ""))
-            if not 0 <= size <= LARGEST_REQUEST:
-                raise InvalidInput(f"a request has at most {LARGEST_REQUEST} bytes")
+            if not 0 <= size <= MAX_REQUEST_BYTES:
+                raise InvalidInput(f"a request has at most {MAX_REQUEST_BYTES} bytes")
             asked = json.loads(self.rfile.read(size))
             if not isinstance(asked, dict):
                 raise InvalidInput("a request is one JSON object")

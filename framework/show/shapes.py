@@ -8,11 +8,11 @@ from framework.arrays import Array, IntArray
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.visuals import Color, Shape, read_visuals
 
-STICK: Color = (0.45, 0.52, 0.60, 1.0)
-JOINT: Color = (0.75, 0.76, 0.78, 1.0)
-THICKNESS = 0.012  # radius of a stick, in lengths of the robot
-SHORTEST_STICK = 0.03  # in lengths of the robot
-CELLS = 40  # a mesh is thinned to this many cells along its diagonal
+STICK_COLOR: Color = (0.45, 0.52, 0.60, 1.0)
+JOINT_COLOR: Color = (0.75, 0.76, 0.78, 1.0)
+STICK_RADIUS = 0.012  # radius of a stick, in lengths of the robot
+MIN_STICK_LENGTH = 0.03  # in lengths of the robot
+MESH_CELLS = 40  # a mesh is thinned to this many cells along its diagonal
 
 
 def body_shapes(robot: ParallelRobot) -> list[Shape]:
@@ -29,7 +29,7 @@ def body_shapes(robot: ParallelRobot) -> list[Shape]:
 def thinned(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     """A mesh with the vertices of each cell of a grid drawn together into their mean."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    cell = max(float(np.linalg.norm(high - low)) / CELLS, 1e-12)
+    cell = max(float(np.linalg.norm(high - low)) / MESH_CELLS, 1e-12)
     keys, inverse = np.unique(np.floor((vertices - low) / cell).astype(np.int64), axis=0, return_inverse=True)
     inverse = inverse.ravel()
     count = np.bincount(inverse, minlength=len(keys))
@@ -43,7 +43,7 @@ def thinned(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
 def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
     """Cylinders from joint to joint and spheres at the joints, for bodies without visuals."""
     model = robot.model
-    radius = THICKNESS * robot.length
+    radius = STICK_RADIUS * robot.length
     shapes = []
     for node in range(model.njoints):
         if node in dressed:
@@ -56,12 +56,12 @@ def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
         ]
         for end in ends:
             length = float(np.linalg.norm(end))
-            if node and length > SHORTEST_STICK * robot.length:
+            if node and length > MIN_STICK_LENGTH * robot.length:
                 placement = np.eye(4)
                 placement[:3, :3], placement[:3, 3] = turned_onto(np.asarray(end)), 0.5 * np.asarray(end)
-                shapes.append(Shape(node, "cylinder", (radius, length), placement, STICK))
+                shapes.append(Shape(node, "cylinder", (radius, length), placement, STICK_COLOR))
         if node and ends:
-            shapes.append(Shape(node, "sphere", (1.3 * radius,), np.eye(4), JOINT))
+            shapes.append(Shape(node, "sphere", (1.3 * radius,), np.eye(4), JOINT_COLOR))
     return shapes
 
 

@@ -10,8 +10,8 @@ from framework.arrays import Array
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
 
-CORNER = np.array([0.75, -1.35, 0.65])  # from the robot to the eye
-OFF = np.tan(np.radians(10.0))  # a page shows planar robots nearly flat-on: bodies still have a depth
+CORNER_DIRECTION = np.array([0.75, -1.35, 0.65])  # from the robot to the eye
+FLAT_VIEW_SLOPE = np.tan(np.radians(10.0))  # planar robots on a page: bodies still show a depth
 
 
 def seen_from(robot: ParallelRobot, *, flat: bool = False) -> tuple[Array, bool]:
@@ -21,10 +21,10 @@ def seen_from(robot: ParallelRobot, *, flat: bool = False) -> tuple[Array, bool]
     """
     normal = planar_normal(robot)
     if normal is None:
-        return CORNER / np.linalg.norm(CORNER), False
+        return CORNER_DIRECTION / np.linalg.norm(CORNER_DIRECTION), False
     normal = normal * (np.sign(normal @ np.array([0.2, -1.0, 2.0])) or 1.0)
     aside = np.array([0.0, -1.0, 0.0]) if abs(normal[2]) > 0.7 else np.array([0.5, 0.0, 0.8])
-    direction = normal if flat else normal + OFF * aside
+    direction = normal if flat else normal + FLAT_VIEW_SLOPE * aside
     return direction / np.linalg.norm(direction), True
 
 

@@ -16,16 +16,16 @@ from framework.kinematics.placements import (
     platform_twists,
     platform_wrenches,
 )
+from framework.locus.drawn_locus import locus_curves
 from framework.show.drawing import draw, hull
 from framework.show.film import Film
 from framework.show.scene import locus_lines
 from framework.show.sight import Projection, projection
 from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, legend_above
-from framework.singularity.locus import locus_curves
 
-ARROW = 0.32  # length of t_s, over the robot's; the page's too
-POLYGONS = 7  # of forces along the path
-BESIDE = 0.45  # half a line of action, over the robot's length
+ARROW_LENGTH = 0.32  # length of t_s, over the robot's; the page's too
+FORCE_POLYGONS = 7  # of forces along the path
+HALF_LINE_OF_ACTION = 0.45  # half a line of action, over the robot's length
 
 
 def plot_still(
@@ -65,8 +65,8 @@ def plot_still(
     reach = min(robot.length, 0.8 * float(np.ptp(ax.get_xlim())))
     twist = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
     arrows = (
-        (platform_twists(robot, film.q, film.t_s), TWIST, True, ARROW, twist),
-        (platform_wrenches(robot, film.q, film.W_p), WRENCH, False, ARROW, r"$\mathbf{W}_p$"),
+        (platform_twists(robot, film.q, film.t_s), TWIST, True, ARROW_LENGTH, twist),
+        (platform_wrenches(robot, film.q, film.W_p), WRENCH, False, ARROW_LENGTH, r"$\mathbf{W}_p$"),
     )
     for six, color, both, size, label in arrows:
         # a platform that only turns has the axes of its turn and of its torque
@@ -86,7 +86,7 @@ def _action_lines(film: Film, ax: Axes, k: int, here: Array, onto: Projection) -
     if lines is None:
         return
     for motor, (place, way) in enumerate(zip(lines.place[0], lines.way[0], strict=True)):
-        ends = here + place + BESIDE * film.robot.length * np.array([[-1.0], [1.0]]) * way
+        ends = here + place + HALF_LINE_OF_ACTION * film.robot.length * np.array([[-1.0], [1.0]]) * way
         label = None if motor else "lines of the motors' forces"
         ax.plot(*onto(ends).T, color=GIVEN, linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=3.2, label=label)
 
@@ -125,7 +125,7 @@ def _polygons(film: Film, ax: Axes, way: Array, limit: Array, frames: Sequence[i
     vertices = film.motors.vertices(limit)  # (F, c, 2)
     scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()
     if frames is None:
-        spread = np.linspace(0, len(film.time) - 1, POLYGONS).astype(int)
+        spread = np.linspace(0, len(film.time) - 1, FORCE_POLYGONS).astype(int)
         frames = [int(k) for k in np.unique(np.append(spread, telling_frame(film)))]
     for k in frames:
         corners = way[k] + scale * hull(vertices[k])

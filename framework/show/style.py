@@ -18,7 +18,7 @@ CROSSING = "#444444"
 # One meaning each, as on the page (page/page.css).
 LOCUS, TWIST, WRENCH, PATH, GIVEN = "#7b3fa6", "#14181d", "#d6187a", "#009e73", "#2f9fe0"
 ALARM, GOOD = "#b3261e", "#1b7f4d"
-COLUMN = 3.5  # [in] width of a journal column
+COLUMN_WIDTH = 3.5  # [in] width of a journal column
 
 _SETTINGS: dict[Any, Any] = {
     "font.size": 8,
@@ -52,7 +52,7 @@ def styled() -> Iterator[None]:
 
 def figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> tuple[Figure, list[Axes]]:
     """A figure one journal column wide with `rows` axes, `height` [in] each; `shared`: over one abscissa."""
-    drawing = Figure(figsize=(COLUMN, height * rows), layout="constrained")
+    drawing = Figure(figsize=(COLUMN_WIDTH, height * rows), layout="constrained")
     axes = drawing.subplots(rows, 1, sharex=shared, squeeze=False)[:, 0]
     return drawing, list(axes)
 

@@ -1,4 +1,16 @@
-"""Forward dynamics in all coordinates: what the robot does when given torques drive it."""
+"""Forward dynamics in all coordinates: what the robot does when given torques drive it.
+
+The witness of every plan: it shares frames and loop equations with the planner, and no solver. Open
+`simulate` first, which checks what is given and calls one of `methods`.
+
+* `equations`: the equations of motion and their derivatives; `frame_geometry`, `curvature`: parts of them;
+  `terms`: the same without derivatives, for stacks of robots;
+* `consistent`: the state at the start; `drive`: the torques;
+* `collocation`, `step_size_control`: methods reference and stiff; `explicit`, `contacts`: method explicit;
+  `stepper`, `schemes`: method fast, and steps for control loops and for many runs;
+* `trajectory`, `events`, `result`: the motion between steps, instants to report, and what comes back;
+* `accelerations`: forward dynamics at instants, without a step.
+"""
 
 from framework.simulation.drive import PlannedMotion
 from framework.simulation.events import Event, Occurrence

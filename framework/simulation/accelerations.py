@@ -26,9 +26,7 @@ from framework.kinematics.frames import frame_motions
 from framework.linalg.ordered_sums import matmul, matvec
 from framework.simulation.consistent import allowed_motions, balancing_step
 from framework.simulation.equations import EquationsOfMotion, Tangent
-
-BALANCED = 1e-8  # [rad, robot lengths] of springs from their balance, of which no state is better known
-MOVED = 1e-9  # share of a unit motion without mass that a joint has: less is rounding
+from framework.tolerances import MASSLESS_SHARE, SPRINGS_BALANCED
 
 
 class Accelerations(NamedTuple):
@@ -41,7 +39,7 @@ class Accelerations(NamedTuple):
 def accelerations(
     equations: EquationsOfMotion, q: Array, v: Array, torque: Array, applied: Array
 ) -> Accelerations:
-    """What motor torques (T, n_a) [N m], motor side, and the world do to assembled states.
+    """Compute the accelerations of assembled states under motor torques (T, n_a) [N m], motor side.
 
     Args:
         q, v: (T, nq), (T, nv), on which the loops and their rates are closed.
@@ -69,7 +67,7 @@ def accelerations(
     pushed = np.where(light, 0.0, matvec(across, free - matvec(at.mass, a)))
     a += matvec(basis, np.linalg.solve(inertia, pushed[..., None])[..., 0])
     moved = np.abs(basis * light[:, None] / robot.column_scale[:, None]).max(axis=2, initial=0.0)
-    return Accelerations(a, moved > MOVED)
+    return Accelerations(a, moved > MASSLESS_SHARE)
 
 
 def _check_balance(
@@ -80,9 +78,9 @@ def _check_balance(
     step = massless @ balancing_step(equations, at, basis[:, ~light], massless, -free)
     off = np.abs(step / robot.column_scale)
     worst = int(np.argmax(off))
-    if off[worst] > BALANCED:
+    if off[worst] > SPRINGS_BALANCED:
         raise InvalidInput(
-            f"q{row}: {robot.joint_of(worst)} of {robot.name}, {robot.flexibility}, has no mass and is "
-            f"{off[worst]:.3g} rad or robot lengths from where its springs balance these torques: its "
+            f"q{row}: {robot.coordinates.name_of(worst)} of {robot.name}, {robot.flexibility}, has no mass "
+            f"and is {off[worst]:.3g} rad or robot lengths from where its springs balance these torques: its "
             f"acceleration would be infinite; `Stepper.start` gives the state next to this one"
         )

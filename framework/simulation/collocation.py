@@ -1,8 +1,20 @@
-"""Tables of collocation methods: nodes and integration matrices, computed, not copied.
+"""One step of collocation on the equations of motion and the loop equations themselves.
 
-Radau IIA of s stages: nodes are the zeros of P_s(2c - 1) - P_{s-1}(2c - 1), the last one the end of the
-step. Order 2s - 1 at the end of a step, s along it; free motions that a step does not resolve decay
-(L-stable), and a coordinate without inertia is solved for, not integrated.
+The tables are computed, not copied. Radau IIA of s stages: nodes are the zeros of
+P_s(2c - 1) - P_{s-1}(2c - 1), the last one the end of the step. Order 2s - 1 at the end of a step, s along
+it; free motions that a step does not resolve decay (L-stable), and a coordinate without inertia is solved
+for, not integrated.
+
+At every node the unknowns are all accelerations a (nv,) and multipliers lambda (m,):
+
+    M a + c + g + K (q - rest) + D v - S' n tau - J' lambda = 0        F(q) = 0
+
+with v = v0 + h A a and q = q0 moved by h A v. The loops are closed at the nodes, and the last node is the
+end of the step: there is no drift. Nothing is divided by the mass matrix, so coordinates without mass
+are found from the balance of their springs in the same solve. Newton's method with all derivatives but
+the curvature of rotations with several degrees of freedom; the system is as large as the step has
+unknowns, and steps are long.
+
 Source: Hairer and Wanner, Solving Ordinary Differential Equations II, Springer 1996, sections IV.5 and VI.
 """
 
@@ -12,9 +24,24 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import pinocchio as pin
 from numpy.polynomial import legendre
 
-from framework.arrays import Array, ReadOnlyArrays
+from framework.arrays import NONZERO, Array, ReadOnlyArrays
+from framework.kinematics.frames import integrate
+from framework.simulation.curvature import loop_curvature
+from framework.simulation.drive import Drive, Gains
+from framework.simulation.equations import EquationsOfMotion, Tangent
+
+MAX_ITERATIONS = 12  # of Newton's method
+REFACTORING_RATE = 0.02  # a contraction better than this keeps the factorised matrix
+COORDINATE_ROUNDING = 1e-15  # of a coordinate: Newton's steps shrink no further
+MAX_NEWTON_STEP = 3.0  # [rad, lengths] that a Newton step may not move a joint
+DIVERGENCE_RATE, DIVERGENCE_STEP = (
+    2.0,
+    1e-8,
+)  # of steps [rad, lengths] that lead nowhere
+MAX_SLOPE_ITERATIONS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +60,13 @@ class Collocation(ReadOnlyArrays):
         return len(self.nodes)
 
     def basis(self, at: Array, degree: int | None = None) -> Array:
-        """Legendre polynomials at points (T,) in [0, 1], (T, degree + 1); up to degree s by default."""
+        """Compute Legendre polynomials (T, degree + 1), degree s by default, at points (T,) in [0, 1]."""
         return np.asarray(legendre.legvander(2 * at - 1, self.stages if degree is None else degree))
 
 
 @lru_cache(maxsize=32)
 def radau(stages: int) -> Collocation:
-    """Radau IIA with that many stages."""
+    """Compute the table of Radau IIA with that many stages."""
     from scipy.special import roots_jacobi
 
     inner = roots_jacobi(stages - 1, 1.0, 0.0)[0] if stages > 1 else np.empty(0)
@@ -49,3 +76,165 @@ def radau(stages: int) -> Collocation:
     once = legendre.legvander(2 * nodes - 1, stages) @ of_integral
     with_start = np.linalg.inv(legendre.legvander(2 * np.append(0.0, nodes) - 1, stages))
     return Collocation(nodes, once, once @ once, series, with_start, of_integral)
+
+
+@dataclass(frozen=True, eq=False)
+class CollocationStep(ReadOnlyArrays):
+    """A step from `time` over `length` [s]: values at its nodes, the last one at its end."""
+
+    table: Collocation
+    time: float
+    length: float
+    start: Array  # (nq,)
+    start_velocity: Array  # (nv,)
+    q: Array  # (s, nq)
+    v: Array  # (s, nv)
+    a: Array  # (s, nv)
+    multipliers: Array  # (s, m)
+    slope: Array  # (s, nv) rate of the tangent offset from `start`; v itself where all joints are lines
+    power: Array  # (s,) of the motors [W]
+    iterations: int
+    unresolved: float  # next coefficient of the motion's series [rad, robot lengths]
+
+    @property
+    def times(self) -> Array:
+        return self.time + self.length * self.table.nodes
+
+
+@dataclass(frozen=True, eq=False)
+class StepFailure:
+    """Why a step was not found."""
+
+    reason: str
+    residual: float
+
+
+def solve_step(
+    equations: EquationsOfMotion,
+    drive: Drive,
+    table: Collocation,
+    *,
+    time: float,
+    length: float,
+    q0: Array,
+    v0: Array,
+    guess: tuple[Array, Array],
+    accuracy: float,
+) -> CollocationStep | StepFailure:
+    """Solve a step by Newton's method from guesses of accelerations (s, nv) and multipliers (s, m)."""
+    from scipy.linalg.lapack import dgetrf, dgetrs
+
+    robot, nv, h = equations.robot, equations.robot.model.nv, length
+    scale = robot.column_scale
+    times = drive.before_breaks(time + h * table.nodes)
+    a, multipliers = guess[0].copy(), guess[1].copy()
+    gains = drive.gains(time, q0, v0)
+    accuracy = accuracy + COORDINATE_ROUNDING * float(np.abs(q0).max())
+    factors, before, slope = None, np.inf, np.zeros_like(a)
+    held = None if drive.feedback else drive(times, a[:, :0], a[:, :0])  # a torque of time alone
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        q, v, slope = _nodes(equations, table, h, q0=q0, v0=v0, a=a, near=slope)
+        torque = drive(times, q, v) if held is None else held
+        at = equations.tangent(q, v, a)
+        force = at.force - equations.applied(torque) - np.einsum("smi,sm->si", at.jacobian, multipliers)
+        wrong = np.concatenate([force, at.residual / h**2], axis=1).ravel()
+        if not np.all(np.isfinite(wrong)):
+            return StepFailure("not finite", np.inf)
+        if factors is None:
+            *factors, singular = dgetrf(
+                _matrix(equations, table, h, at, multipliers=multipliers, gains=gains)
+            )
+            if singular:
+                return StepFailure("singular equations", np.inf)
+        change = -dgetrs(*factors, wrong)[0].reshape(len(a), -1)
+        moved = float(np.abs(h**2 * table.twice @ change[:, :nv] / scale).max())
+        if not moved < MAX_NEWTON_STEP:
+            return StepFailure("Newton steps too far", moved)
+        a, multipliers = a + change[:, :nv], multipliers + change[:, nv:]
+        rate = moved / before if before > 0 else 0.0
+        if moved <= accuracy or (iteration > 1 and rate < 0.5 and moved * rate / (1 - rate) <= accuracy):
+            q, v, slope = _nodes(equations, table, h, q0=q0, v0=v0, a=a, near=slope)
+            power = np.sum(robot.gear_ratio * torque * v[:, robot.actuated], axis=1)
+            left = _unresolved(equations, table, h, slope)
+            return CollocationStep(
+                table, time, h, q0, v0, q, v, a, multipliers, slope, power, iteration, left
+            )
+        if iteration > 2 and rate > DIVERGENCE_RATE and moved > DIVERGENCE_STEP:
+            return StepFailure("Newton diverges", moved)
+        if rate > REFACTORING_RATE:
+            factors = None
+        before = moved
+    return StepFailure("Newton does not converge", moved)
+
+
+def _nodes(
+    equations: EquationsOfMotion,
+    table: Collocation,
+    h: float,
+    *,
+    q0: Array,
+    v0: Array,
+    a: Array,
+    near: Array,
+) -> tuple[Array, Array, Array]:
+    """Return q (s, nq), v (s, nv) and the slope (s, nv) of `CollocationStep` for accelerations a (s, nv)."""
+    v = v0 + h * table.once @ a
+    slope = _slope(equations, table, h, q0=q0, v=v, near=near)
+    return integrate(equations.robot, q0, h * table.once @ slope), v, slope
+
+
+def _slope(
+    equations: EquationsOfMotion, table: Collocation, h: float, *, q0: Array, v: Array, near: Array
+) -> Array:
+    """Compute the rate (s, nv) of the tangent offset from q0 for velocities v at the nodes."""
+    model = equations.robot.model
+    if model.nq == model.nv:
+        return v
+    slope = near if near.any() else v
+    for _ in range(MAX_SLOPE_ITERATIONS):
+        q = integrate(equations.robot, q0, h * table.once @ slope)
+        inward = [pin.dDifference(model, q0, end, pin.ARG1) for end in q]
+        new = np.einsum("sij,sj->si", np.array(inward), v)
+        if np.abs(new - slope).max() <= COORDINATE_ROUNDING * max(np.abs(v).max(), NONZERO):
+            return new
+        slope = new
+    return slope
+
+
+def _matrix(
+    equations: EquationsOfMotion,
+    table: Collocation,
+    h: float,
+    at: Tangent,
+    *,
+    multipliers: Array,
+    gains: Gains | None,
+) -> Array:
+    """Assemble Newton's matrix (s (nv + m), s (nv + m)), rows and columns node by node."""
+    nv, m, s = equations.robot.model.nv, len(equations.rows.names), table.stages
+    by_q = at.by_q - loop_curvature(equations.rows, at.frames, equations.geometry.before, multipliers)
+    by_v = at.by_v
+    if gains is not None:
+        columns = equations.robot.actuated
+        by_v = by_v.copy()
+        by_q[:, columns] -= equations.robot.gear_ratio[:, None] * gains.by_q
+        by_v[:, columns] -= equations.robot.gear_ratio[:, None] * gains.by_v
+    whole = np.zeros((s, nv + m, s, nv + m))
+    whole[:, :nv, :, :nv] = (h * table.once)[:, None, :, None] * by_v[:, :, None]
+    whole[:, :nv, :, :nv] += (h**2 * table.twice)[:, None, :, None] * by_q[:, :, None]
+    whole[:, nv:, :, :nv] = table.twice[:, None, :, None] * at.jacobian[:, :, None]
+    nodes = np.arange(s)
+    whole[nodes, :nv, nodes, :nv] += at.mass
+    whole[nodes, :nv, nodes, nv:] = -at.jacobian.transpose(0, 2, 1)
+    return whole.reshape(s * (nv + m), s * (nv + m))
+
+
+def _unresolved(equations: EquationsOfMotion, table: Collocation, h: float, slope: Array) -> float:
+    """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].
+
+    Guessed from the fall of the last four, two by two, since a motion may be even or odd.
+    """
+    series = np.abs(table.series @ slope) / equations.robot.column_scale
+    last = float(series[-2:].max())
+    fall = min(1.0, last / max(float(series[-4:-2].max(initial=0.0)), NONZERO))
+    return h * last * fall / (2 * table.stages)

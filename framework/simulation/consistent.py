@@ -11,17 +11,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray
+from framework.arrays import NONZERO, Array, BoolArray
 from framework.errors import InvalidInput, NotAssembled, NotConverged
 from framework.kinematics.closures import loop_wrenches, scaled
 from framework.kinematics.frames import integrate
 from framework.linalg.ordered_sums import matmul
 from framework.simulation.curvature import loop_curvature
 from framework.simulation.equations import EquationsOfMotion, Tangent
+from framework.tolerances import CONSISTENT_START, MASSLESS_MOTION, UNSPRUNG_MOTION
 
-MASSLESS = 1e-11  # inertia of a motion over the largest one, lengths of the robot as unit: less is rounding
-SLACK = 1e-12  # stiffness of such a motion over the largest one: less holds nothing
-PASSES = 60
+MAX_PASSES = 60
+ROUNDING_STEP = 1e-14  # [rad, lengths] of a Newton step after which none is better
+CLOSING_CUTOFF, MOMENTUM_CUTOFF = 1e-12, 1e-13  # singular values over the largest that count as zero
 
 
 class AllowedMotions(NamedTuple):
@@ -33,7 +34,7 @@ class AllowedMotions(NamedTuple):
 
 
 def allowed_motions(equations: EquationsOfMotion, at: Tangent) -> AllowedMotions:
-    """The motions that the loops allow, each state for itself to the last bit."""
+    """Compute the motions that the loops allow, each state for itself to the last bit."""
     robot = equations.robot
     scale, count = robot.column_scale[:, None], at.jacobian.shape[1]
     loops = scaled(robot, at.jacobian, equations.rows.rotation)
@@ -46,20 +47,23 @@ def allowed_motions(equations: EquationsOfMotion, at: Tangent) -> AllowedMotions
     largest = np.maximum(values.max(axis=1, initial=0.0), diagonal.max(axis=1, initial=0.0))
     sound = sizes > np.finfo(float).eps * max(loops.shape[1:]) * sizes.max(axis=1, initial=0.0)[:, None]
     inverse = np.where(sound, 1.0 / np.where(sound, sizes, 1.0), 0.0)
-    back = matmul(crossed * inverse[:, None], left.swapaxes(1, 2)) / robot.row_lengths[robot.independent]
-    light = values <= MASSLESS * largest[:, None]
+    back = (
+        matmul(crossed * inverse[:, None], left.swapaxes(1, 2))
+        / robot.row_lengths[robot.structure.independent]
+    )
+    light = values <= MASSLESS_MOTION * largest[:, None]
     return AllowedMotions(scale * matmul(allowed, vectors), light, scale * back)
 
 
 def free_motions(equations: EquationsOfMotion, at: Tangent) -> tuple[Array, Array]:
-    """Bases (nv, d) of the motions with mass, and (nv, k) of those without, that the loops allow (T = 1)."""
+    """Compute bases of the motions that the loops allow, (nv, d) with mass and (nv, k) without (T = 1)."""
     found = allowed_motions(equations, at)
     basis, light = found.basis[0], found.light[0]
     return basis[:, ~light], basis[:, light]
 
 
 def consistent_state(equations: EquationsOfMotion, q: Array, v: Array, torque: Array) -> tuple[Array, Array]:
-    """The state (q, v) next to the given one on which the loops close and massless parts are in balance.
+    """Find the state next to (q, v) in which the loops close and massless parts are in balance.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping; names its joints.
@@ -71,10 +75,10 @@ def consistent_state(equations: EquationsOfMotion, q: Array, v: Array, torque: A
     rest = np.zeros((1, nv))
     driven = equations.applied(torque[None])[0]
     size = np.inf
-    for _ in range(PASSES):
+    for _ in range(MAX_PASSES):
         at = equations.tangent(q[None], rest, rest)
         massive, light = free_motions(equations, at)
-        step = -np.linalg.lstsq(at.jacobian[0] * scale, at.residual[0], rcond=1e-12)[0] * scale
+        step = -np.linalg.lstsq(at.jacobian[0] * scale, at.residual[0], rcond=CLOSING_CUTOFF)[0] * scale
         unbalanced = at.force[0] + equations.damping * v - driven  # gravity and springs less the motors
         if light.shape[1]:
             step = step + light @ balancing_step(equations, at, massive, light, unbalanced)
@@ -82,17 +86,18 @@ def consistent_state(equations: EquationsOfMotion, q: Array, v: Array, torque: A
         if not size < 1.0:
             break
         q = integrate(robot, q[None], step[None])[0]
-        if size < 1e-14:
+        if size < ROUNDING_STEP:
             break
     at = equations.tangent(q[None], rest, rest)
-    gap = float(np.abs(loop_wrenches(robot.rows, at.frames).residual).max(initial=0.0))
-    if not gap <= 1e-10 * max(robot.length, 1.0):
+    gaps = np.abs(loop_wrenches(robot.rows, at.frames).residual[0])
+    gap = float(gaps.max(initial=0.0))
+    if not np.all(gaps <= CONSISTENT_START * robot.row_lengths):
         raise NotAssembled(
             f"{robot.name}: the start is not assembled: a loop stays {gap:.3g} m or rad apart",
             q=q,
             residual=gap,
         )
-    if not size < 1e-10:
+    if not size < CONSISTENT_START:
         raise NotConverged(
             f"{robot.name}: the springs of the massless parts find no balance at the start (last change "
             f"{size:.3g} rad or lengths of the robot)",
@@ -104,39 +109,41 @@ def consistent_state(equations: EquationsOfMotion, q: Array, v: Array, torque: A
 def balancing_step(
     equations: EquationsOfMotion, at: Tangent, massive: Array, light: Array, unbalanced: Array
 ) -> Array:
-    """Step along the massless motions towards the balance of their springs."""
+    """Compute the step along the massless motions towards the balance of their springs."""
     multipliers = np.linalg.lstsq(at.jacobian[0].T, unbalanced, rcond=None)[0]
     curved = loop_curvature(equations.rows, at.frames, equations.geometry.before, multipliers[None])[0]
     held = light.T @ np.diag(equations.stiffness) @ light
     strength = np.linalg.eigvalsh(held + light.T @ np.diag(equations.damping) @ light)
-    stiffest = max(float((equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)), 1e-300)
-    if strength[0] <= SLACK * stiffest:
+    stiffest = max(float((equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)), NONZERO)
+    if strength[0] <= UNSPRUNG_MOTION * stiffest:
         vector = np.linalg.eigh(held)[1][:, 0]
         moved = np.abs(light @ vector) / equations.robot.column_scale
         joints = [
-            equations.robot.joint_of(int(k)) for k in np.argsort(-moved) if moved[k] > 0.1 * moved.max()
+            equations.robot.coordinates.name_of(int(k))
+            for k in np.argsort(-moved)
+            if moved[k] > 0.1 * moved.max()
         ]
         raise InvalidInput(
             f"{equations.robot.name}, {equations.robot.flexibility}: a motion of {', '.join(joints[:4])} has "
             f"neither mass nor stiffness, its acceleration would be anything; give these links an "
             f"<inertial>, the rotor an inertia, or a spring"
         )
-    if np.linalg.eigvalsh(held)[0] <= SLACK * stiffest:
+    if np.linalg.eigvalsh(held)[0] <= UNSPRUNG_MOTION * stiffest:
         return np.zeros(light.shape[1])  # held by damping alone: it has an initial value, the one given
     slope = held - light.T @ curved @ light
     return -np.linalg.lstsq(slope, light.T @ unbalanced, rcond=None)[0]
 
 
 def allowed_velocity(equations: EquationsOfMotion, at: Tangent, v: Array) -> Array:
-    """The velocity next to v (nv,) that the loops allow, with the same momentum along what they allow."""
+    """Compute the velocity next to v (nv,) that the loops allow, with the same momentum along them."""
     nv, rows = equations.robot.model.nv, len(equations.rows.names)
     if not rows:
         return v
     scale = equations.robot.column_scale
     J = scaled(equations.robot, at.jacobian, equations.rows.rotation)[0]
     mass = at.mass[0] * scale[:, None] * scale
-    size = max(float(np.diag(mass).max()), 1e-300)
+    size = max(float(np.diag(mass).max()), NONZERO)
     whole, wrong = np.zeros((nv + rows, nv + rows)), np.zeros(nv + rows)
     whole[:nv, :nv], whole[:nv, nv:], whole[nv:, :nv] = mass / size, J.T, J
     wrong[nv:] = -J @ (v / scale)
-    return np.asarray(v + scale * np.linalg.lstsq(whole, wrong, rcond=1e-13)[0][:nv], dtype=float)
+    return np.asarray(v + scale * np.linalg.lstsq(whole, wrong, rcond=MOMENTUM_CUTOFF)[0][:nv], dtype=float)

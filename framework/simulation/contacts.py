@@ -20,11 +20,11 @@ from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.model.description import AXES
 from framework.simulation.equations import EquationsOfMotion
+from framework.tolerances import MASSLESS_JOINT
 
-CONTACTS = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CONTACT_6D}
-DEFINITE = 1e-9  # smallest over largest inertia of the tree's joints, lengths of the robot as unit
+CONTACT_TYPES = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CONTACT_6D}
 # its defaults give NaN where rows are redundant, as in a planar loop written in 3D
-PROXIMAL = {"accuracy": 1e-12, "mu": 1e-8, "iterations": 20}
+PROXIMAL_SETTINGS = {"accuracy": 1e-12, "mu": 1e-8, "iterations": 20}
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class ContactDynamics:
     damping: Array | None  # (nv,), None without
 
     def acceleration(self, q: Array, v: Array, force: Array) -> Array:
-        """Joint accelerations (nv,) under the motors' generalised forces (nv,), springs and damping."""
+        """Compute joint accelerations (nv,) under generalised forces (nv,), springs and damping."""
         if self.stiffness is not None:
             force = force - self.stiffness * (q - self.rest)
         if self.damping is not None:
@@ -54,7 +54,7 @@ class ContactDynamics:
 
     @staticmethod
     def of(equations: EquationsOfMotion, closing: float) -> ContactDynamics:
-        """The robot's contact dynamics; open loops close, critically damped, in `closing` seconds.
+        """Return the robot's contact dynamics; open loops close, critically damped, in `closing` seconds.
 
         Raises:
             InvalidInput: a loop that is neither spherical nor fixed, a joint that moves no mass, or one of
@@ -63,7 +63,7 @@ class ContactDynamics:
         robot = equations.robot
         _check(equations)
         model = robot.model.copy()
-        model.armature[:] = equations.rotors
+        model.armature[:] += equations.rotors
         contacts, contact_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
         row_of = {name.rpartition(".")[0]: row for row, name in enumerate(robot.rows.names)}
         for closure in robot.description.closures:
@@ -72,7 +72,7 @@ class ContactDynamics:
                 model.frames[robot.frames[ends[row]]] for ends in (robot.rows.first, robot.rows.second)
             )
             contact = pin.RigidConstraintModel(
-                CONTACTS[closure.axes],
+                CONTACT_TYPES[closure.axes],
                 model,
                 first.parentJoint,
                 first.placement,
@@ -86,8 +86,10 @@ class ContactDynamics:
             contact_data.append(contact.createData())
         data = model.createData()
         pin.initConstraintDynamics(model, data, contacts, contact_data)
-        accuracy = PROXIMAL["accuracy"]
-        settings = pin.ProximalSettings(accuracy, accuracy, PROXIMAL["mu"], int(PROXIMAL["iterations"]))
+        accuracy = PROXIMAL_SETTINGS["accuracy"]
+        settings = pin.ProximalSettings(
+            accuracy, accuracy, PROXIMAL_SETTINGS["mu"], int(PROXIMAL_SETTINGS["iterations"])
+        )
         return ContactDynamics(
             model=model,
             data=data,
@@ -103,7 +105,8 @@ class ContactDynamics:
 def _check(equations: EquationsOfMotion) -> None:
     """Refuse what pinocchio's solver cannot do."""
     robot = equations.robot
-    others = [c.name for c in robot.description.closures if c.axes not in CONTACTS]
+    others = [c.name for c in robot.description.closures if c.axes not in CONTACT_TYPES]
+    others += [coupling.name for coupling in robot.description.couplings]
     if others:
         raise InvalidInput(
             f"{robot.name}: pinocchio's contact dynamics knows loops of kind spherical and fixed, "
@@ -116,8 +119,8 @@ def _check(equations: EquationsOfMotion) -> None:
     rest = np.zeros((1, robot.model.nv))
     mass = equations.tangent(robot.reference.q[None], rest, rest).mass[0]
     values, vectors = np.linalg.eigh(mass)
-    if values[0] <= DEFINITE * values[-1]:
-        joint = robot.joint_of(int(np.argmax(np.abs(vectors[:, 0]))))
+    if values[0] <= MASSLESS_JOINT * values[-1]:
+        joint = robot.coordinates.name_of(int(np.argmax(np.abs(vectors[:, 0]))))
         raise InvalidInput(
             f"{robot.name}, {robot.flexibility}: {joint} moves no mass, and pinocchio's contact dynamics "
             f"divides by the mass matrix of the tree; use another method"

@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array
-from framework.kinematics.frames import FrameStack, cross
+from framework.kinematics.frames import FrameStack
+from framework.linalg.ordered_sums import cross
 from framework.model.loop_rows import LoopRows
 
 
 def loop_curvature(rows: LoopRows, at: FrameStack, before: NDArray[np.bool_], multipliers: Array) -> Array:
-    """d(J' lambda)/dq (T, nv, nv) for multipliers (T, m); `before` (nv, nv) is the order of the columns."""
+    """Compute d(J' lambda)/dq (T, nv, nv) for multipliers (T, m); `before` (nv, nv) orders the columns."""
     jacobian = at.jacobian.transpose(0, 1, 3, 2)  # (T, F, nv, 6)
     slides, turns = jacobian[..., :3], jacobian[..., 3:]
     turn1 = turns[:, rows.first]  # (T, m, nv, 3)

@@ -14,6 +14,8 @@ from framework.errors import InvalidInput
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
 
+FEEDBACK_DIFFERENCE = 1e-7  # [rad, m] and their rates: a step of the differences of a feedback torque
+
 
 @runtime_checkable
 class PlannedMotion(Protocol):
@@ -24,20 +26,20 @@ class PlannedMotion(Protocol):
         """[s]"""
 
     def torque(self, t: ArrayLike, order: int = 0) -> Array:
-        """Motor torques (T, n_a), motor side."""
+        """Return motor torques (T, n_a), motor side."""
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
-        """Platform coordinates (T, n)."""
+        """Return platform coordinates (T, n)."""
 
     def configuration(self, t: ArrayLike) -> Array:
-        """All coordinates (T, nq)."""
+        """Return all coordinates (T, nq)."""
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
-        """All rates (T, nv)."""
+        """Return all rates (T, nv)."""
 
 
 def planned_motion(source: Any) -> PlannedMotion | None:
-    """The planned motion in `source`: the inverse dynamics that a plan carries, or itself, or none."""
+    """Return the planned motion in `source`: the inverse dynamics of a plan, or itself, or none."""
     for candidate in (getattr(source, "dynamics", None), source):
         if isinstance(candidate, PlannedMotion):
             return candidate
@@ -68,27 +70,27 @@ class Drive:
         return torque
 
     def before_breaks(self, t: Array) -> Array:
-        """Times (T,), those on a break moved to just before it: there a step ends that began before."""
+        """Move times (T,) on a break to just before it: a step ends there that began before."""
         for instant in self.breaks:
             near = np.abs(t - instant) <= 4 * np.spacing(instant)
             t = np.where(near, instant - 8 * np.spacing(instant), t)
         return t
 
     def gains(self, t: float, q: Array, v: Array) -> Gains | None:
-        """What the feedback answers to small changes of one state, by differences; None without feedback."""
+        """Compute the feedback's derivatives at one state by differences; None without feedback."""
         if not self.feedback:
             return None
         nv = self.robot.model.nv
-        steps = 1e-7 * np.vstack([np.eye(nv), -np.eye(nv)])
+        steps = FEEDBACK_DIFFERENCE * np.vstack([np.eye(nv), -np.eye(nv)])
         qs = np.vstack([integrate(self.robot, q, steps), np.repeat(q[None], 2 * nv, axis=0)])
         vs = np.vstack([np.repeat(v[None], 2 * nv, axis=0), v + steps])
         answers = self(np.full(4 * nv, t), qs, vs).reshape(4, nv, -1)
-        by_q, by_v = (answers[0] - answers[1]) / 2e-7, (answers[2] - answers[3]) / 2e-7
+        by_q, by_v = (answers[::2] - answers[1::2]) / (2 * FEEDBACK_DIFFERENCE)
         return Gains(by_q.T, by_v.T)
 
     @staticmethod
     def of(robot: ParallelRobot, source: Any, breaks: Sequence[float] = ()) -> Drive:
-        """The drive in a planned motion or a callable torque(t) or torque(t, q, v).
+        """Return the drive in a planned motion or a callable torque(t) or torque(t, q, v).
 
         Raises:
             InvalidInput: it is none of these; its first answer comes with the wrong number of torques.
@@ -100,7 +102,9 @@ class Drive:
                 raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
             edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
             inner = (*map(float, edges[1:-1]), *breaks)
-            return Drive(robot, lambda t, q, v: motion.torque(t), False, tuple(sorted(inner)))
+            # no robot here has dry friction: the torques are taken without what overcomes it
+            smooth = getattr(motion, "torque_without_friction", motion.torque)
+            return Drive(robot, lambda t, q, v: smooth(t), False, tuple(sorted(inner)))
         if not callable(source):
             raise InvalidInput(
                 f"torque: needs a plan, a result of inverse_dynamics, torque(t) or torque(t, q, v), got "
@@ -127,7 +131,7 @@ class Drive:
 
 
 def _asked(function: Callable[..., Any]) -> int:
-    """How many arguments a callable cannot do without; a builtin does not tell: none."""
+    """Count the required arguments of a callable; 0 for a builtin without a signature."""
     try:
         parameters = signature(function).parameters.values()
     except ValueError:

@@ -2,10 +2,10 @@
 
     M(q) dv/dt + c(q, v) + g(q) + K (q - rest) + D v = S' n tau + J(q)' lambda,        F(q) = 0
 
-M carries the rotors, n^2 I_a on the actuated columns; K the springs of the robot and those on joints of
-its URDF; D a viscous damping that the caller may add; n tau is the motor torque on the joint side; F are
-the independent loop equations and J their Jacobian. Nothing is divided by what vanishes at a Type 2
-singularity: there the passive columns of J lose rank, J itself does not.
+M carries armature and rotors, n^2 I_a on the actuated columns; K the springs of the robot and those on
+joints of its URDF; D the viscous damping of its joints and what the caller adds; n tau is the motor torque
+on the joint side; F are the independent loop equations and J their Jacobian. Nothing is divided by what
+vanishes at a Type 2 singularity: there the passive columns of J lose rank, J itself does not.
 
 One call of pinocchio a state gives all; what follows is stacked numpy.
 """
@@ -21,8 +21,9 @@ import pinocchio as pin
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, Scratch, difference
+from framework.kinematics.frames import FrameStack, along_joints, difference
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.pinocchio_memory import Scratch
 from framework.model.loop_rows import LoopRows
 from framework.simulation.frame_geometry import FrameGeometry
 
@@ -39,7 +40,7 @@ class Tangent(NamedTuple):
     jacobian: Array  # (T, m, nv) J
 
     def at(self, k: int) -> Tangent:
-        """Those of one state, T = 1."""
+        """Return the terms of one state, T = 1."""
         here = slice(k, k + 1)
         force, by_q, by_v, mass, frames, residual, jacobian = self
         terms = (force[here], by_q[here], by_v[here], mass[here])
@@ -48,7 +49,10 @@ class Tangent(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:
-    """A robot made ready for simulation; `damping` [N m s/rad, N s/m] acts on every joint rate."""
+    """A robot made ready for simulation; `damping` [N m s/rad, N s/m] acts on every joint rate.
+
+    Dry friction is left out, and with it the share of a planned motion's torques that overcomes it.
+    """
 
     robot: ParallelRobot
     damping: Array  # (nv,)
@@ -60,7 +64,7 @@ class EquationsOfMotion:
 
     @staticmethod
     def of(robot: ParallelRobot, damping: ArrayLike | None = None) -> EquationsOfMotion:
-        """The equations of a robot.
+        """Return the equations of a robot.
 
         Raises:
             InvalidInput: damping of the wrong length or negative; loops that only springs can close.
@@ -74,7 +78,7 @@ class EquationsOfMotion:
             damping = np.array(np.nan)  # refused below
         if damping.shape not in ((), (nv,)) or not (np.all(np.isfinite(damping)) and np.all(damping >= 0)):
             raise InvalidInput(f"damping: needs {nv} numbers (or one for all), none negative, got {given!r}")
-        alone = robot.springs_alone
+        alone = robot.structure.springs_alone
         if alone:
             raise InvalidInput(
                 f"{robot.name}, {robot.flexibility}: {', '.join(alone)} can only be closed by springs, and "
@@ -85,7 +89,7 @@ class EquationsOfMotion:
         stiffness[robot.elastic] += robot.stiffness
         plain = EquationsOfMotion(
             robot=robot,
-            damping=damping * np.ones(nv),
+            damping=damping + robot.joint_damping,
             rows=robot.loops,
             rotors=rotors,
             stiffness=stiffness,
@@ -96,7 +100,7 @@ class EquationsOfMotion:
 
     def _holding_idle_joints(self) -> EquationsOfMotion:
         """Give a unit inertia to idle joints that carry no mass: nothing drives them, so they stay still."""
-        idle = self.robot.idle
+        idle = self.robot.structure.idle
         if not len(idle):
             return self
         mass = self.tangent(self.robot.q_near[None], *np.zeros((2, 1, self.robot.model.nv))).mass[0]
@@ -106,20 +110,21 @@ class EquationsOfMotion:
         return replace(self, rotors=rotors)
 
     def spring_force(self, q: Array) -> Array:
-        """K (q - rest), (T, nv)."""
+        """Compute K (q - rest), (T, nv)."""
         if not self.stiffness.any():
             return np.zeros((len(q), self.robot.model.nv))
         turned = difference(self.robot, self.robot.neutral, q)
-        return np.asarray(self.stiffness * (turned - self.robot.joint_rest), dtype=float)
+        springs = np.asarray(self.stiffness * (turned - self.robot.joint_rest), dtype=float)
+        return along_joints(self.robot, self.robot.neutral, q, springs)
 
     def applied(self, torque: Array) -> Array:
-        """S' n tau (T, nv): what motor torques (T, n_a) do on the joint side."""
+        """Compute S' n tau (T, nv), the generalised forces of motor torques (T, n_a), joint side."""
         force = np.zeros((len(torque), self.robot.model.nv))
         force[:, self.robot.actuated] = self.robot.gear_ratio * torque
         return force
 
     def tangent(self, q: Array, v: Array, a: Array) -> Tangent:
-        """All terms and derivatives at q (T, nq), v and a (T, nv)."""
+        """Compute all terms and derivatives at q (T, nq), v and a (T, nv)."""
         model, nv, scratch = self.robot.model, self.robot.model.nv, self.scratch
         data, tree = scratch.data, np.empty((len(q), 6, nv))
         force, by_q, by_v, mass = (np.empty((len(q), nv, *rest)) for rest in ((), (nv,), (nv,), (nv,)))
@@ -145,7 +150,7 @@ class EquationsOfMotion:
         return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
 
     def energy(self, q: Array, v: Array) -> Array:
-        """Kinetic, gravitational and elastic energy together, (T,) [J]; gravity from the URDF's origin."""
+        """Compute the sum of kinetic, gravitational and elastic energy (T,) [J], heights from the base."""
         model, data = self.robot.model, self.scratch.data
         tree = [
             pin.computeKineticEnergy(model, data, a, b) + pin.computePotentialEnergy(model, data, a)

@@ -11,6 +11,8 @@ from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.simulation.trajectory import Trajectory
 
+EVENT_TIME_ROUNDING = 1e-15  # [s]
+
 
 @dataclass(frozen=True, eq=False)
 class Event:
@@ -43,7 +45,7 @@ def occurrences(
     looks: int,
     seen: dict[Event, float],
 ) -> list[Occurrence]:
-    """Events between two instants in order of time, up to the first terminal one.
+    """Find events between two instants in order of time, up to the first terminal one.
 
     `seen` carries the last values from one call to the next: rounding must not lose a zero between two steps.
     The function is looked at `looks` times on the way: two zeros between neighbouring looks go unseen.
@@ -66,7 +68,8 @@ def occurrences(
             # a zero on a look belongs to the interval that it ends
             if before == 0.0 or before * after > 0 or event.direction * (after - before) < 0:
                 continue
-            t = float(t1) if after == 0.0 or t0 == t1 else float(brentq(value, t0, t1, xtol=1e-15))
+            on_look = after == 0.0 or t0 == t1
+            t = float(t1 if on_look else brentq(value, t0, t1, xtol=EVENT_TIME_ROUNDING))
             q, v = trajectory(np.array([t]))
             found.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
     found.sort(key=lambda one: one.time)

@@ -22,7 +22,7 @@ from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
 
 STAGES = 12
-CLOSING = 50.0  # steps in which open loops close: quicker, and it shows in the error estimate
+CLOSING_STEPS = 50.0  # steps in which open loops close: quicker, and it shows in the error estimate
 
 
 class Table(NamedTuple):
@@ -57,7 +57,7 @@ class ExplicitStep:
 def explicit_steps(
     equations: EquationsOfMotion, dynamics: ContactDynamics, drive: Drive, start: Array, edges: Array
 ) -> Iterator[ExplicitStep]:
-    """Steps between the instants `edges` (K + 1,) from the state (2 nv,); infinite once it runs away."""
+    """Yield steps between the instants `edges` (K + 1,) from the state (2 nv,); infinite once it diverges."""
     robot, nv = equations.robot, equations.robot.model.nv
     table, force = _table(), _forces(equations, drive, edges)
     state, K = start, np.empty((STAGES, 2 * nv))
@@ -83,7 +83,7 @@ Forces = Callable[[int, int, Array, Array], tuple[Array, Array]]
 
 
 def _forces(equations: EquationsOfMotion, drive: Drive, edges: Array) -> Forces:
-    """Generalised forces (nv,) of the motors and their torques (n_a,) at stage i of step k."""
+    """Return a function (step, stage, q, v) of the motors' generalised forces (nv,) and torques (n_a,)."""
     robot, count = equations.robot, len(edges) - 1
     times = edges[:-1, None] + np.diff(edges)[:, None] * _table().nodes
     if drive.feedback:

@@ -29,7 +29,7 @@ class FrameGeometry(NamedTuple):
 
     @staticmethod
     def of(robot: ParallelRobot) -> FrameGeometry:
-        """The geometry of `robot.frames`."""
+        """Return the geometry of `robot.frames`."""
         model = robot.model
         frames = [model.frames[frame] for frame in robot.frames]
         owner = np.repeat(np.arange(1, model.njoints), [joint.nv for joint in model.joints[1:]])
@@ -43,7 +43,7 @@ class FrameGeometry(NamedTuple):
         )
 
     def frames(self, q: Array, placed: Array, tree: Array) -> FrameStack:
-        """Frames at q (T, nq) out of all joints' placements (T, joints, 12) and the tree's world Jacobian."""
+        """Compute frames at q (T, nq) of joint placements (T, joints, 12) and the tree's world Jacobian."""
         placed = placed[:, self.joint]
         rotation = rotations(placed)
         position = placed[..., 9:] + matvec(rotation, self.translation)

@@ -12,20 +12,20 @@ import numpy as np
 from framework.arrays import Array
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.simulation.collocate import collocate
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.events import Event, Occurrence, occurrences
-from framework.simulation.explicit import CLOSING, explicit_steps
+from framework.simulation.explicit import CLOSING_STEPS, explicit_steps
 from framework.simulation.schemes import State
+from framework.simulation.step_size_control import COUNT_ROUNDING, collocate
 from framework.simulation.stepper import Stepper
 from framework.simulation.trajectory import Cubics, Polynomials, Trajectory
+from framework.tolerances import FIXED_STEP_ERROR
 
-EXPLICIT_STEPS = 256  # by default
-MOST_STEPS = 1_000_000  # of one length
-FEWEST_STEPS = 4  # of method fast: fewer show nothing of what they leave out
-COARSEST = 0.05  # [rad, robot lengths] that fixed steps may leave out of a motion: more is another motion
+DEFAULT_EXPLICIT_STEPS = 256  # by default
+MAX_STEPS = 1_000_000  # of one length
+MIN_FIXED_STEPS = 4  # of method fast: fewer show nothing of what they leave out
 
 
 class MethodSettings(NamedTuple):
@@ -61,7 +61,7 @@ class Integration:
 
 
 def by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Radau IIA steps of variable length; see `collocate`."""
+    """Integrate by Radau IIA steps of variable length; see `collocate`."""
     equations, steps, found, supplied, exchanged = task.equations, [], [], [0.0], 0.0
     weights, seen = equations.damping, dict[Event, float]()
     for step in collocate(
@@ -95,14 +95,15 @@ def by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integrati
 
 
 def by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Steps of one length with the torque of their middle; see `Stepper`."""
+    """Integrate by steps of one length with the torque of their middle; see `Stepper`."""
     equations, drive = task.equations, task.drive
     robot = equations.robot
     stepper = Stepper.of(robot, damping=equations.damping)
     count = _count(task.duration, settings.step)
-    if count < FEWEST_STEPS:
+    if count < MIN_FIXED_STEPS:
         raise InvalidInput(
-            f"step: {settings.step:g} s is too long for {task.duration:g} s, which needs {FEWEST_STEPS} steps"
+            f"step: {settings.step:g} s is too long for {task.duration:g} s, which "
+            f"needs {MIN_FIXED_STEPS} steps"
         )
     h = task.duration / count
     edges = np.linspace(0.0, task.duration, count + 1)
@@ -131,8 +132,8 @@ def by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integrati
             task.advanced(float(edges[k + 1] / task.duration))
     q, v = (np.array(part) for part in zip(*states, strict=True))
     missed = _left_out(robot, v, h)
-    if missed > COARSEST:
-        enough = h * (0.1 * COARSEST / missed) ** 0.5
+    if missed > FIXED_STEP_ERROR:
+        enough = h * (0.1 * FIXED_STEP_ERROR / missed) ** 0.5
         raise NotConverged(
             f"{robot.name}: steps of {h:.3g} s leave about {missed:.2g} rad or robot lengths of this motion "
             f"out; take steps of {enough:.1g} s, or method stiff",
@@ -143,7 +144,7 @@ def by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integrati
 
 
 def _left_out(robot: ParallelRobot, v: Array, h: float) -> float:
-    """What fixed steps of order 2 leave out, all steps together [rad, robot lengths].
+    """Compute the error of fixed steps of order 2, all steps together [rad, robot lengths].
 
     A step misses h^3 / 12 of the third derivative of q, which is the second difference of v over h^2. How far
     the motion itself pulls neighbouring motions apart is not in it.
@@ -153,10 +154,10 @@ def _left_out(robot: ParallelRobot, v: Array, h: float) -> float:
 
 
 def by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Steps of one length, of order 8; see `explicit`. Breaks of the torque end a step."""
+    """Integrate by steps of one length, of order 8; see `explicit`. Breaks of the torque end a step."""
     robot = task.equations.robot
-    edges = _edges(task, settings.step or task.duration / EXPLICIT_STEPS)
-    dynamics = ContactDynamics.of(task.equations, CLOSING * float(np.diff(edges).max()))
+    edges = _edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
+    dynamics = ContactDynamics.of(task.equations, CLOSING_STEPS * float(np.diff(edges).max()))
     state = np.concatenate(task.start)
     states, work, exchanged, found, missed = [state], [0.0], 0.0, [], 0.0
     seen: dict[Event, float] = {}
@@ -185,22 +186,22 @@ def by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integr
 
 
 def _edges(task: IntegrationTask, step: float) -> Array:
-    """Ends of steps no longer than `step`, with one on every break."""
+    """Compute the ends of steps no longer than `step`, with one on every break."""
     marks = [0.0, *(t for t in task.drive.breaks if 0 < t < task.duration), task.duration]
     pieces = [np.linspace(a, b, _count(b - a, step) + 1) for a, b in pairwise(marks)]
     return np.unique(np.concatenate(pieces))
 
 
 def _count(length: float, step: float) -> int:
-    """How many steps no longer than `step` [s] make `length` [s].
+    """Count the steps no longer than `step` [s] that make `length` [s].
 
     Raises:
         InvalidInput: more than can be kept.
     """
     count = length / step
-    if not count <= MOST_STEPS:
-        raise InvalidInput(f"step: {step!r} s makes more than {MOST_STEPS} steps of {length:g} s")
-    return max(1, int(np.ceil(count - 1e-9)))
+    if not count <= MAX_STEPS:
+        raise InvalidInput(f"step: {step!r} s makes more than {MAX_STEPS} steps of {length:g} s")
+    return max(1, int(np.ceil(count - COUNT_ROUNDING)))
 
 
 def _runaway(robot: ParallelRobot, time: float, step: float) -> NotConverged:

@@ -17,8 +17,7 @@ from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.events import Occurrence
 from framework.simulation.methods import Integration
 from framework.simulation.trajectory import Cubics, Trajectory
-
-TORN = 1e-6  # [rad, lengths of the robot] that a loop equation may open that was not integrated
+from framework.tolerances import OPEN_LOOP
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -58,15 +57,15 @@ class Simulation(ReadOnlyArrays):
         return float(self.times[-1])
 
     def configuration(self, t: ArrayLike) -> Array:
-        """All coordinates (T, nq) at t (T,)."""
+        """Return all coordinates (T, nq) at t (T,)."""
         return self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))[0]
 
     def velocity(self, t: ArrayLike) -> Array:
-        """All rates (T, nv)."""
+        """Return all rates (T, nv)."""
         return self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))[1]
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
-        """Platform coordinates (T, n) [m, rad]; order 1 gives its twist on its axes."""
+        """Compute platform coordinates (T, n) [m, rad]; order 1 gives its twist on its axes."""
         if order not in (0, 1):
             raise InvalidInput(f"order: 0 or 1, got {order!r}")
         q, v = self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))
@@ -76,7 +75,7 @@ class Simulation(ReadOnlyArrays):
         return self.robot.platform.coordinates(at)
 
     def to_dict(self) -> dict[str, Any]:
-        """The numbers, for JSON."""
+        """Return the numbers, for JSON."""
         return {
             "robot": self.robot.name,
             "flexibility": self.robot.flexibility,
@@ -110,7 +109,7 @@ def summary(
     samples: int,
     seconds: float,
 ) -> Simulation:
-    """What a run shows: its states at the asked instants, and by how much it fails its laws."""
+    """Return the result of a run: its states at the sampled instants, and its errors."""
     robot, trajectory = equations.robot, run.trajectory
     edges = trajectory.edges
     ended = run.occurrences[-1].time if run.occurrences and run.occurrences[-1].terminal else edges[-1]
@@ -123,8 +122,9 @@ def summary(
     kinetic = equations.energy(at_edges[0], at_edges[1]) - equations.energy(
         at_edges[0], np.zeros_like(at_edges[1])
     )
-    # at rest all is rounding, of the work that lifts the robot by its length
-    lifted = float(sum(i.mass for i in robot.model.inertias)) * 9.81 * robot.length
+    # at rest all is rounding: of the work that lifts the robot by its length, or moves it that far meanwhile
+    gravity = float(np.linalg.norm(robot.model.gravity.linear))
+    lifted = robot.mass * robot.length * (gravity + robot.length / float(edges[-1] - edges[0]) ** 2)
     scale = max(run.exchanged, float(np.ptp(energy)), float(kinetic.max()), np.finfo(float).eps * lifted)
     gaps = [_gap(robot, *some) for some in ((times, q), (edges, at_edges[0]))]
     tracking, turning = (None, None) if planned is None else _off_path(robot, planned, times, q)
@@ -148,15 +148,15 @@ def summary(
 
 
 def _gap(robot: ParallelRobot, times: Array, q: Array) -> float:
-    """Largest loop equation at q (T, nq), redundant ones too.
+    """Compute the largest loop equation at q (T, nq), redundant ones too.
 
     Raises:
         NotAssembled: one that was not integrated, because it repeats others at the reference, opens.
     """
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
-    kept = robot.independent
+    kept = robot.structure.independent
     dropped = np.setdiff1d(np.arange(gaps.shape[1]), kept)
-    torn = gaps[:, dropped] > TORN * max(robot.length, 1.0) + 10 * gaps[:, kept].max(initial=0.0)
+    torn = gaps[:, dropped] > OPEN_LOOP * robot.row_lengths[dropped] + 10 * gaps[:, kept].max(initial=0.0)
     if torn.any():
         instant = int(np.argmax(torn.any(axis=1)))
         row = int(dropped[np.argmax(torn[instant])])
@@ -173,7 +173,7 @@ def _gap(robot: ParallelRobot, times: Array, q: Array) -> float:
 def _off_path(
     robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array
 ) -> tuple[float, float | None]:
-    """Largest distance [m] and largest turn [rad] from the planned platform."""
+    """Compute the largest distance [m] and the largest turn [rad] from the planned platform."""
     off = robot.platform.residual(frames_at(robot, q), planned.platform(np.minimum(times, planned.duration)))
     turning = ~robot.translations
     sizes = [float(np.linalg.norm(off[:, part], axis=1).max()) for part in (~turning, turning) if part.any()]

@@ -30,7 +30,7 @@ from framework.linalg.ordered_sums import matvec, solve
 from framework.simulation.terms import RobotStack
 
 # Share of an open loop that one step closes: the largest without overshoot, 6 - sqrt(32).
-CLOSING = 0.343
+CLOSING_SHARE = 0.343
 
 
 class State(NamedTuple):
@@ -41,7 +41,7 @@ class State(NamedTuple):
 
 
 def _solve(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
-    """Accelerations (R, nv), infinite where the equations are singular."""
+    """Compute accelerations (R, nv), infinite where the equations are singular."""
     runs, m, nv = jacobian.shape
     whole = np.zeros((runs, nv + m, nv + m))
     whole[:, :nv, :nv] = mass
@@ -51,7 +51,7 @@ def _solve(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
 
 
 def _springs(stack: RobotStack, q: Array) -> Array:
-    """K (q - rest), (R, nv)."""
+    """Compute K (q - rest), (R, nv)."""
     if not stack.stiffness.any():
         return np.zeros_like(stack.rest)
     robot = stack.robots[0]
@@ -66,7 +66,7 @@ def _implicit(mass: Array, stack: RobotStack, by_spring: float, by_damping: floa
 
 
 def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
-    """The linear implicit midpoint rule; `driven` (R, nv) are the motors' generalised forces."""
+    """Step by the linear implicit midpoint rule; `driven` (R, nv) are the motors' generalised forces."""
     robot = stack.robots[0]
     middle = integrate(robot, q, 0.5 * h * v)
     at = stack.terms(middle, v)
@@ -75,7 +75,7 @@ def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> 
     drift = stack.drift(at, v)
     gap = at.residual - 0.5 * h * rate + 0.125 * h**2 * drift  # loop equations at q
     steady = driven - _springs(stack, middle) - stack.damping * v
-    closing = -rate / h - CLOSING * gap / h**2
+    closing = -rate / h - CLOSING_SHARE * gap / h**2
     guess = _solve(mass, at.jacobian, steady - at.bias, closing - 0.5 * drift)
     halfway = v + 0.5 * h * guess
     at = stack.at_other_velocities(at, middle, halfway)
@@ -85,14 +85,14 @@ def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> 
 
 
 def extrapolated(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
-    """The linear implicit Euler method, extrapolated once."""
+    """Step by the linear implicit Euler method, extrapolated once."""
     robot = stack.robots[0]
 
     def euler(q: Array, v: Array, h: float, closing: Array | None) -> tuple[State, Array]:
         ahead = integrate(robot, q, h * v)  # where massless parts are to be in balance
         at = stack.terms(ahead, v)
         if closing is None:
-            closing = -CLOSING * at.residual / h
+            closing = -CLOSING_SHARE * at.residual / h
         mass = _implicit(at.mass, stack, h**2, h)
         forces = driven - at.bias - _springs(stack, ahead) - stack.damping * v
         rate = matvec(at.jacobian, v)
@@ -109,7 +109,7 @@ def extrapolated(stack: RobotStack, q: Array, v: Array, driven: Array, h: float)
 
 
 def contacts(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
-    """The classical Runge-Kutta method of order 4 on pinocchio's contact dynamics, run by run."""
+    """Step by the classical Runge-Kutta method of order 4 on pinocchio's contact dynamics, run by run."""
     new = State(np.empty_like(q), np.empty_like(v))
     several = len(stack.contacts) > 1
     for k in range(len(q)):

@@ -24,8 +24,8 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, choose_from, finite_numbers, whole_number
+from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.tracking import assemble
 from framework.simulation.consistent import consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
 from framework.simulation.equations import EquationsOfMotion
@@ -33,11 +33,14 @@ from framework.simulation.events import Event
 from framework.simulation.methods import METHODS, IntegrationTask, Method, MethodSettings
 from framework.simulation.result import Simulation, summary
 from framework.simulation.schemes import State
+from framework.simulation.trajectory import TIME_ROUNDING
+from framework.tolerances import STARTS_AT_REST
 
-SAMPLES = 501
-SAMPLED = (2, 10_000_000)
-STAGES = (3, 30)
-DURATIONS = (1e-30, 1e30)  # [s] as for laws
+DEFAULT_SAMPLES = 501
+SAMPLE_RANGE = (2, 10_000_000)
+STAGE_RANGE = (3, 30)
+MIN_TOLERANCE = 1e-14  # [rad, robot lengths]: less is rounding
+DURATION_RANGE = (1e-30, 1e30)  # [s] as for laws
 
 
 def simulate(
@@ -54,14 +57,15 @@ def simulate(
     damping: ArrayLike | None = None,
     breaks: Sequence[float] = (),
     events: Sequence[Event] = (),
-    samples: int = SAMPLES,
+    samples: int = DEFAULT_SAMPLES,
     progress: Callable[[float], None] | None = None,
 ) -> Simulation:
-    """Forward dynamics of a robot under motor torques.
+    """Simulate the forward dynamics of a robot under motor torques.
 
     Args:
         robot: the robot; or a plan alone, which is then simulated on its own robot.
-        drive: a plan or a result of `inverse_dynamics`, or motor torques (n_a,) [N m] as torque(t) or as
+        drive: a plan or a result of `inverse_dynamics` (without its dry friction, which the simulated robot
+            has not), or motor torques (n_a,) [N m] as torque(t) or as
             feedback torque(t, q, v), motor side.
         method: reference (to `tolerance`, 1e-12); stiff (the same with fewer stages, 1e-7: quick vibrations
             that nobody excites cost nothing); fast (fixed steps of order 2, 1e-3 s, the torque held in each
@@ -89,7 +93,7 @@ def simulate(
     robot, drive = _robot_and_drive(robot, drive)
     chosen = _method(method)
     settings = _settings(chosen, method, tolerance, step, stages)
-    samples = whole_number("samples", samples, *SAMPLED)
+    samples = whole_number("samples", samples, *SAMPLE_RANGE)
     equations = EquationsOfMotion.of(robot, None if damping is None else damping)
     source = Drive.of(robot, drive, breaks)
     planned = planned_motion(drive)
@@ -100,7 +104,7 @@ def simulate(
 
 
 def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
-    """What to simulate and what drives it; a plan alone is driven on its own robot."""
+    """Return the robot and its drive; a plan alone drives its own robot."""
     if drive is None and planned_motion(robot) is not None:
         robot, drive = getattr(robot, "robot", None), robot
     expect_robot(robot)
@@ -116,18 +120,18 @@ def _method(name: str) -> Method:
 def _settings(
     method: Method, name: str, tolerance: float | None, step: float | None, stages: int | None
 ) -> MethodSettings:
-    """The method's settings with what the caller says."""
+    """Return the method's settings with those of the caller in place of the defaults."""
     settings = method.settings
     if tolerance is not None:
         if not settings.stages:
             raise InvalidInput(f"tolerance: method {name} has none; its step [s] sets how exact it is")
-        if not 1e-14 <= float(finite_numbers("tolerance", [tolerance], 1)[0]) < 1:
-            raise InvalidInput(f"tolerance: must lie in [1e-14, 1), got {tolerance!r}")
+        if not MIN_TOLERANCE <= float(finite_numbers("tolerance", [tolerance], 1)[0]) < 1:
+            raise InvalidInput(f"tolerance: must lie in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
         settings = settings._replace(tolerance=float(tolerance))
     if stages is not None:
         if not settings.stages:
             raise InvalidInput(f"stages: method {name} has none")
-        stages = whole_number("stages", stages, *STAGES)
+        stages = whole_number("stages", stages, *STAGE_RANGE)
         settings = settings._replace(stages=stages, looks=2 * stages)
     if step is not None:
         if not finite_numbers("step", [step], 1)[0] > 0:
@@ -141,10 +145,12 @@ def _duration(given: float | None, planned: PlannedMotion | None) -> float:
         if planned is None:
             raise InvalidInput("duration: required [s] when the drive is a function")
         return planned.duration
-    if not DURATIONS[0] <= finite_numbers("duration", [given], 1)[0] <= DURATIONS[1]:
-        raise InvalidInput(f"duration: must lie in [{DURATIONS[0]:g}, {DURATIONS[1]:g}] s, got {given!r}")
+    if not DURATION_RANGE[0] <= finite_numbers("duration", [given], 1)[0] <= DURATION_RANGE[1]:
+        raise InvalidInput(
+            f"duration: must lie in [{DURATION_RANGE[0]:g}, {DURATION_RANGE[1]:g}] s, got {given!r}"
+        )
     given = float(given)
-    if planned is not None and given > planned.duration * (1 + 1e-12):
+    if planned is not None and given > planned.duration * (1 + TIME_ROUNDING):
         raise InvalidInput(f"duration: the planned motion ends at {planned.duration:g} s, got {given!r}")
     return given
 
@@ -156,7 +162,7 @@ def _start(
     start: ArrayLike | None,
     start_velocity: ArrayLike | None,
 ) -> State:
-    """The consistent state at t = 0."""
+    """Return the consistent state at t = 0."""
     robot, model = equations.robot, equations.robot.model
     if start is not None:
         q, v = finite_numbers("start", start, model.nq), np.zeros(model.nv)
@@ -171,7 +177,7 @@ def _start(
 
 
 def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array, Array]:
-    """Where the plan starts; for a plan of the same robot with other springs, assembled there at rest."""
+    """Return the plan's start; for a plan of the same robot with other springs, assembled there at rest."""
     q, v = planned.configuration(0.0)[0], planned.velocity(0.0)[0]
     owner = getattr(planned, "robot", robot)
     if (owner.axis_names, owner.actuator_names) != (robot.axis_names, robot.actuator_names):
@@ -181,7 +187,7 @@ def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array,
         )
     if len(q) == robot.model.nq:
         return q, v
-    moving = np.abs(v).max(initial=0.0) > 1e-9 * np.abs(planned.velocity(planned.duration / 2)).max(
+    moving = np.abs(v).max(initial=0.0) > STARTS_AT_REST * np.abs(planned.velocity(planned.duration / 2)).max(
         initial=0.0
     )
     if moving:

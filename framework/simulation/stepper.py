@@ -38,7 +38,7 @@ class Stepper:
         scheme: str | None = None,
         like: ParallelRobot | None = None,
     ) -> Stepper:
-        """A stepper for one robot (any number of runs) or for a sequence of R robots of one structure.
+        """Make a stepper of one robot (any number of runs) or of a sequence of R robots of one structure.
 
         Args:
             damping: viscous damping of every joint rate, one number, (nv,) or (R, nv) [N m s/rad, N s/m].
@@ -64,7 +64,7 @@ class Stepper:
         return Stepper(stack, scheme)
 
     def start(self, q: ArrayLike, v: ArrayLike | None = None, torque: ArrayLike | None = None) -> State:
-        """The nearest state on which the loops close and massless parts are in balance.
+        """Find the nearest state on which the loops close and massless parts are in balance.
 
         q (nq,) or (R, nq); v of zeros and torque (n_a,) of zeros by default.
 
@@ -81,7 +81,7 @@ class Stepper:
         return State(np.array([state[0] for state in states]), np.array([state[1] for state in states]))
 
     def step(self, q: Array, v: Array, torque: Array, h: float) -> State:
-        """The state h [s] later under torques (n_a,) or (R, n_a) [N m], motor side, held meanwhile.
+        """Return the state h [s] later under torques (n_a,) or (R, n_a) [N m], motor side, held meanwhile.
 
         A run that diverges, or whose equations are singular, comes out as NaN or infinite. A run comes out
         the same to the last bit whatever stack it is in.
@@ -93,7 +93,7 @@ class Stepper:
             return SCHEMES[self.scheme](self.stack, q, v, _applied(self.stack, torque), h)
 
     def platform(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Coordinates x and twist of the platform on its axes, (n,) or (R, n)."""
+        """Compute coordinates x and twist of the platform on its axes, (n,) or (R, n)."""
         if q.ndim == 1:
             x, twist = self.platform(q[None], v[None])
             return x[0], twist[0]
@@ -109,7 +109,7 @@ def _has_massless_motions(equations: EquationsOfMotion) -> bool:
 
 
 def _applied(stack: RobotStack, torque: Array) -> Array:
-    """Generalised forces (R, nv) of the motors."""
+    """Compute generalised forces (R, nv) of the motors."""
     force = np.zeros((len(torque), stack.rotors.shape[1]))
     force[:, stack.actuated] = stack.gear_ratio * torque
     return force

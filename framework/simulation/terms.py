@@ -17,8 +17,9 @@ import pinocchio as pin
 from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frames import FrameMotions, FrameStack, scratch_of
+from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import matmul
 from framework.model.loop_rows import LoopRows
 from framework.simulation.contacts import ContactDynamics
@@ -59,7 +60,7 @@ class RobotStack:
         damping: Array | None = None,
         like: ParallelRobot | None = None,
     ) -> RobotStack:
-        """Stack one robot or several; which loop equations count and which joints idle is found on `like`.
+        """Stack one robot or several; `like` decides which loop equations count and which joints idle.
 
         Raises:
             InvalidInput: no robot, or joints, motors, springs or loops differ; see `EquationsOfMotion.of`.
@@ -95,11 +96,11 @@ class RobotStack:
             rotors=rotors,
             stiffness=stiffness,
             rest=np.array([robot.joint_rest for robot in robots]),
-            damping=np.broadcast_to(given, shape),
+            damping=given + np.array([robot.joint_damping for robot in robots]),
         )
 
     def equations(self, run: int) -> EquationsOfMotion:
-        """The equations of one run; what all robots share is not looked for again."""
+        """Return the equations of one run; what all robots share is not computed again."""
         k = run if len(self.robots) > 1 else 0
         place = self.geometry
         return replace(
@@ -112,7 +113,7 @@ class RobotStack:
         )
 
     def terms(self, q: Array, v: Array) -> Terms:
-        """All terms at q (R, nq) and v (R, nv)."""
+        """Compute all terms at q (R, nq) and v (R, nv)."""
         runs, nv = len(q), v.shape[1]
         mass, tree = np.empty((runs, nv, nv)), np.empty((2, runs, 6, nv))
         bias = np.empty((runs, nv))
@@ -139,7 +140,7 @@ class RobotStack:
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 
     def at_other_velocities(self, at: Terms, q: Array, v: Array) -> Terms:
-        """The terms `at` configurations q (R, nq) for other velocities v (R, nv)."""
+        """Return the terms `at` configurations q (R, nq) for other velocities v (R, nv)."""
         bias, dJ = np.empty_like(at.bias), np.empty_like(at.tree_rate)
         model, data = self.robots[0].model, scratch_of(self.robots[0]).data
         several = len(self.robots) > 1
@@ -152,7 +153,7 @@ class RobotStack:
         return at._replace(bias=bias, tree_rate=dJ)
 
     def drift(self, at: Terms, v: Array) -> Array:
-        """Second derivative (R, m) of the loop equations when joint accelerations are zero."""
+        """Compute the second derivative (R, m) of the loop equations when joint accelerations are zero."""
         frames = at.frames
         moved = frames.carried * v[:, None]  # (R, F, nv)
         both = np.stack([frames.screws, at.tree_rate.swapaxes(1, 2)])
@@ -162,7 +163,7 @@ class RobotStack:
 
 @lru_cache(maxsize=128)
 def _lower_half(size: int) -> tuple[IntArray, IntArray]:
-    """Indices of a matrix below its diagonal."""
+    """Return indices of a matrix below its diagonal."""
     return np.tril_indices(size, -1)
 
 

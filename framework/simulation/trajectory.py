@@ -11,7 +11,9 @@ from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.simulation.collocation_step import Step
+from framework.simulation.collocation import CollocationStep
+
+TIME_ROUNDING = 1e-12  # of the duration: a time that far outside is still inside
 
 
 class Trajectory(Protocol):
@@ -22,7 +24,7 @@ class Trajectory(Protocol):
         """Ends of the steps, (steps + 1,) [s]."""
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
-        """q and v."""
+        """Return q and v."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +32,7 @@ class Polynomials:
     """Collocation steps: their own polynomials, of the degree of their stages; velocities are continuous."""
 
     robot: ParallelRobot
-    steps: tuple[Step, ...]
+    steps: tuple[CollocationStep, ...]
 
     @property
     def edges(self) -> Array:
@@ -73,12 +75,12 @@ class Cubics(ReadOnlyArrays):
 
 
 def _which(edges: Array, t: Array) -> Array:
-    """Index of the step of each time.
+    """Compute the index of the step of each time.
 
     Raises:
         InvalidInput: a time lies outside.
     """
-    slack = 1e-12 * (edges[-1] - edges[0])
+    slack = TIME_ROUNDING * (edges[-1] - edges[0])
     if not np.all((t >= edges[0] - slack) & (t <= edges[-1] + slack)):
         raise InvalidInput(f"time {t!r} is outside the simulation, [{edges[0]:g}, {edges[-1]:g}] s")
     return np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(edges) - 2)

@@ -28,7 +28,7 @@ class Border(NamedTuple):
 
     @staticmethod
     def of(matrix: Array, size: int = 1) -> Border:
-        """The border for matrices near this one (n, n); det G then has the sign of the determinant."""
+        """Return the border for matrices near this one (n, n); det G then has the sign of the determinant."""
         left, _, right = np.linalg.svd(matrix)
         b, c = left[:, -size:].copy(), right[-size:].T
         # for the matrix itself G = -diag(sigma) with this border; det decides which sign it should have
@@ -37,20 +37,20 @@ class Border(NamedTuple):
         return Border(b, c)
 
 
-class Bordered(NamedTuple):
-    """Solution of the bordered system for T matrices."""
+class BorderedSolution(NamedTuple):
+    """Solution of the bordered systems of T matrices."""
 
     eta: Array  # (T, n, size), c' eta = 1; spans the null space where G = 0
     G: Array  # (T, size, size)
 
     @property
     def g(self) -> Array:
-        """det G (T,): the measure of singularity, zero where and only where the matrix is singular."""
+        """Return det G (T,): the measure of singularity, zero where and only where the matrix is singular."""
         return determinant(self.G)
 
 
-def bordered(matrices: Array, border: Border) -> Bordered:
-    """Solve the bordered system for matrices (T, n, n)."""
+def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
+    """Solve the bordered systems of matrices (T, n, n)."""
     count, n = matrices.shape[:2]
     size = border.b.shape[1]
     whole = np.zeros((count, n + size, n + size))
@@ -62,10 +62,10 @@ def bordered(matrices: Array, border: Border) -> Bordered:
     try:
         solution = np.linalg.solve(whole, unit)
     except np.linalg.LinAlgError:  # more null vectors than borders, to the last bit: G is singular there
-        solution = np.array([np.linalg.lstsq(one, unit[0], rcond=None)[0] for one in whole])
-    return Bordered(solution[:, :n], solution[:, n:])
+        solution = np.array([np.linalg.lstsq(system, unit[0], rcond=None)[0] for system in whole])
+    return BorderedSolution(solution[:, :n], solution[:, n:])
 
 
 def determinant(G: Array) -> Array:
-    """det G (T,) of blocks (T, size, size)."""
+    """Compute det G (T,) of blocks (T, size, size)."""
     return G[:, 0, 0] if G.shape[1] == 1 else np.asarray(np.linalg.det(G))

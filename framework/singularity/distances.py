@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.kinematics.inverse_kinematics import System
-from framework.kinematics.loop_matrices import VANISHED
+from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import dimensionless_matrices
-from framework.singularity.classification import singularity_measure
+from framework.singularity.type2 import singularity_measure
+from framework.tolerances import RANK_LOST
 
-LEAST = 1e-30  # in place of a singular value that is zero to the last bit: its inverse is a number
+SINGULAR_VALUE_FLOOR = 1e-30  # instead of a singular value that is zero to the last bit
 
 
 class Distances(NamedTuple):
@@ -49,23 +49,23 @@ class Distances(NamedTuple):
         return np.pi / 2 - self.pressure_angle
 
 
-def singularity_distances(robot: ParallelRobot, system: System) -> Distances:
+def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> Distances:
     """The distances of T assembled configurations of a robot whose platform determines its joints."""
-    A, B, _ = dimensionless_matrices(robot, system)
+    A, B, _ = dimensionless_matrices(robot, linearised)
     if robot.n_a > robot.n:  # least torques: of dq_a = G v, the pseudoinverse
         A, B = np.linalg.pinv(B) @ A, np.broadcast_to(np.eye(robot.n_a), B.shape)
-        sigma_A = np.linalg.svd(dimensionless_matrices(robot, system).A, compute_uv=False)[:, -1]
+        sigma_A = np.linalg.svd(dimensionless_matrices(robot, linearised).A, compute_uv=False)[:, -1]
         left, values, right = np.linalg.svd(A, full_matrices=False)
     else:
         left, values, right = np.linalg.svd(A)
         sigma_A = values[:, -1]
-    inverse = 1.0 / np.maximum(values, LEAST)
+    inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
     moved = left.swapaxes(1, 2) @ B  # (T, n, n_a): what the motors feel of each singular direction
     J = right.swapaxes(1, 2) @ (inverse[:, :, None] * moved)  # (T, n, n_a): v = J dq_a, without dimension
     joint_side = _worst_torques(robot, J, right, values, np.ones(robot.n_a))
     motor_side = _worst_torques(robot, J, right, values, robot.gear_ratio)
     return Distances(
-        g=singularity_measure(robot, system).g,
+        g=singularity_measure(robot, linearised).g,
         sigma_A=np.asarray(sigma_A),
         torque_norm=joint_side[0],
         torque_largest=joint_side[1],
@@ -85,7 +85,8 @@ def _worst_torques(
     # W' v = tau' dq_a: tau = J' W, back in metres and radians
     units = robot.length / (robot.column_scale[robot.actuated] * gear)
     held = J[:, sliding] * units  # (T, translations, n_a)
-    lost = (values < VANISHED) & (np.abs(right[:, :, sliding]).max(axis=2) > VANISHED)  # t_s moves the point
+    moves_point = np.abs(right[:, :, sliding]).max(axis=2) > RANK_LOST
+    lost = (values < RANK_LOST) & moves_point
     norm = np.linalg.svd(held, compute_uv=False)[:, 0]
     largest = np.linalg.norm(held, axis=1).max(axis=1)
     unheld = lost.any(axis=1)
@@ -100,6 +101,6 @@ def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:
     size = np.linalg.norm(J, axis=1, keepdims=True)  # 0 where a motor does not move the platform: Type 1
     unit = J / np.where(size > 0, size, 1.0)
     left, values, right = np.linalg.svd(unit)
-    normals = (right.swapaxes(1, 2) / np.maximum(values, LEAST)[:, None]) @ left.swapaxes(1, 2)
+    normals = (right.swapaxes(1, 2) / np.maximum(values, SINGULAR_VALUE_FLOOR)[:, None]) @ left.swapaxes(1, 2)
     angle = np.arccos(np.minimum(1.0 / np.linalg.norm(normals, axis=2), 1.0))
     return np.where(size[:, 0] > 0, angle, np.nan)

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array
 from framework.motion.chebyshev import coefficients, extrema, nodes
-from framework.singularity.bordered_system import Border, bordered, determinant
-from framework.singularity.panels import PANEL_NODES
+from framework.singularity.bordered_system import Border, determinant, solve_bordered
+from framework.singularity.piecewise_measure import PANEL_NODES
+from framework.tolerances import MEASURE_ROUNDING
 
-ROUNDING = 1e-15  # |g| that is zero at the least: g is the quotient of sums of a dozen numbers of size 1
-HALF_WIDTH = 0.04  # of a panel about an extremum, in s; halved while rounding is not all that is left
-NARROWINGS = 5
-PASSES = 3  # each centres the panel on the extremum found on the last one
-FIRST_STEP = 1e-10  # of the walks away from an extremum, in s; doubled
+PANEL_HALF_WIDTH = 0.04  # of a panel about an extremum, in s; halved while rounding is not all that is left
+MAX_HALVINGS = 5  # of that width
+CENTRING_PASSES = 3  # each centres the panel on the extremum found on the last one
+FIRST_BRACKET_STEP = 1e-10  # of the walks away from an extremum, in s; doubled
 
 
 class Extremum(NamedTuple):
@@ -42,11 +42,11 @@ class Extremum(NamedTuple):
         return abs(self.g) <= self.rounding
 
     def at(self, s: Array) -> Array:
-        """g (T,) at s (T,) in [start, end]."""
+        """Compute g (T,) at s (T,) in [start, end]."""
         return np.asarray(chebyshev.chebval(2 * (s - self.start) / (self.end - self.start) - 1, self.series))
 
     def beyond(self, level: float) -> tuple[float, float]:
-        """The nearest places before and behind at which |g| is above a level; the panel's ends if none is."""
+        """Return the nearest places before and behind at which |g| is above a level, or the panel's ends."""
         before, behind = (self._first(side, lambda g: np.abs(g) > level) for side in (-1, 1))
         return (
             self.start if before is None else before[1],
@@ -64,7 +64,7 @@ class Extremum(NamedTuple):
 
         At most one lies on each side; it is bracketed and bisected, to rounding of g.
         """
-        found = []
+        roots = []
         for side in (-1, 1):
             bracket = self._first(side, lambda g: g * self.g < 0)
             if bracket is not None:
@@ -72,14 +72,14 @@ class Extremum(NamedTuple):
                 while (middle := 0.5 * (inner + outer)) not in (inner, outer):
                     same = self.at(np.array([middle]))[0] * self.g > 0
                     inner, outer = (middle, outer) if same else (inner, middle)
-                found.append(middle)
-        return found
+                roots.append(middle)
+        return roots
 
     def _first(self, side: int, test: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float] | None:
-        """The first step away to this side after which g passes the test: its ends, the inner one first."""
+        """Find the first step to this side after which g passes the test; its ends, the inner one first."""
         limit = self.end if side > 0 else self.start
-        count = int(np.ceil(np.log2(max(abs(limit - self.s) / FIRST_STEP, 1.0)))) + 1
-        away = np.concatenate(([0.0], FIRST_STEP * 2.0 ** np.arange(count)))
+        count = int(np.ceil(np.log2(max(abs(limit - self.s) / FIRST_BRACKET_STEP, 1.0)))) + 1
+        away = np.concatenate(([0.0], FIRST_BRACKET_STEP * 2.0 ** np.arange(count)))
         places = self.s + side * np.minimum(away, abs(limit - self.s))
         k = np.flatnonzero(test(self.at(places[1:])))
         return (float(places[k[0]]), float(places[k[0] + 1])) if len(k) else None
@@ -92,22 +92,22 @@ def extremum_near(
     size: int,
     scalar: Callable[[Array], Array] = determinant,
 ) -> Extremum:
-    """The extremum nearest to s of a scalar (T,) of G (T, size, size); s itself if it turns nowhere near.
+    """Find the extremum nearest to s of a scalar (T,) of G (T, size, size); s itself if there is none.
 
     Args:
         matrices: the matrices (T, n, n) at s (T,), smooth between the `knots`, of which 0 and 1 are two.
     """
     k = int(np.clip(np.searchsorted(knots, s, side="right"), 1, len(knots) - 1))
-    width, narrowings, passes = HALF_WIDTH, 0, 0
+    width, narrowings, passes = PANEL_HALF_WIDTH, 0, 0
     while True:
         # not over a knot, where g is not smooth
         start, end = max(knots[k - 1], s - width), min(knots[k], s + width)
         local = start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
-        here = matrices(np.append(local, s))
-        values = scalar(bordered(here, Border.of(here[-1], size)).G)
+        stack = matrices(np.append(local, s))
+        values = scalar(solve_bordered(stack, Border.of(stack[-1], size)).G)
         series = coefficients(values[:-1, None])[:, 0]
         # a resolved series ends in rounding; one that is not ends in what it lacks
-        rounding = max(float(np.abs(series[-PANEL_NODES // 3 :]).sum()), ROUNDING)
+        rounding = max(float(np.abs(series[-PANEL_NODES // 3 :]).sum()), MEASURE_ROUNDING)
         turning = extrema(series)
         if not len(turning):
             return Extremum(s, float(values[-1]), rounding, start, end, series)
@@ -115,9 +115,9 @@ def extremum_near(
         best = float(turning[np.argmin(np.abs(turning - centre))])
         s = start + 0.5 * (end - start) * (best + 1)
         passes += 1
-        if passes < PASSES:
+        if passes < CENTRING_PASSES:
             continue
-        if rounding > 10 * ROUNDING and narrowings < NARROWINGS:
+        if rounding > 10 * MEASURE_ROUNDING and narrowings < MAX_HALVINGS:
             width, narrowings = 0.5 * width, narrowings + 1
             continue
         return Extremum(s, float(chebyshev.chebval(best, series)), rounding, start, end, series)

@@ -15,30 +15,25 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity
-from framework.kinematics.forward_kinematics import forward_kinematics
-from framework.kinematics.inverse_kinematics import (
-    ClosedStack,
-    assembled_at,
-    close_each,
-    reference_system,
-    require_square,
-)
-from framework.kinematics.joint_limits import positions_beyond_limits
-from framework.kinematics.loop_matrices import mobile_matrix, passive_matrix
+from framework.kinematics.continuation.forward_kinematics import forward_kinematics
+from framework.kinematics.continuation.tracking import follow_path, weakest_leg
+from framework.kinematics.inverse_kinematics import close_each, require_square
+from framework.kinematics.linearised_loops import ClosedStack, assembled_at, linearised_at_reference
+from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tracking import follow_path, weakest_leg
+from framework.kinematics.tree_model import positions_beyond_limits
 from framework.motion.path import Line
-from framework.singularity.classification import singularity_measure, uncontrolled_motion, unit_twist
+from framework.singularity.type2 import singularity_measure, uncontrolled_motion, unit_twist
+from framework.tolerances import NEAR_SINGULAR_RATIO, SINGULAR_RATIO
 
-HALVINGS = 8  # of a way that ends at the limit of a joint: the last 0.4 % of it are not gone
-WAY, TURN = (
-    0.03,
-    0.1,
-)  # [robot lengths], [rad]: how far the platform is moved along t_s to show that it can be
-BESIDE = 1e-8  # [rad, robot lengths] that a motor stops before a Type 2 singularity: on it, no way leads back
-LOOKS = 6  # each ten times as far before the end as the one before
-SHARES = np.linspace(-1.0, 1.0, 9)  # of that way
-NEAR, ON = 0.3, 0.01  # of the reference's smallest singular value: near a singularity, on it
+LIMIT_BISECTIONS = 8  # of a way that ends at the limit of a joint: the last 0.4 % of it are not gone
+# How far the platform is moved along t_s to show that it can be [robot lengths], [rad].
+LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1
+# Where a motor stops before a Type 2 singularity [rad, robot lengths]: on it, no way leads back.
+MOTOR_STOP_DISTANCE = 1e-8
+USUAL_SIZE_FLOOR = 0.01  # singular value: of a reference that is nearly singular itself
+MAX_RETREATS = 6  # each ten times as far before the end as the one before
+LOOSE_SHARES = np.linspace(-1.0, 1.0, 9)  # of that motion along t_s
 
 # What a singularity is called, and what it means.
 CLASSES = {
@@ -71,33 +66,33 @@ class JoggedPose:
 
 
 def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
-    """What there is to know about an assembled configuration q (nq,).
+    """Describe an assembled configuration q (nq,).
 
     Raises:
         InvalidInput: q is not assembled.
     """
-    here = assembled_at(robot, q)
-    x, system = here.x, here.system
+    closed = assembled_at(robot, q)
+    x, linearised = closed.x, closed.linearised
     motors = robot.actuated_coordinates(q[None])[0]
     usual, usual_legs = _usual_sizes(robot)
-    legs = _smallest(mobile_matrix(robot, system)[0])
+    legs = _smallest(type1_matrix(robot, linearised)[0])
     level, kind, verdict = "regular", "", "regular: the motors hold the platform in every direction"
-    if legs < NEAR * usual_legs:
+    if legs < NEAR_SINGULAR_RATIO * usual_legs:
         kind = "type_1"
-        level = "near" if legs > ON * usual_legs else "singular"
+        level = "near" if legs > SINGULAR_RATIO * usual_legs else "singular"
         verdict = (
-            f"{'near' if level == 'near' else 'at'} Type 1: the leg of {weakest_leg(robot, system)} is "
+            f"{'near' if level == 'near' else 'at'} Type 1: the leg of {weakest_leg(robot, linearised)} is "
             f"{'nearly ' if level == 'near' else ''}stretched or folded"
         )
     if not len(robot.following):
         return JoggedPose(q, x[0], motors, None, None, level, kind, verdict, np.zeros(robot.n), stopped)
-    smallest = _smallest(passive_matrix(robot, system)[0])
-    measure = singularity_measure(robot, system)
-    twist = system.platform[0] @ measure.motion[0]
+    smallest = _smallest(passive_matrix(robot, linearised)[0])
+    measure = singularity_measure(robot, linearised)
+    twist = linearised.platform[0] @ measure.motion[0]
     twist = twist / (unit_twist(robot, twist) or 1.0)
-    if smallest < NEAR * usual:
-        level = "near" if smallest > ON * usual else "singular"
-        kind = uncontrolled_motion(robot, system).kind
+    if smallest < NEAR_SINGULAR_RATIO * usual:
+        level = "near" if smallest > SINGULAR_RATIO * usual else "singular"
+        kind = uncontrolled_motion(robot, linearised).kind
         name, meaning = CLASSES[kind]
         verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
     return JoggedPose(q, x[0], motors, float(measure.g[0]), smallest, level, kind, verdict, twist, stopped)
@@ -112,8 +107,8 @@ class LooseMotion(NamedTuple):
     motors: Array  # (n_a,) joint side [rad, m], the most that each motor moves: of second order on the locus
 
 
-def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, way: float = WAY) -> LooseMotion | None:
-    """The motion along t_s that the motors hardly notice; None where the loops do not close all along it.
+def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, way: float = LOOSE_SHIFT) -> LooseMotion | None:
+    """Compute the motion along t_s that the motors hardly notice; None where the loops open on it.
 
     With the motors locked the loops allow it to first order. It is made with the loops closed exactly; then
     the motors move, by the square of what the platform does. `way`: how far the platform goes, in lengths of
@@ -121,18 +116,18 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, way: float = WAY) ->
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
-    size = max(linear / (way * robot.length), angular / (TURN * way / WAY))
+    size = max(linear / (way * robot.length), angular / (LOOSE_TURN * way / LOOSE_SHIFT))
     # rates of the coordinates with v = t_s: coordinates of an attitude turn it on other axes than their own
     unit = np.eye(robot.n)
     of_rates = robot.platform.twist(np.repeat(pose.x[None], robot.n, axis=0), unit)[0].T
     if size == 0 or np.linalg.matrix_rank(of_rates) < robot.n:
         return None
-    x = pose.x + SHARES[:, None] * np.linalg.solve(of_rates, pose.twist / size)
-    found = close_each(robot, x, np.repeat(pose.q[None], len(x), axis=0), farthest=0.5)
-    if not found.closed.all():
+    x = pose.x + LOOSE_SHARES[:, None] * np.linalg.solve(of_rates, pose.twist / size)
+    stack = close_each(robot, x, np.repeat(pose.q[None], len(x), axis=0), farthest=0.5)
+    if not stack.closed.all():
         return None
-    motors = robot.actuated_coordinates(found.q)
-    return LooseMotion(found.q, linear / size, angular / size, np.abs(motors - pose.motors).max(axis=0))
+    motors = robot.actuated_coordinates(stack.q)
+    return LooseMotion(stack.q, linear / size, angular / size, np.abs(motors - pose.motors).max(axis=0))
 
 
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
@@ -174,39 +169,39 @@ def lead_platform(robot: ParallelRobot, q: Array, target: Array) -> JoggedPose:
 
 
 def _within_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], JoggedPose]) -> JoggedPose:
-    """The end of a way from q that `reach` goes, or the last part of it where no joint leaves its limits."""
+    """Return how far `reach` leads from q before a joint leaves its limits."""
     pose = reach(1.0)
     beyond = positions_beyond_limits(robot.limits, pose.q[None])
     if not beyond or positions_beyond_limits(robot.limits, q[None]):
         return pose
-    inside, outside, kept = 0.0, 1.0, pose_at(robot, q)
-    for _ in range(HALVINGS):
+    inside, outside, last = 0.0, 1.0, pose_at(robot, q)
+    for _ in range(LIMIT_BISECTIONS):
         middle = 0.5 * (inside + outside)
-        tried = reach(middle)
-        if positions_beyond_limits(robot.limits, tried.q[None]):
+        pose_there = reach(middle)
+        if positions_beyond_limits(robot.limits, pose_there.q[None]):
             outside = middle
         else:
-            inside, kept = middle, tried
-    told = "; ".join(f"{joint}, {what}" for joint, what in beyond.items())
-    return replace(kept, stopped=f"A joint stops at its limit in the URDF (asked for: {told}).")
+            inside, last = middle, pose_there
+    stops = "; ".join(f"{joint}, {what}" for joint, what in beyond.items())
+    return replace(last, stopped=f"A joint stops at its limit in the URDF (asked for: {stops}).")
 
 
 def _led(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
-    """As far as the working mode goes."""
+    """Lead the platform towards coordinates (n,) as far as the working mode goes."""
     q = start.q[0]
     if np.array_equal(target, start.x[0]):
         return pose_at(robot, q)
     try:
         way = follow_path(robot, Line(start.x[0], target), q)
-        there, system = way.last.q[0], way.last.system
+        end, linearised = way.last.q[0], way.last.linearised
         if way.complete:
-            return pose_at(robot, there)
+            return pose_at(robot, end)
     except NotAssembled:  # on the very edge no way leads on
-        there, system = q, start.system
+        end, linearised = q, start.linearised
     return pose_at(
         robot,
-        there,
-        f"The edge of the workspace: the leg of {weakest_leg(robot, system)} is stretched or folded here "
+        end,
+        f"The edge of the workspace: the leg of {weakest_leg(robot, linearised)} is stretched or folded here "
         f"(Type 1 singularity) and reaches no further in this working mode.",
     )
 
@@ -220,7 +215,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
     start = assembled_at(robot, q)
     _check(index, robot.n_a, value)
     motors = robot.actuated_coordinates(start.q)[0]
-    beside = BESIDE * robot.column_scale[robot.actuated[index]]
+    beside = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
 
     def to(angle: float) -> Array:
         target = motors.copy()
@@ -230,7 +225,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
     def short_of(free: float, side: float) -> Array:
         """The joints just before the end of a way that is free, or before what a nearer look finds there."""
         back = beside
-        for _ in range(LOOKS):
+        for _ in range(MAX_RETREATS):
             free, back = free - back, 10.0 * back
             if free <= 0.0:
                 break
@@ -266,7 +261,7 @@ def _smallest(matrix: Array) -> float:
 
 
 def _usual_sizes(robot: ParallelRobot) -> tuple[float, float]:
-    """Smallest singular values at the reference, of P and of the legs: what is small is judged by them."""
-    system = reference_system(robot)
-    legs, passive = mobile_matrix(robot, system)[0], passive_matrix(robot, system)[0]
-    return max(_smallest(passive), 0.01), max(_smallest(legs), 0.01)
+    """Return the smallest singular values of P and of the legs at the reference, to judge others by."""
+    linearised = linearised_at_reference(robot)
+    legs, passive = type1_matrix(robot, linearised)[0], passive_matrix(robot, linearised)[0]
+    return max(_smallest(passive), USUAL_SIZE_FLOOR), max(_smallest(legs), USUAL_SIZE_FLOOR)

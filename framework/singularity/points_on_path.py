@@ -10,26 +10,33 @@ import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput, NotConverged, Type1Singularity, point
-from framework.kinematics.branch import Branch, with_continuation
 from framework.kinematics.closures import loop_equations, scaled
-from framework.kinematics.inverse_kinematics import System, system_at
-from framework.kinematics.loop_matrices import VANISHED, measured_matrix, mobile_matrix
+from framework.kinematics.continuation.branch import Branch, with_continuation
+from framework.kinematics.continuation.tracking import escaping, track_path, weakest_leg
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tracking import escaping, track_path, weakest_leg
 from framework.motion.path import Path
-from framework.singularity.classification import sign_along, uncontrolled_motion
-from framework.singularity.panels import NARROWEST, Measured, Panel, Samples, Unresolved, candidates, panels
+from framework.singularity.piecewise_measure import (
+    Measured,
+    Panel,
+    Samples,
+    Unresolved,
+    candidates,
+    panels,
+)
 from framework.singularity.rank_deficiency import (
-    CLOSE,
     Contact,
     NearMiss,
     block_slopes,
     contacts,
     near_misses,
 )
-from framework.singularity.root_of_g import STENCIL, slope_of_g, stencil
+from framework.singularity.root_of_g import slope_of_g, stencil
+from framework.singularity.type2 import sign_along, uncontrolled_motion
+from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST, VANISH_TOGETHER
 
-MOST_CONTINUATIONS = 16
+MAX_CONTINUATIONS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +92,15 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     if not len(robot.following):  # every joint has a motor: locked, nothing moves
         return SearchedPath(branch, ())
     power = 1 if len(robot.loops.names) == len(robot.following) else 2
-    passive = Measured(continued, partial(measured_matrix, robot), power)
+    passive = Measured(continued, partial(type2_matrix, robot), power)
     try:
         resolved = panels(samples, passive)
-        found = contacts(passive, resolved)
-        missed = near_misses(passive, resolved, found)
+        ranks_lost = contacts(passive, resolved)
+        misses = near_misses(passive, resolved, ranks_lost)
     except Unresolved as unresolved:
         raise _too_near(passive, unresolved) from None
-    return SearchedPath(branch, tuple(_singular_point(passive, contact) for contact in found), tuple(missed))
+    points = tuple(_singular_point(passive, contact) for contact in ranks_lost)
+    return SearchedPath(branch, points, tuple(misses))
 
 
 def check_of(robot: ParallelRobot, path: Path, branch: Branch) -> None:
@@ -106,7 +114,7 @@ def check_of(robot: ParallelRobot, path: Path, branch: Branch) -> None:
 def locate_singularities(
     robot: ParallelRobot, path: Path, *, branch: Branch | None = None
 ) -> tuple[SingularPoint, ...]:
-    """All singular points on the path, ascending in s, each to rounding.
+    """Find all singular points on the path, ascending in s, each to rounding.
 
     Args:
         branch: the path as followed by `track_path`, if at hand.
@@ -122,18 +130,18 @@ def locate_singularities(
 
 
 def _continued(branch: Branch) -> tuple[Samples, Measured, list[Panel] | Unresolved]:
-    """The branch with a continuation wherever the inverse kinematics is singular and the branch yet smooth.
+    """Continue the branch wherever the inverse kinematics is singular and the branch yet smooth.
 
-    With it the matrix of the inverse kinematics and its panels, or where it cannot be resolved.
+    Returned with the matrix of the inverse kinematics and its panels, or where it cannot be resolved.
     """
-    for _ in range(MOST_CONTINUATIONS):
-        samples, mobile = Samples(branch, {}), Measured(branch, partial(mobile_matrix, branch.robot))
-        found: list[Panel] | Unresolved
+    for _ in range(MAX_CONTINUATIONS):
+        samples, mobile = Samples(branch, {}), Measured(branch, partial(type1_matrix, branch.robot))
+        resolved: list[Panel] | Unresolved
         try:
-            found = panels(samples, mobile)
-            places = [s for _, s, _ in candidates(found)]
+            resolved = panels(samples, mobile)
+            places = [s for _, s, _ in candidates(resolved)]
         except Unresolved as unresolved:
-            found, places = unresolved, [unresolved.s]
+            resolved, places = unresolved, [unresolved.s]
         continuations = (
             with_continuation(branch, s) for s in places if not branch.continued(np.array([s]))[0]
         )
@@ -141,35 +149,35 @@ def _continued(branch: Branch) -> tuple[Samples, Measured, list[Panel] | Unresol
         if wider is None:
             break
         branch = wider
-    return samples, mobile, found
+    return samples, mobile, resolved
 
 
 def _weakest_place(mobile: Measured, s: float) -> float:
-    """Where near s the matrix is nearest to singular: at a knot of the branch, or to three digits.
+    """Find where near s the matrix is nearest to singular: at a knot of the branch, or to three digits.
 
     A knot on the very singularity, with whatever branch it fell on, spoils the guesses up to the next ones.
     """
     branch = mobile.branch
     k = int(np.searchsorted(branch.s, s))
-    near = branch.s[np.abs(branch.s - s) < 10 * NARROWEST]
+    near = branch.s[np.abs(branch.s - s) < 10 * MIN_PANEL_WIDTH]
     places = np.concatenate([near, branch.s[max(k - 1, 0) : k + 1], [round(s, 3)]])
-    system = system_at(branch.robot, branch.guess(places), branch.path(places))
-    return float(places[np.argmin(np.linalg.svd(mobile.matrix(system), compute_uv=False)[:, -1])])
+    linearised = linearised_at(branch.robot, branch.guess(places), branch.path(places))
+    return float(places[np.argmin(np.linalg.svd(mobile.matrix(linearised), compute_uv=False)[:, -1])])
 
 
 def _too_near(passive: Measured, unresolved: Unresolved) -> Exception:
-    """What to raise where g does not resolve: several motions that escape together, if it is that."""
+    """Return what to raise where g does not resolve: several motions that escape together, if it is that."""
     branch, s = passive.branch, unresolved.s
-    system = system_at(branch.robot, branch.guess(np.array([s])), branch.path(np.array([s])))
-    values = np.linalg.svd(passive.matrix(system)[0], compute_uv=False)
-    count = int(np.sum(values < CLOSE**passive.power))
+    linearised = linearised_at(branch.robot, branch.guess(np.array([s])), branch.path(np.array([s])))
+    values = np.linalg.svd(passive.matrix(linearised)[0], compute_uv=False)
+    count = int(np.sum(values < VANISH_TOGETHER**passive.power))
     if count < 2:
         return unresolved
     what = "the path passes a singularity, or so near to one that it cannot be told from it"
     return escaping(branch.robot, s, branch.path(s), count, what)
 
 
-def _check_dropped_rows(branch: Branch, s: float, system: System) -> None:
+def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -> None:
     """Raise NotConverged if the loops keep their rank at s and only the rows chosen at the reference lose it.
 
     An overconstrained robot repeats its loop equations in proportions that change as it moves; the rows
@@ -177,18 +185,18 @@ def _check_dropped_rows(branch: Branch, s: float, system: System) -> None:
     """
     robot = branch.robot
     columns = robot.moving
-    whole = scaled(robot, loop_equations(robot.rows, system.frames).jacobian, robot.rows.rotation)[0][
+    whole = scaled(robot, loop_equations(robot.rows, linearised.frames).jacobian, robot.rows.rotation)[0][
         :, columns
     ]
-    kept = scaled(robot, system.closures, robot.loops.rotation)[0][:, columns]
-    every, chosen = (np.linalg.svd(part, compute_uv=False) for part in (whole, kept))
-    if np.sum(chosen > VANISHED) < np.sum(every > VANISHED):
+    independent = scaled(robot, linearised.closures, robot.loops.rotation)[0][:, columns]
+    all_values, values = (np.linalg.svd(part, compute_uv=False) for part in (whole, independent))
+    if np.sum(values > RANK_LOST) < np.sum(all_values > RANK_LOST):
         dropped = sorted(set(robot.rows.names) - set(robot.loops.names))
         raise NotConverged(
             f"{robot.name}: the loops are sound at s = {s:.6g}, but the loop equations that were dropped as "
             f"redundant at the reference ({', '.join(dropped)}) are needed there; give a reference nearer to "
             f"this place",
-            residual=float(chosen[-1]),
+            residual=float(values[-1]),
         )
 
 
@@ -196,14 +204,15 @@ def _is_type_1(mobile: Measured, s: float) -> bool:
     """Whether the platform stops following the joints at s; not that joints stop following the platform,
     as they do where they move without it."""
     robot, branch = mobile.branch.robot, mobile.branch
-    system = branch.closed(s).system
-    _check_dropped_rows(branch, s, system)
-    followed = float(np.linalg.svd(mobile.matrix(system)[0], compute_uv=False)[-1])
-    values = np.linalg.svd(measured_matrix(robot, system)[0], compute_uv=False)
+    linearised = branch.closed(s).linearised
+    _check_dropped_rows(branch, s, linearised)
+    followed = float(np.linalg.svd(mobile.matrix(linearised)[0], compute_uv=False)[-1])
+    values = np.linalg.svd(type2_matrix(robot, linearised)[0], compute_uv=False)
     smallest = values.min(initial=np.inf)
     # where joints move without the platform, both matrices lose rank together
     return (
-        bool(smallest > max(VANISHED, 1e2 * followed)) or uncontrolled_motion(robot, system).kind == "type_2"
+        bool(smallest > max(RANK_LOST, 1e2 * followed))
+        or uncontrolled_motion(robot, linearised).kind == "type_2"
     )
 
 
@@ -211,13 +220,13 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     branch, s = passive.branch, contact.s
     robot, at = branch.robot, stencil(s)
     closed = branch.closed(at)
-    here = closed.system.at(1)
-    _check_dropped_rows(branch, s, here)
-    uncontrolled = uncontrolled_motion(robot, here)
+    linearised = closed.linearised.at(1)
+    _check_dropped_rows(branch, s, linearised)
+    uncontrolled = uncontrolled_motion(robot, linearised)
     along = sign_along(uncontrolled.twist, robot.platform.path_twist(branch.path, s))
-    P = passive.matrix(closed.system)
+    P = passive.matrix(closed.linearised)
     if uncontrolled.corank > 1:
-        slopes = block_slopes(passive.at, s, uncontrolled.corank, STENCIL)[1]
+        slopes = block_slopes(passive.at, s, uncontrolled.corank)[1]
         slope = np.linalg.svd(slopes, compute_uv=False)[-1]
     else:
         _, slope, beyond = slope_of_g(P, at)
@@ -240,7 +249,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
 def _type_1(branch: Branch, s: float) -> Type1Singularity:
     robot = branch.robot
     x = branch.path(s)
-    joint = weakest_leg(robot, system_at(robot, branch.guess(np.array([s])), x[None]))
+    joint = weakest_leg(robot, linearised_at(robot, branch.guess(np.array([s])), x[None]))
     return Type1Singularity(
         f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, "
         f"{', '.join(robot.axis_names)} = {point(x)}: the leg of {joint} is stretched or folded there",

@@ -14,13 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.singularity.bordered_system import Border, bordered
+from framework.singularity.bordered_system import Border, solve_bordered
+from framework.tolerances import ROOT_STEP
 
 STENCIL = 1e-4  # half the width of the central difference, as a share of the interval of p
-# The slope is known to the square of the stencil: after a step this small, as a share of the interval, the
-# next one would be rounding.
-LAST_STEP = 1e-8
-ITERATIONS = 20
+MAX_ITERATIONS = 20
 
 
 class Slope(NamedTuple):
@@ -40,14 +38,14 @@ class Root(NamedTuple):
 
 
 def stencil(place: float, low: float = 0.0, high: float = 1.0) -> Array:
-    """The places (3,) about p between which the slope is taken; at an end of [low, high] on one side."""
+    """Return the places (3,) about p for the slope; at an end of [low, high] on one side."""
     half = STENCIL * (high - low)
     return np.clip([place - half, place, place + half], low, high)
 
 
 def slope_of_g(matrices: Array, at: Array, size: int = 1) -> Slope:
-    """g and dg/dp from matrices (3, n, n) at the places (3,) of a `stencil`, the border of width `size`."""
-    g = bordered(matrices, Border.of(matrices[1], size)).g
+    """Compute g and dg/dp from matrices (3, n, n) at places (3,) of a `stencil`, the border `size` wide."""
+    g = solve_bordered(matrices, Border.of(matrices[1], size)).g
     return Slope(float(g[1]), float((g[2] - g[0]) / (at[2] - at[0])), float(g[2]))
 
 
@@ -60,7 +58,7 @@ def root_of_g(
     size: int = 1,
     longest: float = np.inf,
 ) -> Root:
-    """The root of g near `start`, within [low, high].
+    """Find the root of g near `start`, within [low, high].
 
     Args:
         matrices: the matrices (3, n, n) at three values (3,) of p.
@@ -68,13 +66,13 @@ def root_of_g(
         longest: a Newton step beyond this leads away from the root sought, and none is found.
     """
     place, depth = start, np.inf
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         at = stencil(place, low, high)
         depth, slope, _ = slope_of_g(matrices(at), at, size)
         step = -depth / slope if slope else np.inf
         if not abs(step) < longest:
             break
         place = float(np.clip(place + step, low, high))
-        if abs(step) < LAST_STEP * (high - low):
+        if abs(step) < ROOT_STEP * (high - low):
             return Root(place, 0.0, True)
     return Root(place, depth, False)

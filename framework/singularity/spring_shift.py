@@ -10,20 +10,20 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
+from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.loop_matrices import measured_matrix
+from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tracking import Branch
-from framework.singularity.bordered_system import Border, bordered
+from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
 
-STEP = 1e-5  # of s, rad, robot lengths, for differences
-NOTHING = 1e-14  # of s that one such step may move the point by rounding alone
+DIFFERENCE_STEP = 1e-5  # of s, rad, robot lengths, for differences
+SHIFT_ROUNDING = 1e-14  # of s that one such step may move the point by rounding alone
 
 
 def spring_shift(branch: Branch, point: SingularPoint) -> Array:
-    """ds/dq_e (n_e,) [1/m] or [1/rad] of a singular point on the path followed by `branch`, springs at rest.
+    """Compute ds/dq_e (n_e,) [1/m] or [1/rad] of a singular point on a path, springs at rest.
 
     NaN where several motions escape at once, or where the path touches the locus without crossing it: small
     deflections do not move such a point, they split it or make it vanish.
@@ -31,19 +31,19 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
     robot, path = branch.robot, branch.path
     if not robot.n_e or point.corank > 1 or point.contact != "transversal":
         return np.full(robot.n_e, np.nan)
-    steps = STEP * np.where(_slides(robot), robot.length, 1.0)  # (n_e,)
+    steps = DIFFERENCE_STEP * np.where(_slides(robot), robot.length, 1.0)  # (n_e,)
     deflections = np.vstack([np.diag(steps), -np.diag(steps), np.zeros((2, robot.n_e))])
-    ends = np.clip([point.s + STEP, point.s - STEP], 0.0, 1.0)
+    ends = np.clip([point.s + DIFFERENCE_STEP, point.s - DIFFERENCE_STEP], 0.0, 1.0)
     s = np.append(np.full(2 * robot.n_e, point.s), ends)
     motion = np.zeros((len(s), robot.model.nv))
     motion[:, robot.elastic] = deflections
     guess = integrate(robot, branch.guess(s), motion)
-    matrices = measured_matrix(robot, close_loops(robot, path(s), guess).system)
-    g = bordered(matrices, Border.of(matrices[-1])).g
+    matrices = type2_matrix(robot, close_loops(robot, path(s), guess).linearised)
+    g = solve_bordered(matrices, Border.of(matrices[-1])).g
     by_deflection = (g[: robot.n_e] - g[robot.n_e : -2]) / (2 * steps)
     by_path = (g[-2] - g[-1]) / (ends[0] - ends[1])
     shift = -by_deflection / by_path
-    return np.where(np.abs(shift * steps) < NOTHING, 0.0, shift)
+    return np.where(np.abs(shift * steps) < SHIFT_ROUNDING, 0.0, shift)
 
 
 def _slides(robot: ParallelRobot) -> Array:

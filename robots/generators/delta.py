@@ -49,7 +49,9 @@ Units: m, kg, rad. z points up, the motor axes lie in the plane z = 0. Leg i sta
 at 0 its arm points outward, and a positive angle lowers it. Each forearm is two rods, a and b, on universal
 joints (two revolutes: about the motor's axis, then sideways) with balls at the platform; at 0 they hang down.
 A URDF is a tree: rod 1a carries the platform on a ball of three revolutes, the other five rods are closed
-on it in delta.yaml. Nothing but the six rods keeps the platform level.
+on it in delta.yaml. Of a level platform the middle one leans as the rod does, and is at a right angle, where
+three revolutes lose a freedom, only with the parallelogram flat. Nothing but the six rods keeps the platform
+level.
 -->
 <robot name="delta">
   <material name="frame"><color rgba="0.25 0.27 0.30 1"/></material>
@@ -121,11 +123,11 @@ def _platform() -> list[Element | str]:
     centre = origin((-PLATFORM, -0.5 * WIDTH, 0))
     parts: list[Element | str] = [
         "  <!-- The platform, on the ball of rod 1a. -->",
-        _passive("ball_x", "tip_1a", "ball_1", "1 0 0"),
+        _passive("ball_z", "tip_1a", "ball_1", "0 0 1"),
         link("ball_1"),
-        _passive("ball_y", "ball_1", "ball_2", "0 1 0"),
+        _passive("ball_x", "ball_1", "ball_2", "1 0 0"),
         link("ball_2"),
-        _passive("ball_z", "ball_2", "platform_1a", "0 0 1"),
+        _passive("ball_y", "ball_2", "platform_1a", "0 1 0"),
         link("platform_1a"),
         joint("platform_centre", "fixed", "platform_1a", "platform", centre),
         link(

@@ -9,7 +9,14 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from framework.atlas.design_study import Task, design_study, designs_of, studied, study_setup, write_study
+from framework.atlas.design_study import (
+    StudyTask,
+    design_study,
+    designs_of,
+    studied,
+    study_setup,
+    write_study,
+)
 from framework.cli import main
 from framework.parallel.kept import KeptChunks
 from framework.show.design_study import plot_study
@@ -24,7 +31,9 @@ def lens(radius):
 @pytest.fixture(scope="module")
 def given(tmp_path_factory):
     file = parametric_five_bar(tmp_path_factory.mktemp("named"))
-    task = Task(str(file), ("l1", "l2"), "rigid", ("x", "y"), (-0.36, 0.36, -0.56, 0.56), 17, ("g", "torque"))
+    task = StudyTask(
+        str(file), ("l1", "l2"), "rigid", ("x", "y"), (-0.36, 0.36, -0.56, 0.56), 17, ("g", "torque")
+    )
     return task, designs_of(file)
 
 

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 import robots
 from framework import InvalidInput, assemble
 from framework.atlas.nearest import nearest_singular_pose
-from framework.kinematics.inverse_kinematics import assembled_at
+from framework.kinematics.linearised_loops import assembled_at
 from framework.singularity.distances import singularity_distances
 from tests.oracles import five_bar_pose
 
@@ -40,7 +40,7 @@ def least_distance(x):
 @pytest.mark.parametrize("x", [(0.1, 0.345), pytest.param((0.02, 0.15), marks=pytest.mark.slow)])
 def test_the_nearest_singular_pose_of_the_5r_is_that_of_its_curve(x):
     robot = robots.load("five_bar")
-    found = nearest_singular_pose(robot, assemble(robot, x), most=FEW)
+    found = nearest_singular_pose(robot, assemble(robot, x), max_cells=FEW)
     expected = least_distance(np.array(x))
     # the curve turns from the circle about x by the square of what a ray misses: half a ray's angle at most
     assert found.distance <= expected
@@ -61,9 +61,9 @@ SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("delta", "orthog
 @pytest.mark.parametrize("name", ["three_rpr", *SLOW])
 def test_what_is_found_is_singular_and_lies_across_the_locus(name):
     robot = robots.load(name)
-    found = nearest_singular_pose(robot, robot.reference, most=FEW)
+    found = nearest_singular_pose(robot, robot.reference, max_cells=FEW)
     assert 0 < found.at_least <= found.distance
-    assert singularity_distances(robot, assembled_at(robot, found.q).system).sigma_A[0] < 1e-7
+    assert singularity_distances(robot, assembled_at(robot, found.q).linearised).sigma_A[0] < 1e-7
     scale = np.where(robot.translations, 1.0 if robot.translations.all() else robot.length, 1.0)
     assert np.linalg.norm((found.x - robot.reference.x) / scale) == pytest.approx(found.distance, rel=1e-12)
 
@@ -71,7 +71,7 @@ def test_what_is_found_is_singular_and_lies_across_the_locus(name):
 def test_nothing_found_is_told_apart_from_nothing_there():
     robot = robots.load("five_bar")
     at = assemble(robot, [0.1, 0.345])
-    far = nearest_singular_pose(robot, at, within=0.05, most=FEW)
+    far = nearest_singular_pose(robot, at, within=0.05, max_cells=FEW)
     assert (far.x, far.distance) == (None, np.inf)
     assert "none found within 0.05 m" in far.status
     near = nearest_singular_pose(robot, at, within=0.04)

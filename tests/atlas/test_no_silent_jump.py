@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework.atlas.sweep import PARTS, Reason, stepped
+from framework.atlas.sweep import STEP_PARTS, PoseReason, stepped
 from framework.atlas.workspace_map import surveyed, workspace_map
 
 CATALOGUE = (
@@ -20,7 +20,7 @@ def pairs(found):
     robot, x, q, reached = found.robot, found.window.points(), found.q, found.reached
     for one, other in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
         both = reached[one] & reached[other]
-        yield q[other][both], stepped(robot, q[one][both], x[one][both], x[other][both], PARTS)
+        yield q[other][both], stepped(robot, q[one][both], x[one][both], x[other][both], STEP_PARTS)
 
 
 def turns_apart(robot, one, two):
@@ -40,7 +40,7 @@ def test_a_step_between_neighbours_leads_from_the_one_to_the_other(name, size):
     found = workspace_map(robot, window, ["g"])
     asked = refused = 0
     for expected, step in pairs(found):
-        told = step.reason == Reason.REACHED
+        told = step.reason == PoseReason.REACHED
         asked, refused = asked + len(told), refused + int(np.sum(~told))
         assert turns_apart(robot, expected[told], step.q[told]).max() < 1e-5
     assert asked > size**2 / 2

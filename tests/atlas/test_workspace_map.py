@@ -13,16 +13,17 @@ import robots
 from framework import InvalidInput
 from framework.atlas.map_files import map_document, setup_document, write_map
 from framework.atlas.quantities import chosen
-from framework.atlas.sweep import Reason, stepped
+from framework.atlas.sweep import PoseReason, stepped
 from framework.atlas.window import Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import surveyed, workspace_map
-from framework.dynamics.loading import LOAD_WORDS, LoadReason
-from framework.kinematics.inverse_kinematics import mode_signs, system_at
-from framework.kinematics.tracking import assemble
+from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.modes import mode_signs
+from framework.locus.traced_locus import TracedLocus
 from framework.parallel.kept import KeptChunks
 from framework.show.map import NOT_TRACED, plot_map
 from framework.show.map_page import map_page
-from framework.singularity.traced_locus import TracedLocus
+from framework.statics.loading import LOAD_WORDS, LoadReason
 from tests.oracles import five_bar_pose
 
 KEYS = ("g", "conditioning", "torque", "stiffness", "frequency")
@@ -95,7 +96,7 @@ def test_a_window_much_smaller_than_the_robot_has_a_smooth_locus():
 
 def test_a_sign_of_g_that_no_curve_explains_is_told(monkeypatch):
     robot = robots.load("five_bar")
-    module = "framework.atlas.locus_on_map"
+    module = "framework.locus.locus_on_map"
     monkeypatch.setattr(f"{module}.trace_locus", lambda *given, **more: TracedLocus(robot, ("x", "y"), (), 0))
     found = workspace_map(robot, window(robot, 13), ["g"])
     assert len(found.locus.unexplained) == found.locus.sign_changes > 0
@@ -121,7 +122,7 @@ def test_a_pose_of_a_map_is_the_one_that_tracking_reaches(name):
     assert places
     for i, j in places:
         x = found.window.points()[i, j]
-        one, two = (system_at(robot, q[None], x[None]) for q in (found.q[i, j], assemble(robot, x).q))
+        one, two = (linearised_at(robot, q[None], x[None]) for q in (found.q[i, j], assemble(robot, x).q))
         np.testing.assert_allclose(one.frames.position, two.frames.position, rtol=0, atol=1e-8 * robot.length)
         assert mode_signs(robot, one)[1] == mode_signs(robot, two)[1] == found.assembly[i, j]
 
@@ -131,7 +132,7 @@ def test_no_step_goes_through_a_folded_leg():
     robot = robots.load("five_bar")
     start, end = np.array([[-0.2, 0.03]]), np.array([[-0.2, -0.03]])
     step = stepped(robot, assemble(robot, start[0]).q[None], start, end)
-    assert step.reason[0] in (Reason.OPEN, Reason.OTHER_MODE)
+    assert step.reason[0] in (PoseReason.OPEN, PoseReason.OTHER_MODE)
 
 
 def test_a_map_does_not_depend_on_the_executor(tmp_path):

@@ -16,7 +16,9 @@ import numpy as np
 
 import robots
 from framework import CrossingPlan, plan_scene
-from framework.chart.integrators import (
+from framework.errors import NotConverged
+from framework.kinematics.frames import frames_at
+from tests.benchmarks.chart.integrators import (
     Case,
     Prepared,
     collocation,
@@ -24,8 +26,6 @@ from framework.chart.integrators import (
     explicit,
     fixed_steps,
 )
-from framework.errors import NotConverged
-from framework.kinematics.frames import frames_at
 
 
 class Method(NamedTuple):

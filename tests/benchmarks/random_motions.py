@@ -30,8 +30,8 @@ import robots
 from framework import ParallelRobot, track_path
 from framework.errors import NoAnswer
 from framework.kinematics.frames import integrate
-from framework.kinematics.inverse_kinematics import system_at
-from framework.kinematics.loop_matrices import mobile_matrix
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.loop_matrices import type1_matrix
 from framework.linalg.ordered_sums import solve
 
 SMALL_STEPS = (64, 1024, 16384)  # the finer ones where the others do not agree
@@ -89,7 +89,7 @@ class Evidence(NamedTuple):
 def random_motions(robot: ParallelRobot, count: int, seed: int = 0) -> Iterator[Motion]:
     """Straight and curved by turns; half of them begin at the reference."""
     rng = np.random.default_rng(seed)
-    size = np.where(robot.translations, robot.length, 1.0)
+    size = robot.platform_scale
     for k in range(count):
         reach = rng.uniform(0.02, FARTHEST) * size
         start = robot.reference.x + (k // 2 % 2) * 0.5 * reach * rng.uniform(-1, 1, robot.n)
@@ -186,8 +186,8 @@ def in_small_steps(robot: ParallelRobot, courses: np.ndarray, closings: int = 2)
     moved = np.zeros((len(q), robot.model.nv))
     for k in range(courses.shape[1]):
         for _ in range(closings):
-            system = system_at(robot, q, courses[:, k])
-            moved[:, robot.moving] = -solve(system.jacobian[:, :, robot.moving], system.residual)
+            linearised = linearised_at(robot, q, courses[:, k])
+            moved[:, robot.moving] = -solve(linearised.jacobian[:, :, robot.moving], linearised.residual)
             q = integrate(robot, q, moved)
             if np.abs(moved / robot.column_scale).max() < CLOSED:
                 break
@@ -197,7 +197,7 @@ def in_small_steps(robot: ParallelRobot, courses: np.ndarray, closings: int = 2)
 
 def _least(robot: ParallelRobot, q: np.ndarray) -> np.ndarray:
     """Least singular values (T,) of the equations along the joints that move, without dimension."""
-    return np.linalg.svd(mobile_matrix(robot, system_at(robot, q, None)), compute_uv=False)[:, -1]
+    return np.linalg.svd(type1_matrix(robot, linearised_at(robot, q, None)), compute_uv=False)[:, -1]
 
 
 def main() -> None:

@@ -21,11 +21,12 @@ import numpy as np
 import robots
 from framework import ParallelRobot
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.forward_kinematics import motors_are_free
+from framework.kinematics.continuation.forward_kinematics import motors_are_free
+from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 from framework.kinematics.frames import frames_at
-from framework.kinematics.inverse_kinematics import close_each, system_at
-from framework.kinematics.loop_matrices import mobile_matrix
-from framework.kinematics.pose_stack import forward_kinematics_stack
+from framework.kinematics.inverse_kinematics import close_each
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.loop_matrices import type1_matrix
 
 FARTHEST = 0.15  # [rad, robot lengths] of the motor that turns most; the least is 0.1
 SMALL_STEPS = 64
@@ -60,7 +61,7 @@ def evidence(robot: ParallelRobot, poses: int, *, seed: int = 0) -> Evidence:
     rows = robot.rows
     gaps = loop_equations(rows, frames_at(robot, q)).residual / np.where(rows.rotation, 1.0, robot.length)
     # where a leg is nearly stretched the next working mode is as near as the least singular value is small
-    legs = mobile_matrix(robot, system_at(robot, q, found.x[there]))
+    legs = type1_matrix(robot, linearised_at(robot, q, found.x[there]))
     legs = np.linalg.svd(legs, compute_uv=False)[:, -1]
     aside = np.minimum(ASIDE, 0.1 * legs)[:, None] * rng.uniform(-1, 1, q.shape)
     again = close_each(robot, found.x[there], q + aside * scale)

@@ -19,7 +19,7 @@ import pytest
 from framework import Law, ParallelRobot, inverse_dynamics
 from framework.crossing.scenes import scene_path
 from framework.dynamics.elasticity import solve_deflections
-from framework.kinematics.tracking import track_path
+from framework.kinematics.continuation.tracking import track_path
 from framework.motion.chebyshev import TimeGrid
 from robots.generators import n_four_bar as generator
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework.show.maps import plot_work_precision
+from framework.show.locus_figures import plot_work_precision
 from framework.show.plots import save
 from framework.simulation import Stepper
 from tests.benchmarks.integration_methods import Method, methods

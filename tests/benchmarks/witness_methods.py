@@ -15,7 +15,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from framework.chart.peers.five_bar import FiveBar
+from tests.benchmarks.chart.peers.five_bar import FiveBar
 from tests.witness.plans import DURATION, plan_of
 
 Method = Callable[[float], tuple[float, float]]
@@ -43,12 +43,12 @@ def methods(name: str, flexibility: str) -> dict[str, Method]:
 
     found: dict[str, Method] = {}
     if find_spec("exudyn"):
-        from framework.chart.peers.exudyn_five_bar import simulate
+        from tests.benchmarks.chart.peers.exudyn_five_bar import simulate
 
         found["Exudyn, generalised alpha"] = method(simulate)
         found["Exudyn, trapezoidal, index 2"] = method(simulate, solver="TrapezoidalIndex2")
     if find_spec("mujoco"):
-        from framework.chart.peers import mujoco_forward
+        from tests.benchmarks.chart.peers import mujoco_forward
 
         light = robot.link_mass == 0 and robot.drive_stiffness is not None
         for integrator, ratio in MASS_PER_STEP.items():

@@ -11,7 +11,7 @@ import robots
 from framework import ParallelRobot
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at
-from framework.kinematics.inverse_kinematics import assembled_at
+from framework.kinematics.linearised_loops import assembled_at
 from framework.show.jogging import move_by_hand
 from framework.show.page import hand_page
 from framework.show.server import PageServer

@@ -10,10 +10,11 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.control.closed_loop import ControlLoop, run_closed_loop
+from framework.control.closed_loop import run_closed_loop
 from framework.control.controllers import CONTROLLERS, tuned_controller
 from framework.control.estimation import Measurement, RobotState
 from framework.control.reference import reference_of
+from framework.control.run_monitor import ControlLoop
 from framework.control.variation import Spread, draw, varied
 from framework.kinematics.frames import integrate
 from framework.simulation import Stepper

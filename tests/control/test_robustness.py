@@ -15,10 +15,11 @@ import robots
 from framework import InvalidInput, plan_scene
 from framework.cli import main
 from framework.control import study as study_module
-from framework.control.closed_loop import ControlLoop, run_closed_loop
+from framework.control.closed_loop import run_closed_loop
 from framework.control.controllers import tuned_controller
 from framework.control.feedforward import FeedforwardPD
 from framework.control.reference import reference_of
+from framework.control.run_monitor import ControlLoop
 from framework.control.study import run_chunk, run_study
 from framework.control.study_setup import load_study
 from framework.control.variation import Spread, Variation, draw, varied
@@ -120,7 +121,7 @@ def test_a_run_does_not_depend_on_its_neighbours():
 
 @pytest.mark.slow
 def test_a_study_does_not_depend_on_the_executor(monkeypatch):
-    monkeypatch.setattr(study_module, "CHUNK", 2)
+    monkeypatch.setattr(study_module, "RUNS_PER_CHUNK", 2)
     spread = Spread(payload=0.05, friction=0.05, places=1e-5, noise=1e-6, speed_noise=1e-4)
     one = controller("feedforward", period=5e-3)
     done = []
@@ -295,7 +296,7 @@ def computed(monkeypatch, stop_after=None):
         numbers.extend(chunk)
         return whole(controller, loop, spread, seed, chunk, *rest)
 
-    monkeypatch.setattr(study_module, "CHUNK", 2)
+    monkeypatch.setattr(study_module, "RUNS_PER_CHUNK", 2)
     monkeypatch.setattr(study_module, "run_chunk", counting)
     return numbers
 

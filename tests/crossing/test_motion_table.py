@@ -58,7 +58,7 @@ def test_velocities_and_accelerations_are_those_of_their_columns(plan, table):
             value = f"{group}_angle_{rest}" if group == "motor" and not lower else f"{group}_{lower}{rest}"
             if rate:
                 pairs[name] = value
-    assert len(pairs) == 2 + 2 * (plan.robot.n + plan.robot.n_a + plan.robot.n_e + plan.robot.n_p)
+    assert len(pairs) == 2 + 2 * (plan.robot.n + plan.robot.n_a + plan.robot.n_e + len(plan.robot.passive))
     h = table["time"][1]
     # each derivative of a series through n values multiplies their rounding by up to n^2 on [-1, 1]
     n = plan.certificate.nodes
@@ -82,7 +82,7 @@ def test_the_joints_carry_the_platform_where_the_table_says(plan, table):
     for k, spring in enumerate(robot.elastic_names):
         v[:, robot.elastic[k]] = table[f"deflection_{spring}"]
     for column in robot.passive:
-        v[:, column] = table[f"joint_{robot.joint_of(column)}"]
+        v[:, column] = table[f"joint_{robot.coordinates.name_of(column)}"]
     frame = model.getFrameId(robot.description.platform.frame)
     assert sum(axis.startswith("r") for axis in robot.axis_names) <= 1
     for row in range(0, SAMPLES, 20):

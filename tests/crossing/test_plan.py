@@ -23,8 +23,8 @@ from framework import (
 from framework.crossing import condition as condition_module
 from framework.dynamics.forces import tree_forces
 from framework.errors import InvalidInput, NoLaw, NotConverged, UnboundedTorque
-from framework.kinematics.inverse_kinematics import motion_at
-from framework.kinematics.tracking import track_path
+from framework.kinematics.continuation.tracking import track_path
+from framework.kinematics.motion_rates import motion_at
 from tests.oracles import five_bar as oracle
 from tests.singularity.test_points_on_path import locus, locus_tangent
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from framework import CrossingPlan, Line, ParallelRobot, locate_singularities, plan_crossing
-from framework.crossing.bound import estimated_best
+from framework.crossing.optimal.lower_bound import estimated_best
 from framework.errors import NoAnswer, NoLaw
 from tests.oracles.lagrange import platform_force
 

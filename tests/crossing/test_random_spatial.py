@@ -13,8 +13,8 @@ import pytest
 
 import robots
 from framework import CrossingPlan, Line, NoAnswer, NoLaw, ParallelRobot, locate_singularities, plan_crossing
-from framework.crossing.bound import estimated_best
-from framework.crossing.refusal_proofs import HoldingTorque, NoAdmissibleSpeed
+from framework.crossing.optimal.lower_bound import estimated_best
+from framework.crossing.refusals.refusal_proofs import HoldingTorque, NoAdmissibleSpeed
 from framework.crossing.scenes import scene_path
 from tests.oracles.equations_of_motion import defects
 

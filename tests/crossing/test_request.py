@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import FrozenInstanceError, fields, replace
+from doctest import DocTestParser, DocTestRunner
+from inspect import getdoc, signature
 
 import numpy as np
 import pytest
@@ -10,8 +12,10 @@ import pytest
 import robots
 from framework import Arc, InvalidInput, Line, Spline, plan_crossing, plan_scene
 from framework.cli import arguments
-from framework.cli.parser import OneLineParser, add_motion, add_path
+from framework.cli.parser import OneLineParser, add_motion, add_options, add_path
+from framework.crossing.options import OPTIONS, TYPED
 from framework.crossing.request import Request
+from framework.crossing.saved import plan_document
 from framework.crossing.scenes import scene_request
 from framework.crossing.specification import motor_limits
 
@@ -129,3 +133,31 @@ def test_paths_are_equal_where_their_kind_and_points_are():
     assert len({*paths, *again}) == len(paths)
     for k, one in enumerate(paths):
         assert [one == other for other in again] == [k == other for other in range(len(again))]
+
+
+def test_the_options_declared_once_are_those_of_every_place_that_has_them(robot):
+    request = Request.of(robot, LINE, **ASKED)
+    assert list(signature(plan_crossing).parameters) == ["robot", "path", *OPTIONS]
+    for option in OPTIONS.values():
+        assert f"\n    {option.name}: " in getdoc(plan_crossing)
+        assert hasattr(request, option.name)
+    assert set(plan_document(plan_crossing(robot, LINE, **ASKED))["request"]) == {"path", *OPTIONS}
+    parser = OneLineParser()
+    add_motion(parser)
+    add_options(parser, "keep_limits")
+    assert set(vars(parser.parse_args([]))) == set(TYPED)
+    assert all(
+        option.summary.replace("\n", " ") in " ".join(parser.format_help().split())
+        for option in TYPED.values()
+    )
+
+
+def test_an_option_that_is_not_declared_is_no_argument(robot):
+    with pytest.raises(TypeError, match="durations"):
+        plan_crossing(robot, LINE, durations=1.5)
+
+
+def test_the_example_of_the_help_is_as_it_says():
+    example = DocTestParser().get_doctest(getdoc(plan_crossing), {}, "plan_crossing", None, None)
+    assert len(example.examples) == 4
+    assert DocTestRunner().run(example).failed == 0

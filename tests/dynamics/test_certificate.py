@@ -23,7 +23,7 @@ from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.forces import motor_torque
 from framework.errors import InvalidInput, NoLaw, NotConverged
-from framework.kinematics.tracking import track_path
+from framework.kinematics.continuation.tracking import track_path
 from framework.motion.chebyshev import TimeGrid
 from tests.oracles import five_bar as oracle
 

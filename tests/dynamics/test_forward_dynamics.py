@@ -20,7 +20,7 @@ NAMES = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for
 def moving(robot, seed=4):
     """An assembled configuration and joint rates that its loops allow."""
     rng = np.random.default_rng(seed)
-    size = np.where(robot.translations, robot.length, 1.0)
+    size = robot.platform_scale
     q = assemble(robot, robot.reference.x + 0.02 * size * rng.uniform(-1, 1, robot.n)).q
     return q, dynamics_at(robot, q, dx=size * rng.uniform(-1, 1, robot.n)).v, rng
 
@@ -140,7 +140,7 @@ def test_it_undoes_inverse_dynamics_at_a_stack_of_random_states(name):
     robot = robots.load(name)
     states = [moving(robot, seed) for seed in range(10, 18)]
     q, rng = np.array([state[0] for state in states]), np.random.default_rng(5)
-    size = np.where(robot.translations, robot.length, 1.0)
+    size = robot.platform_scale
     dx, ddx = size * rng.uniform(-1, 1, (2, len(q), robot.n))
     loads = {robot.description.platform.frame: rng.uniform(-1, 1, (len(q), 6))}
     back = dynamics_at(robot, q, dx=dx, ddx=ddx, wrenches=loads)

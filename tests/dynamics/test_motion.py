@@ -23,9 +23,9 @@ def plan(request):
 def test_its_loops_are_closed_and_its_platform_is_the_planned_one(plan):
     t = np.linspace(0.0, 1.5, 57)
     motion = plan.dynamics.motion(t)
-    residual = loop_equations(plan.robot.rows, motion.system.frames).residual
+    residual = loop_equations(plan.robot.rows, motion.linearised.frames).residual
     assert np.abs(residual).max() < 1e-15
-    np.testing.assert_allclose(motion.system.frames.position[:, 0, :2], plan.platform(t), atol=1e-15)
+    np.testing.assert_allclose(motion.linearised.frames.position[:, 0, :2], plan.platform(t), atol=1e-15)
     np.testing.assert_array_equal(
         motion.q[:, plan.robot.elastic], plan.dynamics.configuration(t)[:, plan.robot.elastic]
     )

@@ -20,7 +20,7 @@ NAMES = ["five_bar_heavy", "three_rrr", "agile_eye", "gough_stewart", "humanoid_
 def posed(name):
     robot = robots.load(name)
     rng = np.random.default_rng(1)
-    step = 0.03 * np.where(robot.translations, robot.length, 1.0)
+    step = 0.03 * robot.platform_scale
     return robot, assemble(robot, robot.reference.x + step * rng.uniform(-1, 1, robot.n)).q
 
 

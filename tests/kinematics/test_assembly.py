@@ -56,9 +56,9 @@ def test_what_the_file_gives_is_held_while_the_rest_closes_the_loops():
 def test_an_assembled_configuration_is_its_own_reference(name):
     robot = robots.load(name)
     start = assemble(robot)
-    size = 0.02 * np.where(robot.translations, robot.length, 1.0)
+    size = 0.02 * robot.platform_scale
     q = assemble(robot, start.x + size * np.random.default_rng(4).uniform(-1, 1, robot.n)).q
-    angles = {robot.joint_of(column): float(q[column]) for column in range(robot.model.nv)}
+    angles = {robot.coordinates.name_of(column): float(q[column]) for column in range(robot.model.nv)}
     moved = ParallelRobot.from_description(replace(robot.description, reference=angles))
     again = moved.reference
     np.testing.assert_allclose(again.q, q, rtol=0, atol=1e-12 * max(robot.length, 1.0))
@@ -71,7 +71,7 @@ def test_the_kept_rows_say_all_that_the_closures_say(name):
     _, anew = opened(robot, robot.reference.q)
     scale = robot.column_scale
     rank = np.linalg.matrix_rank(anew * scale, tol=RANK * np.linalg.norm(anew * scale, 2))
-    kept = robot.independent
+    kept = robot.structure.independent
     assert len(kept) == rank
     assert np.all(np.diff(kept) > 0)
     assert robot.loops.names == tuple(robot.rows.names[row] for row in kept)
@@ -86,7 +86,7 @@ def test_idle_joints_are_as_many_as_passive_motions_that_nothing_feels(name):
     felt = np.vstack([rows, frame]) * robot.column_scale
     passive = felt[:, robot.passive]
     rank = np.linalg.matrix_rank(passive, tol=RANK * np.linalg.norm(felt, 2))
-    idle = robot.idle
+    idle = robot.structure.idle
     assert len(idle) == len(robot.passive) - rank
     assert sorted([*idle, *robot.following]) == sorted(robot.passive)
     held = [k for k, column in enumerate(robot.passive) if column not in idle]

@@ -11,7 +11,8 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework.kinematics.frames import frame_motions, frames_at, scratch_of
+from framework.kinematics.frames import frame_motions, frames_at
+from framework.kinematics.pinocchio_memory import scratch_of
 from framework.model.description import FLEXIBILITIES
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

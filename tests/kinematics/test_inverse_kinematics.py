@@ -8,14 +8,10 @@ import pytest
 import robots
 from framework import Line
 from framework.errors import NotAssembled
-from framework.kinematics.inverse_kinematics import (
-    close_loops,
-    keeps_working_mode,
-    mode_signs,
-    reference_system,
-    system_at,
-)
-from framework.kinematics.tracking import track_path
+from framework.kinematics.continuation.tracking import track_path
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
+from framework.kinematics.modes import keeps_working_mode, mode_signs
 
 
 @pytest.fixture(scope="module")
@@ -26,27 +22,27 @@ def robot():
 def elbow(robot) -> int:
     """The column of the passive joint between the left crank and the left rod."""
     left, right = robot.passive
-    return int(left if robot.joint_of(int(left)).startswith("left") else right)
+    return int(left if robot.coordinates.name_of(int(left)).startswith("left") else right)
 
 
 @pytest.mark.parametrize("beside", [0.0, 1e-9, -1e-9])
 def test_a_leg_folded_upon_itself_belongs_to_no_working_mode(robot, beside):
-    near = reference_system(robot)
+    near = linearised_at_reference(robot)
     q = robot.q_near.copy()
     # equal crank and rod: at half a turn the rod's tip is on the motor, wherever the crank points
     for turn in (np.pi, -np.pi):
         q[elbow(robot)] = turn + beside
-        folded = system_at(robot, q[None], np.zeros((1, 2)))
+        folded = linearised_at(robot, q[None], np.zeros((1, 2)))
         assert not keeps_working_mode(robot, near, folded)
 
 
 def test_signs_of_the_modes_are_those_of_the_determinants(robot):
     branch = track_path(robot, Line([0.1, 0.345], [-0.05, 0.195]))  # through a Type 2 singularity
-    system = branch.closed(np.linspace(0.0, 1.0, 12)).system
-    working, assembly = mode_signs(robot, system)
+    linearised = branch.closed(np.linspace(0.0, 1.0, 12)).linearised
+    working, assembly = mode_signs(robot, linearised)
     moving = np.concatenate([robot.actuated, robot.passive])
-    np.testing.assert_array_equal(working, np.linalg.slogdet(system.jacobian[:, :, moving])[0])
-    np.testing.assert_array_equal(assembly, np.linalg.slogdet(system.closures[:, :, robot.passive])[0])
+    np.testing.assert_array_equal(working, np.linalg.slogdet(linearised.jacobian[:, :, moving])[0])
+    np.testing.assert_array_equal(assembly, np.linalg.slogdet(linearised.closures[:, :, robot.passive])[0])
     assert len(set(working)) == 1
     assert len(set(assembly)) == 2
 

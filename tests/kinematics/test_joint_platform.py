@@ -17,7 +17,7 @@ from framework import (
     velocity_matrices,
 )
 from framework.crossing.scenes import scene_path
-from framework.kinematics.tracking import track_path
+from framework.kinematics.continuation.tracking import track_path
 from framework.model.description import Platform
 from framework.motion.path import Spline
 

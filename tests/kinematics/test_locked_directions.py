@@ -12,9 +12,8 @@ import pytest
 from framework import ParallelRobot, check_robot
 from framework.errors import NotAssembled
 from framework.kinematics.assembly import close_reference
-from framework.kinematics.closures import loop_equations
+from framework.kinematics.closures import direction_gaps, direction_slopes, loop_equations
 from framework.kinematics.frames import frames_at, integrate
-from framework.kinematics.locked_directions import direction_gaps, direction_slopes
 from tests.kinematics.linkages import ball, frame, joint, linkage
 
 THIRD = 2 * np.pi / 3

@@ -8,7 +8,7 @@ import pytest
 import robots
 from framework.errors import NotAssembled
 from framework.kinematics.inverse_kinematics import close_each, close_loops
-from framework.kinematics.newton import LAST_STEP
+from framework.tolerances import NEWTON_STEP
 
 REACHED = np.array([[0.1, 0.345], [0.08, 0.33], [0.02, 0.3]])
 TOO_FAR = np.array([[0.1, 2.0]])
@@ -37,14 +37,14 @@ def test_what_closes_is_what_closes_alone(robot):
     found = close_each(robot, places, starts)
     np.testing.assert_array_equal(found.closed, [True, False, True, False, True, False])
     np.testing.assert_allclose(found.q[found.closed], alone.q, rtol=0, atol=1e-14)
-    assert np.abs(found.system.residual[found.closed]).max() < 1e-15
+    assert np.abs(found.linearised.residual[found.closed]).max() < 1e-15
 
 
 def test_the_equations_given_back_are_those_at_the_configuration_given_back(robot):
     found = close_each(robot, np.concatenate([REACHED, TOO_FAR]), guesses(robot, 4), iterations=3)
     again = close_each(robot, np.concatenate([REACHED, TOO_FAR]), found.q, iterations=0)
-    np.testing.assert_array_equal(found.system.entries, again.system.entries)
-    np.testing.assert_array_equal(found.system.residual, again.system.residual)
+    np.testing.assert_array_equal(found.linearised.entries, again.linearised.entries)
+    np.testing.assert_array_equal(found.linearised.residual, again.linearised.residual)
 
 
 def test_an_instant_whose_step_is_too_long_is_given_up_and_not_moved(robot):
@@ -64,8 +64,8 @@ def test_closed_means_that_the_error_is_the_square_of_the_last_step(name):
     aside = 0.02 * rng.standard_normal((20, robot.model.nv)) * robot.column_scale
     found = close_each(robot, np.repeat(reference.x[None], 20, axis=0), reference.q + aside)
     assert found.closed.all()
-    size = np.where(robot.translations, robot.length, 1.0).max()
-    assert np.abs(found.system.residual).max() < 10 * LAST_STEP**2 * size + 1e-14 * robot.length
+    size = robot.platform_scale.max()
+    assert np.abs(found.linearised.residual).max() < 10 * NEWTON_STEP**2 * size + 1e-14 * robot.length
 
 
 def test_close_loops_wants_all_of_them(robot):

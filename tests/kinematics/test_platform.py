@@ -15,10 +15,11 @@ from scipy.spatial.transform import Rotation
 
 import robots
 from framework import Line
-from framework.kinematics.attitude import attitude_about, rotation_matrix
+from framework.kinematics.attitude import attitude_about
 from framework.kinematics.frames import frame_motions, frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
+from framework.linalg.rotations import rotation_matrix
 from framework.model.description import Platform
 
 JOINTS = "joints"
@@ -46,7 +47,7 @@ def made(name: str) -> SimpleNamespace:
     robot, asked = robots.load(name), PLATFORMS[name]
     if asked is None:
         return robot
-    movable = [robot.joint_of(k) for k in (0, 2, robot.model.nv - 1)]
+    movable = [robot.coordinates.name_of(k) for k in (0, 2, robot.model.nv - 1)]
     new = Platform("", joints=tuple(movable)) if asked is JOINTS else Platform("", asked)
     coordinates = PlatformCoordinates.of(new, robot.model)
     return SimpleNamespace(

@@ -126,7 +126,9 @@ def test_the_rank_at_the_reference_is_that_nearby(name):
     for q in poses:
         kinematics(model, data, q, np.zeros(model.nv))
         assert np.abs(closure_errors(model, data, closures)).max() < 1e-11 * max(robot.length, 1.0)
-        assert len(independent(closure_rows(model, data, closures).jacobian)) == len(robot.independent)
+        assert len(independent(closure_rows(model, data, closures).jacobian)) == len(
+            robot.structure.independent
+        )
 
 
 # ------------------------------------------------------------------ the second net: certificate and simulator
@@ -169,6 +171,6 @@ def test_an_equation_that_springs_move_nearby_but_not_at_the_reference_is_found(
     robot = ParallelRobot.from_description(
         replace(five_bar, springs=(twist,), reference=stretched), flexibility="flexible_links"
     )
-    assert robot.springs_alone == ("tip.z",)
+    assert robot.structure.springs_alone == ("tip.z",)
     with pytest.raises(InvalidInput, match=r"tip\.z can only be closed by springs"):
         simulate(robot, lambda t: [0.0, 0.0], duration=0.1)

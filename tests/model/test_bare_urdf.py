@@ -33,7 +33,6 @@ ODDITIES = [  # beside the shapes of a link, beside the axis of a joint
     ("</link>", '<visual><origin xyz="1 2"/><geometry><sphere radius="1"/></geometry></visual></link>'),
     ("</link>", '<visual><material><color rgba="red"/></material></visual></link>'),
     ("</link>", "<visual/></link>"),
-    ("</joint>", '<dynamics damping="none"/></joint>'),
     ("</joint>", '<safety_controller k_velocity="x"/></joint>'),
     ("</joint>", '<calibration rising="x"/></joint>'),
     ("</robot>", '<material name="red"/></robot>'),
@@ -44,7 +43,7 @@ ODDITIES = [  # beside the shapes of a link, beside the axis of a joint
 
 @pytest.mark.parametrize("name", robots.CATALOGUE)
 def test_the_model_is_the_one_of_the_whole_urdf(name):
-    text = re.sub("<dynamics[^>]*>", "", robots.load(name).description.urdf_text)  # damping is not ours
+    text = re.sub("<dynamics[^>]*>", "", robots.load(name).description.urdf_text)  # is read by us
     stripped = ElementTree.tostring(bare_urdf(ElementTree.fromstring(text)), encoding="unicode")
     whole, bare = (pin.buildModelFromXML(edited(urdf, (count_turns,))) for urdf in (text, stripped))
     assert whole == bare  # joints, placements, inertias, limits, to the last bit

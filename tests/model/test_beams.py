@@ -210,7 +210,7 @@ def test_the_entry_goes_into_a_robot_file(tmp_path):
     description = read_robot_file(tmp_path / "five_bar.yaml")
     assert description.springs == (spring,)
     from framework import ParallelRobot
-    from framework.kinematics.diagnostics import check_robot
+    from framework.kinematics.diagnostics.diagnosis import check_robot
 
     found = check_robot(ParallelRobot.from_description(description, flexibility="flexible_links"))
     assert found.springs == ("left_beam_x", "left_beam_y", "left_beam_rz")

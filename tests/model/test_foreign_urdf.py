@@ -16,6 +16,7 @@ from framework import ParallelRobot, cli
 from framework.errors import MissingPackage, RobotFileError
 from framework.model import read_robot_file
 from framework.model.additions import lock_joints
+from framework.model.description import Coupling
 from framework.model.urdf import locate_urdf
 from tests.conftest import REMOVED
 from tests.urdf_edits import edited
@@ -121,9 +122,12 @@ def test_a_locked_joint_stands_where_it_would_be_moved_to(kind, value):
     np.testing.assert_allclose(tips[0], tips[1], atol=1e-15)
 
 
-def test_a_mimic_joint_is_refused_unless_locked(write_robot):
-    with pytest.raises(RobotFileError, match=r"<mimic> is not supported.*locked"):
-        read_robot_file(write_robot(urdf=(MIMIC,)))
+def test_a_mimic_joint_is_coupled_unless_locked(write_robot):
+    mimic = '<axis xyz="0 0 1"/><mimic joint="left_elbow" multiplier="-2" offset="0.1"/>'
+    coupled = read_robot_file(write_robot(urdf=((MIMIC[0], mimic),))).couplings
+    assert coupled == (Coupling("left_motor", "left_elbow", -2.0, 0.1),)
+    with pytest.raises(RobotFileError, match="joint 'left_motor': <mimic>: unknown movable joint"):
+        read_robot_file(write_robot(urdf=(MIMIC,)))  # itself
 
 
 def test_a_locked_mimic_joint_mimics_no_more(write_robot):

@@ -82,9 +82,9 @@ def test_the_records_are_frozen():
 def test_the_index_sets_split_the_velocities():
     robot = robots.load("five_bar", flexibility="flexible_links")
     assert sorted([*robot.actuated, *robot.elastic, *robot.passive]) == list(range(robot.model.nv))
-    assert [robot.joint_of(k) for k in robot.actuated] == ["left_motor", "right_motor"]
-    assert [robot.joint_of(k) for k in robot.elastic] == list(robot.elastic_names)
-    assert [robot.joint_of(k) for k in robot.passive] == ["left_elbow", "right_elbow"]
+    assert [robot.coordinates.name_of(k) for k in robot.actuated] == ["left_motor", "right_motor"]
+    assert [robot.coordinates.name_of(k) for k in robot.elastic] == list(robot.elastic_names)
+    assert [robot.coordinates.name_of(k) for k in robot.passive] == ["left_elbow", "right_elbow"]
     assert list(robot.stiffness) == [25000.0, 25000.0, 350000.0, 350000.0]
 
 
@@ -315,7 +315,7 @@ MALFORMED_URDFS = [
     (AT_ELBOW, AT_ELBOW.replace('"left_crank"', '"left_rod"'), ["left_rod"]),  # its own parent
     (AT_ELBOW, AT_ELBOW.replace('"left_crank"', '"left_tip"'), ["left_rod"]),  # a ring beside the tree
     ("</robot>", '<link name="alone"/></robot>', ["one root link", "base", "alone"]),
-    (ELBOW, f'{ELBOW}<mimic joint="left_motor"/>', ["left_elbow", "mimic"]),
+    (ELBOW, f'{ELBOW}<mimic joint="motor"/>', ["left_elbow", "mimic", "unknown movable joint 'motor'"]),
     (ELBOW, ELBOW.replace("revolute", "planar"), ["left_elbow", "'planar'", "continuous"]),
     (ELBOW, '<joint name="left_elbow">', ["left_elbow", "'type'", "missing"]),
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', ["left_motor", "axis", "zero"]),

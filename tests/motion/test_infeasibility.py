@@ -9,9 +9,9 @@ import scipy.sparse as sparse
 
 import robots
 from framework import Line, plan_crossing
-from framework.crossing import optimal_motion
+from framework.crossing.optimal import optimal_motion
 from framework.errors import NoLaw, NotConverged
-from framework.motion.infeasibility import REACH, Infeasible
+from framework.motion.infeasibility import MIN_PROOF_REACH, Infeasible
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 
@@ -62,7 +62,7 @@ def test_motors_too_weak_by_far_are_refused_with_a_proof_too():
     with pytest.raises(NoLaw) as refused:
         plan_crossing(robots.load("five_bar"), LINE, duration=1.5, law="optimal", torque_limit=1e-5)
     left, right = refused.value.proof.contradiction
-    assert -right > REACH * left
+    assert -right > MIN_PROOF_REACH * left
 
 
 @pytest.mark.parametrize("status", ["AlmostPrimalInfeasible", "PrimalInfeasible"])

@@ -10,7 +10,7 @@ from numpy.polynomial import chebyshev
 from framework.errors import InvalidInput
 from framework.motion.chebyshev import TimeGrid
 from framework.motion.law import Law, PlannedLaw
-from framework.motion.optimal_law import SHARE, WIDTH, OptimalLaw, Smoothstep
+from framework.motion.optimal_law import STRETCH_HEIGHT, STRETCH_WIDTH, OptimalLaw, Smoothstep
 
 RNG = np.random.default_rng(7)
 
@@ -39,7 +39,9 @@ def exact_phi(sigma: mp.mpf, R: int) -> mp.mpf:
 
 def exact_xi(law: OptimalLaw, sigma: mp.mpf) -> mp.mpf:
     def raw(at: mp.mpf) -> mp.mpf:
-        return at + SHARE * sum(mp.atan((at - mp.mpf(place)) / WIDTH) for place in law.dense_at)
+        return at + STRETCH_HEIGHT * sum(
+            mp.atan((at - mp.mpf(place)) / STRETCH_WIDTH) for place in law.dense_at
+        )
 
     return 2 * (raw(sigma) - raw(mp.mpf(0))) / (raw(mp.mpf(1)) - raw(mp.mpf(0))) - 1
 

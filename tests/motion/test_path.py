@@ -211,3 +211,21 @@ def test_as_many_orders_come_out_as_go_in():
         assert len(along(PATHS["line"], [LAW(np.array([0.1]), k) for k in range(orders)])) == orders
     with pytest.raises(InvalidInput, match=r"order.*from 0 to 4, got 5"):
         along(PATHS["line"], [LAW(np.array([0.1]), k) for k in range(6)])
+
+
+def test_three_points_on_a_line_are_never_an_arc_whatever_rounding_makes_of_them():
+    rng = np.random.default_rng(7)
+    for _ in range(200):
+        start, span = rng.normal(size=(2, 3))
+        with pytest.raises(InvalidInput, match="lie on a line"):
+            Arc(start, start + rng.uniform(0.05, 0.95) * span, start + span)
+
+
+@pytest.mark.parametrize("bow", [1e-1, 1e-3, 1e-6])
+def test_a_flat_arc_runs_through_its_points_as_well_as_its_far_centre_lets_it(bow):
+    points = np.array([[0.3, -0.2, 1.0], [0.8, -0.2, 1.0 + bow], [1.3, -0.2, 1.0]])
+    arc = Arc(*points)
+    ends = arc(np.array([0.0, 1.0]))
+    assert arc.radius == pytest.approx((0.25 + bow**2) / (2 * bow), rel=1e-9)
+    np.testing.assert_allclose(ends, points[[0, 2]], rtol=0, atol=1e-14 * arc.radius)
+    np.testing.assert_allclose(arc(0.5), points[1], rtol=0, atol=1e-14 * arc.radius)

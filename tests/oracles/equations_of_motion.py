@@ -51,7 +51,7 @@ def defects(
         off = apart(robot, q[k], data.oMf[platform], x[k])
         inertia = (mass_matrix(model, data, q[k]) + np.diag(rotors(robot))) @ a[k]
         terms = [inertia, pin.nonLinearEffects(model, data, q[k], v[k]), -springs(robot, q[k])]
-        terms.append(-motors(robot, torque[k]))
+        terms += [robot.joint_damping * v[k], -motors(robot, torque[k])]
         load = np.sum(terms, axis=0)
         held = J.T @ np.linalg.lstsq(J.T, load, rcond=1e-12)[0]
         found.append([np.abs(left).max() for left in (gaps, J @ v[k], J @ a[k] + drift, load - held, off)])

@@ -89,6 +89,7 @@ def simulate_tree(
     rtol: float = 1e-13,
     atol: float = 1e-15,
     longest_step: float = np.inf,
+    damping: ArrayLike = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Integrate a tree with closures under forces.
 
@@ -100,6 +101,7 @@ def simulate_tree(
         rows: the independent closure rows; redundant ones make the system singular.
         force: t [s], q (nq,) -> motors and springs (nv,) [N m or N], joint side.
         armature: n^2 I_a of each column, (nv,) [kg m^2], zero where there is no motor.
+        damping: viscous, (nv,) [N m s/rad, N s/m].
         q0, v0: assembled configuration (nq,) and a velocity (nv,) that the closures allow.
         times: output instants (T,) [s], increasing; the first is the instant of q0, v0. Where the
             force has a kink, a time should stand on it: each interval is integrated anew.
@@ -120,7 +122,7 @@ def simulate_tree(
         q = base + u if straight else pin.integrate(model, base, u)
         kinematics(model, data, q, v)
         closed = rows(data)
-        load = force(t, q) - pin.nonLinearEffects(model, data, q, v)
+        load = force(t, q) - damping * v - pin.nonLinearEffects(model, data, q, v)
         a, _ = accelerations(mass_matrix(model, data, q) + rotors, load, closed)
         du = v if straight else np.linalg.solve(pin.dIntegrate(model, base, u, pin.ArgumentPosition.ARG1), v)
         return np.concatenate([du, a])
@@ -174,6 +176,7 @@ def simulate_robot(
         rtol=rtol,
         atol=atol,
         longest_step=longest_step(robot, times),
+        damping=robot.joint_damping,
     )
 
 
@@ -234,6 +237,7 @@ def forward_simulate(
     times: ArrayLike,
     rtol: float = 1e-13,
     atol: float = 1e-15,
+    damping: ArrayLike = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """`simulate_tree` for loops closed by points, written down by a robot's own test.
 
@@ -262,4 +266,5 @@ def forward_simulate(
         times=times,
         rtol=rtol,
         atol=atol,
+        damping=damping,
     )

@@ -13,7 +13,7 @@ import pytest
 
 from framework import errors
 from framework.errors import InvalidInput, LostWorkers, NotAssembled
-from framework.parallel.workers import TRIES, Workers
+from framework.parallel.workers import MAX_TRIES, Workers
 from tests.parallel import chores
 from tests.watchdog import PATIENCE, wait_for
 
@@ -75,7 +75,7 @@ def test_every_error_of_ours_can_be_sent():
             assert (type(again), str(again), vars(again)) == (kind, "no", carried)
 
 
-@pytest.mark.parametrize("deaths", [1, pytest.param(TRIES - 1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("deaths", [1, pytest.param(MAX_TRIES - 1, marks=pytest.mark.slow)])
 def test_a_task_whose_process_is_killed_is_begun_anew(workers, tmp_path, capfd, deaths):
     others = [workers.submit(chores.square, number) for number in range(5)]
     assert workers.submit(chores.die, str(tmp_path), deaths).result() == deaths

@@ -40,7 +40,7 @@ def openings(description: RobotDescription, closure: Closure) -> list[str]:
     ]
     kept = {actuator.joint for actuator in description.actuators} | {*description.platform.joints}
     kept |= {spring.after for spring in description.springs}
-    kept |= {spring.joint for spring in description.joint_springs}
+    kept |= {*description.joints}
     free = sorted((edge.kind == "fixed", -depth, edge.name) for depth, edge in ring if edge.name not in kept)
     return [name for is_fixed, _, name in free if is_fixed == free[0][0]]
 
@@ -119,7 +119,7 @@ def _reference(description: RobotDescription) -> dict[str, float]:
     """The assembled reference, all joints."""
     robot = ParallelRobot.from_description(description)
     q = robot.reference.q
-    return {robot.joint_of(column): float(q[column]) for column in range(robot.model.nv)}
+    return {robot.coordinates.name_of(column): float(q[column]) for column in range(robot.model.nv)}
 
 
 def _between(description: RobotDescription, first: str, second: str) -> pin.SE3:

@@ -15,10 +15,11 @@ import robots
 from framework import ParallelRobot, locate_singularities, velocity_matrices
 from framework.crossing.scenes import scene_path
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.equation_rates import jacobian_rate
+from framework.kinematics.continuation.tracking import track_path
 from framework.kinematics.frames import frame_motions, frames_at, integrate
-from framework.kinematics.inverse_kinematics import Motion, close_loops, motion_at, system_at
-from framework.kinematics.tracking import track_path
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.motion_rates import Motion, jacobian_rate, motion_at
 from framework.motion.chebyshev import TimeGrid
 from tests.robots.every_robot import CASES, ELASTIC, SCENES, first_path, in_stages, planned
 
@@ -51,9 +52,9 @@ def test_loop_jacobian_and_drift_are_derivatives_of_the_loop_equations(robot):
     np.testing.assert_allclose(rate, (ahead - back) / (2 * h), atol=1e-8)  # h^2 and eps / h
     np.testing.assert_allclose(drift, (ahead - 2 * here + back) / h**2, atol=3e-5)  # eps / h^2
     # of platform and independent loops, all entries
-    systems = [system_at(robot, integrate(robot, q, k * h * v), None) for k in (1, 0, -1)]
-    slope = jacobian_rate(robot, Motion(q, v, np.zeros_like(v), systems[1]))
-    np.testing.assert_allclose(slope, (systems[0].jacobian - systems[2].jacobian) / (2 * h), atol=1e-8)
+    linearised = [linearised_at(robot, integrate(robot, q, k * h * v), None) for k in (1, 0, -1)]
+    slope = jacobian_rate(robot, Motion(q, v, np.zeros_like(v), linearised[1]))
+    np.testing.assert_allclose(slope, (linearised[0].jacobian - linearised[2].jacobian) / (2 * h), atol=1e-8)
 
 
 def test_velocity_matrices_relate_rates_on_the_manifold(robot):
@@ -89,8 +90,8 @@ def test_velocities_and_accelerations_are_time_derivatives_of_positions(robot):
     v, a = grid.differentiate(closed.q - closed.q[0])
     # joints are known as loops are closed, the worse the shorter the levers; differentiation adds up the
     # errors of all nodes, twice amplifies them by about size^4 / 10
-    levers = np.linalg.pinv(closed.system.jacobian[:, :, robot.moving])
-    error = np.abs(closed.system.residual).max() + np.finfo(float).eps  # and that of looking at it
+    levers = np.linalg.pinv(closed.linearised.jacobian[:, :, robot.moving])
+    error = np.abs(closed.linearised.residual).max() + np.finfo(float).eps  # and that of looking at it
     known = error * np.abs(levers).sum(axis=2).max()
     most = np.abs(grid.differentiate(np.eye(48))[0]).sum(axis=1).max()
     np.testing.assert_allclose(motion.v, v, atol=known * most)
@@ -128,7 +129,8 @@ def test_motor_power_is_the_rate_of_energy(robot):
         0.5 * q_e**2 @ robot.stiffness,
     ]
     works = plan.torque(t) * plan.motor_angle(t, 1)  # (T, n_a)
-    power, rate = np.sum(works, axis=1), grid.differentiate(np.sum(terms, axis=0)[:, None])[0][:, 0]
+    power = np.sum(works, axis=1) - v**2 @ robot.joint_damping  # what dampers do not take
+    rate = grid.differentiate(np.sum(terms, axis=0)[:, None])[0][:, 0]
     energy, shares = np.abs(terms).max(), np.abs(works).sum(axis=1).max()
     assert np.abs(power).max() > 1e-3 * energy / plan.duration
     # differentiation adds up the rounding of energies (measured: 60 eps each at most), and power has what the

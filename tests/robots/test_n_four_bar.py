@@ -22,7 +22,7 @@ from framework import (
 )
 from framework.errors import NoLaw
 from framework.kinematics.frames import frames_at
-from framework.kinematics.inverse_kinematics import reference_system, system_at
+from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.loop_matrices import instantaneous_motions
 from framework.model.description import FLEXIBILITIES
 from robots.generators import n_four_bar as generator
@@ -42,7 +42,7 @@ def configuration(loops: int, x: float) -> dict[str, float]:
 
 
 def by_joint(robot: ParallelRobot, q) -> dict[str, float]:
-    return {robot.joint_of(column): value for column, value in enumerate(q)}
+    return {robot.coordinates.name_of(column): value for column, value in enumerate(q)}
 
 
 def test_a_row_without_loops_is_refused(tmp_path):
@@ -103,14 +103,14 @@ def test_at_the_horizontal_there_are_N_more_freedoms(files):
     """Each loop may fold: the benchmark counts 1 elsewhere, N + 1 there."""
     for loops, file in files.items():
         robot = ParallelRobot.from_file(file)
-        assert instantaneous_motions(robot, reference_system(robot)).shape[1] == 1
+        assert instantaneous_motions(robot, linearised_at_reference(robot)).shape[1] == 1
         (point,) = locate_singularities(robot, Line([1.2], [2.0]))
-        flat = system_of(robot, point.q)
+        flat = linearised_of(robot, point.q)
         assert instantaneous_motions(robot, flat).shape[1] == loops + 1
 
 
-def system_of(robot, q):
-    return system_at(robot, q[None], robot.platform.coordinates(frames_at(robot, q[None])))
+def linearised_of(robot, q):
+    return linearised_at(robot, q[None], robot.platform.coordinates(frames_at(robot, q[None])))
 
 
 @pytest.mark.parametrize("times", [None, []])

@@ -12,7 +12,7 @@ import pytest
 import robots
 from framework import locate_singularities, plan_scene
 from framework.crossing.scenes import scene_path
-from framework.kinematics.diagnostics import check_robot
+from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.urdf import locate_urdf

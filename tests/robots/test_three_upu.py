@@ -21,12 +21,12 @@ from framework import (
     velocity_matrices,
 )
 from framework.errors import UncontrolledMotions
+from framework.kinematics.continuation.tracking import track_path
 from framework.kinematics.frames import frames_at
-from framework.kinematics.inverse_kinematics import System, system_at
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import instantaneous_motions, passive_matrix
-from framework.kinematics.tracking import track_path
 from framework.model.description import FLEXIBILITIES
-from framework.singularity.classification import uncontrolled_motion
+from framework.singularity.type2 import uncontrolled_motion
 from robots.generators import three_upu as generator
 
 SHIFT = 0.12 - 0.30  # [m] platform less base radius
@@ -102,12 +102,12 @@ def random_positions(count):
     return np.column_stack([rng.uniform(0.04, 0.14, (count, 2)), rng.uniform(0.5, 0.65, count)])
 
 
-def system_of(robot, p) -> System:
+def linearised_of(robot, p) -> LinearisedLoops:
     """The robot where the closed form puts it, springs at rest."""
     q = np.zeros(robot.model.nq)
     for name, value in joints(p).items():
         q[robot.model.joints[robot.model.getJointId(name)].idx_q] = value
-    return system_at(robot, q[None], np.array([p]))
+    return linearised_at(robot, q[None], np.array([p]))
 
 
 def test_three_freedoms_and_no_redundant_row():
@@ -119,7 +119,7 @@ def test_joints_have_their_closed_forms_and_the_platform_stays_level():
     robot = robots.load("three_upu")
     for p in random_positions(6):
         q = assemble(robot, p).q
-        found = {robot.joint_of(k): q[k] for k in range(robot.model.nv)}
+        found = {robot.coordinates.name_of(k): q[k] for k in range(robot.model.nv)}
         assert found == pytest.approx(joints(p), abs=1e-12)
         np.testing.assert_allclose(frames_at(robot, q[None]).rotation[0, 0], np.eye(3), atol=1e-12)
         A, B, _ = velocity_matrices(robot, q)
@@ -145,14 +145,14 @@ def test_the_symmetric_pose_is_a_constraint_singularity(height, flexibility):
     couples = np.array([leg(p, i)[0] - (leg(p, i)[0] @ RADIAL[i]) * RADIAL[i] for i in range(3)])
     assert np.linalg.matrix_rank(couples) == 1
     robot = robots.load("three_upu", flexibility=flexibility)
-    system = system_of(robot, p)
-    np.testing.assert_allclose(system.residual, 0, atol=1e-15)
-    found = uncontrolled_motion(robot, system)
+    linearised = linearised_of(robot, p)
+    np.testing.assert_allclose(linearised.residual, 0, atol=1e-15)
+    found = uncontrolled_motion(robot, linearised)
     assert (found.kind, found.corank) == ("constraint", 2)
     np.testing.assert_array_equal(found.twist, np.zeros(3))
-    assert instantaneous_motions(robot, system).shape[1] == 5
+    assert instantaneous_motions(robot, linearised).shape[1] == 5
     # with the motors locked the platform turns about level axes only
-    twist = system.frames.jacobian[0, 0] @ found.motion
+    twist = linearised.frames.jacobian[0, 0] @ found.motion
     assert np.linalg.norm(twist[3:5]) > 0.1
     assert twist[5] == pytest.approx(0.0, abs=1e-12)
 
@@ -166,7 +166,7 @@ def test_elsewhere_det_P_is_that_of_the_couples():
         assert np.linalg.det(couples) == pytest.approx(expected, rel=1e-12)
         legs = np.array([leg(p, i)[0] for i in range(3)])
         assert np.linalg.det(legs) == pytest.approx(3 * np.sqrt(3) / 2 * SHIFT**2 * p[2], rel=1e-12)
-        assert np.linalg.svd(passive_matrix(robot, system_of(robot, p))[0], compute_uv=False)[-1] > 1e-3
+        assert np.linalg.svd(passive_matrix(robot, linearised_of(robot, p))[0], compute_uv=False)[-1] > 1e-3
 
 
 # ------------------------------------------------------------------ paths that meet the axis of symmetry
@@ -192,8 +192,8 @@ def test_a_line_through_the_axis_meets_it_where_its_plan_view_does(flexibility):
     assert point.s == pytest.approx(0.6, abs=1e-11)
     assert (point.kind, point.corank, point.contact) == ("constraint", 2, "transversal")
     np.testing.assert_array_equal(point.twist, np.zeros(3))
-    q = {robot.joint_of(k): point.q[k] for k in range(robot.model.nv)}
-    springs = {robot.joint_of(k): 0.0 for k in robot.elastic}
+    q = {robot.coordinates.name_of(k): point.q[k] for k in range(robot.model.nv)}
+    springs = {robot.coordinates.name_of(k): 0.0 for k in robot.elastic}
     assert q == pytest.approx(joints(np.array([0, 0, 0.592])) | springs, abs=1e-10)
 
 
@@ -216,7 +216,7 @@ def test_the_slope_is_that_of_the_smallest_singular_value():
     path, h = Line(START, END), 1e-5
     (point,) = locate_singularities(robot, path)
     for side in (-h, h):
-        P = passive_matrix(robot, system_of(robot, path(point.s + side)))[0]
+        P = passive_matrix(robot, linearised_of(robot, path(point.s + side)))[0]
         assert np.linalg.svd(P, compute_uv=False)[-1] / h == pytest.approx(point.slope, rel=1e-3)
 
 
@@ -270,7 +270,7 @@ def test_the_track_keeps_the_platform_level_beside_the_axis():
     for distance in (0.0, 1e-7, 1e-5, 1e-3):
         branch = track_path(robot, Line(START + distance * SIDEWAYS, END + distance * SIDEWAYS))
         for knot, u in zip(branch.s, branch.u, strict=True):
-            q = {robot.joint_of(k): branch.origin[k] + u[k] for k in range(robot.model.nv)}
+            q = {robot.coordinates.name_of(k): branch.origin[k] + u[k] for k in range(robot.model.nv)}
             assert q == pytest.approx(joints(branch.path(knot)), abs=1e-10)
         assert np.abs(branch.guess(s)).max() < 1.0
 

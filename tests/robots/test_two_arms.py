@@ -12,7 +12,7 @@ import pytest
 import robots
 from framework import locate_singularities, plan_scene
 from framework.crossing.scenes import scene_path
-from framework.kinematics.diagnostics import check_robot
+from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.urdf import locate_urdf
@@ -187,7 +187,8 @@ def test_torques_are_the_least_that_satisfy_newton(robot, plan, witness):
         inertia = R @ INERTIA @ R.T
         turning = inertia @ alpha + np.cross(omega, inertia @ omega)
         box = np.concatenate([MASS * (dtwist[:3] - G), turning])
-        wanted = box + follow.T @ pin.rnea(witness.model, witness.data, q, v, a)[columns]
+        tree = pin.rnea(witness.model, witness.data, q, v, a) + witness.model.damping * v
+        wanted = box + follow.T @ tree[columns]
         torque = GEAR * (plan.torque(t) - ROTOR * GEAR * a[columns])
         np.testing.assert_allclose(follow.T @ torque, wanted, atol=1e-10)
         np.testing.assert_allclose(torque, np.linalg.pinv(follow.T) @ wanted, atol=1e-10)
@@ -218,6 +219,7 @@ def test_planned_torques_bring_the_box_along_the_path(robot, plan):
         times=times,
         rtol=1e-11,
         atol=1e-13,
+        damping=robot.joint_damping,
     )
     x = robot.platform.coordinates(frames_at(robot, q))
     print(f"back on the path within {np.abs(x - plan.platform(times)).max():.1e} m, rad")

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import robots
-from framework.kinematics import tracking
+from framework.kinematics.continuation import tracking
+from framework.locus.drawn_locus import locus_curves
 from framework.show.jogging import hand_document
 from framework.show.page import film_page, hand_page
 from framework.show.scene import film_documents, floats
 from framework.show.shapes import body_shapes, thinned
-from framework.singularity.locus import locus_curves
 from tests.show.test_film import filmed
 
 # Their meshes take seconds to read.
@@ -181,7 +181,7 @@ def test_a_path_is_tracked_once_for_its_film(monkeypatch):
         asked.append(robot.flexibility)
         return track(robot, path)
 
-    for module in ("framework.singularity.points_on_path", "framework.crossing.refused"):
+    for module in ("framework.singularity.points_on_path", "framework.crossing.uncertified"):
         monkeypatch.setattr(f"{module}.track_path", counted)
     monkeypatch.setattr("framework.dynamics.finite_differences.track_path", None)
     for scene, flexibility, times in (

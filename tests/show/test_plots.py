@@ -12,7 +12,7 @@ from framework import plan_crossing, plan_scene
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
 from framework.show import plots
-from framework.show.eye import plot_eye
+from framework.show.force_polygon import plot_eye
 from framework.show.phase_plane import plot_phase_plane
 from framework.show.style import figure
 

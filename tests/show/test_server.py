@@ -11,7 +11,7 @@ import pytest
 import robots
 from framework import assemble
 from framework.show.jogging import move_by_hand
-from framework.show.server import LARGEST_REQUEST, PageServer
+from framework.show.server import MAX_REQUEST_BYTES, PageServer
 
 ROBOT = robots.load("five_bar")
 
@@ -88,7 +88,7 @@ def test_other_hosts_and_other_pages_get_nothing(ask, method, headers):
         movement(value="far"),
         movement(value=float("nan")),
         "[" * 30000,
-        "0" * (LARGEST_REQUEST + 1),
+        "0" * (MAX_REQUEST_BYTES + 1),
     ],
 )
 def test_nonsense_is_refused_in_one_line(ask, body):

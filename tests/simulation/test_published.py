@@ -12,10 +12,10 @@ from scipy.special import ellipj, ellipk
 
 import robots
 from framework import ParallelRobot
-from framework.chart import published
 from framework.errors import NotConverged
 from framework.simulation import simulate
 from robots.generators import n_four_bar as generator
+from tests.benchmarks.chart import published
 from tests.robots.test_bricard import energies
 
 GRAVITY = 9.81
@@ -31,7 +31,7 @@ def without_motor(robot: ParallelRobot) -> ParallelRobot:
 
 
 def columns(robot: ParallelRobot, start: str) -> list[int]:
-    return [c for c in range(robot.model.nv) if robot.joint_of(c).startswith(start)]
+    return [c for c in range(robot.model.nv) if robot.coordinates.name_of(c).startswith(start)]
 
 
 # ------------------------------------------------------------------ N-four-bar
@@ -108,7 +108,7 @@ def push(t: float) -> list[float]:
 def test_andrews_squeezer(method, relative):
     robot = published.squeezer()
     result = simulate(robot, push, duration=published.DURATION, method=method)
-    end = {robot.joint_of(c): value for c, value in enumerate(result.q[-1])}
+    end = {robot.coordinates.name_of(c): value for c, value in enumerate(result.q[-1])}
     for joint, value in published.ANGLES.items():
         assert end[joint] == pytest.approx(value, rel=relative), joint
 

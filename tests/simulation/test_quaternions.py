@@ -69,6 +69,8 @@ def robot() -> ParallelRobot:
             model=model,
             joint_stiffness=np.zeros(7),
             joint_rest=np.zeros(7),
+            joint_damping=np.zeros(7),
+            joint_friction=np.zeros(7),
             frames=tuple(model.getFrameId(name) for name in names),
             rows=loop_rows(closures, names),
             directions=locked_directions(closures, names),

@@ -193,7 +193,7 @@ def test_a_massless_rod_that_may_spin_about_itself_stays_still(write_robot):
     for method in ("reference", "fast"):
         result = simulate(robot, plan, method=method, step=2e-3 if method == "fast" else None)
         assert result.tracking_error < (1e-11 if method == "reference" else 1e-4)
-        column = [c for c in range(robot.model.nv) if robot.joint_of(c) == "right_rod_tip"]
+        column = [c for c in range(robot.model.nv) if robot.coordinates.name_of(c) == "right_rod_tip"]
         assert np.ptp(result.q[:, column]) < 1e-12
 
 

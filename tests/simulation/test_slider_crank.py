@@ -88,7 +88,7 @@ def witness(robot):
 
 def coordinates(robot, q):
     """Crank, slide and screw, each (T,)."""
-    by_name = {robot.joint_of(c): q[:, c] for c in range(robot.model.nv)}
+    by_name = {robot.coordinates.name_of(c): q[:, c] for c in range(robot.model.nv)}
     spring = robot.elastic[robot.elastic_names.index("screw")]
     return by_name["crank_bearing"], by_name["slide"] + q[:, spring], by_name["slide"]
 

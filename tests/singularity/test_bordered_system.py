@@ -6,7 +6,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from framework.singularity.bordered_system import Border, bordered, determinant
+from framework.singularity.bordered_system import Border, determinant, solve_bordered
 
 
 def matrix(seed: int, values) -> np.ndarray:
@@ -27,7 +27,7 @@ def test_g_is_the_determinant_over_that_of_the_bordered_matrix(size, last):
     """Jacobi's theorem on complementary minors: det G = det M / det [M b; c' 0], here in fifty digits."""
     M = matrix(1, [2.0, 1.1, 0.7, 0.4, last])
     border = Border.of(matrix(1, [2.1, 1.0, 0.8, 0.5, 0.1]) + 0.02 * matrix(2, np.ones(5)), size)
-    found = bordered(M[None], border).g[0]
+    found = solve_bordered(M[None], border).g[0]
     with mp.workdps(50):
         expected = mp.det(mp.matrix(M.tolist())) / mp.det(mp.matrix(whole(M, border).tolist()))
     assert found == pytest.approx(float(expected), rel=1e-12, abs=1e-15)
@@ -37,7 +37,7 @@ def test_g_is_the_determinant_over_that_of_the_bordered_matrix(size, last):
 @pytest.mark.parametrize("seed", range(4))
 def test_with_its_own_border_g_is_the_product_of_the_least_singular_values_with_the_sign_of_det(size, seed):
     M = matrix(seed, [3.0, 1.0, 0.2, 0.05])
-    found = bordered(M[None], Border.of(M, size))
+    found = solve_bordered(M[None], Border.of(M, size))
     assert abs(found.g[0]) == pytest.approx(np.prod([0.05, 0.2][:size]), rel=1e-12)
     assert np.sign(found.g[0]) == np.sign(np.linalg.det(M))
     np.testing.assert_array_equal(found.g, determinant(found.G))
@@ -46,20 +46,20 @@ def test_with_its_own_border_g_is_the_product_of_the_least_singular_values_with_
 @pytest.mark.parametrize("size", [1, 2])
 def test_eta_solves_the_bordered_equations(size):
     M, border = matrix(5, [1.0, 0.5, 0.1, 0.01]), Border.of(matrix(6, [1.0, 0.5, 0.1, 0.01]), size)
-    found = bordered(M[None], border)
+    found = solve_bordered(M[None], border)
     np.testing.assert_allclose(M @ found.eta[0] + border.b @ found.G[0], 0.0, atol=1e-12)
     np.testing.assert_allclose(border.c.T @ found.eta[0], np.eye(size), atol=1e-12)
 
 
 def test_on_a_singular_matrix_eta_is_its_null_space_and_g_is_rounding():
     M = matrix(7, [1.0, 0.6, 0.0, 0.0])
-    one, two = (bordered(M[None], Border.of(M + 0.01 * matrix(8, np.ones(4)), size)) for size in (1, 2))
+    one, two = (solve_bordered(M[None], Border.of(M + 0.01 * matrix(8, np.ones(4)), size)) for size in (1, 2))
     np.testing.assert_allclose(M @ two.eta[0], 0.0, atol=1e-14)
     assert abs(two.g[0]) < 1e-16
     # one border for two null vectors: G is zero or the system is singular, and no error either way
     assert abs(one.g[0]) < 1e-12
     zero = np.zeros((2, 3, 3))
-    assert np.all(np.abs(bordered(zero, Border.of(np.eye(3), 1)).g) < 1e-12)
+    assert np.all(np.abs(solve_bordered(zero, Border.of(np.eye(3), 1)).g) < 1e-12)
 
 
 def test_g_passes_smoothly_through_zero_where_singular_values_have_a_kink():
@@ -68,7 +68,7 @@ def test_g_passes_smoothly_through_zero_where_singular_values_have_a_kink():
     start = one - along[1][2] * np.outer(along[0][:, 2], along[2][2])  # its last singular value is zero
     t = np.linspace(-1e-3, 1e-3, 5)
     matrices = start + t[:, None, None] * other
-    g = bordered(matrices, Border.of(matrices[2])).g
+    g = solve_bordered(matrices, Border.of(matrices[2])).g
     assert g[0] * g[-1] < 0
     fitted = np.polynomial.Polynomial.fit(t, g, 3)
     assert np.abs(fitted(t) - g).max() < 1e-9 * np.abs(g).max()
@@ -78,8 +78,8 @@ def test_g_passes_smoothly_through_zero_where_singular_values_have_a_kink():
 def test_a_stack_is_measured_as_its_members_are():
     stack = np.array([matrix(seed, [1.0, 0.4, 0.1]) for seed in range(5)])
     border = Border.of(stack[0])
-    together = bordered(stack, border)
+    together = solve_bordered(stack, border)
     for k, M in enumerate(stack):
-        alone = bordered(M[None], border)
+        alone = solve_bordered(M[None], border)
         np.testing.assert_allclose(together.g[k], alone.g[0], rtol=1e-12)
         np.testing.assert_allclose(together.eta[k], alone.eta[0], rtol=1e-9, atol=1e-12)

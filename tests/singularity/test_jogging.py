@@ -8,10 +8,10 @@ import pytest
 import robots
 from framework import InvalidInput, ParallelRobot, assemble
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.forward_kinematics import motors_are_free
+from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.frames import frames_at
 from framework.singularity.jogging import drag_platform, loose_motion, move_motor, move_platform, pose_at
-from tests.singularity.test_locus import LINK, MOTORS, elbows
+from tests.locus.test_drawn_locus import LINK, MOTORS, elbows
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ import robots
 from framework import Arc, Line, ParallelRobot, Spline, assemble, locate_singularities
 from framework.crossing.scenes import scene_path
 from framework.errors import InvalidInput, NotAssembled, OutOfReach, SingularPath, Type1Singularity
-from framework.kinematics.tracking import track_path
-from framework.singularity.classification import singularity_measure
+from framework.kinematics.continuation.tracking import track_path
+from framework.singularity.type2 import singularity_measure
 from tests.oracles import five_bar as oracle
 
 LEFT, RIGHT = np.array([-0.2, 0.0]), np.array([0.2, 0.0])
@@ -80,7 +80,7 @@ def test_a_tangential_touch_is_found_though_g_keeps_its_sign(robot, crank):
     (point,) = locate_singularities(robot, path)
     assert point.contact == "tangential"
     assert point.s == pytest.approx(0.5, abs=1e-9)  # what the differenced tangent allows
-    g = singularity_measure(robot, track_path(robot, path).closed(np.linspace(0, 1, 101)).system).g
+    g = singularity_measure(robot, track_path(robot, path).closed(np.linspace(0, 1, 101)).linearised).g
     assert np.all(g[:45] * g[56:] > 0)
 
 

@@ -9,8 +9,8 @@ import pytest
 from scipy.linalg import expm
 
 from framework.errors import SingularPath
-from framework.singularity.bordered_system import Border, bordered
-from framework.singularity.panels import Measured, Samples, panels
+from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.piecewise_measure import Measured, Samples, panels
 from framework.singularity.rank_deficiency import contacts, near_misses
 
 SIZE = 6
@@ -37,7 +37,7 @@ def measured(*entries, power=1):
     branch = SimpleNamespace(
         robot=SimpleNamespace(name="matrix"),
         path=SimpleNamespace(knots=np.empty(0)),
-        closed=lambda s: SimpleNamespace(system=s),
+        closed=lambda s: SimpleNamespace(linearised=s),
     )
     return Measured(branch, matrix, power)
 
@@ -65,10 +65,10 @@ def test_det_G_has_the_roots_and_the_sign_of_the_determinant(count):
     matrix = measured(*[root(0.3 + 0.2 * k) for k in range(count)])
     s = np.linspace(0.0, 1.0, 41) + 1e-3
     matrices = matrix.at(s)
-    solution = bordered(matrices, Border.of(matrices[20], count))
+    solution = solve_bordered(matrices, Border.of(matrices[20], count))
     np.testing.assert_array_equal(np.sign(solution.g), np.linalg.slogdet(matrices)[0])
     at = matrix.at(np.array([0.3]))
-    assert bordered(at, Border.of(at[0], count)).g[0] == pytest.approx(0.0, abs=1e-14)
+    assert solve_bordered(at, Border.of(at[0], count)).g[0] == pytest.approx(0.0, abs=1e-14)
 
 
 @pytest.mark.parametrize("others", [(), (0.4,), (0.4, 0.4), (0.4, 0.4, 0.4)])

@@ -7,9 +7,9 @@ import pytest
 
 import robots
 from framework import Line, locate_singularities, plan_crossing
-from framework.kinematics.inverse_kinematics import system_at
-from framework.kinematics.loop_matrices import measured_matrix
-from framework.kinematics.tracking import track_path
+from framework.kinematics.continuation.tracking import track_path
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.loop_matrices import type2_matrix
 from framework.singularity.root_of_g import STENCIL, root_of_g, slope_of_g, stencil
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
@@ -79,10 +79,10 @@ def test_path_and_time_lead_to_the_same_singular_point():
     plan = plan_crossing(robot, LINE, duration=1.5)
 
     def of_s(s):
-        return measured_matrix(robot, branch.closed(s).system)
+        return type2_matrix(robot, branch.closed(s).linearised)
 
     def of_t(t):
-        return measured_matrix(robot, system_at(robot, plan.dynamics.configuration(t), plan.platform(t)))
+        return type2_matrix(robot, linearised_at(robot, plan.dynamics.configuration(t), plan.platform(t)))
 
     (crossing,) = plan.crossings
     s = root_of_g(of_s, point.s + 1e-3).place

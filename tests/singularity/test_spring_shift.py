@@ -8,7 +8,7 @@ import pytest
 import robots
 from framework import Arc, Line, ParallelRobot, locate_singularities, plan_scene
 from framework.crossing.scenes import scene_path
-from framework.kinematics.tracking import track_path
+from framework.kinematics.continuation.tracking import track_path
 from framework.singularity.spring_shift import spring_shift
 
 PATH = Line([0.1, 0.345], [-0.05, 0.195])

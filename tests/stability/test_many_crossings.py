@@ -17,7 +17,7 @@ import robots
 from framework import Condition, Law, Line, NoLaw, assemble, locate_singularities, plan_crossing
 from framework.crossing import timing
 from framework.crossing.request import Request
-from framework.crossing.timing import MOST_CROSSINGS, TRIALS, choose_timing
+from framework.crossing.timing import MAX_CROSSINGS, MAX_TRIALS, choose_timing
 
 OPEN = Request(path=Line([0.0], [1.0]), duration=1.0)
 COUNTS = (1, 2, 4, 8, 16, 32)
@@ -65,7 +65,7 @@ def test_one_polynomial_swings_between_many_points():
 @pytest.mark.parametrize("count", COUNTS)
 def test_the_search_is_bounded(count):
     starts = len(list(timing._starts([0.5], OPEN)))
-    assert trials(count) <= (0 if count > MOST_CROSSINGS else TRIALS + starts + 2 * count + 2)
+    assert trials(count) <= (0 if count > MAX_CROSSINGS else MAX_TRIALS + starts + 2 * count + 2)
 
 
 def test_a_platform_that_keeps_turning_is_told_to_cut_its_path():
@@ -73,6 +73,6 @@ def test_a_platform_that_keeps_turning_is_told_to_cut_its_path():
     start = assemble(robot).x
     path = Line(start, start + np.array([0.0, 0.0, 6 * np.pi]))
     found = locate_singularities(robot, path)
-    assert len(found) > MOST_CROSSINGS
+    assert len(found) > MAX_CROSSINGS
     with pytest.raises(NoLaw, match=f"meets {len(found)} singular points.*cut the path"):
         plan_crossing(robot, path, duration=10.0, law="polynomial")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from framework.chart.peers.exudyn_parts import ANGLE, Mechanism
+from tests.benchmarks.chart.peers.exudyn_parts import ANGLE, Mechanism
 
 LENGTH, MASS = 1.0, 1.0  # [m], [kg]
 INERTIA = MASS * LENGTH**2 / 12

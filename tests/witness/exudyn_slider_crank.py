@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.chart.peers.exudyn_parts import ANGLE, Mechanism, X
+from tests.benchmarks.chart.peers.exudyn_parts import ANGLE, Mechanism, X
 
 CRANK, ROD, OFFSET = 0.04, 0.12, -0.02  # [m]
 CRANK_MASS, CRANK_CENTRE, CRANK_INERTIA = 2.05, 0.001, 0.0082  # [kg], [m], [kg m^2] about its centre of mass

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from framework.chart.peers.five_bar import FiveBar
+from tests.benchmarks.chart.peers.five_bar import FiveBar
 from tests.witness.installed import witness
 from tests.witness.plans import DURATION, ROBOTS, plan_of, wrong_law
 
-exudyn = witness("exudyn", "framework.chart.peers.exudyn_five_bar")
-mujoco = witness("mujoco", "framework.chart.peers.mujoco_forward")
+exudyn = witness("exudyn", "tests.benchmarks.chart.peers.exudyn_five_bar")
+mujoco = witness("mujoco", "tests.benchmarks.chart.peers.mujoco_forward")
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -1,15 +1,15 @@
-"""The simulators as rows of `crossing chart`."""
+"""The simulators as rows of the chart."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from tests.chart.test_methods import row
+from tests.benchmarks.test_chart_methods import row
 from tests.witness.installed import witness
 
-witness("exudyn", "framework.chart.peers.exudyn_five_bar")
-witness("mujoco", "framework.chart.peers.mujoco_forward")
+witness("exudyn", "tests.benchmarks.chart.peers.exudyn_five_bar")
+witness("mujoco", "tests.benchmarks.chart.peers.mujoco_forward")
 
 
 def test_mujoco_agrees():

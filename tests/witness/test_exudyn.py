@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from framework.chart.peers.five_bar import BASES, GEAR_RATIO, LENGTH, FiveBar
+from tests.benchmarks.chart.peers.five_bar import BASES, GEAR_RATIO, LENGTH, FiveBar
 from tests.witness.installed import witness
 from tests.witness.plans import CROSSING, DURATION, ROBOTS, plan_of, wrong_law
 
-exudyn = witness("exudyn", "framework.chart.peers.exudyn_five_bar")
+exudyn = witness("exudyn", "tests.benchmarks.chart.peers.exudyn_five_bar")
 
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
 STEPS = (1e-3, 5e-4, 2.5e-4)  # [s]

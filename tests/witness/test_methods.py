@@ -9,8 +9,8 @@ import pytest
 from tests.benchmarks.witness_methods import methods
 from tests.witness.installed import witness
 
-witness("exudyn", "framework.chart.peers.exudyn_five_bar")
-witness("mujoco", "framework.chart.peers.mujoco_forward")
+witness("exudyn", "tests.benchmarks.chart.peers.exudyn_five_bar")
+witness("mujoco", "tests.benchmarks.chart.peers.mujoco_forward")
 
 CASES = [("five_bar_heavy", "rigid"), ("five_bar", "flexible_links")]
 

@@ -200,7 +200,7 @@ def test_our_accelerations_are_those_of_mujocos_equations_with_rigid_loops(name)
     rows = loops_in_mujoco(model, data) * scale
     sizes, ways = np.linalg.svd(rows)[1:]
     free = ways[int(np.sum(sizes > 1e-8 * sizes[0])) :] * scale
-    assert len(free) == robot.n + len(robot.idle)
+    assert len(free) == robot.n + len(robot.structure.idle)
     np.testing.assert_allclose(rows @ (a / scale), 0, atol=1e-11 * np.abs(a / scale).max())
     # 1e-9 kg and 1e-12 kg m^2 stand in for nothing
     np.testing.assert_allclose(free @ terms.sum(axis=0), 0, atol=1e-7 * np.abs(free @ terms.T).max())

@@ -7,12 +7,12 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.chart.peers.five_bar import GEAR_RATIO, SIDES, FiveBar
+from tests.benchmarks.chart.peers.five_bar import GEAR_RATIO, SIDES, FiveBar
 from tests.witness.installed import witness
 from tests.witness.plans import CROSSING, DURATION, ROBOTS, plan_of
 
-inverse = witness("mujoco", "framework.chart.peers.mujoco_inverse")
-forward = witness("mujoco", "framework.chart.peers.mujoco_forward")
+inverse = witness("mujoco", "tests.benchmarks.chart.peers.mujoco_inverse")
+forward = witness("mujoco", "tests.benchmarks.chart.peers.mujoco_forward")
 
 ELASTIC = ("flexible_joints", "flexible_links")
 SAME_TORQUE = 1e-9  # [N m], motor side

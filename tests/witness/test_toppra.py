@@ -10,12 +10,12 @@ import pytest
 
 import robots
 from framework import Line, plan_crossing
-from framework.crossing import optimal_motion
-from framework.crossing.bound import estimated_best
-from framework.crossing.phase_plane import demand
+from framework.crossing.optimal import optimal_motion
+from framework.crossing.optimal.lower_bound import estimated_best
+from framework.crossing.optimal.phase_plane import demand
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
-from framework.kinematics.tracking import track_path
+from framework.kinematics.continuation.tracking import track_path
 from framework.motion.optimal_law import Smoothstep
 
 toppra = pytest.importorskip("toppra", reason="the extra witness brings it")

@@ -1,5 +1,23 @@
-"""Readers for the loop dialects the world already has, one file a dialect, into the records of
-`framework.model.description`; and the writer of our own robot file."""
+"""Readers of other loop dialects. Open `recognise` first: it tells dialects apart and calls their readers.
+
+All make the records of `framework.model.description`.
+
+Dialects
+    onshape             frames `closing_NAME_1` and `closing_NAME_2`
+    gepetto             a YAML of loops beside a URDF
+    ros_constraint      `<constraint>` in a URDF
+    urdf_plus           `<loop>` and `<coupling>` in a URDF
+    mjcf/               MuJoCo's models
+    sdf                 SDFormat: recognised, and refused
+
+What they share
+    urdf_tree           a URDF with frames and closures to add
+    transmissions       motors, and the joints that they drive
+    missing_fields      what a file does not say and the caller has to
+    base_link           a part of a larger robot: all else is locked
+    left_out            what was read and is not kept
+    describe            the records, once tree and loops are known
+"""
 
 from framework.model.readers.recognise import DIALECTS, parse_any, read_any
 from framework.model.robot_file_writer import spring_entry, write_robot_file

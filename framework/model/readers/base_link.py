@@ -1,4 +1,4 @@
-"""A part of a larger robot: what one link carries moves, and all else is locked where the reference has it.
+"""A part of a larger robot: what is asked for moves, and all else is locked where the reference has it.
 
 A leg of a humanoid or the wrist of an arm is examined so without an edit to its file.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import Closure
+from framework.model.description import Closure, Coupling
 from framework.model.readers.urdf_tree import UrdfTree
 
 
@@ -34,6 +34,50 @@ def lock_all_but(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> N
             tree.fix(joint, *(reference.get(name, 0.0) for name in joint.coordinates))
 
 
+def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: Mapping[str, float]) -> None:
+    """Lock joints at a value [rad, m]; at the reference, else at zero, where it is None.
+
+    Raises:
+        RobotFileError: there is no such joint that moves, or it has several coordinates and a value.
+    """
+    movable = [joint.name for joint in tree.joints.values() if joint.moves]
+    for name, value in locked.items():
+        if name not in movable:
+            if name in tree.held:
+                continue  # by --base, or with another joint
+            raise RobotFileError(f"--lock: {choose_from('joint that moves', name, movable)}")
+        joint = tree.joints[name]
+        if value is not None and len(joint.coordinates) > 1 and value:
+            raise RobotFileError(
+                f"--lock: {name!r} is {joint.kind}; give {name} alone, and its turn by --reference "
+                f"{joint.coordinates[-1]}=VALUE"
+            )
+        values = [reference.get(name, 0.0) for name in joint.coordinates]
+        tree.fix(joint, *(values if value is None else [value] * len(values)))
+
+
 def loops_of_the_rest(tree: UrdfTree, closures: Sequence[Closure]) -> list[Closure]:
     """The closures that still have a joint that moves between their frames."""
     return [c for c in closures if any(tree.moving_chains(*map(tree.link_of, c.frames)))]
+
+
+def couplings_of_the_rest(tree: UrdfTree, couplings: Sequence[Coupling]) -> list[Coupling]:
+    """The couplings of two joints that still move; where one is held, the other becomes held with it.
+
+    Raises:
+        RobotFileError: the joint that is held says nothing of the other, by a ratio of zero.
+    """
+    waiting = list(couplings)
+    while True:
+        half = [c for c in waiting if tree.joints[c.joint].moves != tree.joints[c.of].moves]
+        if not half:
+            return [c for c in waiting if tree.joints[c.joint].moves]
+        coupling = half[0]
+        if tree.joints[coupling.joint].moves:
+            (value,) = tree.held[coupling.of]
+            tree.fix(tree.joints[coupling.joint], coupling.ratio * value + coupling.offset)
+        elif coupling.ratio:
+            (value,) = tree.held[coupling.joint]
+            tree.fix(tree.joints[coupling.of], (value - coupling.offset) / coupling.ratio)
+        else:
+            waiting.remove(coupling)

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from framework.errors import RobotFileError
 from framework.model.description import (
-    Actuator,
     Closure,
-    JointSpring,
+    Coupling,
+    JointDynamics,
     ParsedRobot,
     Platform,
     RobotDescription,
 )
-from framework.model.readers.base_link import lock_all_but, loops_of_the_rest
-from framework.model.readers.missing_fields import Options, checked_reference, resolve
+from framework.model.readers.base_link import couplings_of_the_rest, lock, lock_all_but, loops_of_the_rest
+from framework.model.readers.left_out import LeftOut, left_out_of
+from framework.model.readers.missing_fields import Known, Options, checked_reference, resolve
+from framework.model.readers.transmissions import Motor, actuators_of
 from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.robot_keys import joint_dynamics
+from framework.model.urdf_elements import declared_couplings, declared_dynamics
+
+# names that exporters give to every model
+_NO_NAMES = ("", "mjcf", "model", "mujoco", "mujoco model", "onshape", "robot", "scene", "urdf")
 
 
 def describe(
@@ -26,28 +34,58 @@ def describe(
     options: Options,
     closures: Sequence[Closure],
     *,
+    couplings: Sequence[Coupling] = (),
     platform: Platform | None = None,
-    actuators: Sequence[Actuator] = (),
+    motors: Sequence[Motor] = (),
     likely_motors: Sequence[str] = (),
-    joint_springs: Sequence[JointSpring] = (),
+    joints: Mapping[str, JointDynamics] | None = None,
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
-    reference: dict[str, float] | None = None,
+    reference: Mapping[str, float] | None = None,
+    left_out: Sequence[LeftOut] = (),
 ) -> ParsedRobot:
     """The records of a tree and its loops, once the options have said what the file does not; and its URDF.
+
+    What --base does not carry and what --lock names is held, and nothing that acts there matters.
 
     Raises:
         RobotFileError: there is no loop, or one that closes nothing; or platform, axes or motors are missing.
     """
-    if not closures:
+    near = checked_reference(options, tree.coordinates, reference or {})
+    couplings = [*couplings, *declared_couplings(tree.root)]
+    if not closures and not couplings:
         raise RobotFileError("there is no loop in it: a parallel robot needs at least one closure")
+    _check_closures(closures)
     if options.base is not None:
-        lock_all_but(tree, options.base, reference or {})
-        actuators = [actuator for actuator in actuators if actuator.joint in tree.movable]
-        joint_springs = [spring for spring in joint_springs if spring.joint in tree.movable]
-        reference = {name: value for name, value in (reference or {}).items() if name in tree.coordinates}
-        closures = loops_of_the_rest(tree, closures)
-        if not closures:
-            raise RobotFileError(f"--base: no loop moves that link {options.base!r} carries")
+        lock_all_but(tree, options.base, near)
+    lock(tree, options.locked, near)
+    couplings = couplings_of_the_rest(tree, couplings)
+    loops = loops_of_the_rest(tree, closures)
+    if not loops and not couplings:
+        raise _no_loop(options, closures[0] if closures else None)
+    actuators, several = actuators_of(motors, tree, couplings)
+    description = RobotDescription(
+        name=_name(tree.root, file),
+        file=file,
+        urdf_text="",
+        platform=Platform(tree.base, ()),
+        actuators=tuple(actuators),
+        closures=tuple(loops),
+        couplings=tuple(couplings),
+        joints=_acting(tree, joints or {}),
+        gravity=gravity,
+        reference={name: value for name, value in near.items() if name in tree.coordinates},
+    )
+    known = Known(tree, description, platform, tuple(likely_motors))
+    resolved = resolve(options, known)
+    description = replace(
+        resolved.description,
+        urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
+    )
+    texts = (*several, *left_out_of(tree, left_out))
+    return ParsedRobot(description, tree.root, left_out=texts, remarks=resolved.remarks)
+
+
+def _check_closures(closures: Sequence[Closure]) -> None:
     names = [closure.name for closure in closures]
     for closure in closures:
         if names.count(closure.name) > 1:
@@ -56,29 +94,30 @@ def describe(
             raise RobotFileError(
                 f"closure {closure.name!r}: joins {closure.frames[0]!r} with itself; needs two frames"
             )
-        if not any(tree.moving_chains(*map(tree.link_of, closure.frames))):
-            raise RobotFileError(
-                f"closure {closure.name!r}: no joint moves between {closure.frames[0]!r} and "
-                f"{closure.frames[1]!r}, so it closes no loop"
-            )
-    frames, joints = tree.frames, tree.movable
-    resolved = resolve(
-        options,
-        frames=frames,
-        joints=joints,
-        platform=platform,
-        actuators=actuators,
-        likely_motors=likely_motors,
+
+
+def _no_loop(options: Options, closure: Closure | None) -> RobotFileError:
+    """What to say where nothing is left of the loops of a file."""
+    if options.base is not None:
+        return RobotFileError(f"--base: no loop moves that link {options.base!r} carries")
+    if closure is None or options.locked:
+        return RobotFileError("--lock: no loop moves any more")
+    first, second = closure.frames
+    return RobotFileError(
+        f"closure {closure.name!r}: no joint moves between {first!r} and {second!r}, so it closes no loop"
     )
-    description = RobotDescription(
-        name=file.stem,
-        file=file,
-        urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
-        platform=resolved.platform,
-        actuators=resolved.actuators,
-        closures=tuple(closures),
-        joint_springs=tuple(joint_springs),
-        gravity=gravity,
-        reference=checked_reference(options, tree.coordinates, reference or {}),
-    )
-    return ParsedRobot(description, tree.root)
+
+
+def _name(root: ElementTree.Element, file: Path) -> str:
+    """The model's own name, else that of its file, else of its folder; fit to name a file."""
+    for name in (root.get("name", ""), file.stem, file.absolute().parent.name):
+        clean = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
+        if name.lower() not in _NO_NAMES and clean.strip("_"):
+            return clean
+    return file.stem
+
+
+def _acting(tree: UrdfTree, joints: Mapping[str, JointDynamics]) -> dict[str, JointDynamics]:
+    """What acts on the coordinates that move: what the reader of the dialect says, else <dynamics>."""
+    declared = joint_dynamics(declared_dynamics(tree.root), {})
+    return {name: value for name, value in {**declared, **joints}.items() if name in tree.coordinates}

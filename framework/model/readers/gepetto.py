@@ -18,10 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from framework.errors import RobotFileError, choose_from, short
-from framework.model.description import Actuator, Closure, ParsedRobot, locked_axes
+from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options, names_list
-from framework.model.readers.urdf_tree import MOST_LOOPS, UrdfTree
+from framework.model.readers.transmissions import Motor
+from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
 
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 _KINDS = {"3d": "spherical", "6d": "fixed"}
@@ -40,8 +41,8 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
     pairs = content.get("closed_loop")
     if not isinstance(pairs, list) or not pairs:
         raise RobotFileError(f"closed_loop: needs a list of pairs of frames, got {short(pairs)}")
-    if len(pairs) > MOST_LOOPS:
-        raise RobotFileError(f"closed_loop: {len(pairs)} loops; at most {MOST_LOOPS} are read")
+    if len(pairs) > MAX_LOOPS:
+        raise RobotFileError(f"closed_loop: {len(pairs)} loops; at most {MAX_LOOPS} are read")
     if "type" not in content:
         raise RobotFileError("type: missing; needs 3d or 6d for each pair of closed_loop")
     kinds = names_list("type", content["type"])
@@ -66,7 +67,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
             raise RobotFileError(f"name_mot[{i}]: {choose_from('movable joint', name, tree.movable)}")
         if motors.count(name) > 1:
             raise RobotFileError(f"name_mot: duplicate {name!r}")
-    return describe(tree, file, options, closures, actuators=[Actuator(name) for name in motors])
+    return describe(tree, file, options, closures, motors=[Motor.on(name) for name in motors])
 
 
 def _replace_joints(tree: UrdfTree, content: Mapping[Any, Any]) -> None:

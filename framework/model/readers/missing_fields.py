@@ -1,15 +1,32 @@
-"""What a foreign file leaves out - platform, axes, motors, reference - and a person must say."""
+"""What a foreign file leaves out - platform, axes, motors, reference - and a person must say or agree to."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from framework.errors import RobotFileError, choose_from, short
-from framework.model.description import AXES, Actuator, Platform
+from framework.model.description import AXES, Actuator, Platform, RobotDescription
+from framework.model.readers.urdf_tree import UrdfTree
 
-_SHOWN = 24  # candidates named in a message
+_MAX_LISTED_NAMES = 24
+
+
+class Known(NamedTuple):
+    """What a file says of a robot whose platform or motors it may leave out."""
+
+    tree: UrdfTree
+    description: RobotDescription  # its platform is the base on no axes, its motors those of the file
+    platform: Platform | None = None
+    likely_motors: tuple[str, ...] = ()
+
+
+class Resolved(NamedTuple):
+    """A description with platform and motors, and what has to be said about where they are from."""
+
+    description: RobotDescription
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -17,7 +34,8 @@ class Options:
     """What was said beside the file; None is left to the file.
 
     `reference` [rad, m] goes by the names of joints, of a ball J by J_rx, J_ry, J_rz (a rotation vector); a
-    foreign file's zero pose is the reference unless it says something else.
+    foreign file's zero pose is the reference unless it says something else. `locked` [rad, m] holds joints,
+    at the reference where the value is None. `propose` says what nobody has said.
     """
 
     platform: str | None = None
@@ -25,50 +43,68 @@ class Options:
     motors: tuple[str, ...] | None = None
     reference: Mapping[str, float] = field(default_factory=dict)
     base: str | None = None  # a link: what it does not carry is locked
+    locked: Mapping[str, float | None] = field(default_factory=dict)
+    platform_joints: tuple[str, ...] | None = None
+    propose: Propose | None = None
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether nothing is said of platform and motors."""
+        return not (self.platform or self.axes or self.platform_joints or self.motors)
 
 
-class Resolved(NamedTuple):
-    """Platform and motors, from the options and else from the file."""
-
-    platform: Platform
-    actuators: tuple[Actuator, ...]
+Propose = Callable[[Options, Known], Resolved]
 
 
-def resolve(
-    options: Options,
-    *,
-    frames: Sequence[str],
-    joints: Sequence[str],
-    platform: Platform | None = None,
-    actuators: Sequence[Actuator] = (),
-    likely_motors: Sequence[str] = (),
-) -> Resolved:
-    """What the options say, else the file; `frames` and movable `joints` are the valid names.
+def resolve(options: Options, known: Known) -> Resolved:
+    """What the options say, else the file, else what is proposed.
 
     Raises:
         RobotFileError: something is said nowhere (names the options and the candidates), or an
             option is not valid.
     """
-    frame = options.platform or (platform.frame if platform else None)
-    joint_coordinates = platform.joints if platform and not options.axes else ()
-    axes = options.axes or (platform.axes if platform else None)
-    missing = []
-    if frame is None:
-        missing.append(f"--platform FRAME (of: {_few(frames)})")
-    if axes is None:
-        missing.append(f"--axes (of: {', '.join(AXES)})")
-    if options.motors is None and not actuators:
-        missing.append(f"--motors (of: {_few(likely_motors or joints)})")
-    if frame is None or axes is None or missing:
-        raise RobotFileError(f"the file does not say: give {'; '.join(missing)}")
-    if frame not in frames:
+    frames, joints, description = known.tree.frames, known.tree.movable, known.description
+    if options.motors is not None:
+        motors = _actuators(options.motors, joints, description.actuators)
+        description = replace(description, actuators=motors)
+    frame, platform = options.platform, known.platform
+    if frame is not None and frame not in frames:
         raise RobotFileError(f"--platform: {choose_from('frame', frame, frames)}")
-    for axis in axes:
-        if axis not in AXES:
-            raise RobotFileError(f"--axes: {choose_from('axis', axis, AXES)}")
-    if len(set(axes)) < len(axes):
-        raise RobotFileError(f"--axes: needs different axes, got {' '.join(axes)}")
-    return Resolved(Platform(frame, axes, joint_coordinates), _actuators(options.motors, joints, actuators))
+    if options.platform_joints is not None:
+        if options.axes is not None:
+            raise RobotFileError("--platform-joints: the platform has joints or --axes, not both")
+        _check_axes("--platform-joints", "movable joint", options.platform_joints, joints)
+        last = known.tree.joints[options.platform_joints[-1]].child
+        platform = Platform(frame or last, (), options.platform_joints)
+    elif options.axes is not None:
+        _check_axes("--axes", "axis", options.axes, AXES)
+        frame = frame or (platform.frame if platform else None)
+        platform = Platform(frame, options.axes) if frame is not None else None
+    elif frame is not None:
+        platform = replace(platform, frame=frame) if platform is not None else None
+    if platform is not None and description.actuators:
+        return Resolved(replace(description, platform=platform))
+    if options.propose is not None:
+        return options.propose(options, known._replace(description=description, platform=platform))
+    missing = []
+    if frame is None and platform is None:
+        missing.append(f"--platform FRAME (of: {_few(frames)})")
+    if platform is None and options.axes is None:
+        missing.append(f"--axes (of: {', '.join(AXES)})")
+    if not description.actuators:
+        missing.append(f"--motors (of: {_few(known.likely_motors or joints)})")
+    raise RobotFileError(
+        f"the file does not say: give {'; '.join(missing)}; or let `crossing convert` propose them"
+    )
+
+
+def _check_axes(option: str, kind: str, names: Sequence[str], valid: Sequence[str]) -> None:
+    for name in names:
+        if name not in valid:
+            raise RobotFileError(f"{option}: {choose_from(kind, name, valid)}")
+    if len(set(names)) < len(names):
+        plural = "axes" if kind == "axis" else "joints"
+        raise RobotFileError(f"{option}: needs different {plural}, got {' '.join(names)}")
 
 
 def _actuators(
@@ -89,18 +125,18 @@ def _actuators(
 
 
 def checked_reference(
-    options: Options, coordinates: Sequence[str], found: Mapping[str, float]
+    options: Options, coordinates: Sequence[str], near: Mapping[str, float]
 ) -> dict[str, float]:
     """The reference of the file with that of the options over it; `coordinates` are those of all joints."""
     for name in options.reference:
         if name not in coordinates:
             raise RobotFileError(f"--reference: {choose_from('movable joint', name, coordinates)}")
-    return {**found, **{name: float(value) for name, value in options.reference.items()}}
+    return {**near, **{name: float(value) for name, value in options.reference.items()}}
 
 
 def _few(names: Sequence[str]) -> str:
-    listed = ", ".join(names[:_SHOWN]) or "none"
-    return listed + (f", and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+    listed = ", ".join(names[:_MAX_LISTED_NAMES]) or "none"
+    return listed + (f", and {len(names) - _MAX_LISTED_NAMES} more" if len(names) > _MAX_LISTED_NAMES else "")
 
 
 def names_list(where: str, value: object) -> tuple[str, ...]:

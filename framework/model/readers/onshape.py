@@ -17,6 +17,7 @@ from framework.errors import RobotFileError
 from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options
+from framework.model.readers.transmissions import Motor
 from framework.model.readers.urdf_tree import UrdfTree
 
 _END = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
@@ -46,4 +47,5 @@ def read_onshape(file: Path, root: ElementTree.Element, options: Options) -> Par
             missing = re.sub(rf"_{end}(_z)?$", rf"_{missing}\1", there)
             raise RobotFileError(f"link {there!r}: the other end of its loop, {missing!r}, is missing")
         closures.append(Closure(name, (ends["1"], ends["2"]), locked_axes("spherical")))
-    return describe(tree, file, options, closures)
+    driven = [Motor.on(name) for name in tree.motors if name in tree.movable]
+    return describe(tree, file, options, closures, motors=driven)

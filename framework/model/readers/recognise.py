@@ -12,17 +12,16 @@ from typing import Any
 from framework.errors import RobotFileError, choose_from, short
 from framework.input import read_text
 from framework.model.description import ParsedRobot, RobotDescription
-from framework.model.documents import BLANK, naming, parse_xml, parse_yaml
+from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.parameters import with_parameters
 from framework.model.readers import gepetto, onshape, ros_constraint, urdf_plus
-from framework.model.readers.missing_fields import Options, checked_reference, resolve
+from framework.model.readers.missing_fields import Known, Options, Propose, checked_reference, resolve
 from framework.model.readers.mjcf.reader import read_mjcf
 from framework.model.readers.ros_constraint import read_ros_constraint
 from framework.model.readers.sdf import raise_for_sdf
 from framework.model.readers.urdf_plus import read_urdf_plus
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_file import parse_robot
-from framework.model.urdf_elements import MOVING, coordinates_of
 
 DIALECTS = {
     "robot file": "our own YAML beside a URDF",
@@ -43,10 +42,19 @@ def read_any(
     motors: Sequence[str] | None = None,
     reference: Mapping[str, float] | None = None,
     base: str | None = None,
+    locked: Mapping[str, float | None] | None = None,
+    platform_joints: Sequence[str] | None = None,
 ) -> RobotDescription:
     """The description in a file of any dialect: see `parse_any`, which says more."""
     return parse_any(
-        file, platform=platform, axes=axes, motors=motors, reference=reference, base=base
+        file,
+        platform=platform,
+        axes=axes,
+        motors=motors,
+        reference=reference,
+        base=base,
+        locked=locked,
+        platform_joints=platform_joints,
     ).description
 
 
@@ -58,15 +66,19 @@ def parse_any(
     motors: Sequence[str] | None = None,
     reference: Mapping[str, float] | None = None,
     base: str | None = None,
+    locked: Mapping[str, float | None] | None = None,
+    platform_joints: Sequence[str] | None = None,
+    propose: Propose | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> ParsedRobot:
     """The description in a file of any dialect, recognised by its content, its URDF and the dialect.
 
     The options say what a foreign file does not, and overrule what it does: the `platform` frame and
-    its `axes`, the joints that are `motors`, and a `reference` [rad, m] where the file's zero pose is not
-    near the wanted one. Only what the link `base` of a foreign file carries moves, if one is given; all else
-    is locked where the reference of the file has it. For a pair of Gepetto give the YAML or the folder of
-    the two.
+    its `axes` or `platform_joints`, the joints that are `motors` or `locked` [rad, m] (at the reference where
+    the value is None), and a `reference` [rad, m] where the file's zero pose is not near the wanted one. Only
+    what the link `base` of a foreign file carries moves, if one is given; all else is locked where the
+    reference of the file has it. `propose` says what is said nowhere. For a pair of Gepetto give the YAML or
+    the folder of the two.
     `parameters` takes other values for those that a robot file of ours declares.
 
     Raises:
@@ -80,11 +92,14 @@ def parse_any(
         None if motors is None else tuple(motors),
         dict(reference or {}),
         base,
+        dict(locked or {}),
+        None if platform_joints is None else tuple(platform_joints),
+        propose,
     )
     if os.path.isdir(path):
         path = _pair_in(path)
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
-    is_xml = text.lstrip(BLANK).startswith("<")
+    is_xml = text.lstrip(LEADING_BLANKS).startswith("<")
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf", ".sdf") and not is_xml:
         raise RobotFileError(f"{path}: not well-formed XML: it does not begin with <")
     with naming(path):
@@ -159,23 +174,19 @@ def _from_yaml(path: Path, text: str, options: Options, given: Mapping[str, floa
 
 def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
     """Our robot file with what the options overrule."""
-    if options.base is not None:
-        raise RobotFileError("--base: for files of foreign dialects; a robot file of ours has the key locked")
-    description, root = robot.description, robot.urdf
-    kinds = {joint.get("name", ""): joint.get("type", "") for joint in root.findall("joint")}
-    coordinates = [name for joint, kind in kinds.items() for name in coordinates_of(joint, kind)]
-    resolved = resolve(
-        options,
-        frames=[element.get("name", "") for tag in ("link", "joint") for element in root.findall(tag)],
-        joints=[joint for joint, kind in kinds.items() if kind in MOVING],
-        platform=description.platform,
-        actuators=description.actuators,
+    if options.base is not None or options.locked:
+        option = "--base" if options.base is not None else "--lock"
+        raise RobotFileError(
+            f"{option}: for files of foreign dialects; a robot file of ours has the key locked"
+        )
+    if options == Options():
+        return robot
+    description, tree = robot.description, UrdfTree(robot.urdf)
+    reference = checked_reference(options, tree.coordinates, description.reference)
+    description = replace(description, reference=reference)
+    return robot._replace(
+        description=resolve(options, Known(tree, description, description.platform)).description
     )
-    reference = checked_reference(options, coordinates, description.reference)
-    description = replace(
-        description, platform=resolved.platform, actuators=resolved.actuators, reference=reference
-    )
-    return ParsedRobot(description, root)
 
 
 def _pair_in(folder: Path) -> Path:

@@ -20,10 +20,11 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import Actuator, Closure, ParsedRobot, locked_axes
+from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.placement import placement, turning
 from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options
+from framework.model.readers.transmissions import Motor
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.xml_reading import attribute, axis_of, only, origin_of, required
 
@@ -46,7 +47,7 @@ def read_ros_constraint(file: Path, root: ElementTree.Element, options: Options)
     for name in tree.motors:
         if name not in tree.movable:
             raise RobotFileError(f"transmission: {choose_from('movable joint', name, tree.movable)}")
-    return describe(tree, file, options, closures, actuators=[Actuator(name) for name in tree.motors])
+    return describe(tree, file, options, closures, motors=[Motor.on(name) for name in tree.motors])
 
 
 def _constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:

@@ -24,10 +24,11 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import Actuator, Closure, ParsedRobot, locked_axes
+from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.placement import placement, turning
 from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options
+from framework.model.readers.transmissions import Motor
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.urdf_elements import MOVING
 from framework.model.xml_reading import attribute, axis_of, numbers, only, origin_of, required
@@ -55,8 +56,8 @@ def read_urdf_plus(file: Path, root: ElementTree.Element, options: Options) -> P
     for element in tree.extra:
         if element.tag == "coupling" and (closure := _coupling(tree, element)) is not None:
             closures.append(closure)
-    driven = [Actuator(name) for name in tree.motors if name in tree.movable]
-    return describe(tree, file, options, closures, actuators=driven, likely_motors=independent)
+    driven = [Motor.on(name) for name in tree.motors if name in tree.movable]
+    return describe(tree, file, options, closures, motors=driven, likely_motors=independent)
 
 
 def _loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:

@@ -14,7 +14,7 @@ from framework.model.additions import AddedFrame, add_frames
 from framework.model.description import Closure
 from framework.model.placement import about, inverse, placement, to_rpy, turning
 from framework.model.urdf_elements import (
-    LARGEST_TREE,
+    MAX_TREE_ELEMENTS,
     MOVING,
     SEVERAL,
     Joint,
@@ -24,10 +24,10 @@ from framework.model.urdf_elements import (
 )
 from framework.model.urdf_writing import AXIS, joint_element, origin_element
 from framework.model.xml_reading import attribute
+from framework.tolerances import PARALLEL_AXES
 
-MOST_LOOPS = 1000  # loops in a file
-MOST_MOVING = 1000  # freedoms of the joints in a file
-PARALLEL = 1e-9  # how far two unit axes may differ and still be called parallel
+MAX_LOOPS = 1000  # in a file
+MAX_FREEDOMS = 1000  # freedoms of the joints in a file
 _PLAIN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 
 
@@ -56,13 +56,14 @@ class UrdfTree:
         for element in self.extra:
             root.remove(element)
         self.links, self.joints, self.base = read_tree(root)
-        if len(self.extra) > MOST_LOOPS:
-            raise RobotFileError(f"<robot>: {len(self.extra)} loops; at most {MOST_LOOPS} are read")
-        if len(self.coordinates) > MOST_MOVING:
+        if len(self.extra) > MAX_LOOPS:
+            raise RobotFileError(f"<robot>: {len(self.extra)} loops; at most {MAX_LOOPS} are read")
+        if len(self.coordinates) > MAX_FREEDOMS:
             raise RobotFileError(
-                f"<robot>: joints of {len(self.coordinates)} freedoms; at most {MOST_MOVING} are read"
+                f"<robot>: joints of {len(self.coordinates)} freedoms; at most {MAX_FREEDOMS} are read"
             )
         self.parent_joint = {joint.child: joint for joint in self.joints.values()}
+        self.held: dict[str, tuple[float, ...]] = {}  # joints that were fixed, and where [rad, m]
         self._added: dict[str, str] = {}  # the link that carries each frame
 
     # -------------------------------------------------------------- what is there
@@ -136,8 +137,8 @@ class UrdfTree:
 
     def add_frame(self, name: str, link: str, where: Array) -> str:
         """A frame added to a link; its name, with underscores behind where that was taken."""
-        if len(self._added) >= LARGEST_TREE:
-            raise RobotFileError(f"more than {LARGEST_TREE} frames besides links and joints")
+        if len(self._added) >= MAX_TREE_ELEMENTS:
+            raise RobotFileError(f"more than {MAX_TREE_ELEMENTS} frames besides links and joints")
         free = name
         while self._is_taken(free) or self._is_taken(f"{free}_mount"):
             free += "_"
@@ -158,6 +159,7 @@ class UrdfTree:
     def fix(self, joint: Joint, *values: float) -> None:
         """Hold a joint at the values [rad, m] of its coordinates, zero by default."""
         values = values or (0.0,) * len(joint.coordinates)
+        self.held[joint.name] = values
         if joint.kind in SEVERAL:
             *along, x, y, z = values
             angle = math.hypot(x, y, z)
@@ -219,7 +221,7 @@ class UrdfTree:
         axes = [self.axis_at_zero(joint) for joint in (*one, *two)]
         if not axes or any(joint.kind in ("prismatic", *SEVERAL) for joint in (*one, *two)):
             return None
-        if any(np.linalg.norm(axis - axes[0]) > PARALLEL for axis in axes):
+        if any(np.linalg.norm(axis - axes[0]) > PARALLEL_AXES for axis in axes):
             return None
         common = placement(turning("z", axes[0]))
         frames = []

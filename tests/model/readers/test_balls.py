@@ -12,15 +12,15 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import Line, ParallelRobot, plan_crossing, plan_scene
-from framework.errors import RobotFileError
-from framework.kinematics.diagnostics import check_robot
+from framework import Line, ParallelRobot, plan_crossing, plan_scene, simulate
+from framework.errors import LoadedJoint, RobotFileError
+from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.frames import frames_at
-from framework.kinematics.working_modes import working_modes
 from framework.model.description import Closure, RobotDescription
 from framework.model.placement import to_rpy
 from framework.model.readers import read_any
 from framework.model.urdf_writing import joint_element, vector_text
+from framework.proofs.working_modes import working_modes
 from robots.generators.gough_stewart import platform_joints
 from tests.model.readers.leg import FILE, ankle, with_thin_rods
 
@@ -158,7 +158,7 @@ def test_a_platform_that_floats_is_held_by_all_six_legs():
         reference=dict(own.reference) | dict(zip([f"float_{k}" for k in AXES_OF_ALL], found, strict=True)),
     )
     floating = ParallelRobot.from_description(description)
-    of_it = [name for name in floating.coordinate_names if name.startswith("float")]
+    of_it = [name for name in floating.coordinates.names if name.startswith("float")]
     assert of_it == [f"float_{axis}" for axis in AXES_OF_ALL]
     ours, plan = (plan_scene(robot, "tilt") for robot in (home, floating))
     times = np.linspace(0.0, ours.duration, 21)
@@ -213,6 +213,41 @@ def test_an_mjcf_ankle_plans_alike_wherever_its_balls_have_their_zero(tmp_path):
     torques = [plan.torque(times) for plan in plans]
     np.testing.assert_allclose(torques[1], torques[0], rtol=0, atol=1e-11 * np.abs(torques[0]).max())
     assert all(plan.certificate.max_closure_error < 1e-13 for plan in plans)
+
+
+def ankle_with_bulky_rods(folder: Path, inertia: float) -> ParallelRobot:
+    """The ankle whose rods have an inertia of this order [kg m^2] that is not symmetric about their lines."""
+    root = ElementTree.fromstring(with_thin_rods(FILE.read_text()))
+    for body in root.iter("body"):
+        if body.find("joint[@type='ball']") is not None:
+            inertial = body.find("inertial")
+            moments = np.array(inertial.get("fullinertia").split(), float)
+            inertial.set("fullinertia", vector_text(moments + inertia * np.array([1, 2, 1.5, 0.3, 0.3, 0])))
+    return ankle(folder, ElementTree.tostring(root, encoding="unicode"))
+
+
+def test_a_rod_that_would_spin_is_held_if_that_costs_little_and_else_by_what_the_refusal_says(tmp_path):
+    path = Line([-0.4, -0.2], [0.2, 0.3])
+    light = ankle_with_bulky_rods(tmp_path, 1e-5)
+    plan = plan_crossing(light, path, duration=1.0)
+    peak = max(plan.peak_torque.values())
+    assert 1e-6 * peak < plan.certificate.max_held_torque < 1e-4 * peak
+    assert simulate(light, plan).tracking_error < 1e-5  # m, rad: the rods spin there
+    bulky = ankle_with_bulky_rods(tmp_path, 5e-3)
+    with pytest.raises(LoadedJoint) as caught:
+        plan_crossing(bulky, path, duration=1.0)
+    parent, rod = re.search(r"closure {frames: \[(\S+), (\S+)\], axes: \[rz\]}", str(caught.value)).groups()
+    turns = [
+        Closure(
+            f"turn_{leg}", (parent.replace("_a_", f"_{leg}_"), rod.replace("rod_a", f"rod_{leg}")), ("rz",)
+        )
+        for leg in "ab"
+    ]
+    closures = (*bulky.description.closures, *turns)
+    locked = ParallelRobot.from_description(replace(bulky.description, closures=closures))
+    plan = plan_crossing(locked, path, duration=1.0)
+    assert plan.certificate.max_held_torque == 0.0
+    assert simulate(locked, plan).tracking_error < 1e-12
 
 
 @pytest.mark.slow

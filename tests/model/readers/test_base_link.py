@@ -64,11 +64,9 @@ def test_bases_that_cannot_be(tmp_path, base, message):
         ankle(tmp_path, text, base=base)
 
 
-def test_the_armature_of_a_ball_is_refused():
-    with pytest.raises(
-        RobotFileError, match="joint 'left_ankle_rod_a_ball' armature: only supported on joints"
-    ):
-        read_any(FILE, **SAID)
+def test_the_armature_of_a_ball_acts_about_all_its_axes():
+    joints = read_any(FILE, **SAID).joints
+    assert {joints[f"left_ankle_rod_a_ball_{axis}"].armature for axis in ("rx", "ry", "rz")} == {0.001}
 
 
 def test_our_own_files_lock_joints_themselves():

@@ -13,7 +13,7 @@ import pytest
 import robots
 from framework import Line, assemble, dynamics_at, locate_singularities
 from framework.errors import OutputError, RobotFileError
-from framework.kinematics.diagnostics import check_robot
+from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import CLOSURE_KINDS, locked_axes
@@ -85,7 +85,8 @@ def test_mjcf_motors_carry_their_gear_rotor_and_limit():
     description = read_any(DATA / "five_bar_sites.xml", platform="left_tip", axes=["x", "y"])
     for actuator in description.actuators:
         assert actuator.gear_ratio == 50
-        assert actuator.rotor_inertia == pytest.approx(6.4e-6)  # armature / gear^2
+        assert actuator.rotor_inertia == 0.0  # it is the joint's, whichever motors are chosen
+        assert description.joints[actuator.joint].armature == pytest.approx(6.4e-6 * 50**2)
         assert actuator.torque_limit == 4
 
 
@@ -121,11 +122,13 @@ def test_every_closure_kind_can_be_written(kind, tmp_path):
 
 def test_writing_over_the_file_that_is_read_is_refused(tmp_path):
     for suffix in ("yaml", "urdf"):
-        (tmp_path / f"robot.{suffix}").write_text((DATA / "gepetto" / f"robot.{suffix}").read_text())
-    before = (tmp_path / "robot.yaml").read_text()
+        text = (DATA / "gepetto" / f"robot.{suffix}").read_text()
+        (tmp_path / f"five_bar.{suffix}").write_text(text)
+    file = tmp_path / "five_bar.yaml"
+    before = file.read_text()
     with pytest.raises(OutputError, match="overwrite"):
-        write_robot_file(read_any(tmp_path, platform="tip_A", axes=["x"]), tmp_path)
-    assert (tmp_path / "robot.yaml").read_text() == before
+        write_robot_file(read_any(file, platform="tip_A", axes=["x"]), tmp_path)
+    assert file.read_text() == before
 
 
 def test_nothing_is_left_behind_where_writing_fails(tmp_path):
@@ -288,7 +291,7 @@ def test_gepetto_joint_types_become_joints_of_one_degree(tmp_path):
     description = read_any(tmp_path, platform="one", axes=["x"])
     robot = Mechanism.from_description(description)
     assert list(robot.model.names)[1:] == ["one_joint", "two_joint_Z", "two_joint_Y"]
-    assert robot.coordinate_names == (
+    assert robot.coordinates.names == (
         "one_joint_rx", "one_joint_ry", "one_joint_rz", "two_joint_Z", "two_joint_Y",
     )  # fmt: skip
     assert description.closures[0].axes == ("x", "y", "z", "rx", "ry", "rz")
@@ -475,7 +478,7 @@ def test_mjcf_free_bodies_are_where_the_keyframe_has_them(tmp_path, joint):
     qpos = " ".join(map(repr, (*at, there.w, *there.coeffs()[:3].tolist())))
     key = f'<keyframe><key qpos="{qpos} 0"/></keyframe></mujoco>'
     robot = read_mjcf_text(mjcf(body + DRIVEN).replace("</mujoco>", key), tmp_path)
-    assert robot.coordinate_names == ("f_x", "f_y", "f_z", "f_rx", "f_ry", "f_rz", "j")
+    assert robot.coordinates.names == ("f_x", "f_y", "f_z", "f_rx", "f_ry", "f_rz", "j")
     for q, place, turn in ((robot.q_near, at, there), (robot.neutral, (1, 2, 3), start)):
         found = placement_of(robot, "one", q)
         np.testing.assert_allclose(found[:3, 3], place, atol=1e-15)

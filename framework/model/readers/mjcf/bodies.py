@@ -9,10 +9,12 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import JointSpring
+from framework.model.description import JointDynamics
 from framework.model.placement import placement
-from framework.model.readers.mjcf.geoms import inertial_element, visual_element
-from framework.model.readers.mjcf.settings import DEEPEST, TURNS, CompilerSettings, known, word
+from framework.model.readers.left_out import LeftOut
+from framework.model.readers.mjcf.geoms import UnknownInertia, inertial_element, visual_element
+from framework.model.readers.mjcf.settings import MAX_NESTING_DEPTH, TURNS, CompilerSettings, known, word
+from framework.model.urdf_elements import coordinates_of
 from framework.model.urdf_writing import joint_element, origin_element, vector_text
 from framework.model.xml_reading import numbers, required
 
@@ -34,7 +36,7 @@ class Coordinate:
 
     kind: str
     ref: float
-    armature: float
+    force_limit: float | None  # of all motors on it together [N m, N]
     place: Array  # (4, 4) of the body in its parent at the zero pose
 
 
@@ -47,7 +49,8 @@ class Bodies:
     bodies: list[str] = field(default_factory=lambda: [WORLD])
     sites: dict[str, tuple[str, Array]] = field(default_factory=dict)
     coordinates: dict[str, Coordinate] = field(default_factory=dict)  # in the order of qpos
-    springs: list[JointSpring] = field(default_factory=list)
+    joints: dict[str, JointDynamics] = field(default_factory=dict)  # by coordinate
+    left_out: list[LeftOut] = field(default_factory=list)
     names: set[str] = field(default_factory=lambda: {WORLD})  # of links
     links: dict[str, ElementTree.Element] = field(default_factory=dict)
 
@@ -70,10 +73,10 @@ class Bodies:
         self, element: ElementTree.Element, link: str, childclass: str | None, depth: int
     ) -> None:
         """Geoms, sites and bodies below one body; its joints and inertia are already there."""
-        if depth > DEEPEST:
-            raise RobotFileError(f"body {link!r}: more than {DEEPEST} bodies inside each other")
+        if depth > MAX_NESTING_DEPTH:
+            raise RobotFileError(f"body {link!r}: more than {MAX_NESTING_DEPTH} bodies inside each other")
         carried = ("joint", "freejoint", "inertial") if link != WORLD else ()
-        valid = ("body", "geom", "site", "camera", "light", *carried)
+        valid = ("body", "geom", "site", "camera", "light", "plugin", *carried)
         where = f"body {link!r}"
         for child in element:
             if child.tag not in valid:
@@ -99,9 +102,7 @@ class Bodies:
         where = f"body {name!r}"
         known(element, where, _BODY)
         if element.get("mocap") == "true":
-            raise RobotFileError(f"{where}: mocap bodies are not supported")
-        if "gravcomp" in element.attrib and numbers(f"{where} gravcomp", element.get("gravcomp"), 1)[0]:
-            raise RobotFileError(f"{where}: gravcomp is not supported")
+            self.left_out.append(LeftOut(f"{where}: mocap, so it stands still", (name,)))
         childclass = element.get("childclass", childclass)
         offset = self.settings.placed(element.attrib, where)
         # a joint turns about a point of the body; its link stands in that point, the body's own behind it
@@ -121,9 +122,14 @@ class Bodies:
         self.bodies.append(name)
         if len(self.bodies) > 5000:
             raise RobotFileError("<worldbody>: more than 5000 bodies")
-        mass = inertial_element(self.settings, element, name, childclass)
+        try:
+            mass = inertial_element(self.settings, element, name, childclass)
+        except UnknownInertia as unknown:
+            self.left_out.append(LeftOut(str(unknown), (name,)))
+            mass = None
         if mass is not None:
             self.links[name].append(mass)
+            self.gravity_compensation(element, name, mass)
         self.body_content(element, name, childclass, depth)
 
     def joint_attributes(
@@ -150,9 +156,6 @@ class Bodies:
         if kind not in _IN_URDF:
             raise RobotFileError(f"{where}: {choose_from('type', kind, _IN_URDF)}")
         unit = 1.0 if kind == "slide" else self.settings.angle
-        if any(numbers(f"{where} springdamper", attributes.get("springdamper", "0 0"), 2)):
-            raise RobotFileError(f"{where} springdamper: not supported; give stiffness")
-        armature = numbers(f"{where} armature", attributes.get("armature", "0"), 1)[0]
         several = kind in ("ball", "free")
         ref = 0.0 if several else unit * numbers(f"{where} ref", attributes.get("ref", "0"), 1)[0]
         axis = np.array(numbers(f"{where} axis", attributes.get("axis", "0 0 1"), 3))
@@ -167,8 +170,11 @@ class Bodies:
         for key, value in zip(("lower", "upper"), limits, strict=False):
             required(element, where, "limit").set(key, repr(value))
         self.root.append(element)
-        self.coordinates[name] = Coordinate(kind, ref, armature, origin)
-        self.spring(name, kind, attributes, unit, ref)
+        limit = symmetric_range(attributes, where, "actuatorfrcrange")
+        self.coordinates[name] = Coordinate(kind, ref, limit, origin)
+        acting = self.acting(name, kind, attributes, unit, ref)
+        if acting != JointDynamics():
+            self.joints.update(dict.fromkeys(coordinates_of(name, _IN_URDF[kind]), acting))
         return child
 
     def range(self, where: str, attributes: dict[str, str], unit: float, ref: float) -> tuple[float, ...]:
@@ -183,19 +189,46 @@ class Bodies:
             raise RobotFileError(f"{where} range: needs lower < upper, got {lower:g} {upper:g}")
         return unit * lower - ref, unit * upper - ref
 
-    def spring(self, name: str, kind: str, attributes: dict[str, str], unit: float, ref: float) -> None:
-        """A spring on the joint, if it has one. MuJoCo's stiffness is per radian whatever the unit."""
-        where = f"joint {name!r} stiffness"
-        parts = attributes.get("stiffness", "0").split()
-        values = numbers(where, attributes.get("stiffness", "0"), min(max(len(parts), 1), 3))
-        if any(values[1:]) or values[0] < 0:
-            raise RobotFileError(f"{where}: needs one number of at least zero, got {' '.join(parts)}")
-        if values[0] == 0:
-            return
-        if kind in ("ball", "free"):
-            raise RobotFileError(f"{where}: springs of {kind} joints are not supported")
-        rest = unit * numbers(f"joint {name!r} springref", attributes.get("springref", "0"), 1)[0]
-        self.springs.append(JointSpring(f"{name}_spring", name, values[0], rest - ref))
+    def acting(
+        self, name: str, kind: str, attributes: dict[str, str], unit: float, ref: float
+    ) -> JointDynamics:
+        """Inertia, damping, dry friction and spring of a joint; these are per radian whatever the unit."""
+        where = f"joint {name!r}"
+        values = {"armature": 0.0, "damping": 0.0, "frictionloss": 0.0, "stiffness": 0.0}
+        for key in values:
+            # of a polynomial (MuJoCo 3.4) the first coefficient is the linear one
+            parts = attributes.get(key, "0").split()
+            first, *higher = numbers(f"{where} {key}", attributes.get(key, "0"), max(len(parts), 1))
+            if first < 0:
+                raise RobotFileError(f"{where} {key}: must not be negative, got {first:g}")
+            if any(higher):
+                self.left_out.append(LeftOut(f"{where} {key}: higher powers {' '.join(parts[1:])}", (name,)))
+            values[key] = first
+        if any(numbers(f"{where} springdamper", attributes.get("springdamper", "0 0"), 2)):
+            text = f"{where} springdamper {attributes['springdamper']}: time constant and damping ratio"
+            self.left_out.append(LeftOut(text, (name,)))
+        if kind in ("ball", "free") and values["stiffness"]:
+            text = f"{where}: spring of a {kind} joint, {values['stiffness']:g} N m/rad"
+            self.left_out.append(LeftOut(text, (name,)))
+            values["stiffness"] = 0.0
+        rest = unit * numbers(f"{where} springref", attributes.get("springref", "0"), 1)[0] - ref
+        return JointDynamics(
+            armature=values["armature"],
+            damping=values["damping"],
+            friction=values["frictionloss"],
+            stiffness=values["stiffness"],
+            rest=rest if values["stiffness"] else 0.0,
+        )
+
+    def gravity_compensation(
+        self, element: ElementTree.Element, body: str, inertial: ElementTree.Element
+    ) -> None:
+        """Name the force that holds a body up, if there is one: it is left out."""
+        (share,) = numbers(f"body {body!r} gravcomp", element.get("gravcomp", "0"), 1)
+        if share:
+            mass = float(required(inertial, body, "mass").get("value", "0"))
+            force = share * mass * float(np.linalg.norm(self.settings.gravity))
+            self.left_out.append(LeftOut(f"body {body!r} gravcomp {share:g}: {force:.3g} N", (body,)))
 
     def site(self, element: ElementTree.Element, link: str, childclass: str | None) -> None:
         """A site with a name becomes a frame."""
@@ -208,3 +241,9 @@ class Bodies:
         if "fromto" in attributes:
             raise RobotFileError(f"site {name!r} fromto: not supported; give pos and an orientation")
         self.sites[name] = (link, self.settings.placed(attributes, f"site {name!r}"))
+
+
+def symmetric_range(attributes: dict[str, str], where: str, key: str) -> float | None:
+    """The upper end of a range that is as wide on either side; None without one."""
+    low, high = numbers(f"{where} {key}", attributes.get(key, "0 0"), 2)
+    return high if high > 0 and low == -high else None

@@ -1,4 +1,4 @@
-"""The `<equality>` of an MJCF file: its closures, and joints that it holds."""
+"""The `<equality>` of an MJCF file: closures, couplings of joints, and joints that it holds."""
 
 from __future__ import annotations
 
@@ -7,23 +7,25 @@ from collections.abc import Mapping
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import Closure, locked_axes
+from framework.model.description import Closure, Coupling, locked_axes
 from framework.model.placement import from_quaternion, inverse, placement
+from framework.model.readers.left_out import LeftOut
 from framework.model.readers.mjcf.bodies import WORLD, Bodies
 from framework.model.readers.mjcf.settings import known, word
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.xml_reading import numbers
 
+_OTHERS = ("tendon", "flex", "flexvert", "flexstrain", "distance")
 _EQUALITY = ("name", "class", "active", "solref", "solimp")
 _CONNECT = (*_EQUALITY, "body1", "body2", "anchor", "site1", "site2")
 _WELD = (*_CONNECT, "relpose", "torquescale")
 _JOINT_EQUALITY = (*_EQUALITY, "joint1", "joint2", "polycoef")
 
 
-def closures_of(
+def loops_of(
     root: ElementTree.Element, bodies: Bodies, tree: UrdfTree, frames: Mapping[str, str]
-) -> list[Closure]:
-    """The closures of a file whose bodies became the tree; `frames` has the tree's frame of each site.
+) -> tuple[list[Closure], list[Coupling]]:
+    """The loops of a file whose bodies became the tree; `frames` has the tree's frame of each site.
 
     Joints that an equality holds become fixed in the tree.
 
@@ -31,18 +33,43 @@ def closures_of(
         RobotFileError: names the element.
     """
     closures: list[Closure] = []
+    couplings: list[Coupling] = []
     for section in root.findall("equality"):
         for element in section:
-            if (closure := _closure(bodies, tree, frames, element, len(closures) + 1)) is not None:
-                closures.append(closure)
-    return closures
+            loop = _loop(root, bodies, tree, frames, element, len(closures) + 1)
+            if isinstance(loop, Closure):
+                closures.append(loop)
+            elif loop is not None:
+                couplings.append(loop)
+    return closures, couplings
 
 
-def _closure(
-    bodies: Bodies, tree: UrdfTree, frames: Mapping[str, str], element: ElementTree.Element, number: int
-) -> Closure | None:
-    """The closure of one equality; None for one that is off, or that holds a joint (which is done)."""
+def _joints_of_tendons(root: ElementTree.Element, equality: ElementTree.Element) -> tuple[str, ...]:
+    """The joints that the tendons of an equality pull at."""
+    names = {equality.get("tendon1"), equality.get("tendon2")} - {None}
+    tendons = [tendon for section in root.findall("tendon") for tendon in section]
+    return tuple(
+        part.get("joint", "")
+        for tendon in tendons
+        if tendon.get("name") in names
+        for part in tendon.findall("joint")
+    )
+
+
+def _loop(
+    root: ElementTree.Element,
+    bodies: Bodies,
+    tree: UrdfTree,
+    frames: Mapping[str, str],
+    element: ElementTree.Element,
+    number: int,
+) -> Closure | Coupling | None:
+    """The loop of one equality; None for one that is off, left out, or holds a joint (which is done)."""
     kinds = {"connect": _CONNECT, "weld": _WELD, "joint": _JOINT_EQUALITY}
+    if element.tag in _OTHERS:
+        text = f"<equality>: {element.tag} {element.get('name', '')!r}: only bodies and joints are joined"
+        bodies.left_out.append(LeftOut(text, _joints_of_tendons(root, element), is_decisive=True))
+        return None
     if element.tag not in kinds:
         raise RobotFileError(f"<equality>: {choose_from('or unsupported element', element.tag, kinds)}")
     name = element.get("name") or f"{element.tag}_{number}"
@@ -116,36 +143,39 @@ def _bodies(
 
 def _joint_equality(
     bodies: Bodies, tree: UrdfTree, name: str, where: str, attributes: dict[str, str]
-) -> Closure | None:
-    """Hold a joint, or keep two turns about parallel axes equal; other couplings are refused."""
+) -> Closure | Coupling | None:
+    """The coupling of two joints; a joint that is held alone becomes fixed.
+
+    Equal turns about parallel axes of one body are a closure, which all proofs know. MuJoCo's polynomial is
+    between the ways of the two from their zero pose, as ours is.
+    """
     names = []
     for key in ("joint1", "joint2"):
         if key not in attributes and key == "joint2":
             continue
-        given = attributes.get(key)
+        joint_name = attributes.get(key)
         valid = [n for n, c in bodies.coordinates.items() if c.kind in ("hinge", "slide")]
-        if given not in valid:
-            raise RobotFileError(f"{where} {key}: {choose_from('hinge or slide', given, valid)}")
-        names.append(given)
+        if joint_name not in valid:
+            raise RobotFileError(f"{where} {key}: {choose_from('hinge or slide', joint_name, valid)}")
+        names.append(str(joint_name))
     parts = attributes.get("polycoef", "0 1 0 0 0").split()
     parts += ["0", "1", "0", "0", "0"][len(parts) :]  # what is left out keeps its default
-    coefficients = numbers(f"{where} polycoef", " ".join(parts), 5)
-    first = tree.joints[str(names[0])]
-    if len(names) == 1 or not any(coefficients[1:]):
-        if not first.moves:
-            raise RobotFileError(f"{where} joint1: {first.name!r} is already held")
-        tree.fix(first, coefficients[0])
+    offset, ratio, *higher = numbers(f"{where} polycoef", " ".join(parts), 5)
+    joint = tree.joints[names[0]]
+    if len(names) == 1 or not any((ratio, *higher)):
+        if not joint.moves:
+            raise RobotFileError(f"{where} joint1: {joint.name!r} is already held")
+        tree.fix(joint, offset)
         return None
-    second = tree.joints[str(names[1])]
-    closure = None
-    if coefficients == (0.0, 1.0, 0.0, 0.0, 0.0):
-        chains = tree.moving_chains(first.child, second.child)
-        if [[joint.name for joint in chain] for chain in chains] == [[first.name], [second.name]]:
-            closure = tree.same_turning(name, first.child, second.child)
-    if closure is None:
-        raise RobotFileError(
-            f"{where}: a coupling of {first.name!r} with {second.name!r} by polycoef "
-            f"{' '.join(f'{value:g}' for value in coefficients)} cannot be held by loops of frames "
-            f"(valid: one joint held, or two equal turns about parallel axes of one body)"
-        )
-    return closure
+    if any(higher):
+        text = f"{where}: polycoef {' '.join(parts)}: only linear couplings of joints are read"
+        bodies.left_out.append(LeftOut(text, tuple(names), is_decisive=True))
+        return None
+    if (offset, ratio) == (0.0, 1.0):
+        second = tree.joints[names[1]]
+        chains = tree.moving_chains(joint.child, second.child)
+        if [[part.name for part in chain] for chain in chains] == [[joint.name], [second.name]]:
+            closure = tree.same_turning(name, joint.child, second.child)
+            if closure is not None:
+                return closure
+    return Coupling(names[0], names[1], ratio, offset)

@@ -19,8 +19,12 @@ from framework.model.urdf_writing import origin_element
 from framework.model.xml_reading import numbers
 
 GEOMS = ("sphere", "box", "cylinder", "capsule", "ellipsoid")
-DENSITY = 1000.0  # MuJoCo's default [kg/m^3]
+DEFAULT_DENSITY = 1000.0  # MuJoCo's default [kg/m^3]
 _INERTIAL = ("pos", *TURNS, "mass", "diaginertia", "fullinertia")
+
+
+class UnknownInertia(RobotFileError):
+    """A shape whose inertia is not computed has to give one."""
 
 
 class _Inertia(NamedTuple):
@@ -93,15 +97,13 @@ def _geom_inertia(
     """The inertia of a geom; None for one without mass."""
     where = f"body {link!r}: <geom>"
     attributes = settings.attributes(element, where, childclass)
-    density = numbers(f"{where} density", attributes.get("density", repr(DENSITY)), 1)[0]
+    density = numbers(f"{where} density", attributes.get("density", repr(DEFAULT_DENSITY)), 1)[0]
     mass = numbers(f"{where} mass", attributes["mass"], 1)[0] if "mass" in attributes else None
     if mass == 0.0 or (mass is None and density == 0.0):
         return None
     kind, size, where_at = _geometry(settings, attributes, where)
     if kind not in GEOMS:
-        raise RobotFileError(
-            f"{where} type: the inertia of a {kind} is not computed; give the body an <inertial>"
-        )
+        raise UnknownInertia(f"{where}: the mass of a {kind} (the body has no <inertial>)")
     volume, unit = _solid(kind, size)  # of a solid of one kilogram
     mass = density * volume if mass is None else mass
     turn = where_at[:3, :3]

@@ -3,34 +3,37 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 
 import numpy as np
 import pinocchio as pin
 
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import Actuator
 from framework.model.placement import from_quaternion
-from framework.model.readers.mjcf.bodies import Bodies
-from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.readers.left_out import LeftOut
+from framework.model.readers.mjcf.bodies import Bodies, symmetric_range
+from framework.model.readers.transmissions import Motor
 from framework.model.urdf_elements import coordinates_of
 from framework.model.xml_reading import numbers
 
+_SCALAR = ("hinge", "slide")
 _MOTORS = ("motor", "position", "velocity", "intvelocity", "damper", "general")
+_OTHERS = ("cylinder", "muscle", "adhesion", "plugin", "dcmotor")
 
 
-def actuators_of(root: ElementTree.Element, bodies: Bodies, tree: UrdfTree) -> list[Actuator]:
-    """The motors of a file whose bodies became the tree.
+def motors_of(root: ElementTree.Element, bodies: Bodies) -> list[Motor]:
+    """The motors on hinges, slides and fixed tendons of them; others are named as left out.
 
     Raises:
         RobotFileError: names the element.
     """
-    found: dict[str, Actuator] = {}
-    movable = set(tree.movable)
-    valid = [name for name in bodies.coordinates if name in movable]
+    motors: list[Motor] = []
+    tendons = _fixed_tendons(root, bodies)
     for section in root.findall("actuator"):
         for element in section:
-            where = f"<actuator>: {element.tag} {element.get('name', '')!r}"
-            if element.tag not in _MOTORS:
+            name = element.get("name") or element.get("joint") or element.get("tendon") or ""
+            where = f"<actuator>: {element.tag} {name!r}"
+            if element.tag not in (*_MOTORS, *_OTHERS):
                 raise RobotFileError(
                     f"{where}: {choose_from('or unsupported actuator', element.tag, _MOTORS)}"
                 )
@@ -38,34 +41,71 @@ def actuators_of(root: ElementTree.Element, bodies: Bodies, tree: UrdfTree) -> l
                 **bodies.settings.attributes(element, where, None, "general"),
                 **bodies.settings.attributes(element, where, None),
             }
-            joint = attributes.get("joint", attributes.get("jointinparent"))
-            if joint not in valid:
-                raise RobotFileError(f"{where} joint: {choose_from('hinge or slide', joint, valid)}")
-            if joint in found:
-                raise RobotFileError(f"{where}: joint {joint!r} has two actuators")
-            found[joint] = _actuator(bodies, joint, attributes, where)
-    for name, coordinate in bodies.coordinates.items():
-        if coordinate.armature and name not in found:
-            raise RobotFileError(
-                f"joint {name!r} armature: only supported on joints with an <actuator>; give the inertia "
-                f"to the body"
-            )
-    return list(found.values())
+            motor = _motor(bodies, tendons, name, element.tag, attributes, where)
+            if motor is not None:
+                motors.append(motor)
+    return motors
 
 
-def _actuator(bodies: Bodies, joint: str, attributes: dict[str, str], where: str) -> Actuator:
+def _motor(
+    bodies: Bodies,
+    tendons: Mapping[str, Mapping[str, float]],
+    name: str,
+    tag: str,
+    attributes: dict[str, str],
+    where: str,
+) -> Motor | None:
+    """The motor of an element; None for one that is left out."""
+    valid = [joint for joint, coordinate in bodies.coordinates.items() if coordinate.kind in _SCALAR]
+    joint = attributes.get("joint", attributes.get("jointinparent"))
+    shares: Mapping[str, float] | None = None
+    acts_on: tuple[str, ...] = ()
+    if joint is not None:
+        if joint not in bodies.coordinates:
+            raise RobotFileError(f"{where} joint: {choose_from('hinge or slide', joint, valid)}")
+        shares, acts_on = ({joint: 1.0} if joint in valid else None), (joint,)
+    elif "tendon" in attributes:
+        shares = tendons.get(attributes["tendon"])
+        acts_on = tuple(bodies.coordinates)
     parts = attributes.get("gear", "1").split()
-    gear = numbers(f"{where} gear", attributes.get("gear", "1"), max(len(parts), 1))
-    if gear[0] <= 0 or any(gear[1:]):
-        raise RobotFileError(f"{where} gear: needs one ratio greater than zero, got {' '.join(parts)}")
-    armature = bodies.coordinates[joint].armature
-    if armature < 0:
-        raise RobotFileError(f"joint {joint!r} armature: must not be negative, got {armature:g}")
-    limit = None
-    if "forcerange" in attributes:
-        low, high = numbers(f"{where} forcerange", attributes["forcerange"], 2)
-        limit = high if high > 0 and low == -high else None
-    return Actuator(joint, gear[0], armature / gear[0] ** 2, limit)
+    gear = numbers(f"{where} gear", attributes.get("gear", "1"), max(len(parts), 1))[0]
+    if shares is None or tag in _OTHERS or gear == 0.0:
+        bodies.left_out.append(LeftOut(f"{tag} {name!r}: no motor on a hinge or a slide", acts_on))
+        return None
+    limits = [symmetric_range(attributes, where, "forcerange")]
+    if tag == "motor":
+        limits.append(symmetric_range(attributes, where, "ctrlrange"))
+    if joint is not None and (limit := bodies.coordinates[joint].force_limit) is not None:
+        limits.append(limit / abs(gear))
+    return Motor(name, shares, gear, min((limit for limit in limits if limit is not None), default=None))
+
+
+def _fixed_tendons(root: ElementTree.Element, bodies: Bodies) -> dict[str, dict[str, float]]:
+    """The joints of each fixed tendon with their coefficients; what else a tendon does is left out."""
+    fixed: dict[str, dict[str, float]] = {}
+    for tendon in (element for section in root.findall("tendon") for element in section):
+        name = tendon.get("name", "")
+        where = f"tendon {name!r}"
+        attributes = bodies.settings.attributes(tendon, where, None, "tendon")
+        joints = {}
+        for part in tendon.findall("joint"):
+            if part.get("joint") not in bodies.coordinates:
+                raise RobotFileError(
+                    f"{where} joint: {choose_from('joint', part.get('joint'), bodies.coordinates)}"
+                )
+            (ratio,) = numbers(f"{where} coef", part.get("coef"), 1)
+            joints[str(part.get("joint"))] = ratio
+        if tendon.tag == "fixed":
+            fixed[name] = joints
+        acting = [
+            f"{key} {attributes[key]}"
+            for key in ("stiffness", "damping", "frictionloss", "armature", "range")
+            if any(value not in ("0", "0.0") for value in attributes.get(key, "0").split())
+        ]
+        acts_on = tuple(joints) or tuple(bodies.coordinates)  # a spatial one may touch any body
+        if acting:
+            bodies.left_out.append(LeftOut(f"{where}: {', '.join(acting)}", acts_on))
+    return fixed
 
 
 def reference_of(root: ElementTree.Element, bodies: Bodies) -> dict[str, float]:

@@ -15,7 +15,7 @@ from framework.model.description import SHORTEST
 from framework.model.placement import about, from_quaternion, placement
 from framework.model.xml_reading import numbers
 
-DEEPEST = 200  # bodies in bodies, defaults in defaults
+MAX_NESTING_DEPTH = 200  # bodies in bodies, defaults in defaults
 TURNS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 
 
@@ -59,7 +59,7 @@ class CompilerSettings:
         name = element.get("class", "main" if depth == 0 else "")
         if not name:
             raise RobotFileError("<default>: a nested default needs a class")
-        if depth > DEEPEST:
+        if depth > MAX_NESTING_DEPTH:
             raise RobotFileError("<default>: nested too deeply")
         own = {tag: dict(values) for tag, values in above.items()}
         for child in element:

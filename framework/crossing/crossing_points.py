@@ -1,0 +1,85 @@
+"""Where on the path condition (8) is to hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from framework.crossing.condition import (
+    Condition8,
+    CrossingPoint,
+    coefficients_at,
+    crossing_point,
+    imposed_point,
+)
+from framework.crossing.refusals.uncrossable_points import check_crossable
+from framework.crossing.request import Request
+from framework.errors import InvalidInput
+from framework.kinematics.continuation.tracking import Branch
+from framework.singularity.points_on_path import SearchedPath, SingularPoint
+
+
+@dataclass(frozen=True, eq=False)
+class PathToCross:
+    """The path followed, its singular points, and where on it condition (8) is to hold."""
+
+    searched: SearchedPath
+    crossing_points: Sequence[SingularPoint | CrossingPoint]
+
+    @property
+    def branch(self) -> Branch:
+        """The path as it was followed."""
+        return self.searched.branch
+
+    @property
+    def points(self) -> tuple[SingularPoint, ...]:
+        """The singular points of the undeformed robot on it."""
+        return self.searched.points
+
+    @cached_property
+    def at_rest(self) -> list[tuple[CrossingPoint, Condition8]]:
+        """For every crossing point that of the undeformed robot, and condition (8) there."""
+        places = [
+            crossing_point(self.branch, one, None, one.s) if isinstance(one, SingularPoint) else one
+            for one in self.crossing_points
+        ]
+        return [(place, coefficients_at(self.branch, place, None)) for place in places]
+
+
+def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
+    """Return a searched path with the points at which a request asks for condition (8).
+
+    Raises:
+        InvalidInput: times or speeds are not as many as these places.
+        NoLaw, UncontrolledMotions: no law can cross at one of them.
+    """
+    return PathToCross(searched, _crossing_points(searched.branch, searched.points, request))
+
+
+def _crossing_points(
+    branch: Branch, points: tuple[SingularPoint, ...], request: Request
+) -> list[SingularPoint | CrossingPoint]:
+    """Return the points where condition (8) is to hold; refuse what no law can cross."""
+    times, speeds, at = request.times, request.speeds, request.at
+    if at is not None:
+        chosen: list[SingularPoint | CrossingPoint] = [imposed_point(branch, s) for s in at]
+        what = f"{len(at)} imposed by `at`"
+    else:
+        chosen = [*points]
+        what = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
+        if points:
+            what += " at s = " + ", ".join(f"{one.s:.6g}" for one in points)
+    if times is not None and len(times) == 0 and at is None:
+        if speeds:
+            raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
+        return []
+    for name, values in (("times", times), ("speeds", speeds)):
+        if values is not None and len(values) != len(chosen):
+            raise InvalidInput(
+                f"{name}: got {len(values)} ({', '.join(f'{value:g}' for value in values)}), but there "
+                f"{'is' if len(chosen) == 1 else 'are'} {what}"
+            )
+    for singular in points if at is None else ():
+        check_crossable(branch, singular)
+    return chosen

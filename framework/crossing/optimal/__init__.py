@@ -1,0 +1,1 @@
+"""The optimal law: the cone program and what is around it."""

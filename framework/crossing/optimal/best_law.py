@@ -1,0 +1,217 @@
+"""The best law along a path: the optimum of the cone program, with rows where a limit was exceeded, as a law.
+
+Between the points of the program, and at the crossings themselves, torques follow by interpolation; what
+exceeds a limit there becomes a row of the next round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray, IntArray
+from framework.crossing.optimal.speed_program import (
+    DENSE_POINTS_RATIO,
+    FIRST_ROW_STRIDE,
+    LIMIT_MARGIN,
+    SpeedProgram,
+)
+from framework.errors import InvalidInput
+from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve
+from framework.motion.exact_duration import adjusted, blended, duration_of
+from framework.motion.infeasibility import Infeasible
+from framework.motion.optimal_law import OptimalLaw
+
+DEGREES = (40, 80)  # of the squared speed; the second where the first has no law
+MAX_CROSSINGS_AT_FIRST_DEGREE = 4  # more are tried with the second degree at once
+MIN_ROW_TORQUE_RATIO = 0.7  # torque over the peak, below which its row is left out of further rounds
+MAX_ROW_ROUNDS = 8  # of solving with further rows where a limit was exceeded
+# peak torque of a slow law over that of the quickest, tried in turn
+PEAK_RATIOS = (1.002, 1.005, 1.01, 1.02, 1.05, 1.2, 1.5, 2.0, 4.0)
+MAX_CONVEX_CONCAVE_STEPS = 8  # from the quickest towards the slowest law
+SLOW_LAW_MIN_SQUARED_SPEED_RATIO = 0.02  # least z of such a law, over the mean speed squared
+
+
+class Best(NamedTuple):
+    """The best law of its degree; `peak` of torque over `reference` (n_a,) [N m] is what the program saw.
+
+    cost: what was to be least: the duration [s], the peak of torque [N m], or the energy [N2 m2 s].
+    bound: the same of the program with rows at few points and no weight on roughness, which no law of this
+        degree goes below.
+    """
+
+    law: OptimalLaw
+    peak: float
+    reference: Array
+    cost: float
+    bound: float
+
+
+def best_law(program: SpeedProgram) -> Best | Infeasible | Unsolved:
+    """Return the best law of a program, or why it has none."""
+    cones = program.cones()
+    optimum = program.solved(cones)
+    return within_limits(program, cones, optimum) if isinstance(optimum, Optimum) else optimum
+
+
+def off_limits(program: SpeedProgram) -> tuple[float | None, float | None]:
+    """Compute the least peak of torque over its limit in the required duration, and the least duration [s]
+    within all limits, of laws of this degree; None where none was found."""
+    specification = program.specification
+    free = replace(
+        specification, goal="peak_torque", torque_limit=np.full(len(specification.torque_limit), np.inf)
+    )
+    quickest = replace(specification, goal="time", duration=None, longest=None)
+    # a motor without a limit counts for nothing in a peak over the limits
+    units = program.units._replace(
+        torque=np.where(specification.limited_motors, program.units.torque, np.inf)
+    )
+    gentle = (
+        _found(replace(program, specification=free, units=units))
+        if specification.limited and specification.most is not None
+        else None
+    )
+    quick = _found(replace(program, specification=quickest)) if specification.limited else None
+    return (None if gentle is None else gentle.peak, None if quick is None else quick.law.duration)
+
+
+def _found(program: SpeedProgram) -> Best | None:
+    best = best_law(program)
+    return best if isinstance(best, Best) else None
+
+
+def within_limits(
+    program: SpeedProgram, cones: ConeProgram, optimum: Optimum
+) -> Best | Infeasible | Unsolved:
+    """Return the law of an optimum, solved again with rows where a limit does not hold between the points.
+
+    Rows that are far from their limit are left out of that; where they are needed they come back.
+    """
+    unextended = optimum
+    relevant = np.abs(cones.torque(optimum.y)) > MIN_ROW_TORQUE_RATIO * _allowed(cones.bounded, optimum.peak)
+    rows = Affine(cones.torque.matrix[relevant], cones.torque.offset[relevant])
+    cones = replace(cones, torque=rows, bounded=cones.bounded[relevant])
+    limited = program.specification.limited_motors
+    for _ in range(MAX_ROW_ROUNDS):
+        allowed = np.where(limited, 1.0, np.inf)
+        if program.specification.goal == "peak_torque" or not program.specification.limited:
+            allowed = _allowed(limited, optimum.peak) * (1.0 + 2.0 * LIMIT_MARGIN)
+        extended = _with_rows_where_exceeded(program, cones, optimum.y, allowed)
+        if extended is None:
+            break
+        resolved = program.solved(extended)
+        if not isinstance(resolved, Optimum):
+            return resolved
+        cones, optimum = extended, resolved
+    try:
+        y = optimum.y if program.specification.duration is None else _lasting(program, cones, optimum)
+        law = OptimalLaw(
+            y * program.scale,
+            program.specification.smoothness,
+            program.specification.duration or 0.0,
+            program.on_path.stretch.at,
+        )
+    except InvalidInput as problem:
+        return Unsolved(str(problem))
+    peak = float(program.torques(y).max())
+    final = optimum._replace(peak=peak, duration=law.duration / program.units.time)
+    return Best(law, peak, program.units.torque, _cost(program, final), _bound(program, unextended))
+
+
+def _bound(program: SpeedProgram, limited: Optimum) -> float:
+    """Return the cost without the weight on roughness; that of `limited` where this program is not solved."""
+    unweighted = replace(program, roughness=0.0)
+    optimum = unweighted.solved(unweighted.cones())
+    return _cost(program, optimum if isinstance(optimum, Optimum) else limited)
+
+
+def _cost(program: SpeedProgram, optimum: Optimum) -> float:
+    time, torque = program.units.time, float(program.units.torque.max())
+    if program.specification.goal == "time":
+        return optimum.duration * time
+    return (
+        optimum.peak * torque
+        if program.specification.goal == "peak_torque"
+        else optimum.value * torque**2 * time
+    )
+
+
+def _with_rows_where_exceeded(
+    program: SpeedProgram, cones: ConeProgram, y: Array, allowed: Array
+) -> ConeProgram | None:
+    """Add rows where torques of y exceed what is allowed (n_a,) or z is too low; None if there are none."""
+    over = _peaks((program.torques(y) / allowed).max(axis=1), 1.0)
+    low = _peaks(-(program.speeds_between @ y), -0.5 * cones.floor)
+    if not len(over) and not len(low):
+        return None
+    return replace(
+        cones,
+        torque=_both(cones.torque, program.torque_rows(program.between[over])),
+        bounded=np.append(cones.bounded, np.tile(program.specification.limited_motors, len(over))),
+        positive=np.concatenate([cones.positive, program.speeds_between[low]]),
+    )
+
+
+def _lasting(program: SpeedProgram, cones: ConeProgram, quick: Optimum) -> Array:
+    """Compute coefficients of a law of the required duration, between the quick one and a slow one.
+
+    Admissible z are a convex set, and the duration is continuous along a blend of two. The slow law keeps
+    to the same peak of the torques but for a small share, grown as far as it must, and to the limits at
+    any rate.
+
+    The duration is convex in z, so it is at least its linearisation about any z0: the integral of
+    -z0^(-3/2)/2 (z - z0) added to that of z0. The z that makes this largest takes longer than z0, and so
+    on (the convex-concave procedure: Yuille and Rangarajan 2003).
+
+    Raises:
+        InvalidInput: none of this degree was found.
+    """
+    duration = (program.specification.duration or 0.0) / program.units.time
+    stretch = program.on_path.stretch
+    if duration_of(quick.y, stretch) > duration * (1.0 - 1e-6):  # a rounding away, or nearly so
+        return adjusted(quick.y, cones.equalities, duration, stretch)
+    everywhere = program.speeds_between[:: FIRST_ROW_STRIDE * DENSE_POINTS_RATIO]
+    slower = replace(
+        cones, positive=np.concatenate([cones.positive, everywhere]), floor=SLOW_LAW_MIN_SQUARED_SPEED_RATIO
+    )
+    for peak_ratio in PEAK_RATIOS:
+        previous, allowed = quick.y, _allowed(program.specification.limited_motors, peak_ratio * quick.peak)
+        for _ in range(MAX_CONVEX_CONCAVE_STEPS):
+            rows = _scaled(slower.torque, _allowed(slower.bounded, peak_ratio * quick.peak))
+            everything = replace(slower, torque=rows, bounded=np.ones_like(slower.bounded))
+            slow = solve(everything, "slowest", about=previous)
+            if not isinstance(slow, Optimum):
+                break
+            extended = _with_rows_where_exceeded(
+                program, slower, slow.y, allowed * (1.0 + 2.0 * LIMIT_MARGIN)
+            )
+            if extended is not None:
+                slower = extended
+            elif duration_of(slow.y, stretch) > duration:
+                blend = blended(previous, slow.y, duration, stretch)
+                return adjusted(blend, cones.equalities, duration, stretch)
+            else:
+                previous = slow.y
+    raise InvalidInput("no law of this degree advances all the time and takes so long")
+
+
+def _both(one: Affine, two: Affine) -> Affine:
+    return Affine(np.concatenate([one.matrix, two.matrix]), np.concatenate([one.offset, two.offset]))
+
+
+def _scaled(rows: Affine, units: Array) -> Affine:
+    return Affine(rows.matrix / units[:, None], rows.offset / units)
+
+
+def _allowed(limited: BoolArray, peak: float) -> Array:
+    """Return the peak, or the limit of motors that have one where that is less."""
+    return np.where(limited, min(peak, 1.0), peak)
+
+
+def _peaks(values: Array, allowed: float) -> IntArray:
+    """Return the indices of the local maxima above the allowed value."""
+    padded = np.concatenate(([-np.inf], values, [-np.inf]))
+    highest = (values >= padded[:-2]) & (values >= padded[2:])
+    return np.flatnonzero(highest & (values > allowed))

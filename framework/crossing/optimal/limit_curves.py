@@ -1,0 +1,152 @@
+"""How fast the motors let a robot go along its path, and how they let it speed up: curves over s.
+
+At each s the limits |c + d s' + p s'^2 + q s"| <= limit of all motors leave a region of (s', s"), with dry
+friction of the motors in c and viscous damping in d. Where two of its edges meet is the highest s' (the
+maximum velocity curve of Pfeiffer and Johanni, IEEE J. Robotics and Automation 3, 1987), and the line
+s' = const through it is the range of s". At a Type 2 singularity d, p and q have poles along one direction:
+whatever the limits, the range closes to the one s" of condition (8).
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.crossing.optimal.phase_plane import demand
+from framework.crossing.result import CrossingPlan
+from framework.dynamics.motor_friction import motor_friction
+from framework.kinematics.continuation.tracking import track_path
+from framework.motion.optimal_law import Smoothstep
+
+SAMPLES = 241
+BESIDE = np.geomspace(1e-5, 0.05, 25)  # of the duration, instants beside a crossing
+TOLERANCE = 1e-9  # of a limit, by which a corner of the region may exceed it
+
+
+class Asked(NamedTuple):
+    """Torques constant + per_speed s' + per_z s'^2 + per_u s" of the motors at T places, each (T, n_a)."""
+
+    constant: Array
+    per_speed: Array
+    per_z: Array
+    per_u: Array
+    motor_speed: Array  # (T, n_a) over s', motor side
+
+
+class LimitCurves(NamedTuple):
+    """Over the instants of a plan, none of them on a crossing: its law, and what the motors allow there.
+
+    Of the undeformed robot. `highest_speed` is infinite where nothing limits it, and not a number where the
+    motors cannot even hold the robot.
+    """
+
+    s: Array  # (T,)
+    speed: Array  # (T,) s' of the law [1/s]
+    acceleration: Array  # (T,) s" of the law [1/s^2]
+    highest_speed: Array  # (T,) [1/s]
+    lowest_acceleration: Array  # (T,) [1/s^2] at the law's speed
+    highest_acceleration: Array  # (T,) [1/s^2]
+    torque_limit: Array  # (n_a,) [N m], motor side
+
+
+def limit_curves(plan: CrossingPlan) -> LimitCurves:
+    """The curves of a plan, for the limits of its optimal law, and for its own peak torque without limits."""
+    torque_limit, speed_limit = _limits(plan)
+    times = _instants(plan)
+    s, speed, acceleration = (plan.law(times, order) for order in range(3))
+    s = np.clip(s, 0.0, 1.0)
+    asked = _asked(plan, s)
+    lowest, highest = _accelerations(asked, speed, torque_limit)
+    return LimitCurves(
+        s,
+        speed,
+        acceleration,
+        highest_speed(asked, torque_limit, speed_limit),
+        lowest,
+        highest,
+        torque_limit,
+    )
+
+
+def _asked(plan: CrossingPlan, s: Array) -> Asked:
+    """What the undeformed robot of a plan asks at s (T,), with its damping and the friction planned with."""
+    branch, robot = track_path(plan.robot, plan.path), plan.robot
+    undamped = demand(branch, Smoothstep(0), s, None, "rigid")
+    constant, per_z, per_u = undamped.torque
+    per_speed = np.zeros_like(constant)
+    if robot.is_damped:  # demand has the tangent of sqrt(z) at z = 1, (1 + z) / 2
+        damped = demand(branch, Smoothstep(0), s, None, "rigid", lambda at: np.ones(len(at)))
+        per_speed = 2.0 * (damped.torque.constant - constant)
+    friction = undamped.friction(motor_friction(robot, plan.request.friction))
+    return Asked(constant + friction, per_speed, per_z, per_u, undamped.speed)
+
+
+def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
+    """Limits (n_a,) of torque [N m] and speed [rad/s]."""
+    own = np.full(plan.robot.n_a, max(plan.peak_torque.values()))
+    if plan.optimality is None:
+        return own, np.full(plan.robot.n_a, np.inf)
+    specification = plan.optimality.specification
+    return (specification.torque_limit if specification.limited else own), specification.speed_limit
+
+
+def _instants(plan: CrossingPlan) -> Array:
+    """Instants from start to end, dense beside the crossings and never on them."""
+    times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, SAMPLES)))
+    for crossing in plan.crossings:
+        times = times[np.abs(times - crossing.time) > BESIDE[0] * plan.duration]
+        near = crossing.time + plan.duration * np.concatenate([-BESIDE, BESIDE])
+        times = np.concatenate([times, near[(near > 0) & (near < plan.duration)]])
+    return np.unique(times)
+
+
+def _accelerations(asked: Asked, speed: Array, limit: Array) -> tuple[Array, Array]:
+    """The least and the largest s" (T,) that the motors allow at these s' (T,)."""
+    constant, per_speed, per_z, per_u, _ = asked
+    at_zero = constant + (per_speed + per_z * speed[:, None]) * speed[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort(np.stack([(-limit - at_zero) / per_u, (limit - at_zero) / per_u]), axis=0)
+    return np.nanmax(ends[0], axis=1), np.nanmin(ends[1], axis=1)
+
+
+def highest_speed(asked: Asked, torque_limit: Array, speed_limit: Array) -> Array:
+    """The largest s' (T,) at which some s" keeps all limits: a corner of their region."""
+    constant, per_speed, per_z, per_u, motor_speed = asked
+    limited = np.isfinite(torque_limit)
+    # rows (T, m, 3) of (s', s'^2, s") and right-hand sides (T, m), each for both signs of a torque
+    rows = np.stack([per_speed, per_z, per_u], axis=-1)[:, limited] / torque_limit[limited, None]
+    rest = constant[:, limited] / torque_limit[limited]
+    rows, bound = np.concatenate([rows, -rows], axis=1), np.concatenate([1.0 - rest, 1.0 + rest], axis=1)
+    best = np.full(len(rest), -np.inf)
+    for i, j in combinations(range(bound.shape[1]), 2):
+        for corner in _corners(rows[:, (i, j)], bound[:, (i, j)]):
+            size = 1.0 + np.abs(rows * corner[:, None]).sum(axis=-1)  # of the terms that a row sums up
+            inside = np.all(np.einsum("tmk,tk->tm", rows, corner) <= bound + TOLERANCE * size, axis=1)
+            best = np.where(inside & (corner[:, 0] > best), corner[:, 0], best)
+    if not limited.any():
+        best = np.full(len(rest), np.inf)
+    with np.errstate(divide="ignore"):
+        by_speed = (speed_limit / motor_speed).min(axis=1)
+    return np.minimum(np.where(best < 0, np.nan, best), by_speed)
+
+
+def _corners(rows: Array, bound: Array) -> list[Array]:
+    """Where two edges meet, rows (T, 2, 3) and right-hand sides (T, 2): two times (s', s'^2, s") (T, 3).
+
+    Without s" there remains a s'^2 + b s' = c. Not a number where the edges do not meet.
+    """
+    (d, p, q), (e, r, t) = (np.moveaxis(rows[:, k], -1, 0) for k in range(2))
+    a, b, c = p * t - r * q, d * t - e * q, bound[:, 0] * t - bound[:, 1] * q
+    with np.errstate(divide="ignore", invalid="ignore"):
+        half = -0.5 * (b + np.copysign(np.sqrt(b**2 + 4.0 * a * c), b))
+        corners = []
+        for root in (half / a, -c / half):
+            speed = np.where(np.isfinite(root), root, np.nan)
+            steeper = np.abs(q) > np.abs(t)  # the edge that gives s"
+            first = (bound[:, 0] - (d + p * speed) * speed) / q
+            second = (bound[:, 1] - (e + r * speed) * speed) / t
+            corners.append(np.stack([speed, speed**2, np.where(steeper, first, second)], axis=1))
+    return corners

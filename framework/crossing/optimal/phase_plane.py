@@ -1,0 +1,257 @@
+"""What a robot asks of the speed along its path: torques and condition (8), affine in z and u.
+
+On a path x(phi(sigma)) with deflections q_e(sigma) all coordinates are functions of sigma, and with
+z = (d sigma/dt)^2, u = z'/2 (see `optimal_law`)
+
+    v = q' sqrt(z),     a = q" z + q' u,     torque = c0 + cz z + cu u,     t_s . W_p = likewise
+
+so three evaluations of the inverse dynamics a point give everything (after toppra, which recovers its
+constraint coefficients from such calls): at rest, and of the inertia alone at (z, u) = (1, 0) and (0, 1).
+Differences against the forces at rest would lose digits where gravity is large. Viscous damping D adds
+D q' sqrt(z), which is replaced by its tangent at the squared speed z0 of the law before,
+
+    sqrt(z) = sqrt(z0)/2 + z / (2 sqrt(z0)) + O((z - z0)^2).
+
+Torques are finite where condition (8) vanishes as often as the measure g of the singularity does. Where the
+path touches the locus without crossing it that is the condition and its derivative along the path,
+
+    c0' + cz' z + cz z' + cu' u + cu u' = 0,     z' = 2 u,
+
+and where several motions escape at once one condition for each of them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.crossing.condition import CrossingPoint, bounds_of_terms, without_rounding
+from framework.dynamics.forces import balanced_forces, inertial_forces, motor_torque, static_forces
+from framework.dynamics.motor_friction import signs
+from framework.kinematics.continuation.tracking import Branch
+from framework.kinematics.frames import integrate
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.linearised_loops import ClosedStack, linearised_at
+from framework.kinematics.loop_matrices import passive_motion, type2_matrix
+from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.chebyshev import TimeFunction, coefficients, derivative_matrix, evaluate, nodes
+from framework.motion.optimal_law import OptimalLaw, Smoothstep
+from framework.singularity.bordered_system import Border, solve_bordered
+from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
+
+HALF_WIDTH, NODES = 0.02, 13  # in sigma, of the panel on which conditions are differentiated
+
+
+class Deflections(Protocol):
+    """q_e as a function of sigma, or its derivative: (M,) gives (M, n_e)."""
+
+    def __call__(self, sigma: Array, order: int = 0) -> Array: ...
+
+
+class SquaredSpeed(Protocol):
+    """z (M,) [1/s^2] of a law at sigma (M,)."""
+
+    def __call__(self, sigma: Array) -> Array: ...
+
+
+class DeflectionsOnPath(NamedTuple):
+    """Deflections of a motion as functions of sigma: with t(sigma), q_e' = dq_e/dt z^(-1/2) and so on."""
+
+    law: OptimalLaw
+    in_time: TimeFunction
+
+    def __call__(self, sigma: Array, order: int = 0) -> Array:
+        """q_e or its derivative in sigma up to order 2, (M, n_e)."""
+        t = np.minimum(self.law.time(sigma), self.law.duration)
+        if order == 0:
+            return self.in_time(t)
+        z = self.law.squared_speed(sigma)[:, None]
+        first = self.in_time(t, 1) / np.sqrt(z)
+        if order == 1:
+            return first
+        u = 0.5 * self.law.squared_speed(sigma, 1)[:, None]
+        return np.asarray((self.in_time(t, 2) - first * u) / z)
+
+
+class AffineInSpeed(NamedTuple):
+    """constant + per_z z + per_u u, each (M, k)."""
+
+    constant: Array
+    per_z: Array
+    per_u: Array
+
+
+class Demand(NamedTuple):
+    """What the motors must give at points sigma (M,)."""
+
+    torque: AffineInSpeed  # (M, n_a) [N m], motor side
+    speed: Array  # (M, n_a) [rad], motor side: over d sigma/dt
+    direction: Array | None = None  # (M, n_a) motor speeds over ds/dt, if dry friction acts on any
+
+    def friction(self, size: Array, take: Array | None = None) -> Array:
+        """Torques (M, n_a) of dry friction of this size (n_a,), or those at combinations `take` (R, M)."""
+        if self.direction is None:
+            return np.zeros((len(self.speed if take is None else take), len(size)))
+        return np.asarray(size * signs(self.direction if take is None else take @ self.direction))
+
+
+def demand(
+    branch: Branch,
+    phi: Smoothstep,
+    sigma: Array,
+    deflections: Deflections | None,
+    geometry: str,
+    before: SquaredSpeed | None = None,
+) -> Demand:
+    """Torques and speeds of the motors at points sigma (M,), damping linearised about the law `before`.
+
+    As in `resolve`: with geometry "rigid" forces are those of the undeformed robot, and only the motors move
+    by what the springs give way.
+    """
+    robot = branch.robot
+    deflected = _three_motions(branch, phi, sigma, deflections)
+    carrying = deflected
+    if geometry == "rigid" and deflections is not None:
+        carrying = _three_motions(branch, phi, sigma, None)
+    forces = _linearised_forces(robot, carrying, sigma, before)
+    torque = motor_torque(robot, deflected, balanced_forces(robot, carrying.linearised, forces).joint_torque)
+    speed = deflected.v[len(sigma) : 2 * len(sigma), robot.actuated] * robot.gear_ratio
+    asked = AffineInSpeed(*torque.reshape(3, len(sigma), -1))
+    return Demand(asked, np.abs(speed), _direction(branch, phi(sigma), deflected))
+
+
+def _direction(branch: Branch, s: Array, three: Motion) -> Array | None:
+    """Return dq_a/ds (M, n_a), motor side, at the poses of `_three_motions`; None without dry friction.
+
+    The springs are held: what their rates add changes the sign only beside a reversal.
+    """
+    robot = branch.robot
+    if not robot.joint_friction[robot.actuated].any():
+        return None
+    x = branch.path(s)
+    closed = ClosedStack(three.q[: len(s)], x, linearised_at(robot, three.q[: len(s)], x))
+    motion = motion_at(robot, closed, branch.path(s, 1), 0.0 * x)
+    return np.asarray(robot.gear_ratio * motion.v[:, robot.actuated])
+
+
+def _linearised_forces(
+    robot: ParallelRobot, motion: Motion, sigma: Array, before: SquaredSpeed | None
+) -> Array:
+    """Forces (3 M, nv) of the open tree on `_three_motions`: at rest, per z and per u.
+
+    Damping is an affine function of z; without a law `before` it is left out.
+    """
+    at_rest, per_z = slice(len(sigma)), slice(len(sigma), 2 * len(sigma))
+    forces = inertial_forces(robot, motion)
+    forces[at_rest] = static_forces(robot, motion.q[at_rest])
+    if robot.is_damped and before is not None:
+        root = np.sqrt(before(sigma))[:, None]
+        damping = 0.5 * robot.joint_damping * motion.v[per_z]
+        forces[at_rest] += damping * root
+        forces[per_z] += damping / root
+    return forces
+
+
+def crossing_rows(
+    branch: Branch,
+    phi: Smoothstep,
+    at: CrossingPoint,
+    deflections: Deflections | None,
+    before: SquaredSpeed | None = None,
+) -> tuple[float, Array]:
+    """sigma of a crossing, and what has to vanish there, (k, 4): (constant, per z, per u, per u').
+
+    The first row is t_s . W_p. What is not beyond rounding is zero: all of it on a straight path orthogonal
+    to t_s, and the share of u on a bent one.
+    """
+    sigma, row = _wrench_row(branch, phi, at, deflections, before)
+    if at.corank == 1 and not at.touches:
+        return sigma, np.append(row, 0.0)[None]
+    return sigma, _rows_about(branch, phi, sigma, at, before)
+
+
+def _rows_about(
+    branch: Branch, phi: Smoothstep, sigma: float, at: CrossingPoint, before: SquaredSpeed | None
+) -> Array:
+    """The conditions of all motions that escape the undeformed robot; at a touch also their derivatives.
+
+    A null vector of the bordered system is smooth about the place, and so is what it makes of the forces.
+    """
+    robot, half = branch.robot, min(HALF_WIDTH, sigma, 1.0 - sigma)
+    points = np.append(sigma + half * nodes(NODES), sigma)
+    closed = close_loops(robot, branch.path(phi(points)), branch.guess(phi(points)))
+    matrices = type2_matrix(robot, closed.linearised)
+    eta = solve_bordered(matrices, Border.of(matrices[-1], at.corank)).eta
+    escaping = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
+    motion = _three_motions(branch, phi, points, None, closed)
+    forces = _linearised_forces(robot, motion, points, before)
+    parts = forces.reshape(3, len(points), 1, -1) * escaping
+    values = np.moveaxis(parts.sum(axis=3), 0, 2)  # (M, corank, 3)
+    size = np.abs(parts).sum(axis=3).max(axis=(0, 1))[:, None]
+    rows = np.pad(values[-1], ((0, 0), (0, 1)))
+    if at.corank > 1:  # symmetric robots ask the same of the law more than once
+        share, right = np.linalg.svd(rows)[1:]
+        rows = (share[:, None] * right[: len(share)])[share > NO_HOLD * size.max()]
+        size = size.max()
+    if at.touches:
+        series = coefficients(values[:-1].reshape(NODES, -1))
+        slopes = evaluate(np.zeros(1), derivative_matrix(NODES) @ series).reshape(-1, 3) / half
+        slopes[:, 2] += 2.0 * rows[:, 1]
+        rows = np.concatenate([rows, np.column_stack([slopes, rows[:, 2]])])
+        size = np.concatenate([size, size / half])
+    return np.where(np.abs(rows) > CONDITION_ROUNDING * size, rows, 0.0)
+
+
+def _wrench_row(
+    branch: Branch,
+    phi: Smoothstep,
+    at: CrossingPoint,
+    deflections: Deflections | None,
+    before: SquaredSpeed | None,
+) -> tuple[float, Array]:
+    """sigma of a crossing, and t_s . W_p there as (constant, per z, per u)."""
+    robot = branch.robot
+    sigma, q, x = phi.inverse(np.array([at.s])), at.q[None], branch.path(np.array([at.s]))
+    closed = ClosedStack(q, x, linearised_at(robot, q, x))
+    motion = _three_motions(branch, phi, sigma, deflections, closed)
+    parts = _linearised_forces(robot, motion, sigma, before) * at.motion
+    row = parts.sum(axis=1)
+    slope, bend = (float(phi(sigma, order)[0]) for order in (1, 2))
+    rate = float(np.abs(motion.v[1] / robot.column_scale).max()) / slope
+    alpha, beta, gamma, _ = bounds_of_terms(branch, at, rate)
+    least = np.array([gamma, slope**2 * beta + abs(bend) * alpha, slope * alpha])
+    size = np.maximum(np.abs(parts).sum(axis=1), least)
+    return float(sigma[0]), without_rounding(row, size, 2)
+
+
+def _three_motions(
+    branch: Branch,
+    phi: Smoothstep,
+    sigma: Array,
+    deflections: Deflections | None,
+    closed: ClosedStack | None = None,
+) -> Motion:
+    """All coordinates at points sigma (M,) for (z, u) = (0, 0), (1, 0), (0, 1), stacked (3 M,)."""
+    robot, s = branch.robot, phi(sigma)
+    if closed is None:
+        guess = branch.guess(s)
+        if deflections is not None:
+            step = np.zeros((len(sigma), robot.model.nv))
+            step[:, robot.elastic] = deflections(sigma)
+            guess = integrate(robot, guess, step)
+        closed = close_loops(robot, branch.path(s), guess)
+    q, x = (np.tile(values, (3, 1)) for values in (closed.q, closed.x))
+    z, u = (np.repeat(values, len(sigma))[:, None] for values in ([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
+    ds, dds = (np.tile(phi(sigma, order), 3)[:, None] for order in (1, 2))
+    slope, bend = (np.tile(branch.path(s, order), (3, 1)) for order in (1, 2))
+    rates: tuple[Array, ...] = ()
+    if deflections is not None and robot.n_e:
+        first, second = (np.tile(deflections(sigma, order), (3, 1)) for order in (1, 2))
+        rates = (first * np.sqrt(z), second * z + first * u)
+    stacked = ClosedStack(q, x, linearised_at(robot, q, x))
+    return motion_at(
+        robot, stacked, slope * ds * np.sqrt(z), slope * (ds * u + dds * z) + bend * ds**2 * z, *rates
+    )

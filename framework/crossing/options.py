@@ -1,0 +1,278 @@
+"""The options of a plan, each declared once: what it means, what may be value, how it is typed.
+
+Made from this one declaration: the record that is planned (`request.Request`), the signature and the help of
+`plan_crossing` and its like (`takes_options`), the options of the command line (`TYPED`), the part of a scene
+that the robot file states (`scenes.scene_request`), and the request in plan.json. A new option is one more
+field here, and a line where planning uses it.
+"""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field, fields
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
+
+import numpy as np
+
+from framework.dynamics.inverse_dynamics import GEOMETRIES, TOLERANCE, check_tolerance
+from framework.dynamics.motor_friction import FRICTIONS
+from framework.dynamics.motor_limits import Limit
+from framework.errors import InvalidInput, choose_from
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.cone_program import GOALS
+from framework.motion.law import check_duration, is_number
+from framework.motion.path import Path
+
+LAWS = ("auto", "polynomial", "optimal")
+Check = Callable[[str, Any], Any]  # (name, value) -> value in its final form; raises InvalidInput
+
+
+class Option(NamedTuple):
+    """What one option means, and how it is checked and typed."""
+
+    name: str
+    summary: str  # with its unit; the help on the command line
+    details: str  # beside the summary in the help of Python
+    check: Check | None  # None where that takes the robot: `Request.of`
+    typed: Mapping[str, Any] | None  # arguments of argparse; None where it cannot be typed
+
+    @property
+    def flag(self) -> str:
+        """As it is typed on a command line."""
+        return "--" + self.name.replace("_", "-")
+
+    @property
+    def documentation(self) -> str:
+        """As it stands in a docstring."""
+        return textwrap.fill(
+            f"{self.name}: {self.summary}{self.details}.",
+            width=104,
+            initial_indent="    ",
+            subsequent_indent="        ",
+        )
+
+
+# ------------------------------------------------------------------ what may be value
+
+
+def _seconds(name: str, value: Any) -> float:
+    check_duration(value)
+    return float(value)
+
+
+def _numbers(name: str, value: Any) -> tuple[float, ...]:
+    """Return a list of finite numbers as a tuple."""
+    if isinstance(value, str) or np.ndim(value) == 0:
+        raise InvalidInput(f"{name}: needs a list of numbers, got {value!r}")
+    for one in value:
+        if not is_number(one):
+            raise InvalidInput(f"{name}: must be finite numbers, got {one!r}")
+    return tuple(map(float, value))
+
+
+def _tolerance(name: str, value: Any) -> float:
+    check_tolerance(value)
+    return float(value)
+
+
+def _share(name: str, value: Any) -> float:
+    if not (is_number(value) and 0 <= value < 1):
+        raise InvalidInput(f"{name}: must lie in [0, 1), got {value!r}")
+    return float(value)
+
+
+def _yes_or_no(name: str, value: Any) -> bool:
+    if not isinstance(value, bool | np.bool_):
+        raise InvalidInput(f"{name}: must be true or false, got {value!r}")
+    return bool(value)
+
+
+def _one_of(valid: Sequence[str]) -> Check:
+    def check(name: str, value: Any) -> str:
+        if value not in valid:
+            raise InvalidInput(choose_from(name, value, valid))
+        return str(value)
+
+    return check
+
+
+# ------------------------------------------------------------------ the options
+
+
+def _meaning(
+    summary: str, details: str = "", *, check: Check | None = None, typed: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    return {"summary": summary, "details": details, "check": check, "typed": typed}
+
+
+@dataclass(frozen=True)
+class Options:
+    """All that may be said of a plan beside its robot and its path."""
+
+    _: KW_ONLY
+    duration: float | None = field(
+        default=None,
+        metadata=_meaning(
+            "of the motion [s]",
+            '; not with optimize="time", which finds the least',
+            check=_seconds,
+            typed={"type": float, "metavar": "T"},
+        ),
+    )
+    times: Sequence[float] | None = field(
+        default=None,
+        metadata=_meaning(
+            "instants of the crossings [s]",
+            ", ascending, one for each singular point; chosen when None. An empty list asks for a law "
+            "without crossing conditions",
+            check=_numbers,
+            typed={"type": float, "nargs": "*", "metavar": "t"},
+        ),
+    )
+    speeds: Sequence[float] | None = field(
+        default=None,
+        metadata=_meaning(
+            "s' at the crossings [1/s]",
+            "; chosen when None",
+            check=_numbers,
+            typed={"type": float, "nargs": "*", "metavar": "v"},
+        ),
+    )
+    at: Sequence[float] | None = field(
+        default=None,
+        metadata=_meaning(
+            "path coordinates to impose condition (8) at, instead of the located singular points",
+            check=_numbers,
+        ),
+    )
+    geometry: str | None = field(
+        default=None,
+        metadata=_meaning(
+            "forces of the undeformed (rigid) or of the deformed robot (default: deformed when elastic)",
+            ". The first is the paper's hypothesis of small displacements; the deformed robot has its "
+            "singular points elsewhere",
+            check=_one_of(GEOMETRIES),
+            typed={"choices": GEOMETRIES},
+        ),
+    )
+    smoothness: int | None = field(
+        default=None,
+        metadata=_meaning(
+            "derivatives of s that vanish at both ends (default: 2 rigid, 4 elastic)",
+            typed={"type": int, "metavar": "R"},
+        ),
+    )
+    tolerance: float = field(
+        default=TOLERANCE, metadata=_meaning("tail of the torques that counts as resolved", check=_tolerance)
+    )
+    law: str = field(
+        default="auto",
+        metadata=_meaning(
+            "polynomial through times and speeds, optimal, or auto: polynomial where it advances (default)",
+            " comfortably, and else the optimal law. The plan's `reason` says which it was and why",
+            check=_one_of(LAWS),
+            typed={"choices": LAWS},
+        ),
+    )
+    optimize: str | None = field(
+        default=None,
+        metadata=_meaning(
+            "what the optimal law is best at (peak_torque)",
+            ': "time"; "peak_torque": the largest torque over its limit, or in N m if no motor has one; '
+            '"energy": the integral over the motion of the sum of (torque over limit)^2. There a motor '
+            "without a limit is weighed with the largest of the others, and never bounded by it. A small "
+            "weight on the roughness of the law is added",
+            check=_one_of(GOALS),
+            typed={"choices": GOALS},
+        ),
+    )
+    longest: float | None = field(
+        default=None,
+        metadata=_meaning(
+            "bound on a duration that is found [s]",
+            ", instead of `duration`",
+            check=_seconds,
+            typed={"type": float, "metavar": "T"},
+        ),
+    )
+    torque_limit: Limit = field(
+        default=None,
+        metadata=_meaning(
+            "largest torque [N m] of all motors, or of each, motor side",
+            "; a force [N] where a motor slides. The robot file's by default; never exceeded by the "
+            "optimal law",
+            typed={"type": float, "nargs": "+", "metavar": "N"},
+        ),
+    )
+    speed_limit: Limit = field(
+        default=None,
+        metadata=_meaning(
+            "largest speed [rad/s] of all motors, or of each, motor side",
+            ". The robot file's by default; never exceeded by the optimal law",
+            typed={"type": float, "nargs": "+", "metavar": "N"},
+        ),
+    )
+    margin: float = field(
+        default=0.0,
+        metadata=_meaning(
+            "share of the limits left free, such as 10% or 0.1",
+            " (a number in Python), for the controllers",
+            check=_share,
+            typed={"metavar": "P"},
+        ),
+    )
+    friction: str = field(
+        default="driven",
+        metadata=_meaning(
+            "dry friction of driven joints, by the sign of their speed (driven, the default), or none",
+            "; that of other joints is not planned with",
+            check=_one_of(FRICTIONS),
+            typed={"choices": FRICTIONS},
+        ),
+    )
+    keep_limits: bool = field(
+        default=False,
+        metadata=_meaning(
+            "refuse a plan beyond the limits of motors or of the URDF's joints, which is otherwise reported",
+            " (`CrossingPlan.exceeded`)",
+            check=_yes_or_no,
+            typed={"action": "store_true"},
+        ),
+    )
+
+
+OPTIONS = {one.name: Option(one.name, **one.metadata) for one in fields(Options)}
+TYPED = {name: option for name, option in OPTIONS.items() if option.typed is not None}
+
+
+# ------------------------------------------------------------------ functions that take them
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _with_parameters_of(
+    _: Callable[P, Options],
+) -> Callable[[Callable[..., R]], Callable[Concatenate[ParallelRobot, Path, P], R]]:
+    """Return the decorator of functions of a robot, a path and, by keyword, any of these options."""
+
+    def decorator(function: Callable[..., R]) -> Callable[Concatenate[ParallelRobot, Path, P], R]:
+        own = inspect.signature(function)
+        positional = [one for one in own.parameters.values() if one.kind is not one.VAR_KEYWORD]
+        named = [
+            inspect.Parameter(
+                one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=one.type
+            )
+            for one in fields(Options)
+        ]
+        function.__signature__ = own.replace(parameters=[*positional, *named])  # type: ignore[attr-defined]
+        listed = "\n".join(option.documentation for option in OPTIONS.values())
+        function.__doc__ = (inspect.getdoc(function) or "").replace("    {options}", listed)
+        return function
+
+    return decorator
+
+
+takes_options = _with_parameters_of(Options)

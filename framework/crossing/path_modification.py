@@ -1,0 +1,190 @@
+"""The smallest change of a path that lets a robot cross where no timing can: `plan_with_modified_path`.
+
+Where a path runs orthogonal to t_s, s" has no hold on condition (8). So its tangent at the crossing c is
+turned towards t_s, x(s) + size d b(s) with d the coordinates that move the platform along t_s and
+
+    b(s) = (s / m)^(N m) ((1 - s) / (1 - m))^(N (1 - m)),  b"(c) = 0,
+
+a bump with its peak, 1, at m and its steepest slope at c: of all places of the peak, that turns the tangent
+most for the distance moved. The crossing moves along with it. The ends stay where they are, and the bent path
+is a spline through points of that curve: everything is proved on the spline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.crossing.feasibility import feasibility_on_path
+from framework.crossing.path_length import coordinate_sizes, path_length
+from framework.crossing.plan import plan_request
+from framework.crossing.refusals.refusal_proofs import HoldingTorque, UnmetCondition
+from framework.crossing.request import Request
+from framework.crossing.result import CrossingPlan
+from framework.errors import InvalidInput, NoAnswer, NoLaw, UncontrolledMotions
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.path import Path, Spline
+from framework.singularity.points_on_path import search_path
+
+MAX_SHARE = 0.05  # of the path's length: a bend beyond that makes another path
+HALVINGS = 7  # the smallest bend tried is MAX_SHARE / 2^7, 0.04 % of the length: a matter of making the robot
+BISECTIONS = 3  # of the last factor of two: the least share is known to 2^(1/8), 9 %
+RESERVE = 0.1  # of its size, by which the bend is made larger than the least that helps
+BUMP_EXPONENT = 10.0  # N: b and two derivatives of it vanish at both ends for c in [END_SHARE, 1 - END_SHARE]
+SPLINE_POINTS = 9  # and two more for each knot of the path
+END_SHARE = 0.15  # in s: nearer to an end the bump would not vanish smoothly there
+SAMPLES = 1001  # equidistant places at which the size of a bend is measured
+
+
+class ModifiedPathPlan(NamedTuple):
+    """A plan and how far its path is from the one asked for; its path is `plan.path`.
+
+    moved, turned: the largest distance [m], and the largest norm of the difference of rotation vectors
+    [rad], between points of the same s; both 0 where no bend was needed.
+    share: the largest distance over the path's length, turns multiplied by the robot's length.
+    """
+
+    plan: CrossingPlan
+    moved: float
+    turned: float
+    share: float
+
+
+def plan_with_modified_path(robot: ParallelRobot, path: Path, **options: Any) -> ModifiedPathPlan:
+    """Plan as `plan_crossing` does; where no law can cross, on the path with the least bend that helps.
+
+    See `plan_request_with_modified_path`.
+    """
+    return plan_request_with_modified_path(robot, Request.of(robot, path, **options))
+
+
+def plan_request_with_modified_path(robot: ParallelRobot, request: Request) -> ModifiedPathPlan:
+    """Plan a request, with its path bent where that is nearest to orthogonal to t_s if it needs to be.
+
+    Least means: of bends to either side, each twice the last, the first with which the request is planned,
+    within its limits if it has any, bisected against the last that was refused; then `RESERVE` is added.
+    Without a limit of torque the least bend may well ask for a large one.
+
+    Raises:
+        As `plan_request`; NoLaw with the reason of the path itself where no bend helps.
+    """
+    try:
+        return ModifiedPathPlan(plan_request(robot, request), 0.0, 0.0, 0.0)
+    except UncontrolledMotions:
+        raise
+    except NoLaw as refusal:
+        proof = refusal.proof  # of an end, which a bend keeps?
+        at_end = isinstance(proof, HoldingTorque) or (isinstance(proof, UnmetCondition) and proof.stop)
+        modification = None if at_end else _modification_at_crossing(robot, request.path)
+        if modification is None:
+            raise
+        modified = _least(robot, request, modification)
+        if modified is None:
+            raise NoLaw(
+                f"{refusal}; nor does a bend of up to {100 * MAX_SHARE:g} % of its length help", proof=proof
+            ) from None
+    return modified
+
+
+class _Modification(NamedTuple):
+    """A path and what it can be bent by, so that 1 moves it by its own length."""
+
+    path: Path
+    s: Array  # (m,)
+    unit: Array  # (m, n)
+    size: Array  # (n,) [m] of 1 of each coordinate
+    length: float  # [m]
+
+    def path_of(self, share: float) -> Spline:
+        points = self.path(self.s) + share * self.unit
+        points[[0, -1]] = self.path(self.s[[0, -1]])
+        return Spline(points)
+
+
+def _modification_at_crossing(robot: ParallelRobot, path: Path) -> _Modification | None:
+    """The bend where the path is nearest to orthogonal to t_s; None where it has no room for one."""
+    searched = search_path(robot, path)
+    candidates = []
+    for singular, feasibility in zip(searched.points, feasibility_on_path(searched), strict=True):
+        if feasibility is not None and END_SHARE < singular.s < 1 - END_SHARE:
+            candidates.append((feasibility.tangent_share, singular))
+    if not candidates:
+        return None
+    singular = min(candidates, key=lambda pair: pair[0])[1]
+    c = singular.s
+    x = np.repeat(path(c)[None], robot.n, axis=0)
+    along_twist = np.linalg.solve(robot.platform.twist(x, np.eye(robot.n))[0].T, singular.twist)
+    size, length = coordinate_sizes(robot), path_length(robot, path)
+    largest = np.abs(_bump(np.linspace(0.0, 1.0, SAMPLES), c)).max() * float(
+        np.linalg.norm(along_twist * size)
+    )
+    s = np.linspace(0.0, 1.0, _intervals(path, c) + 1)
+    unit = _bump(s, c)[:, None] * along_twist * (length / largest)
+    return _Modification(path, s, unit, size, length)
+
+
+def _intervals(path: Path, c: float) -> int:
+    """Return how many equal intervals put c amid one of them: a knot there would part the panels of time."""
+    least = SPLINE_POINTS + 2 * len(path.knots)
+    return min(range(least - 1, least + 3), key=lambda count: abs(c * count % 1.0 - 0.5))
+
+
+def _bump(s: Array, c: float) -> Array:
+    """Evaluate b(s) of the head of this file for a crossing at c."""
+    nearer, N = min(c, 1.0 - c), BUMP_EXPONENT
+    half = 2.0 * nearer * (N - 1) + 1.0
+    # the inflexion before the peak: (m - c)^2 (N - 1) = m (1 - m)
+    m = (half + np.sqrt(half**2 - 4.0 * N * (N - 1) * nearer**2)) / (2.0 * N)
+    m = m if c <= 0.5 else 1.0 - m
+    return (s / m) ** (N * m) * ((1.0 - s) / (1.0 - m)) ** (N * (1.0 - m))
+
+
+def _least(robot: ParallelRobot, request: Request, modification: _Modification) -> ModifiedPathPlan | None:
+    """Return the plan on the path with the least bend with which the request is planned, None without any."""
+
+    def planned(share: float) -> CrossingPlan | None:
+        try:
+            return plan_request(robot, replace(request, path=modification.path_of(share)))
+        except (NoAnswer, InvalidInput):  # the latter: not as many crossings as times or speeds
+            return None
+
+    smallest = MAX_SHARE / 2.0**HALVINGS
+    for share in (side * smallest * 2.0**k for k in range(HALVINGS + 1) for side in (1.0, -1.0)):
+        plan = planned(share)
+        if plan is not None:
+            break
+    else:
+        return None
+    if abs(share) > smallest:
+        share, plan = _bisected(planned, share, plan)
+    plan = planned((1.0 + RESERVE) * share) or plan
+    s = np.linspace(0.0, 1.0, SAMPLES)
+    change = plan.path(s) - modification.path(s)
+    moved, turned, both = (
+        float(np.linalg.norm(part, axis=1).max())
+        for part in (
+            change[:, robot.translations],
+            change[:, ~robot.translations],
+            change * modification.size,
+        )
+    )
+    return ModifiedPathPlan(plan, moved, turned, both / modification.length)
+
+
+def _bisected(
+    planned: Callable[[float], CrossingPlan | None], enough: float, plan: CrossingPlan
+) -> tuple[float, CrossingPlan]:
+    """Bisect, on a logarithmic scale, between half a share that is enough, which is not, and that share."""
+    too_little = 0.5 * enough
+    for _ in range(BISECTIONS):
+        middle = float(np.sqrt(too_little * enough)) * np.sign(enough)
+        better = planned(middle)
+        if better is None:
+            too_little = middle
+        else:
+            enough, plan = middle, better
+    return enough, plan

@@ -1,0 +1,34 @@
+"""What a refusal says beside its reason, and the limits that a plan was asked to keep."""
+
+from __future__ import annotations
+
+from framework.crossing.durations import optimal_durations, polynomial_durations
+from framework.crossing.feasibility import feasibility_on_path
+from framework.crossing.request import Request
+from framework.crossing.result import CrossingPlan
+from framework.errors import LimitsExceeded, NoLaw
+from framework.singularity.points_on_path import SearchedPath
+
+
+def explained(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
+    """Return a refusal with what condition (8) asks for at each singular point of the path.
+
+    And with the durations of laws of the kinds that it did not refuse.
+    """
+    sentences = [str(refusal)]
+    sentences += [one.sentence for one in feasibility_on_path(searched) if one is not None]
+    polynomial = polynomial_durations(searched, request.smoothness)
+    if polynomial is not None:
+        sentences.append(polynomial.sentence)
+    optimal = None if request.may_be_optimal else optimal_durations(searched, request)
+    if optimal is not None:
+        sentences.append(optimal.sentence)
+    return NoLaw("; ".join(sentences), proof=refusal.proof)
+
+
+def check_limits(plan: CrossingPlan) -> None:
+    """Raise LimitsExceeded where a plan leaves limits that it was asked to keep."""
+    exceeded = plan.exceeded if plan.request.keep_limits else {}
+    if exceeded:
+        listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
+        raise LimitsExceeded(f"{plan.robot.name}: the motion leaves limits: {listed}", exceeded=exceeded)

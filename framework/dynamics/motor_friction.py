@@ -1,0 +1,96 @@
+"""Dry friction of driven joints along a planned motion: its size by the sign of the planned speed.
+
+A motor that turns against the dry friction f of its joint gives f sign(dq_a/dt) / gear ratio beside what the
+robot asks for without. Along a path that advances the sign is that of dq_a/ds; it jumps where a motor
+reverses, so this share is no Chebyshev series and is added after it. At a standstill it is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import brentq
+
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.kinematics.parallel_robot import ParallelRobot
+
+FRICTIONS = ("driven", "none")
+SAMPLES = 1001  # instants at which the speed's sign is looked at; a reversal and back between two is not seen
+STANDSTILL_RATIO = 1e-9  # of the largest motor speed; rounding of speeds is below, and has no sign
+
+
+def motor_friction(robot: ParallelRobot, friction: str) -> Array:
+    """Return the dry friction (n_a,) [N m or N], motor side, that is planned with: "driven" or "none"."""
+    if friction == "none":
+        return np.zeros(robot.n_a)
+    return np.asarray(robot.joint_friction[robot.actuated] / np.abs(robot.gear_ratio))
+
+
+def signs(speeds: Array) -> Array:
+    """Return the signs (T, n_a) of motor speeds (T, n_a), zero where the motor stands still."""
+    size = np.abs(speeds)
+    return np.where(size > STANDSTILL_RATIO * size.max(initial=0.0), np.sign(speeds), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedFriction(ReadOnlyArrays):
+    """The torque of dry friction as a function of time.
+
+    instants: for each motor the ascending instants (k,) between which its sign is constant: both ends of the
+        motion, and where it reverses, stops or starts [s].
+    between: for each motor the torque (k - 1,) between them, motor side [N m or N].
+    """
+
+    instants: tuple[Array, ...]
+    between: tuple[Array, ...]
+
+    @staticmethod
+    def along(size: Array, speed: Callable[[Array], Array], duration: float) -> PlannedFriction | None:
+        """Return friction of this size (n_a,) for motor speeds (T, n_a) at t (T,); None without any."""
+        if not size.any():
+            return None
+        t = np.linspace(0.0, duration, SAMPLES)
+        sampled = signs(speed(t))
+        instants, between = [], []
+        for k, friction in enumerate(size):
+            edges, constant = _intervals(t, sampled[:, k], speed, k)
+            instants.append(edges)
+            between.append(friction * constant)
+        return PlannedFriction(tuple(instants), tuple(between))
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the torque (T, n_a) at t (T,), (n_a,) at a scalar; 0 at the instants themselves."""
+        times = np.asarray(t, dtype=float)
+        values = []
+        for instants, between in zip(self.instants, self.between, strict=True):
+            after = np.clip(np.searchsorted(instants, times, side="right") - 1, 0, len(between) - 1)
+            outside = (times <= instants[0]) | (times >= instants[-1])
+            values.append(np.where(outside | np.isin(times, instants), 0.0, between[after]))
+        return np.stack(values, axis=-1)
+
+
+def _intervals(t: Array, sign: Array, speed: Callable[[Array], Array], motor: int) -> tuple[Array, Array]:
+    """Return instants (k,) and the constant signs (k - 1,) between them, from samples of the sign.
+
+    A motion starts and stops so gently that its first and last samples may have no sign: they have that of
+    their neighbours. The same holds of a single sample, a zero of the speed; more of them are a standstill.
+    """
+
+    def of_motor(instant: float) -> float:
+        return float(speed(np.array([instant]))[0, motor])
+
+    moving = np.flatnonzero(sign)
+    if not len(moving):
+        return t[[0, -1]], np.zeros(1)
+    instants, between = [t[0]], [sign[moving[0]]]
+    for i, j in pairwise(moving):
+        if j - i > 2:
+            instants += [t[i + 1], t[j - 1]]
+            between += [0.0, sign[j]]
+        elif sign[i] != sign[j]:
+            instants.append(brentq(of_motor, t[i], t[j], xtol=1e-15 * t[-1]))
+            between.append(sign[j])
+    return np.array([*instants, t[-1]]), np.array(between)

@@ -1,0 +1,262 @@
+"""One instant of a robot: what its motors, loops and joints carry, and the inertia that is felt.
+
+No law and no path: a pose, rates and accelerations of the platform, wrenches of the world. Motor torques
+follow from the independent loop equations, as everywhere (`forces`), and are computed at once, on a Type 2
+singularity as a limit (`singular_instant`); what loops and joints carry (`reactions`), inertia and velocity
+matrices are computed when they are asked for. `forward_dynamics` gives the same from torques.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only
+from framework.dynamics.forces import Forces, balanced_forces, motor_torque
+from framework.dynamics.platform_wrench import motor_speeds
+from framework.dynamics.reactions import (
+    AppliedWrench,
+    LoopLoads,
+    applied_wrenches,
+    closure_wrenches,
+    coupling_torques,
+    given_wrenches,
+    joint_reactions,
+    loaded_tree_forces,
+    loop_loads,
+    stacked_rows,
+)
+from framework.dynamics.torque_at_singularity import forces_through_singularity
+from framework.errors import SingularPose, point
+from framework.kinematics.frames import frame_motions
+from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.linearised_loops import ClosedStack, assembled_at
+from framework.kinematics.loop_matrices import clearance, near_type_2
+from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.pinocchio_memory import scratch_of
+from framework.kinematics.velocity_matrices import VelocityMatrices, matrices_and_rates
+from framework.tolerances import RANK_LOST
+
+
+@dataclass(frozen=True, eq=False)
+class Instant(ReadOnlyArrays):
+    """What a robot is and carries at one instant; wrenches are (force, moment) (6,) in base axes [N, N m].
+
+    At a stack of T instants every array has them as its first axis. Springs keep the deflections of q;
+    `spring_force` is what they would have to give for that.
+    """
+
+    robot: ParallelRobot
+    q: Array  # (nq,)
+    v: Array  # (nv,)
+    a: Array  # (nv,)
+    torque: Array  # (n_a,) motor side [N m]: rotor inertia and joint torque through the gear
+    joint_torque: Array  # (n_a,) joint side, rotors not included [N m, N]
+    spring_force: Array  # (n_e,) [N, N m]
+    _motion: Motion = field(repr=False)  # of T instants, T = 1 for one
+    _loads: tuple[AppliedWrench, ...] = field(repr=False)
+    _forces: Array = field(repr=False)  # (T, nv) of the open tree, less the loads
+
+    @cached_property
+    def clearance(self) -> Array | float:
+        """The least singular value of P: 0 at Type 2, infinite without passive joints."""
+        values = clearance(self.robot, self._motion.linearised)
+        return read_only(values) if self.q.ndim == 2 else float(values[0])
+
+    @cached_property
+    def loop_forces(self) -> Mapping[str, Array]:
+        """By closure with frames [a, b]: BY b's body ON a's body, at a's origin; NaN where indeterminate."""
+        return self._by_name(closure_wrenches(self.robot, self._loops))
+
+    @cached_property
+    def coupling_torques(self) -> Mapping[str, Array | float]:
+        """By coupling: ON its first joint [N m, N], minus `ratio` times that on its second; NaN where
+        indeterminate."""
+        torques = coupling_torques(self.robot, self._loops)
+        return MappingProxyType({name: self._shown(torque) for name, torque in torques.items()})
+
+    @cached_property
+    def reactions(self) -> Mapping[str, Array]:
+        """By joint: BY the body before it ON the one behind it, at its origin; NaN where indeterminate.
+
+        The part along the joint's axis is what a motor (rotor not included), a spring, damping or a coupling
+        gives.
+        """
+        return self._by_name(joint_reactions(self.robot, self._motion, self._loads, self._loops))
+
+    @cached_property
+    def platform_inertia(self) -> Array:
+        """Of all bodies and rotors, along the platform's twist on its axes, (n, n)."""
+        return self._shown(_platform_inertia(self.robot, self._motion))
+
+    @cached_property
+    def motor_inertia(self) -> Array:
+        """Of all bodies and rotors, along the motors' joints, (n_a, n_a).
+
+        NaN with redundant motors, and at Type 2, where some motion of the platform moves no motor.
+        """
+        robot = self.robot
+        inertia = np.full((len(self._motion.v), robot.n_a, robot.n_a), np.nan)
+        moving = np.atleast_1d(self.clearance) >= RANK_LOST
+        if robot.n_a == robot.n:
+            speeds = motor_speeds(robot, self._motion.linearised)[1][:, robot.actuated]
+            to_platform = np.linalg.inv(speeds[moving])
+            along_platform = np.atleast_3d(self.platform_inertia.T).T[moving]
+            inertia[moving] = to_platform.swapaxes(1, 2) @ along_platform @ to_platform
+        return self._shown(inertia)
+
+    @cached_property
+    def platform_velocity(self) -> Array:
+        """v (n,), see `kinematics.platform`: (linear, angular) of a frame, and not dx if it turns freely."""
+        return self._shown(np.einsum("tnv,tv->tn", self._motion.linearised.platform, self._motion.v))
+
+    @cached_property
+    def platform_acceleration(self) -> Array:
+        """Time derivative (n,) of `platform_velocity`."""
+        motion = self._motion
+        motions = frame_motions(self.robot, motion.linearised.frames, motion.q, motion.v)
+        drift = self.robot.platform.drift(motion.linearised.frames, motions)
+        return self._shown(np.einsum("tnv,tv->tn", motion.linearised.platform, motion.a) + drift)
+
+    @property
+    def velocity_matrices(self) -> VelocityMatrices:
+        """A, B, C of A v = B dq_a + C dq_e, see `framework.velocity_matrices`."""
+        return self._matrices[0]
+
+    @property
+    def velocity_matrix_rates(self) -> VelocityMatrices:
+        """Time derivatives of A, B and C, see `matrices_and_rates`."""
+        return self._matrices[1]
+
+    @property
+    def indeterminate(self) -> tuple[str, ...]:
+        """Names of what the loops leave open, at some instant: `tip: force z`, `elbow: moment x`."""
+        parts = [f"{kind} {axis}" for kind in ("force", "moment") for axis in "xyz"]
+        return tuple(
+            f"{name}: {part}"
+            for wrenches in (self.loop_forces, self.reactions)
+            for name, wrench in wrenches.items()
+            for part, values in zip(parts, wrench.T, strict=True)
+            if np.isnan(values).any()
+        )
+
+    @cached_property
+    def _loops(self) -> LoopLoads:
+        torque = np.atleast_2d(self.joint_torque)
+        loads = loop_loads(self.robot, self._motion.linearised, self._forces, torque)
+        freeze(loads)
+        return loads
+
+    @cached_property
+    def _matrices(self) -> tuple[VelocityMatrices, VelocityMatrices]:
+        matrices, rates = matrices_and_rates(self.robot, self._motion)
+        return VelocityMatrices(*map(self._shown, matrices)), VelocityMatrices(*map(self._shown, rates))
+
+    def _shown(self, stack: Array) -> Array:
+        return read_only(stack if self.q.ndim == 2 else stack[0])
+
+    def _by_name(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
+        return MappingProxyType({name: self._shown(stack) for name, stack in stacks.items()})
+
+
+def dynamics_at(
+    robot: ParallelRobot,
+    q: ArrayLike,
+    *,
+    dx: ArrayLike | None = None,
+    ddx: ArrayLike | None = None,
+    dddx: ArrayLike | None = None,
+    wrenches: Mapping[str, ArrayLike] | None = None,
+) -> Instant:
+    """Compute motor torques, loop forces, joint reactions and inertia at an assembled configuration q (nq,).
+
+    Args:
+        q: as `assemble` or `forward_kinematics` give it; or a stack of T instants (T, nq), and all that is
+            told of one then has T as its first axis.
+        dx, ddx: rates (n,) and accelerations (n,) of the platform coordinates, 0 by default; or (T, n).
+        wrenches: of the world, by URDF link or joint: ON its body, at its origin, (force, moment) (6,) in
+            base axes [N, N m]; or (T, 6). They are taken for constant.
+        dddx: third derivatives (n,), or (T, n), which count on a Type 2 singularity alone.
+
+    Raises:
+        InvalidInput: q leaves the loops open; an argument of the wrong shape, or a frame that is not there;
+            a platform that does not determine the joints.
+        NotAssembled: it does not at this pose (Type 1).
+        SingularPose: the motors do not hold the robot there (Type 2). The torque is then a limit, which is
+            given where the motion is known to third order, dddx, crosses the locus and meets condition (8).
+    """
+    expect_robot(robot)
+    require_square(robot)
+    closed = assembled_at(robot, q, stacks=True)
+    count = len(closed.q)
+    rates = [_rows(*one, robot.n, count) for one in (("dx", dx), ("ddx", ddx), ("dddx", dddx))]
+    applied = given_wrenches(robot, wrenches, count)
+    motion = motion_at(robot, closed, *rates[:2])
+    loads = applied_wrenches(robot, motion, applied)
+    r = loaded_tree_forces(robot, motion, loads)
+    forces = balanced_forces(robot, motion.linearised, r)
+    for k in map(int, near_type_2(robot, motion.linearised, RANK_LOST)):
+        if dddx is None:
+            raise SingularPose(
+                f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[k])} the motors do not "
+                f"hold the robot (Type 2): torque is a limit there that needs the motion to third order; "
+                f"give dddx, or plan the motion",
+                platform=closed.x[k],
+            )
+        limit = forces_through_singularity(
+            robot,
+            ClosedStack(closed.q[k : k + 1], closed.x[k : k + 1], closed.linearised.at(k)),
+            rates=(rates[0][k], rates[1][k], rates[2][k]),
+            wrenches={frame: wrench[k] for frame, wrench in applied.items()},
+        )
+        for stack, alone in zip(forces, limit, strict=True):
+            stack[k] = alone[0]
+    single = np.ndim(getattr(q, "q", q)) == 1
+    return instant_of(robot, motion, loads, r, forces, single=single)
+
+
+def instant_of(
+    robot: ParallelRobot,
+    motion: Motion,
+    loads: tuple[AppliedWrench, ...],
+    r: Array,
+    forces: Forces,
+    *,
+    single: bool,
+) -> Instant:
+    """Return the instant, or the stack of instants, of a motion with its loads and forces."""
+    freeze((motion, loads, r))
+    which = 0 if single else slice(None)
+    return Instant(
+        robot=robot,
+        q=motion.q[which],
+        v=motion.v[which],
+        a=motion.a[which],
+        torque=motor_torque(robot, motion, forces.joint_torque)[which],
+        joint_torque=forces.joint_torque[which],
+        spring_force=forces.spring_force[which],
+        _motion=motion,
+        _loads=loads,
+        _forces=r,
+    )
+
+
+def _rows(name: str, given: ArrayLike | None, width: int, count: int) -> Array:
+    """The given numbers (count, width), see `stacked_rows`; 0 where none are."""
+    return np.zeros((count, width)) if given is None else stacked_rows(name, given, width, count)
+
+
+def _platform_inertia(robot: ParallelRobot, motion: Motion) -> Array:
+    """Inertia (T, n, n) of bodies and rotors along the platform's twist."""
+    model, data = robot.model, scratch_of(robot).data
+    upper = np.triu([pin.crba(model, data, q) for q in motion.q])
+    mass = upper + np.triu(upper, 1).swapaxes(1, 2)
+    mass[:, robot.actuated, robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
+    rates = motor_speeds(robot, motion.linearised)[1]  # (T, nv, n)
+    return np.asarray(rates.swapaxes(1, 2) @ mass @ rates)

@@ -1,0 +1,201 @@
+"""What the solved equations leave out, measured along the whole motion, on the nodes of time and between.
+
+The motion is found from the loop equations that are independent at the reference, with the idle joints held
+still. Here all loop equations are looked at, and what the joints would have to give beside motors and springs
+for the motion to be as planned: nothing, if it is right. With r the inverse dynamics of the tree, J the loop
+equations' Jacobian, S the motors' columns and tau_joint their torques on the joint side,
+
+    r - S' tau_joint = J' lambda + X' w        along the actuated and passive joints
+    idle             = r - J' lambda           along the idle ones
+
+X is the platform's Jacobian and w a wrench that would have to hold it; [X; J] is regular at Type 2.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.dynamics.elasticity import DeflectionSolution
+from framework.dynamics.forces import tree_forces
+from framework.dynamics.result import InverseDynamics
+from framework.errors import LoadedJoint, NotAssembled
+from framework.kinematics.continuation.tracking import Branch
+from framework.kinematics.linearised_loops import ClosedStack, linearised_at
+from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.rounded_loops import rounded_gap
+from framework.kinematics.tree_model import is_ball
+from framework.motion.path import along
+from framework.tolerances import HELD_IDLE, ROUNDED_LOOP, TORN_LOOP
+
+
+class Neglected(NamedTuple):
+    """The largest of what is left out, over all instants."""
+
+    closure_error: float  # of all loop equations and of the platform [m or rad]
+    # that joints but idle ones would have to give beside motors and springs [N m or N]
+    residual_torque: float
+    rounded_gap: float  # of the loop equations that repeat others but for rounding [m or rad]
+
+
+def measure_neglected(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> Neglected:
+    """Look at all loop equations and all joints of a motion, at its nodes and half-way between them.
+
+    Raises:
+        NotAssembled: a loop equation that was dropped at the reference is open on a node.
+    """
+    robot, nodes = branch.robot, state.grid.times
+    on_nodes = state.motion.linearised.loops.residual
+    _check_dropped_rows(robot, nodes, on_nodes, state.motion.q)
+    times = _instants(robot, nodes)
+    closed = planned_pose(result, times)
+    gaps = (on_nodes, closed.linearised.loops.residual, closed.linearised.residual[:, : robot.n])
+    motion = motion_of_forces(branch, result, times, closed)
+    residual = _residual_torques(robot, motion, _joint_torques(state, times))
+    residual[:, robot.structure.idle] = 0.0  # see `check_idle_joints`
+    return Neglected(
+        closure_error=max(float(np.abs(gap).max(initial=0.0)) for gap in gaps),
+        residual_torque=float(np.abs(residual).max(initial=0.0)),
+        rounded_gap=_rounded_gap(robot, state.motion.q),
+    )
+
+
+def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
+    """By how much rounded loops open along q (T, nq) [m or rad].
+
+    Raises:
+        NotAssembled: by more than rounding explains.
+    """
+    gap = rounded_gap(robot, q)
+    if gap > ROUNDED_LOOP * max(robot.length, 1.0):
+        raise NotAssembled(
+            f"{robot.name}: {', '.join(robot.rounded.names)}, which repeat other loop equations but for "
+            f"rounding at the reference, open by {gap:.3g} m or rad on the way: this motion tears the loop; "
+            f"check the dimensions, or lock only what it takes (axes: [...])",
+            q=q[-1],
+            residual=gap,
+        )
+    return gap
+
+
+def check_idle_joints(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> float:
+    """Return the largest torque [N m or N] that would hold the idle joints still on this motion.
+
+    They are held because their motion moves no centre of mass. Free, they would turn under that torque, and
+    change the torques of the motors by its order.
+
+    Raises:
+        LoadedJoint: it is more than HELD_IDLE of the largest torque of a motor on the joint side.
+    """
+    robot, idle = branch.robot, branch.robot.structure.idle
+    if not len(idle):
+        return 0.0
+    times, scale = _instants(robot, state.grid.times), robot.column_scale
+    motion = motion_of_forces(branch, result, times, planned_pose(result, times))
+    torques = _joint_torques(state, times)
+    loads = _residual_torques(robot, motion, torques)[:, idle]
+    worst = int(np.argmax(np.abs(loads * scale[idle])))
+    instant, k = divmod(worst, len(idle))
+    load, column = float(loads[instant, k]), int(idle[k])
+    if abs(load) * scale[column] <= HELD_IDLE * float(np.abs(torques * scale[robot.actuated]).max()):
+        return float(np.abs(loads).max())
+    joint = robot.coordinates.name_of(column)
+    raise LoadedJoint(
+        f"{robot.name}: nothing holds {joint}, which this motion would load with {load:.3g} "
+        f"{'N' if robot.sliding[column] else 'N m'} at t = {times[instant]:.6g} s: it would move, and change "
+        f"all other forces; {_remedy(robot, column)}",
+        joint=joint,
+        torque=load,
+        time=float(times[instant]),
+    )
+
+
+def _remedy(robot: ParallelRobot, column: int) -> str:
+    """What would hold this coordinate, or leave nothing to be held."""
+    model = robot.model
+    joint = next(
+        k for k in range(1, model.njoints) if 0 <= column - model.joints[k].idx_v < model.joints[k].nv
+    )
+    if not is_ball(model.joints[joint]):
+        return "lock it (`locked`, `convert --lock`), give it a motor, or leave out the inertia behind it"
+    frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
+    child = next(
+        link for link in model.frames if link.parentJoint == joint and link.type == pin.FrameType.BODY
+    )
+    ends = f"[{model.frames[frame.parentFrame].name}, {child.name}]"
+    return (
+        f"lock that turn of the ball {model.names[joint]} by a closure {{frames: {ends}, axes: [rz]}} (or "
+        f"rx, ry: along the part that turns), or leave out its inertia about that line, and the "
+        f"armature and damping of the balls that it turns"
+    )
+
+
+def _instants(robot: ParallelRobot, nodes: Array) -> Array:
+    """Half-way between the nodes; with idle joints the nodes too, where all other joints are in balance."""
+    middle = 0.5 * (nodes[1:] + nodes[:-1])
+    return np.sort(np.concatenate([nodes, middle])) if len(robot.structure.idle) else middle
+
+
+def planned_pose(result: InverseDynamics, times: Array) -> ClosedStack:
+    """The coordinates as functions of time, nothing solved."""
+    q, x = result.configuration(times), result.platform(times)
+    return ClosedStack(q, x, linearised_at(result.robot, q, x))
+
+
+def motion_of_forces(branch: Branch, result: InverseDynamics, times: Array, closed: ClosedStack) -> Motion:
+    """The motion whose forces are taken: with rigid geometry that of the robot without deflections."""
+    robot = branch.robot
+    if robot.n_e and result.geometry == "rigid":
+        s = [result.law(times, order) for order in range(3)]
+        _, dx, ddx = along(branch.path, s)
+        return motion_at(robot, branch.closed(s[0]), dx, ddx)
+    rates = [result.deflection(times, order) for order in (1, 2)]
+    return motion_at(robot, closed, result.platform(times, 1), result.platform(times, 2), *rates)
+
+
+def _joint_torques(state: DeflectionSolution, times: Array) -> Array:
+    """Torques (T, n_a) of the motors on the joint side, without the rotors."""
+    return state.grid.fit(state.forces.joint_torque)(times)
+
+
+def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: Array) -> None:
+    """Raise NotAssembled if a loop equation (T, rows) that is not among the independent ones is open."""
+    scale = robot.row_lengths
+    dropped = np.setdiff1d(np.arange(len(scale)), robot.structure.independent)
+    if not len(dropped):
+        return
+    instant, k = divmod(int(np.argmax(np.abs(residual[:, dropped]) / scale[dropped])), len(dropped))
+    row = dropped[k]
+    gap = abs(float(residual[instant, row]))
+    if gap <= TORN_LOOP * scale[row]:
+        return
+    unit = "rad" if robot.rows.rotation[row] else "m"
+    raise NotAssembled(
+        f"{robot.name}: {robot.rows.names[row]}, which repeats other loop equations at the reference, is "
+        f"open by {gap:.3g} {unit} at t = {times[instant]:.6g} s: this motion tears the loop; give a "
+        f"reference on the motion's own way",
+        q=q[instant],
+        residual=gap,
+    )
+
+
+def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
+    """What all joints (T, nv) would have to give beside the joint torques (T, n_a) of the motors.
+
+    A wrench on the platform is given by the joints that carry it; springs are left out.
+    """
+    forces, columns, idle = tree_forces(robot, motion), robot.moving, robot.structure.idle
+    load = forces[:, columns].copy()
+    load[:, : robot.n_a] -= torque
+    multipliers = motion.linearised.factors.solve_transposed(load[None])[0]  # w and lambda
+    residual = np.zeros_like(forces)
+    residual[:, columns] = np.einsum(
+        "tn,tnv->tv", multipliers[:, : robot.n], motion.linearised.platform[:, :, columns]
+    )
+    loops = np.einsum("tm,tmv->tv", multipliers[:, robot.n :], motion.linearised.closures[:, :, idle])
+    residual[:, idle] = forces[:, idle] - loops
+    return residual

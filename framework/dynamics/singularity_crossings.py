@@ -1,0 +1,184 @@
+"""The instants at which a motion is in a Type 2 singularity, and t_s . W_p there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.dynamics.elasticity import DeflectionSolution
+from framework.dynamics.forces import tree_forces
+from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.errors import NoLaw, UnboundedTorque, point
+from framework.kinematics.continuation.tracking import Branch, escaping
+from framework.kinematics.linearised_loops import ClosedStack, linearised_at
+from framework.kinematics.loop_matrices import type2_matrix
+from framework.kinematics.modes import mode_signs
+from framework.kinematics.motion_rates import motion_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.chebyshev import TimeGrid, real_roots
+from framework.motion.law import MotionLaw, PlannedLaw
+from framework.motion.path import Path, along
+from framework.singularity.points_on_path import SingularPoint
+from framework.singularity.root_of_g import root_of_g
+from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
+
+NO_INSTANTS: Array = np.empty(0)
+BESIDE = 0.1  # of a panel: an edge nearer to a crossing than this is a node too near to it
+STANDING = 1e-7  # speed at a crossing over the largest one: no more than that is a stop
+
+
+def panel_edges(path: Path, law: MotionLaw, clear_of: Array = NO_INSTANTS) -> Array:
+    """Ends of the motion, of the law's panels, and the instants at which the path has a knot.
+
+    Every edge is a node. Where a panel of the law ends on one of the instants `clear_of` [s], it ends beside
+    it instead: the law is smooth there.
+    """
+    whole = np.array([0.0, law.duration])
+    if isinstance(law, PlannedLaw) and len(law.edges):
+        whole = law.edges.copy()
+        for t in clear_of:
+            k = int(np.argmin(np.abs(whole - t)))
+            narrower = np.diff(whole)[max(k - 1, 0) : k + 1].min()
+            if 0 < k < len(whole) - 1 and abs(whole[k] - t) < BESIDE * narrower:
+                whole[k] = t + 3.0 * BESIDE * narrower
+    inner = [instants(law, whole, knot) for knot in path.knots]
+    return np.unique(np.concatenate([whole, *inner])) if inner else whole
+
+
+def instants(law: MotionLaw, edges: Array, s: float) -> Array:
+    """All t (k,) with law(t) = s, ascending; `edges` bound the panels on which the law is smooth."""
+    grid = TimeGrid(edges, 65)
+    function = grid.fit(np.asarray(law(grid.times))[:, None])
+    found = []
+    for start, end, series in zip(edges[:-1], edges[1:], function.coefficients[..., 0], strict=True):
+        shifted = series.copy()
+        shifted[0] -= s
+        for t in start + 0.5 * (end - start) * (real_roots(shifted) + 1.0):
+            for _ in range(3):
+                slope = float(law(np.array([t]), 1)[0])
+                if slope != 0.0:
+                    t = np.clip(t - (float(law(np.array([t]))[0]) - s) / slope, start, end)
+            if abs(float(law(np.array([t]))[0]) - s) < 1e-12:  # a root, and not a near miss
+                found.append(t)
+    times = np.sort(np.array(found))
+    keep = np.concatenate(([True], np.diff(times) > 1e-9 * (edges[-1] - edges[0])))
+    return times[keep[: len(times)]]
+
+
+def rigid_crossings(
+    branch: Branch, points: tuple[SingularPoint, ...], law: MotionLaw
+) -> tuple[SingularityCrossing, ...]:
+    """All instants at which the law takes the undeformed robot through a singular point.
+
+    Raises:
+        NoLaw: the motion stands still on one of them, or one cannot be crossed by any law.
+    """
+    for at in points:
+        check_kind(branch.robot, at)
+    edges = panel_edges(branch.path, law)
+    return tuple(_rigid_crossing(branch, law, t, at) for at in points for t in instants(law, edges, at.s))
+
+
+def check_kind(robot: ParallelRobot, at: SingularPoint) -> None:
+    """Refuse singular points to which condition (8) does not apply.
+
+    Raises:
+        UncontrolledMotions: several motions are uncontrolled at once, not all of the platform or not all of
+            them let go transversally.
+        NoLaw: the singularity is not of Type 2.
+    """
+    if at.corank > 1 and (at.kind != "type_2" or at.contact == "tangential"):
+        what = UNCROSSABLE.get(at.kind, "a Type 2 singularity that it touches without crossing it")
+        raise escaping(robot, at.s, at.platform, at.corank, f"the path meets {what}")
+    if at.kind != "type_2":
+        raise NoLaw(f"{robot.name}: at s = {at.s:.6g} the path meets {UNCROSSABLE[at.kind]}")
+
+
+def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, at: SingularPoint) -> SingularityCrossing:
+    """t_s . W_p of the undeformed robot when the law takes it through a singular point at time t."""
+    speed = float(law(np.array([t]), 1)[0])
+    quickest = float(np.abs(law(np.linspace(0, law.duration, 101), 1)).max())
+    if abs(speed) <= STANDING * quickest:
+        raise NoLaw(
+            f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, "
+            f"s = {at.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
+        )
+    escape = at.motion[None]
+    if at.corank > 1:
+        linearised = linearised_at(branch.robot, at.q[None], at.platform[None])
+        escape = escaping_motions(branch.robot, linearised, at_least=at.corank).motions
+    times = np.concatenate(([t], np.linspace(0.0, law.duration, 33)))
+    s = [law(times, order) for order in range(3)]
+    x, dx, ddx = along(branch.path, s)
+    q = np.concatenate((at.q[None], branch.guess(s[0][1:])))  # but for the crossing only a scale is wanted
+    closed = ClosedStack(q, x, linearised_at(branch.robot, q, x))
+    forces = tree_forces(branch.robot, motion_at(branch.robot, closed, dx, ddx))
+    robot = branch.robot
+    force = robot.mass * robot.length / law.duration**2
+    least = force * robot.length * np.abs(escape / robot.column_scale).max(axis=1)
+    parts = forces[:, None] * escape  # (T, corank, nv)
+    scale = np.maximum(np.abs(parts).sum(axis=2).max(axis=0), least)
+    wrench = parts[0].sum(axis=1)
+    worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
+    return SingularityCrossing(
+        t, at.s, at.platform, at.twist, at.kind, float(wrench[worst]), float(scale[worst])
+    )
+
+
+def deformed_crossing(result: InverseDynamics, near: SingularityCrossing) -> SingularityCrossing:
+    """The same crossing in the deformed robot: where and when g vanishes, and t_s . W_p there."""
+    robot = result.robot
+
+    def passive(t: Array) -> Array:
+        return type2_matrix(robot, linearised_at(robot, result.configuration(t), result.platform(t)))
+
+    t = root_of_g(passive, near.time, high=result.duration).place
+    motion = result.motion(t)
+    uncontrolled = uncontrolled_motion(robot, motion.linearised)
+    along_path = -1.0 if np.dot(uncontrolled.twist, near.twist) < 0 else 1.0
+    wrench = float(tree_forces(robot, motion)[0] @ uncontrolled.motion) * along_path
+    return SingularityCrossing(
+        time=t,
+        s=float(result.law(np.array([t]))[0]),
+        platform=result.platform(t),
+        twist=along_path * uncontrolled.twist,
+        kind=uncontrolled.kind,
+        wrench=wrench,
+        scale=near.scale,
+    )
+
+
+def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ...], allowed: float) -> None:
+    """Raise UnboundedTorque for the worst crossing whose residual is above what is allowed."""
+    worst = max(crossings, key=lambda crossing: crossing.residual, default=None)
+    if worst is None or worst.residual <= allowed:
+        return
+    unit = "N" if np.any(np.abs(worst.twist[robot.translations]) > 0) else "N m"
+    raise UnboundedTorque(
+        f"{robot.name}: unbounded torque at t = {worst.time:.9g} s, s = {worst.s:.12g}, "
+        f"{', '.join(robot.axis_names)} = {point(worst.platform)}: a Type 2 singularity with "
+        f"t_s . W_p = {worst.wrench:.6g} {unit} where condition (8) asks for zero",
+        time=worst.time,
+        s=worst.s,
+        platform=worst.platform,
+        wrench=worst.wrench,
+    )
+
+
+def check_crossings(
+    robot: ParallelRobot, state: DeflectionSolution, geometry: str, crossings: tuple[SingularityCrossing, ...]
+) -> None:
+    """The assembly mode must change exactly at the known crossings.
+
+    With rigid geometry only the motors deflect, after the fact: what `motion` shows then proves nothing.
+    """
+    if geometry == "rigid" and robot.n_e:
+        return
+    signs = mode_signs(robot, state.motion.linearised)[1]
+    times = state.grid.times
+    for k in np.flatnonzero(signs[1:] != signs[:-1]):
+        if not any(times[k] <= crossing.time <= times[k + 1] for crossing in crossings):
+            raise NoLaw(
+                f"{robot.name}: the deflected robot meets a Type 2 singularity between t = "
+                f"{times[k]:.6g} and {times[k + 1]:.6g} s that the undeflected one does not"
+            )

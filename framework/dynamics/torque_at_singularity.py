@@ -1,0 +1,168 @@
+"""What motors give on a Type 2 singularity itself: a limit, of a motion that is known to third order there.
+
+At the singular instant M tau = w (see `forces`) is 0 = 0 along t_s if condition (8), t_s . W_p = 0, holds,
+and has no solution if it does not. Either side of it tau(t) = M(t)^-1 w(t) is one function with a removable
+singularity; by l'Hopital its value there has the time derivatives of M and w in it, and so, through w, the
+jerk of the platform, but nothing of higher order. Hence the motion
+
+    x(t) = x + x' t + x" t^2 / 2 + x''' t^3 / 6
+
+is followed on one short Chebyshev panel about the instant, with no node on it, and tau is carried across by
+its series, as along a whole plan; how fast the coefficients fall is the certificate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.dynamics.forces import Forces, balanced_forces
+from framework.dynamics.reactions import applied_wrenches, loaded_tree_forces
+from framework.errors import NotAssembled, SingularPose, point
+from framework.kinematics.frames import integrate
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.linearised_loops import ClosedStack
+from framework.kinematics.loop_matrices import type2_matrix
+from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.chebyshev import TimeGrid, coefficients, evaluate, tail
+from framework.singularity.root_of_g import root_of_g
+from framework.singularity.type2 import UNCROSSABLE, Uncontrolled, uncontrolled_motion
+from framework.tolerances import CONDITION_RESIDUAL, CROSSING_OFFSET, RANK_LOST, TORQUE_TAIL
+
+PANEL_NODES = 24  # an even number, so that none is at its middle
+MAX_JOINT_TRAVEL = 0.05  # [rad, robot lengths] from the middle of the first panel that is tried to its ends
+MAX_HALVINGS = 8  # of the panel, before the torques count as not resolved
+SIDE_OFFSET = 0.1  # of half a panel, where the motors must hold the robot again, in another assembly mode
+
+
+def forces_through_singularity(
+    robot: ParallelRobot,
+    closed: ClosedStack,
+    *,
+    rates: tuple[Array, Array, Array],
+    wrenches: Mapping[str, Array],
+) -> Forces:
+    """Joint torques (1, n_a) and spring forces (1, n_e) at a Type 2 singularity that the motion goes through.
+
+    Args:
+        closed: the singular configuration, T = 1.
+        rates: first, second and third time derivatives of the platform coordinates, each (n,).
+        wrenches: of the world, (6,) by frame, constant in base axes.
+
+    Raises:
+        SingularPose: it is a singularity of another kind; condition (8) does not hold, which carries t_s .
+        W_p
+            as `wrench`; the motion does not cross the locus there; the torques near by cannot be resolved.
+    """
+    where = f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[0])}"
+    uncontrolled = uncontrolled_motion(robot, closed.linearised)
+    if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
+        several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
+        what = UNCROSSABLE.get(uncontrolled.kind, several)
+        raise SingularPose(f"{where} the robot is in {what}: its torque has no limit", platform=closed.x[0])
+
+    def motion_beside(t: Array) -> Motion:
+        """The motion at instants t (T,) beside the singular one."""
+        powers = np.stack([t, t**2 / 2, t**3 / 6], axis=1)
+        derivatives = np.array(rates)
+        x = closed.x + powers @ derivatives
+        dx = derivatives[0] + powers[:, :2] @ derivatives[1:]
+        ddx = derivatives[1] + powers[:, :1] @ derivatives[2:]
+        ahead = powers[:, :1] * singular.v + powers[:, 1:2] * singular.a
+        guess = integrate(robot, np.repeat(closed.q, len(t), axis=0), ahead)
+        return motion_at(robot, close_loops(robot, x, guess), dx, ddx)
+
+    def forces_of(motion: Motion) -> Array:
+        return loaded_tree_forces(robot, motion, applied_wrenches(robot, motion, wrenches))
+
+    singular = motion_at(robot, closed, rates[0][None], rates[1][None])
+    half = _half_panel(robot, singular, rates[2])
+    if not np.isfinite(half):
+        raise SingularPose(
+            f"{where} the motion stands still on a Type 2 singularity: a stop there can never be crossed",
+            platform=closed.x[0],
+        )
+    instant = _crossing_instant(robot, motion_beside, half, where, closed.x[0])
+    crossing = motion_beside(np.array([instant]))
+    _check_condition(robot, crossing, forces_of(crossing)[0], where)
+    least = np.inf
+    for _ in range(MAX_HALVINGS):
+        grid = TimeGrid(np.array([-half, half]), PANEL_NODES)
+        half *= 0.5
+        try:
+            motion = motion_beside(grid.times)
+        except NotAssembled:
+            continue  # a shorter motion stays within reach
+        forces = balanced_forces(robot, motion.linearised, forces_of(motion))
+        series = coefficients(np.concatenate(forces, axis=1))
+        least = min(least, tail(series))
+        if tail(series) <= TORQUE_TAIL:
+            value = evaluate(np.zeros(1), series)
+            return Forces(value[:, : robot.n_a], value[:, robot.n_a :])
+    raise SingularPose(
+        f"{where} the torques near the Type 2 singularity are not resolved (tail {least:.2g}): another "
+        f"singularity is very near",
+        platform=closed.x[0],
+    )
+
+
+def _half_panel(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:
+    """Time [s] in which no joint moves by more than MAX_JOINT_TRAVEL; infinite for a robot at rest."""
+    lengths = robot.platform_scale
+    sizes = [motion.v[0] / robot.column_scale, motion.a[0] / robot.column_scale, jerk / lengths]
+    if not np.any(sizes[0]):
+        return float("inf")
+    largest = [float(np.abs(size).max(initial=0.0)) for size in sizes]
+    factorials = (1.0, 2.0, 6.0)
+    times = [
+        (factorial * MAX_JOINT_TRAVEL / size) ** (1 / order)
+        for order, (size, factorial) in enumerate(zip(largest, factorials, strict=True), start=1)
+        if size > 0
+    ]
+    return min(times)
+
+
+def _crossing_instant(
+    robot: ParallelRobot, motion_beside: Callable[[Array], Motion], half: float, where: str, x: Array
+) -> float:
+    """When g vanishes [s], beside the instant asked for by what rounding makes of the pose."""
+    if robot.n_a > robot.n:
+        return 0.0  # g of redundant motors has a double root
+
+    def matrices(t: Array) -> Array:
+        return type2_matrix(robot, motion_beside(t).linearised)
+
+    root = root_of_g(matrices, 0.0, low=-half, high=half)
+    either_side = matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half)
+    changes = np.prod(np.linalg.slogdet(either_side)[0]) < 0
+    held = np.linalg.svd(either_side, compute_uv=False).min() > RANK_LOST
+    if not (root.converged and abs(root.place) <= CROSSING_OFFSET * half and changes and held):
+        raise SingularPose(
+            f"{where} the motion does not cross the Type 2 singularity but runs along or touches it: torque "
+            f"is then a limit that needs more than the jerk; plan the motion",
+            platform=x,
+        )
+    return root.place
+
+
+def _check_condition(robot: ParallelRobot, motion: Motion, forces: Array, where: str) -> None:
+    """Refuse a motion (T = 1) that violates condition (8), with the forces (nv,) of its open tree."""
+    uncontrolled: Uncontrolled = uncontrolled_motion(robot, motion.linearised)
+    terms = forces * uncontrolled.motion
+    # a motion without forces has terms of rounding alone: what holds its masses on circles is a size, too
+    rate, escape = (float(np.abs(v / robot.column_scale).max()) for v in (motion.v, uncontrolled.motion))
+    turning = robot.mass * robot.length**2 * rate**2 * escape
+    size = max(float(np.abs(terms).sum()), turning)
+    wrench = float(terms.sum())
+    if abs(wrench) > CONDITION_RESIDUAL * size:
+        unit = "N" if np.any(uncontrolled.twist[robot.translations]) else "N m"
+        x = robot.platform.coordinates(motion.linearised.frames)[0]
+        raise SingularPose(
+            f"{where} the robot is in a Type 2 singularity and t_s . W_p = {wrench:.6g} {unit}, where "
+            f"condition (8) asks for zero: no torque is large enough",
+            platform=x,
+            wrench=wrench,
+        )

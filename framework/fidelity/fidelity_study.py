@@ -1,0 +1,226 @@
+"""Which model of a robot is enough for a motion: each level of fidelity compared with the highest.
+
+A level plans the motion with what it knows. Its torques then drive the forward simulation of the highest
+model that the robot's file can express, from rest at the start of the path, and nothing corrects them on
+the way. The level is enough if the platform stays by its plan, within the tolerance of the path's length,
+and the torques by those of the highest level, within the tolerance of their peak. Comparing neighbours would
+not do: where legs have no mass two levels agree exactly, and say nothing of the springs above them.
+
+What the torques of too low a level do near a singularity is part of the answer. They act there on a robot
+that cannot resist a force along t_s: whatever of t_s . W_p they leave pushes the platform off its path, as
+far as the simulation says.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from framework.arrays import Array, ReadOnlyArrays
+from framework.crossing.plan import plan_request
+from framework.crossing.request import SMOOTHNESS, Request
+from framework.crossing.result import CrossingPlan
+from framework.crossing.scenes import scene_request
+from framework.errors import InvalidInput, NoAnswer, choose_from
+from framework.fidelity.fidelity_indicators import Indicators, indicators_of
+from framework.fidelity.model_comparison import Comparison, HighestLevel, model_of
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.model.description import FLEXIBILITIES, RobotDescription
+from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
+from framework.motion.law import is_number
+from framework.motion.path import Path
+
+MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and the same when they agree to 1e-9
+ERROR_ROUNDING = 1e-12  # of the path or the peak: what is less is no error
+
+
+@dataclass(frozen=True, eq=False)
+class FidelityStudy(ReadOnlyArrays):
+    """The levels compared for one motion; `highest` is the plan of the highest."""
+
+    tolerance: float
+    highest: CrossingPlan
+    length: float  # of the path, turns multiplied by the robot's length [m]
+    times: Array  # (T,) [s] of the levels' errors
+    levels: tuple[Comparison, ...]  # as in `fidelity_levels.LEVELS`
+    indicators: Indicators
+    simulating: float  # seconds of all that simulations took
+    seconds: float
+
+    @property
+    def robot(self) -> ParallelRobot:
+        """The highest model."""
+        return self.highest.robot
+
+    def is_enough(self, comparison: Comparison) -> bool:
+        """Whether a level keeps torque and platform within the tolerance."""
+        return max(comparison.torque, comparison.platform) <= self.tolerance
+
+    @cached_property
+    def enough(self) -> Comparison | None:
+        """The least level that is enough; None if none is, not even the highest."""
+        return next((one for one in self.levels if self.is_enough(one)), None)
+
+    @cached_property
+    def indicated(self) -> Comparison:
+        """What the indicators alone would choose; of levels with the same torques the lowest."""
+        by_name = {one.level.name: one for one in self.levels}
+        chosen = by_name[self.indicators.chosen(self.tolerance)]
+        return by_name[chosen.same_as] if chosen.same_as else chosen
+
+    def law_difference(self, comparison: Comparison) -> float:
+        """Return how far the law of a level is from the highest one's, in s; infinite without a plan."""
+        if comparison.plan is None:
+            return np.inf
+        laws = [plan.law(np.minimum(self.times, plan.duration)) for plan in (comparison.plan, self.highest)]
+        return float(np.abs(laws[0] - laws[1]).max())
+
+    def place(self, errors: Array) -> float | None:
+        """Return where on the path (s) errors (T,) are largest; None where there are none beyond rounding."""
+        known = np.nan_to_num(errors)
+        if known.max() <= ERROR_ROUNDING:
+            return None
+        return float(self.highest.law(self.times[np.argmax(known)]))
+
+    @property
+    def kept(self) -> dict[str, Any] | None:
+        """What a scene of the robot file keeps of this study, its `fidelity`; None if no level is enough."""
+        enough = self.enough
+        return None if enough is None else {"rung": enough.level.name, "tolerance": self.tolerance}
+
+    @property
+    def refusal(self) -> NoAnswer | None:
+        """Why no model is accurate enough; None if one is."""
+        if self.enough is not None:
+            return None
+        top = self.levels[-1]
+        how = top.reason or f"leave the path by {100 * top.platform:.2g} % of its length"
+        return NoAnswer(
+            f"{self.robot.name}: no model is accurate to {100 * self.tolerance:g} %: in the full elastic "
+            f"simulation even the torques of the most detailed one, {top.level.name}, {how}; without "
+            f"feedback, errors of rounding and integration grow along this motion"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers, for JSON."""
+        return {
+            "robot": self.robot.name,
+            "tolerance": self.tolerance,
+            "duration": self.highest.duration,
+            "path_length": self.length,
+            "peak_torque": self.highest.peak_torque,
+            "crossings": [{"s": at.s, "time": at.time} for at in self.highest.crossings],
+            "enough": None if self.enough is None else self.enough.level.name,
+            "foretold": self.indicated.level.name,
+            "growth": _finite(self.indicators.growth),
+            "rungs": [self._entry(comparison) for comparison in self.levels],
+            "simulating": self.simulating,
+            "seconds": self.seconds,
+        }
+
+    def _entry(self, comparison: Comparison) -> dict[str, Any]:
+        name, spring = comparison.level.name, comparison.deflection
+        return {
+            "rung": name,
+            "models": comparison.level.summary,
+            "enough": self.is_enough(comparison),
+            "same_as": comparison.same_as or None,
+            "reason": comparison.reason or None,
+            "seconds": None if comparison.plan is None else comparison.plan.seconds,
+            "torque": _finite(comparison.torque),
+            "torque_at": self.place(comparison.torque_error),
+            "platform": _finite(comparison.platform),
+            "platform_at": self.place(comparison.platform_error),
+            "deflection": None if spring is None else {"spring": spring[0], "largest": spring[1]},
+            "law": _finite(self.law_difference(comparison)),
+            "foretold": _finite(self.indicators.error[name]),
+            "indicator": self.indicators.words[name],
+        }
+
+
+def fidelity_study(
+    robot: ParallelRobot,
+    path: Path | str,
+    *,
+    tolerance: float = 0.01,
+    progress: Callable[[float], None] | None = None,
+    **options: Any,
+) -> FidelityStudy:
+    """Find the least model of a robot that is enough for a motion, with its evidence.
+
+    Args:
+        robot: with whatever springs; the levels are made from its description.
+        path: to follow, or the name of a scene.
+        tolerance: share of the path's length, and of the peak torque, that a level may be off.
+        progress: called with the number of levels that are done.
+        options: of `plan_crossing`, but no geometry, for each level has its own. The smoothness is by default
+            that of the highest for all levels.
+
+    Raises:
+        InvalidInput: an option that cannot be right, or a robot that cannot be simulated.
+        NoAnswer: the highest level has no plan, or its simulation does not come to the end: there is nothing
+            to compare with.
+    """
+    expect_robot(robot)
+    if not (is_number(tolerance) and MIN_TOLERANCE <= tolerance < 1):
+        raise InvalidInput(f"tolerance: needs a share in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
+    if options.get("geometry") is not None:
+        raise InvalidInput("geometry: each rung of the ladder has its own; leave it out")
+    began = time.perf_counter()
+    top = model_of(robot.description, LEVELS[-1])
+    if isinstance(path, str):
+        request = scene_request(top, path, **options)
+    else:
+        request = Request.of(top, path, **options)
+    highest = HighestLevel.of(plan_request(top, request), tolerance)
+    levels: list[Comparison] = []
+    for level in LEVELS:
+        levels.append(highest.compared(level, levels))
+        if progress is not None:
+            progress(len(levels))
+    plans = {comparison.level.name: comparison.plan for comparison in levels}
+    return FidelityStudy(
+        tolerance=tolerance,
+        highest=highest.plan,
+        length=highest.length,
+        times=highest.times,
+        levels=tuple(levels),
+        indicators=indicators_of(plans),
+        simulating=highest.seconds,
+        seconds=time.perf_counter() - began,
+    )
+
+
+def kept_options(description: RobotDescription, scene: str) -> dict[str, Any]:
+    """Return the options that plan a scene with the level that it keeps: flexibility, geometry, smoothness.
+
+    Levels below `rigid` are planned with all bodies: leaving them out saves nothing.
+
+    Raises:
+        InvalidInput: no such scene, or it keeps no level.
+    """
+    if scene not in description.scenes:
+        raise InvalidInput(f"{description.name}: {choose_from('scene', scene, description.scenes)}")
+    kept = description.scenes[scene].fidelity
+    if kept is None:
+        raise InvalidInput(
+            f"flexibility auto: scene {scene} of {description.name} keeps no rung that was found enough; run "
+            f"`crossing fidelity` on it, and put the line that it prints into the scene"
+        )
+    level = LEVELS_BY_NAME[kept.level]
+    flexibility = description.least_flexibility(level.flexibility)
+    elastic = bool(description.active_springs(FLEXIBILITIES[-1]))
+    return {
+        "flexibility": flexibility,
+        "geometry": "rigid" if flexibility == FLEXIBILITIES[0] else level.geometry,
+        "smoothness": SMOOTHNESS[elastic],
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,167 @@
+"""A path with one branch of the inverse kinematics along it, and continuations where that is singular.
+
+Newton's method lands on the branch from the cubic between two knots, except where the square system of
+the inverse kinematics is singular although the branch runs on smoothly, as it does through constraint
+singularities. There a continuation carries the branch: a polynomial through closed configurations on either
+side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
+from framework.errors import NotAssembled
+from framework.kinematics.frames import difference, integrate
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.linearised_loops import ClosedStack, linearised_at
+from framework.kinematics.loop_matrices import type1_matrix
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.chebyshev import nodes, tail
+from framework.motion.path import Path
+from framework.tolerances import CONTINUATION_ERROR, CONTINUATION_STEP
+
+HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # of a continuation, in s; the first that resolves
+CONTINUATION_NODES, CONTINUATION_DEGREE = 48, 24  # nodes of a continuation, degree of its polynomial
+# Newton's method is trusted at nodes where the least singular value is above this share of its largest:
+# first far from the singular place, then, from the polynomial found there, close to it.
+SOUND_NODE_RATIOS = (0.2, 0.03)
+
+
+@dataclass(frozen=True, eq=False)
+class Continuation(ReadOnlyArrays):
+    """The branch between `start` and `end` as Chebyshev series; inside the `core` nothing else will do."""
+
+    start: float
+    end: float
+    core: tuple[float, float]
+    series: Array  # (DEGREE + 1, nv) of the offset from the branch's origin
+
+    def covers(self, s: Array) -> NDArray[np.bool_]:
+        """Whether s (T,) lies between the ends."""
+        return (s >= self.start) & (s <= self.end)
+
+    def offset(self, s: Array) -> Array:
+        """Compute the offset (T, nv) from the branch's origin."""
+        local = (2 * s - self.start - self.end) / (self.end - self.start)
+        return np.asarray(chebyshev.chebval(local, self.series), dtype=float).T
+
+
+@dataclass(frozen=True, eq=False)
+class Branch(ReadOnlyArrays):
+    """A path with the branch of the inverse kinematics that leads along it, springs at rest.
+
+    Between the knots `s` (K,) the branch is known well enough (cubic Hermite in the tangent `offset`
+    from `origin`) for Newton's method to land on it: `closed` gives it to rounding anywhere.
+    """
+
+    robot: ParallelRobot
+    path: Path
+    origin: Array  # (nq,)
+    s: Array  # (K,)
+    u: Array  # (K, nv) offset from origin
+    du: Array  # (K, nv) derivative with respect to s
+    continuations: tuple[Continuation, ...] = ()  # a later one goes before an earlier one
+
+    def guess(self, s: Array) -> Array:
+        """Return configurations (T, nq) near the branch at s (T,)."""
+        k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
+        step = (self.s[k + 1] - self.s[k])[:, None]
+        t = ((s - self.s[k])[:, None]) / step
+        u = (
+            (1 + 2 * t) * (1 - t) ** 2 * self.u[k]
+            + t * (1 - t) ** 2 * step * self.du[k]
+            + t**2 * (3 - 2 * t) * self.u[k + 1]
+            + t**2 * (t - 1) * step * self.du[k + 1]
+        )
+        for continuation in self.continuations:
+            covered = continuation.covers(s)
+            u[covered] = continuation.offset(s[covered])
+        return integrate(self.robot, self.origin, u)
+
+    def closed(self, s: ArrayLike) -> ClosedStack:
+        """Return assembled configurations on the branch at s (T,).
+
+        Raises:
+            NotAssembled: Newton's method does not land on the branch, as near a singularity of the
+                inverse kinematics that is not continued.
+        """
+        s = np.atleast_1d(np.asarray(s, dtype=float))
+        x, guess = self.path(s), self.guess(s)
+        in_core = self.continued(s)
+        if not in_core.any():
+            return close_loops(self.robot, x, guess)
+        q = guess.copy()
+        if not in_core.all():
+            q[~in_core] = close_loops(self.robot, x[~in_core], guess[~in_core]).q
+        return ClosedStack(q, x, linearised_at(self.robot, q, x))
+
+    def continued(self, s: Array) -> NDArray[np.bool_]:
+        """Whether the branch at s (T,) is carried by a continuation alone."""
+        inside = np.zeros(len(s), dtype=bool)
+        for continuation in self.continuations:
+            inside |= (s >= continuation.core[0]) & (s <= continuation.core[1])
+        return inside
+
+
+def with_continuation(branch: Branch, s: float) -> Branch | None:
+    """Return the branch with a continuation near s; None where it has no smooth way across."""
+    edges = np.concatenate(([0.0], branch.path.knots, [1.0]))
+    segment = int(np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(edges) - 2))
+    coarse = branch
+    for half in HALF_WIDTHS:
+        start, end = max(s - half, edges[segment]), min(s + half, edges[segment + 1])
+        continuation, error = _span(coarse, s, float(start), float(end))
+        if continuation is None:
+            continue
+        if error < CONTINUATION_ERROR:
+            return replace(branch, continuations=(*branch.continuations, continuation))
+        coarse = replace(
+            branch, continuations=(*branch.continuations, continuation)
+        )  # good enough to start a narrower one
+    return None
+
+
+def _span(branch: Branch, s: float, start: float, end: float) -> tuple[Continuation | None, float]:
+    """Compute a continuation over s between start and end, and a bound on its distance from the branch."""
+    robot = branch.robot
+    at = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
+    basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)
+    lengths = robot.column_scale
+    guess, x, continuation = branch.guess(at), branch.path(at), None
+    error = np.inf
+    for share in SOUND_NODE_RATIOS:
+        least = np.linalg.svd(type1_matrix(robot, linearised_at(robot, guess, x)), compute_uv=False)[:, -1]
+        sound = np.flatnonzero(least > share * least.max())
+        try:
+            closed = close_loops(robot, x[sound], guess[sound])
+        except NotAssembled:
+            break
+        u = difference(robot, branch.origin, closed.q)
+        moved = np.abs((u - difference(robot, branch.origin, guess[sound])) / lengths).max(axis=1)
+        trusted = moved < CONTINUATION_STEP * least[sound]
+        sound, u = sound[trusted], u[trusted]
+        if len(sound) < CONTINUATION_DEGREE + 1 + CONTINUATION_NODES // 8:
+            break
+        series = np.linalg.lstsq(basis[sound], u, rcond=None)[0]
+        guess = integrate(robot, branch.origin, basis @ series)
+        left = float(np.abs((basis[sound] @ series - u) / lengths).max())
+        left = max(left, float(np.abs(linearised_at(robot, guess, x).residual).max()) / robot.length)
+        size = float(np.abs(series / lengths).max())
+        continuation = Continuation(start, end, _core(at, sound, s), series)
+        error = max(left, size * tail(series / lengths))
+    return continuation, error
+
+
+def _core(at: Array, sound: IntArray, s: float) -> tuple[float, float]:
+    """Return the interval from the last sound node before s and all unsound ones to the first after them."""
+    unsound = np.append(np.delete(at, sound), s)
+    before, after = at[sound][at[sound] < unsound.min()], at[sound][at[sound] > unsound.max()]
+    return (
+        float(before[-1]) if len(before) else float(at[0]),
+        float(after[0]) if len(after) else float(at[-1]),
+    )

@@ -1,0 +1,236 @@
+"""From the motors to the pose: all joints and the platform for given motor joints, near a known pose.
+
+The motors turn from where they are to where they are asked for, all at once and in proportion, and the loops
+take the passive joints along: P dq_p = -J_a dq_a, with P and J_a the passive and the actuated columns of the
+loop equations. Away from Type 2 singularities P is regular: there is one way to go, and at its end the pose
+of the same assembly mode. Where P loses rank assembly modes meet and the motors no longer say where the robot
+goes: the way ends there. (That is Type 2 in the wide sense; `singularity.classification` tells whether the
+platform or only joints inside a leg escape.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike, freeze
+from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
+from framework.kinematics.assembly import Configuration
+from framework.kinematics.continuation.predictor_corrector import FIRST_STEP_RATIO, Place, Way, follow
+from framework.kinematics.continuation.turning_point import (
+    CurveEquations,
+    TurningPoints,
+    turning_points,
+)
+from framework.kinematics.frames import difference, integrate
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    assembled_at,
+    linearised_at,
+    linearised_at_reference,
+)
+from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
+from framework.kinematics.modes import keeps_assembly_mode
+from framework.kinematics.newton import Linear, Which, newton
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.tolerances import BRANCHES_CROSS, ENDS_AT_TYPE_2, MODES_MEET, RANK_LOST
+
+MAX_SINGLE_STEP = 0.05  # [rad, lengths] that the joints may move by in a single step
+
+
+@dataclass(frozen=True, eq=False)
+class ForwardPose(Configuration):
+    """The pose that the motors lead to, with its certificate.
+
+    `q` (nq,) and platform `x` (n,), its turns counted on from those at the start; `residual`, the largest of
+    all loop equations [m or rad], those dropped as redundant included; `iterations`, the steps of the way;
+    `clearance`, the least singular value of P met on the way (radians, robot lengths), which is 0 at a Type 2
+    singularity; infinite for a robot without passive joints. `robot` and `place` let the next pose of a
+    stream of motor angles start from here without a proof that this one is assembled.
+    """
+
+    clearance: float
+    robot: ParallelRobot = field(repr=False)
+    place: Place = field(repr=False)
+
+
+def forward_kinematics(
+    robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike | Configuration | None = None
+) -> ForwardPose:
+    """Compute all joints and the platform for given motor joints, in the assembly mode of a known pose.
+
+    Args:
+        q_a: actuated joints (n_a,), joint side of the gears [rad, m], in the order of the robot file. Hinges
+            are taken by their word: a target one full turn away is a full turn.
+        near: an assembled configuration (nq,) to start from, the reference by default; that which this
+            function returned last, when angles come in a stream. Springs keep the deflections of it.
+
+    Raises:
+        InvalidInput: q_a or near has the wrong length or is not finite, the loops are open at near, or the
+            motors depend on one another, so that none can be chosen by itself.
+        Type2Singularity: one lies between, or near is one; carries its configuration.
+        NotAssembled: the way cannot be followed for another reason.
+    """
+    expect_robot(robot)
+    target = finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a)
+    check_motors_are_free(robot)
+    start = start_pose(robot, near)
+    way, x = _follow_motors(robot, start.place, target), start.x[None]
+    for place in way.places[1:]:
+        x = robot.platform.unwrap(robot.platform.coordinates(place.linearised.frames), x[0])
+    if not way.complete:
+        raise _stopped(robot, way, x[0], target)
+    least = min(place.clearance for place in way.places)
+    return _pose_at(robot, way.last, x[0], least, steps=len(way.at) - 1)
+
+
+def _pose_at(robot: ParallelRobot, place: Place, x: Array, least: float, *, steps: int) -> ForwardPose:
+    """Return the pose of a place, its platform at x (n,), with the least clearance of the way there."""
+    freeze(place)
+    return ForwardPose(
+        q=place.q[0],
+        x=x,
+        residual=float(place.linearised.gap[0]),
+        iterations=steps,
+        clearance=least,
+        robot=robot,
+        place=place,
+    )
+
+
+def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> ForwardPose:
+    """Return the pose of an assembled configuration (nq,), the reference by default, at which a way begins.
+
+    Raises:
+        InvalidInput: it is not assembled.
+    """
+    if isinstance(near, ForwardPose) and near.robot is robot:
+        return near
+    closed = assembled_at(robot, robot.reference.q if near is None else near)
+    still = np.zeros((1, robot.model.nv))
+    place = Place(closed.q, closed.linearised, still, float(clearance(robot, closed.linearised)[0]))
+    return _pose_at(robot, place, closed.x[0], place.clearance, steps=0)
+
+
+def check_motors_are_free(robot: ParallelRobot) -> None:
+    """Raise InvalidInput unless one motor can move while the others rest."""
+    if not motors_are_free(robot):
+        raise InvalidInput(
+            f"{robot.name}: its {robot.n_a} motors drive {robot.n} degrees of freedom, so none of them can "
+            f"move while all others rest; move the platform"
+        )
+
+
+def motors_are_free(robot: ParallelRobot) -> bool:
+    """Whether one motor can move while the others rest: P is square, and as many motors as platform axes."""
+    return robot.n_a == robot.n and len(robot.following) == len(robot.loops.names)
+
+
+def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
+    """Turn the motors to q_a (n_a,) from a place, as far as that goes."""
+    columns = robot.following
+    turn = np.zeros((1, robot.model.nv))
+    turn[0, robot.actuated] = q_a - robot.actuated_coordinates(start.q)[0]
+
+    def evaluate(q: Array, which: Which) -> LinearisedLoops:
+        return linearised_at(robot, q, None)
+
+    def linear(linearised: LinearisedLoops) -> Linear:
+        return Linear(linearised.residual[:, robot.n :], linearised.passive_factors)
+
+    def place(q: Array, linearised: LinearisedLoops, distance: float) -> Place | None:
+        rate = turn.copy()
+        if len(columns):
+            try:
+                rate[:, columns] = -linearised.passive_factors.solve(linearised.closures @ turn[0])
+            except np.linalg.LinAlgError:
+                return None
+        return Place(q, linearised, rate, distance)
+
+    def arrive(share: Array, predicted: Array) -> list[Place]:
+        """Return the place at one share (1,) of the way."""
+        step = np.zeros_like(turn)  # what the rounding of many steps has left of the motors' angles
+        off = share[:, None] * turn - difference(robot, start.q[0], predicted)
+        step[:, robot.actuated] = off[:, robot.actuated]
+        guess = integrate(robot, predicted, step)
+        if not len(columns):
+            found = place(guess, evaluate(guess, slice(None)), np.inf)
+        else:
+            q, linearised, closed = newton(robot, guess, columns, evaluate, linear)
+            found = place(q, linearised, float(clearance(robot, linearised)[0])) if closed.all() else None
+        return [] if found is None else [found]
+
+    def belongs(before: Place, after: Place, straight: bool) -> bool:
+        apart = straight or after.clearance > BRANCHES_CROSS
+        return bool(apart) and keeps_assembly_mode(before.linearised, after.linearised)
+
+    def end(share: float, before: Place) -> tuple[float, Place] | None:
+        ahead = motors_turning_points(robot, before.q, np.array([share]), turn)
+        if not ahead.found[0]:
+            return None
+        nearest = float(clearance(robot, ahead.linearised)[0])
+        return float(ahead.share[0]), Place(ahead.q, ahead.linearised, np.zeros_like(turn), nearest)
+
+    here = place(start.q, start.linearised, start.clearance)
+    if here is None or start.clearance < RANK_LOST:  # on the meeting of two modes
+        return Way(np.zeros(1), (start,))
+    short = np.abs(here.rate / robot.column_scale).max() < MAX_SINGLE_STEP
+    way = follow(robot, here, arrive, belongs, end=end, step=1.0 if short else FIRST_STEP_RATIO)
+    near = np.array([place.clearance for place in way.places])
+    met = np.flatnonzero((near[1:] < MODES_MEET) & (near[1:] < near[:-1]))  # not where it leads away from one
+    if not len(met):
+        return way
+    first = int(met[0]) + 1
+    beyond = np.flatnonzero(near[first:] >= MODES_MEET)
+    last = first + int(near[first : first + beyond[0] if len(beyond) else None].argmin())
+    return Way(way.at[: last + 1], way.places[: last + 1])
+
+
+def motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> TurningPoints:
+    """Find Type 2 singularities ahead of q (T, nq), after a `share` (T,) of the motors' turns (T, nv)."""
+    columns, sizes = robot.following, equation_sizes(robot)[robot.n :]
+
+    def evaluate(q: Array, share: Array) -> CurveEquations:
+        linearised = linearised_at(robot, q, None)
+        loops = independent_loops_matrix(robot, linearised)
+        drive = np.einsum("tmv,tv->tm", loops, turn / robot.column_scale)
+        return CurveEquations(
+            loops[:, :, columns], drive, linearised.residual[:, robot.n :] / sizes, linearised
+        )
+
+    return turning_points(robot, q, share, columns, turn, evaluate)
+
+
+def _stopped(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembled:
+    """Return the error for the end of the way of the motors to q_a, at platform x."""
+    residual = float(np.abs(way.last.linearised.residual[:, robot.n :]).max(initial=0.0))
+    largest = max(place.clearance for place in way.places)
+    usual = max(largest, float(clearance(robot, linearised_at_reference(robot))[0]))
+    if way.last.clearance > ENDS_AT_TYPE_2 * usual:
+        where = _on_the_way(robot, way.at[-1], x, q_a)
+        return NotAssembled(
+            f"{robot.name}: the loops cannot be followed {where}", q=way.q[-1], residual=residual
+        )
+    return type2_singularity(robot, way.at[-1], way.q[-1], x, q_a, residual)
+
+
+def type2_singularity(
+    robot: ParallelRobot, share: float, q: Array, x: Array, q_a: Array, residual: float
+) -> Type2Singularity:
+    """Return the error where the way to q_a (n_a,) ends, after a share of it, at q with platform x."""
+    return Type2Singularity(
+        f"{robot.name}: a Type 2 singularity {_on_the_way(robot, share, x, q_a)}: with its motors locked the "
+        f"robot can still move there, and this assembly mode ends",
+        q=q,
+        residual=residual,
+        share=float(share),
+        platform=x,
+    )
+
+
+def _on_the_way(robot: ParallelRobot, share: float, x: Array, q_a: Array) -> str:
+    return (
+        f"on the way to {', '.join(robot.actuator_names)} = {point(q_a)}, after {share:.6g} of it, at "
+        f"{', '.join(robot.axis_names)} = {point(x)}"
+    )

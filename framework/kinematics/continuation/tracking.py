@@ -1,0 +1,220 @@
+"""Follow a path from the reference without ever jumping to another working or assembly branch.
+
+The start is reached along the straight segment from the reference's platform coordinates, then the
+path is followed (`continuation`); a step counts only within one working mode.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike
+from framework.errors import (
+    InvalidInput,
+    NotAssembled,
+    OutOfReach,
+    Type1Singularity,
+    UncontrolledMotions,
+    finite_numbers,
+    point,
+)
+from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
+from framework.kinematics.continuation.branch import Branch as Branch
+from framework.kinematics.continuation.predictor_corrector import FIRST_STEP_RATIO, Place, Way, follow
+from framework.kinematics.continuation.turning_point import CurveEquations, turning_points
+from framework.kinematics.frames import difference, difference_rates, integrate
+from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.loop_matrices import equation_sizes, lost_equations, type1_matrix
+from framework.kinematics.modes import keeps_working_mode
+from framework.kinematics.motion_rates import joint_rates
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.motion.path import Line, Path
+from framework.motion.path_check import check_path
+from framework.tolerances import BRANCHES_CROSS, NEWTON_STEP, RANK_LOST_AHEAD
+
+DIRECT_CLOSING_DISTANCE = 1e-6  # [lengths] from the reference: what a file's rounded angles leave
+KNOT_NEWTON_STEP = 1e-6  # last step to a knot of a branch: guesses between knots are no better
+PLACES_AT_ONCE = 8  # a stack costs little more than one place, and they span the way in first steps
+SHORT_PATH = 1e-4  # [lengths, rad] that a single step may span
+LOOK_AHEAD, LOOK_AHEAD_NUDGE = (1e-3, 1e-2), 0.02  # in s, and [rad or m] aside of the last configuration
+LOOP_SINGULARITY = (
+    "a singularity of the loop equations, where no configuration can be told from its neighbours"
+)
+PLATFORM_ROUNDING = 1e-14  # [lengths, rad] between platform coordinates that are the same
+
+
+def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
+    """Assemble the robot: close its loops, at the reference or with the platform at x (n,).
+
+    Raises:
+        InvalidInput: x has the wrong length or is not finite.
+        NotAssembled: the loops do not close at the reference.
+        OutOfReach, Type1Singularity: x cannot be reached from the reference on its working mode.
+    """
+    expect_robot(robot)
+    reference = robot.reference
+    if x is None:
+        return reference
+    target = _platform_point(robot, x)
+    if np.allclose(target, reference.x, rtol=0, atol=PLATFORM_ROUNDING * robot.length):
+        return reference
+    require_square(robot)
+    if np.abs(target - reference.x).max() < DIRECT_CLOSING_DISTANCE * robot.length:
+        closed = close_loops(robot, target[None], reference.q[None])
+        return Configuration(closed.q[0], target, float(np.abs(closed.linearised.residual).max()), 1)
+    segment = Line(reference.x, target)
+    branch = _followed(robot, segment, reference.q, "the way from the reference to the point")
+    closed = branch.closed(1.0)  # on the last knot: one evaluation
+    residual = float(np.abs(closed.linearised.residual).max())
+    return Configuration(closed.q[0], target, residual, len(branch.s))
+
+
+def track_path(robot: ParallelRobot, path: Path) -> Branch:
+    """Follow the path from s = 0 to 1 on the branch of the reference.
+
+    Raises:
+        InvalidInput: the path has not as many coordinates as the platform, or see `check_path`.
+        OutOfReach: a leg ends before the path does; names the leg and the place.
+        Type1Singularity: the path runs into a pose where a leg is stretched or folded.
+    """
+    expect_robot(robot)
+    check_path(path)
+    if path.n != robot.n:
+        raise InvalidInput(
+            f"the path has {path.n} coordinates, the platform of {robot.name} has {robot.n} "
+            f"({', '.join(robot.axis_names)})"
+        )
+    require_square(robot)
+    start = assemble(robot, path(0.0))
+    return _followed(robot, path, start.q, "the path")
+
+
+def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
+    return finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
+
+
+def follow_path(
+    robot: ParallelRobot, path: Path, q: Array, *, last_step: float = NEWTON_STEP, to_the_end: bool = False
+) -> Way:
+    """Lead the platform along the path from a configuration q (nq,) on its first point, as far as that goes.
+
+    Within one working mode; Type 2 singularities are no obstacle. Springs keep the deflections of q. Places
+    are closed as `newton` closes them with this `last_step`. A way that ends does so just before a Type 1
+    singularity, from where another one leads on; or on it, `to_the_end`, if it is found there.
+    """
+
+    def arrive(s: Array, predicted: Array) -> list[Place]:
+        q, linearised, closed = close_each(
+            robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
+        )
+        count = len(s) if closed.all() else int(np.argmin(closed))
+        try:
+            return places(s, q, linearised, count) if count else []
+        except NotAssembled:  # one of them is singular, to the last bit
+            return arrive(s[:1], predicted[:1]) if len(s) > 1 else []
+
+    def places(s: Array, q: Array, linearised: LinearisedLoops, count: int) -> list[Place]:
+        """Return the first `count` places of a stack."""
+        rate = _rates(robot, path, s[:count], linearised.at(slice(count)))
+        return [Place(q[k : k + 1], linearised.at(k), rate[k : k + 1]) for k in range(count)]
+
+    def belongs(before: Place, after: Place, straight: bool) -> bool:
+        same_branch = straight or not lost_equations(robot, after.linearised, BRANCHES_CROSS)
+        return same_branch and keeps_working_mode(robot, before.linearised, after.linearised)
+
+    def end(s: float, before: Place) -> tuple[float, Place] | None:
+        sizes = equation_sizes(robot)
+
+        def evaluate(q: Array, share: Array) -> CurveEquations:
+            at = np.clip(share, 0.0, 1.0)
+            x = path(at)
+            linearised = linearised_at(robot, q, x)
+            drive = np.zeros_like(linearised.residual)
+            drive[:, : robot.n] = -robot.platform.twist(x, path(at, 1))[0]
+            return CurveEquations(
+                type1_matrix(robot, linearised), drive / sizes, linearised.residual / sizes, linearised
+            )
+
+        still = np.zeros((1, robot.model.nv))
+        ahead = turning_points(robot, before.q, np.array([s]), robot.moving, still, evaluate)
+        return (float(ahead.share[0]), Place(ahead.q, ahead.linearised, still)) if ahead.found[0] else None
+
+    s = np.zeros(1)
+    [start] = places(s, q[None], linearised_at(robot, q[None], path(s)), 1)
+    short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
+    first = 1.0 if short else FIRST_STEP_RATIO
+    ends = end if to_the_end else None
+    return follow(robot, start, arrive, belongs, end=ends, step=first, at_once=PLACES_AT_ONCE)
+
+
+def _followed(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
+    """Return the branch along the path from a configuration q (nq,) on its first point."""
+    way = follow_path(robot, path, q, last_step=KNOT_NEWTON_STEP, to_the_end=True)
+    if not way.complete:
+        raise _end_of_reach(robot, path, float(way.at[-1]), way.last.q[0], way.last.linearised, what)
+    offset, rate = difference(robot, q, way.q), difference_rates(robot, q, way.q, way.rate)
+    return Branch(robot, path, q, way.at, offset, rate)
+
+
+def _rates(robot: ParallelRobot, path: Path, s: Array, linearised: LinearisedLoops) -> Array:
+    """Compute joint rates (T, nv) with respect to s (T,)."""
+    twist, _ = robot.platform.twist(path(s), path(s, 1))
+    return joint_rates(robot, linearised, twist, np.zeros((len(s), robot.n_e)))
+
+
+def _end_of_reach(
+    robot: ParallelRobot, path: Path, s: float, q: Array, linearised: LinearisedLoops, what: str
+) -> OutOfReach | Type1Singularity | UncontrolledMotions:
+    """Return the error for the end of the way: a stretched or folded leg, or loops that lose their rank."""
+    count = lost_equations(robot, linearised, RANK_LOST_AHEAD)
+    if count:
+        return escaping(robot, s, path(s), count, f"{what} runs into {LOOP_SINGULARITY}")
+    joint = weakest_leg(robot, linearised)
+    x = path(s)
+    ahead = f"{what} leaves the workspace" if not _reachable_beyond(robot, path, s, q) else None
+    where = f"at s = {s:.6g}, {', '.join(robot.axis_names)} = {point(x)}"
+    if ahead is None:
+        return Type1Singularity(
+            f"{robot.name}: {what} meets a Type 1 singularity {where}: the leg of {joint} is stretched "
+            f"or folded there and could go on in another working mode",
+            s=s,
+            platform=x,
+            joint=joint,
+        )
+    return OutOfReach(
+        f"{robot.name}: {ahead} {where}: the leg of {joint} cannot follow",
+        q=q,
+        residual=float(np.abs(linearised.residual).max()),
+        s=s,
+        platform=x,
+        joint=joint,
+    )
+
+
+def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
+    """Return the actuated joint that moves most in the weakest motion that leaves the platform at rest."""
+    weakest = np.linalg.svd(type1_matrix(robot, linearised)[0])[2][-1][: robot.n_a]
+    return robot.actuator_names[int(np.argmax(np.abs(weakest)))]
+
+
+def _reachable_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> bool:
+    """Whether the loops close again a little further along the path, on whichever branch."""
+    ahead = np.repeat(s + np.array(LOOK_AHEAD), 2)
+    ahead = ahead[ahead <= 1.0]
+    nudge = np.zeros((len(ahead), robot.model.nv))
+    nudge[::2, robot.moving], nudge[1::2, robot.moving] = LOOK_AHEAD_NUDGE, -LOOK_AHEAD_NUDGE
+    guess = integrate(robot, np.repeat(q[None], len(ahead), axis=0), nudge)
+    return bool(len(ahead)) and bool(close_each(robot, path(ahead), guess).closed.any())
+
+
+def escaping(robot: ParallelRobot, s: float, x: Array, count: int, what: str) -> UncontrolledMotions:
+    """Return the error where `count` motions escape the motors at path coordinate s, platform x (n,)."""
+    words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
+    return UncontrolledMotions(
+        f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "
+        f"{', '.join(robot.axis_names)} = {point(x)}: {what}",
+        s=s,
+        platform=x,
+        count=count,
+    )

@@ -1,0 +1,219 @@
+"""Closed poses of a robot whose reference is none: a search from several starts, within the joints' limits.
+
+Loops that share a joint are closed together and all others apart, so that two legs do not have to succeed at
+once. For each such group the starts are the reference itself, then poses drawn around it (from a quarter, a
+half, all of the range of each joint: its limits, or a half turn or a length of the robot either way), from a
+fixed seed. From each, bounded trust-region least squares (`scipy.optimize`) seeks loops that are nearly
+closed by joints that are near to the reference, and then closes the loops. Of the first few that close, the
+nearest is taken.
+
+What is found closes the loops and keeps the limits, and nothing else is known of it: parts may collide, and
+another way to assemble the robot may be meant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, IntArray
+from framework.errors import NotAssembled
+from framework.kinematics.closures import (
+    direction_gaps,
+    direction_slopes,
+    loop_equations,
+    scaled,
+    turned_over,
+)
+from framework.kinematics.frames import FrameStack, frames_at, integrate
+from framework.kinematics.mechanism import Mechanism
+from framework.model.loop_rows import LockedDirections, LoopRows
+from framework.tolerances import NEARLY_CLOSED
+
+MAX_STARTS = 32  # a group of loops, at most
+ENOUGH_POSES = 8  # closed poses of a group to choose from
+MAX_EVALUATIONS = (100, 20)  # of the loop equations: in the search for nearly closed ones, and to close them
+START_SPREADS = (0.25, 0.5, 1.0)  # share of each joint's range that starts are drawn from, in turn
+SEED = 0
+MIN_JOINT_ROOM = 1e-9  # of a joint [rad, lengths of the robot], or of how far away its limits are
+GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian from the reference
+ROUGH_TOLERANCE, FINE_TOLERANCE = 1e-6, 1e-12  # relative change, and slope, at which the two searches end
+
+
+class ClosedPose(NamedTuple):
+    """A configuration with closed loops, and how far it is from the reference."""
+
+    q: Array  # (nq,)
+    joint: str  # the one that is farthest
+    moved: str  # how far, "0.6 rad"
+
+
+def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
+    """Find a configuration that closes all loops within the joints' limits, springs at rest.
+
+    Raises:
+        NotAssembled: no start leads to one; names a loop equation and says how near the best came.
+    """
+    lower, upper = _ranges(mechanism)
+    u = np.zeros(mechanism.model.nv)
+    for group in _groups(mechanism, mechanism.q_near, lower, upper):
+        u[group.columns] = _nearest(group)
+    farthest, step = int(np.argmax(np.abs(u))), u * mechanism.column_scale
+    moved = f"{abs(step[farthest]):.3g} {'m' if mechanism.sliding[farthest] else 'rad'}"
+    return ClosedPose(
+        integrate(mechanism, mechanism.q_near, step), mechanism.coordinates.name_of(farthest), moved
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Loops as functions of offsets u (k,) of the joints that close them; m equations.
+
+    Offsets are from a configuration, in radians and lengths of the robot.
+    """
+
+    mechanism: Mechanism
+    origin: Array  # (nq,)
+    rows: LoopRows
+    directions: LockedDirections  # what the rows alone would let turn over
+    columns: IntArray  # (k,)
+    lower: Array  # (k,) what limits the joints, else infinite
+    upper: Array  # (k,)
+
+    def equations(self, u: Array) -> Array:
+        """Compute the loop equations (m,), in lengths of the robot and radians."""
+        weights = np.where(self.rows.rotation, 1.0, 1.0 / self.mechanism.length)
+        return np.asarray(weights * loop_equations(self.rows, self._frames(u)).residual[0])
+
+    def gap(self, u: Array) -> Array:
+        """Compute the loop equations, then the vectors between directions that are to be the same."""
+        vectors = direction_gaps(self.directions, self._frames(u))[0]
+        return np.concatenate([self.equations(u), vectors.ravel()])
+
+    def slope(self, u: Array) -> Array:
+        """Compute the derivative of `gap` along the k joints."""
+        at = self._frames(u)
+        rows = scaled(self.mechanism, loop_equations(self.rows, at).jacobian, self.rows.rotation)[0]
+        vectors = direction_slopes(self.directions, at)[0] * self.mechanism.column_scale
+        return np.concatenate([rows, vectors.reshape(-1, rows.shape[1])])[:, self.columns]
+
+    def closed_from(self, start: Array) -> tuple[Array, float]:
+        """Find offsets (k,) near a start at which the loops are least open, and the largest gap there."""
+        from scipy.optimize import least_squares
+
+        answer = least_squares(
+            self.gap,
+            start,
+            self.slope,
+            bounds=(self.lower, self.upper),
+            tr_solver="lsmr",  # steps of least norm: there are more joints than independent equations
+            max_nfev=MAX_EVALUATIONS[1],
+            xtol=FINE_TOLERANCE,
+            ftol=FINE_TOLERANCE,
+            gtol=FINE_TOLERANCE,
+        )
+        return np.asarray(answer.x), float(np.abs(answer.fun).max())
+
+    def nearly_closed_from(self, start: Array) -> Array:
+        """Find the smallest offsets (k,) that nearly close the loops."""
+        from scipy.optimize import least_squares
+
+        answer = least_squares(
+            lambda u: np.concatenate([self.gap(u) / GAP_PER_RADIAN, u]),
+            start,
+            lambda u: np.concatenate([self.slope(u) / GAP_PER_RADIAN, np.eye(len(u))]),
+            bounds=(self.lower, self.upper),
+            max_nfev=MAX_EVALUATIONS[0],
+            xtol=ROUGH_TOLERANCE,
+            ftol=ROUGH_TOLERANCE,
+            gtol=ROUGH_TOLERANCE,
+        )
+        return np.asarray(answer.x)
+
+    def _frames(self, u: Array) -> FrameStack:
+        step = np.zeros(self.mechanism.model.nv)
+        step[self.columns] = u * self.mechanism.column_scale[self.columns]
+        return frames_at(self.mechanism, integrate(self.mechanism, self.origin, step)[None])
+
+
+def _groups(mechanism: Mechanism, origin: Array, lower: Array, upper: Array) -> list[_Group]:
+    """Return the loops of a robot in groups that share no joint; springs are at rest."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    carried = frames_at(mechanism, origin[None]).carried
+    moving = carried[mechanism.rows.second] != carried[mechanism.rows.first]  # (m, nv)
+    moving |= mechanism.rows.coupling_jacobian(moving.shape[1]) != 0.0
+    moving[:, mechanism.elastic] = False
+    shared = csr_array(moving.astype(float))
+    label = connected_components(shared @ shared.T, directed=False)[1]
+    groups, directions = [], mechanism.directions
+    for k in range(int(label.max()) + 1):
+        rows = np.flatnonzero(label == k)
+        columns = np.flatnonzero(moving[rows].any(axis=0))
+        table = mechanism.rows.take(rows)
+        names = {name.rpartition(".")[0] for name in table.names}
+        own = directions.take(np.flatnonzero([name in names for name in directions.closures]))
+        groups.append(_Group(mechanism, origin, table, own, columns, lower[columns], upper[columns]))
+    return groups
+
+
+def _ranges(mechanism: Mechanism) -> tuple[Array, Array]:
+    """Compute the range of each joint about the reference, (nv,) each [rad, lengths of the robot]."""
+    lower, upper = np.full(mechanism.model.nv, -np.inf), np.full(mechanism.model.nv, np.inf)
+    for limit in mechanism.limits:
+        column = mechanism.model.joints[mechanism.model.getJointId(limit.joint)].idx_v
+        here = mechanism.q_near[limit.coordinate]
+        lower[column], upper[column] = limit.lower - here, limit.upper - here
+    lower, upper = lower / mechanism.column_scale, upper / mechanism.column_scale
+    # a joint whose limits meet keeps a little room: the solver's bounds may not
+    limited = np.isfinite(lower)
+    room = MIN_JOINT_ROOM * np.maximum(np.abs(lower[limited]), 1.0)
+    upper[limited] = np.maximum(upper[limited], lower[limited] + room)
+    return lower, upper
+
+
+def _nearest(group: _Group) -> Array:
+    """Find offsets (k,) that close a group's loops, the smallest of those that several starts lead to."""
+    turning = ~group.mechanism.sliding[group.columns]
+    limited = np.isfinite(group.lower)
+    reach = np.where(turning, np.pi, 1.0)
+    low, high = np.where(limited, group.lower, -reach), np.where(limited, group.upper, reach)
+    reference, rng = np.clip(0.0, low, high), np.random.default_rng(SEED)
+    found: list[Array] = []
+    least, best = np.inf, reference
+    for k in range(MAX_STARTS):
+        spread = START_SPREADS[k % len(START_SPREADS)] if k else 0.0
+        start = reference + spread * (rng.uniform(low, high) - reference)
+        u, gap = group.closed_from(group.nearly_closed_from(start))
+        if gap < least:
+            least, best = gap, u
+        if gap < NEARLY_CLOSED:
+            found.append(np.where(turning & ~limited, np.mod(u + np.pi, 2 * np.pi) - np.pi, u))
+            if k == 0 or len(found) == ENOUGH_POSES:
+                break
+    if not found:
+        raise _still_open(group, best)
+    return min(found, key=lambda u: float(np.linalg.norm(u)))
+
+
+def _still_open(group: _Group, u: Array) -> NotAssembled:
+    """Return the error for a group that no start has closed; `u` (k,) came nearest."""
+    gap, mechanism = np.abs(group.equations(u)), group.mechanism
+    row, step = int(np.argmax(gap)), np.zeros(mechanism.model.nv)
+    step[group.columns] = u * mechanism.column_scale[group.columns]
+    q = integrate(mechanism, group.origin, step)
+    turning = bool(group.rows.rotation[row])
+    left = float(gap[row]) * (1.0 if turning else mechanism.length)
+    best = f"{group.rows.names[row]} stays {left:.3g} {'rad' if turning else 'm'} apart"
+    if gap[row] < NEARLY_CLOSED:
+        best = f"{turned_over(mechanism, frames_at(mechanism, q[None]))} is turned over"
+    return NotAssembled(
+        f"{mechanism.name}: the loops do not close: of {MAX_STARTS} starts within the joints' limits none "
+        f"leads to a closed pose; in the best {best}; check the link lengths and the closures, or give a "
+        f"reference near to an assembled configuration",
+        q=q,
+        residual=left,
+    )

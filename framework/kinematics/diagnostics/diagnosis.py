@@ -1,0 +1,264 @@
+"""What a robot looks like before anything is planned: mobility, rank, masses, closure, mode."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import NotAssembled, SingularReference, expect
+from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
+from framework.kinematics.diagnostics.assembly_search import find_closed_pose
+from framework.kinematics.diagnostics.mobility import (
+    Mobility,
+    PlatformAxes,
+    mobility_of,
+    platform_axes_of,
+)
+from framework.kinematics.linearised_loops import linearised_at_reference
+from framework.kinematics.loop_matrices import passive_matrix
+from framework.kinematics.loop_structure import independent_rows
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.modes import mode_signs
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
+from framework.kinematics.tree_model import positions_beyond_limits
+from framework.tolerances import HELD_IDLE, MODES_MEET
+
+LIGHT_PART_RATIO = 1e-6  # of the heaviest part: lighter, and its unit is doubted
+HEAVY_PART = 1e5  # [kg] likewise
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Findings on one robot; `advice` says what to do about what is wrong or remarkable."""
+
+    robot: str
+    flexibility: str
+    platform_axes: tuple[str, ...]
+    actuators: tuple[str, ...]
+    passive_joints: tuple[str, ...]
+    idle_joints: tuple[str, ...]  # a passive joint for each motion that moves no centre of mass; held still
+    loose_joints: tuple[
+        str, ...
+    ]  # one for each that moves masses and that no motor or platform axis is told of
+    springs: tuple[str, ...]
+    mobility: int  # degrees of freedom with all springs locked, the idle ones counted
+    redundant_motors: int  # actuators beyond the mobility less the idle ones
+    loop_equations: int
+    rank: int
+    redundant_rows: tuple[str, ...]  # closure.axis
+    mass: float  # [kg]
+    massless_joints: tuple[str, ...]  # joints that carry no mass of their own
+    closure_error: float  # [m or rad] at the reference
+    reference: dict[str, float]  # joint angles of the assembled reference [rad, m]
+    platform: tuple[float, ...]
+    working_mode: int  # sign; changes at Type 1
+    assembly_mode: int  # sign; changes at Type 2
+    smallest_singular_value: float | None  # of P, without dimension; None without square A or passive joints
+    square: bool  # as many platform axes as degrees of freedom, all of them moving, and no fewer actuators
+    stuck_axes: str  # what the platform cannot move along; empty if there is nothing
+    axes_that_do: tuple[tuple[str, ...], ...]  # platform axes to take instead, where the given ones do not do
+    assembled: bool  # whether the loops close near the reference of the file; if not, a pose was looked for
+    gap_at_reference: float  # [m or rad] that stays open near the reference of the file; 0 if it is assembled
+    advice: tuple[str, ...]
+
+
+def check_robot(mechanism: Mechanism) -> Diagnosis:
+    """Examine a mechanism at its assembled reference, or at a pose that `check` finds where that is none.
+
+    Where the loops do not close near the reference, another pose is looked for; where the reference is on a
+    singularity of the loops, a pose beside it is examined. `advice` says so.
+
+    Raises:
+        NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
+        SingularReference: they are nearly singular there and beside it, too.
+    """
+    expect("robot", mechanism, Mechanism, 'robots.load("five_bar") or Mechanism.from_file("my.yaml")')
+    given, found, gap = mechanism, list[str](), 0.0
+    try:
+        mechanism, closing = assembled_mechanism(mechanism)
+        given, q = mechanism, closing.q
+    except NotAssembled as failure:
+        gap = failure.residual
+        pose = find_closed_pose(mechanism)
+        found.append(
+            f"the loops do not close near the reference that is given; a search within the joints' limits "
+            f"has found the one that is printed, {pose.joint} {pose.moved} away: paste it into "
+            f"the file (or give it by --reference) if the robot is meant to be assembled that way"
+        )
+        mechanism, closing = assembled_mechanism(_with_reference(mechanism, pose.q))
+        q = closing.q
+    assembled = mechanism is given
+    try:
+        robot = ParallelRobot.of(mechanism)
+    except SingularReference as singular:
+        beside = replace(mechanism, q_near=nearby_configurations(mechanism, q)[0])
+        try:
+            robot = ParallelRobot.of(beside)
+        except SingularReference:
+            raise singular from None
+        found.append(f"said of a pose beside the reference: {singular}")
+    reference = robot.reference
+    names = robot.rows.names
+    motions = mobility_of(robot)
+    axes = platform_axes_of(robot, motions.working - len(motions.loose))
+    square = robot.n == motions.working <= robot.n_a and not axes.stuck_here
+    linearised = linearised_at_reference(robot)
+    working, assembly, smallest = 0, 0, None
+    if square:
+        working, assembly = (int(sign[0]) for sign in mode_signs(robot, linearised))
+        values = np.linalg.svd(passive_matrix(robot, linearised)[0], compute_uv=False)
+        smallest = float(values[-1]) if len(values) else None
+    masses = _link_masses(robot)
+    massless = tuple(name for name, mass in masses.items() if mass == 0.0)
+    redundant = tuple(name for i, name in enumerate(names) if i not in robot.structure.independent)
+    found += _advice_on_motions(robot, motions, axes) + _advice(robot, redundant, masses)
+    beyond = positions_beyond_limits(robot.limits, reference.q[None])
+    if beyond:
+        listed = "; ".join(f"{joint}: {position}" for joint, position in beyond.items())
+        found.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
+    if smallest is not None and smallest < MODES_MEET:
+        found.append("the reference is itself singular: give one away from the locus")
+    return Diagnosis(
+        robot=robot.name,
+        flexibility=robot.flexibility,
+        platform_axes=robot.axis_names,
+        actuators=robot.actuator_names,
+        passive_joints=tuple(
+            joint
+            for joint in map(robot.coordinates.name_of, map(int, robot.passive))
+            if joint not in motions.idle
+        ),
+        idle_joints=motions.idle,
+        loose_joints=motions.loose,
+        springs=robot.spring_names,
+        mobility=motions.freedoms,
+        redundant_motors=max(robot.n_a - motions.working, 0),
+        loop_equations=len(names),
+        rank=len(robot.structure.independent),
+        redundant_rows=redundant,
+        mass=float(sum(masses.values())),
+        massless_joints=massless,
+        closure_error=reference.residual,
+        reference=robot.reference_values(reference.q),
+        platform=tuple(map(float, reference.x)),
+        working_mode=working,
+        assembly_mode=assembly,
+        smallest_singular_value=smallest,
+        square=square,
+        stuck_axes=axes.stuck,
+        axes_that_do=axes.proposals,
+        assembled=assembled,
+        gap_at_reference=gap,
+        advice=tuple(found),
+    )
+
+
+def _with_reference(mechanism: Mechanism, q: Array) -> Mechanism:
+    """Return the mechanism with another reference, q (nq,)."""
+    return Mechanism.from_description(
+        replace(mechanism.description, reference=mechanism.reference_values(q)),
+        flexibility=mechanism.flexibility,
+    )
+
+
+def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> list[str]:
+    """Return advice on the freedoms of a robot and on the axes of its platform."""
+    found, mobility = [], motions.working
+    listed = " or ".join(f"[{', '.join(proposal)}]" for proposal in axes.proposals)
+    instead = f"; axes that would do: {listed}" if listed else ""
+    if axes.stuck:
+        found.append(
+            f"the platform's frame {robot.description.platform.frame} cannot move along {axes.stuck}: it has "
+            f"{axes.velocities} independent velocit{'y' if axes.velocities == 1 else 'ies'}"
+            f"{instead or '; choose another frame'}"
+        )
+    elif axes.stuck_here:
+        found.append(
+            f"at the reference the platform cannot move along {axes.stuck_here}, but it can beside it: a "
+            f"Type 1 singularity; give another reference"
+        )
+    if robot.n != mobility:
+        found.append(
+            f"{robot.n} platform axes for {mobility} degrees of freedom: planning needs as many; change the "
+            f"platform's axes or the closures{_suspects(robot, mobility)}{'' if axes.stuck else instead}"
+        )
+    if robot.n_a < mobility:
+        found.append(
+            f"{robot.n_a} actuators for {mobility} degrees of freedom: nothing holds the rest; add actuators"
+        )
+    if robot.n_a > mobility:
+        found.append(
+            f"{robot.n_a} actuators for {mobility} degrees of freedom: torques will be those of least norm; "
+            f"drop actuators if that is not meant"
+        )
+    if motions.loose:
+        found.append(
+            f"{', '.join(motions.loose)}: masses move there by themselves, without a motor and without the "
+            f"platform's axes: add a motor, or lock them (locked, a closure)"
+        )
+    if motions.idle:
+        found.append(
+            f"{', '.join(motions.idle)} may turn without moving any centre of mass; planning holds it "
+            f"still, says what torque that costs, and refuses more than {HELD_IDLE:g} of the motors' peak"
+        )
+    return found
+
+
+def _advice(robot: ParallelRobot, redundant: tuple[str, ...], masses: dict[str, float]) -> list[str]:
+    """Return advice on loops, springs, friction and masses of a robot."""
+    found = []
+    if robot.rounded.names:
+        gap = rounded_gap(robot, robot.reference.q[None])
+        found.append(
+            f"rounded and overconstrained by {gap:.2g} m or rad: {', '.join(robot.rounded.names)} repeat "
+            f"other loop equations but for that; they stay open by it, all others close"
+        )
+    if redundant:
+        found.append(
+            f"{', '.join(redundant)}: other loop equations say the same at the reference, as it should be in "
+            f"a planar or overconstrained mechanism; where they are needed elsewhere, lock only what it "
+            f"takes (axes: [...])"
+        )
+    alone = robot.structure.springs_alone
+    if alone:
+        found.append(
+            f"{', '.join(alone)} can only be closed by springs, which planning refuses: lock fewer axes "
+            f"there (axes: [...]) or leave those axes out of the springs' motion"
+        )
+    friction = robot.friction_sizes(robot.passive)
+    if friction:
+        found.append(f"dry friction, which no plan counts with: {friction}")
+    if sum(masses.values()) == 0.0:
+        found.append("no link has a mass: all torques will be those of the rotors; add <inertial>")
+    heaviest = max(masses.values(), default=0.0)
+    for name, mass in masses.items():
+        if 0 < mass < LIGHT_PART_RATIO * heaviest:
+            found.append(
+                f"what {name} carries weighs {mass:g} kg, a millionth of the heaviest part: is it in the "
+                f"wrong unit? Leave <inertial> out for a massless part"
+            )
+    if heaviest > HEAVY_PART:
+        found.append(f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
+    return found
+
+
+def _suspects(robot: ParallelRobot, mobility: int) -> str:
+    """Return the closures without any one of which there would be as many freedoms as platform axes."""
+    if mobility >= robot.n:
+        return ""
+    found, loops = [], all_loops_matrix(robot, robot.reference.q)[:, robot.joints]
+    for closure in robot.description.closures:
+        others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
+        rank = len(independent_rows(loops[others])) if others else 0
+        if mobility + len(robot.structure.independent) - rank >= robot.n:
+            found.append(closure.name)
+    return f" (look at {', '.join(found)} first: without one of them the freedom is there)" if found else ""
+
+
+def _link_masses(robot: ParallelRobot) -> dict[str, float]:
+    """Compute the mass [kg] of what each moving joint carries, under the joint's name."""
+    model = Mechanism.from_description(robot.description).model  # springs part a joint from its mass
+    return {str(model.names[j]): float(model.inertias[j].mass) for j in range(1, model.njoints)}

@@ -1,0 +1,189 @@
+"""Which motions the loops leave to a robot, who says how they go, and which platform axes would do.
+
+At a configuration the joints have f freedoms: as many as there are joints less independent loop equations,
+springs locked. A motion in which no motor and no platform coordinate takes part is one of two kinds:
+
+* idle: no centre of mass moves, as when a rod turns about its own axis between two balls. Weight does not
+  turn it, and planning holds it still;
+* loose: masses move, as with a pendulum on the platform or a linkage that has no motor. Nothing says how.
+
+What the platform cannot do at one pose alone is a singularity and no property of the mechanism: axes count as
+stuck only if they are at neighbouring closed poses, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
+from framework.kinematics.closures import scaled
+from framework.kinematics.frames import frames_at
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.description import AXES
+from framework.tolerances import AXIS_AT_REST, CENTRE_AT_REST
+
+PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]
+MAX_PROPOSALS = 4
+
+
+class Mobility(NamedTuple):
+    """The freedoms of a robot at its reference."""
+
+    freedoms: int  # all of them, springs locked
+    idle: tuple[str, ...]  # a joint for each motion that moves no centre of mass
+    loose: tuple[str, ...]  # a joint for each that moves some, without a motor or a platform coordinate
+
+    @property
+    def working(self) -> int:
+        """Degrees of freedom of a motion of the robot: all but the idle ones."""
+        return self.freedoms - len(self.idle)
+
+
+class PlatformAxes(NamedTuple):
+    """Along which of its axes the platform can move; "x, rz" or "x and rz independently of each other"."""
+
+    stuck: str  # what moves neither at the reference nor beside it; empty if all do
+    stuck_here: str  # what does not move at the reference
+    velocities: int  # independent ones among all six of the frame
+    proposals: tuple[tuple[str, ...], ...]  # axes that would do, where the stated ones do not
+
+
+def mobility_of(robot: ParallelRobot) -> Mobility:
+    """Count the freedoms at the assembled reference."""
+    q = robot.reference.q
+    hidden = _hidden_motions(robot, q)
+    centres = centres_of_mass(robot, q) @ hidden
+    idle = _pivots(hidden @ _null_space(centres, CENTRE_AT_REST))
+    loose = _pivots(hidden @ _row_space(centres, CENTRE_AT_REST), but=idle)
+    return Mobility(
+        _motions(robot, q).shape[1],
+        tuple(map(robot.coordinates.name_of, idle)),
+        tuple(map(robot.coordinates.name_of, loose)),
+    )
+
+
+def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
+    """Examine the platform's axes near the assembled reference; `freedoms` is how many axes are needed."""
+    q = robot.reference.q
+    here = _stuck(robot, q)
+    if not here.shape[1] and robot.n == freedoms:
+        return PlatformAxes("", "", freedoms, ())
+    poses = [q, *nearby_configurations(robot, q)]
+    twists = [_frame_twists(robot, pose) for pose in poses]
+    stuck = min((_stuck(robot, pose) for pose in poses), key=lambda held: held.shape[1])
+    velocities = max(np.linalg.matrix_rank(matrix, tol=AXIS_AT_REST) for matrix in twists)
+    names = robot.axis_names
+    proposals = _proposals(twists, freedoms, robot.axis_names) if velocities == freedoms else ()
+    return PlatformAxes(_in_words(stuck, names), _in_words(here, names), int(velocities), proposals)
+
+
+def _proposals(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return sets of axes along which a frame can move in one of the poses, those without turns first.
+
+    Two turns are coordinates in series, and say something else in the other order: where the `stated` axes
+    are two turns that do not do, the other order is proposed.
+    """
+    found = []
+    for axes in combinations(range(6), freedoms):
+        turning = sum(axis >= 3 for axis in axes)
+        if not axes:
+            continue
+        least = max(np.linalg.svd(matrix[list(axes)], compute_uv=False)[-1] for matrix in twists)
+        if least > PROPOSED_AXES_CLEARANCE:
+            names = tuple(AXES[axis] for axis in axes)
+            if set(names) != set(stated):
+                found.append((turning, names))
+            elif turning == freedoms == 2:
+                found.append((turning, tuple(reversed(stated))))
+    return tuple(axes for _, axes in sorted(found, key=lambda entry: entry[0])[:MAX_PROPOSALS])
+
+
+def _motions(robot: ParallelRobot, q: Array) -> Array:
+    """Compute orthonormal motions (nv, f) that the loops allow at q (nq,) [rad, lengths of the robot]."""
+    right = np.linalg.svd(all_loops_matrix(robot, q)[:, robot.joints])[2]
+    rank = len(robot.structure.independent)
+    motions = np.zeros((robot.model.nv, len(robot.joints) - rank))
+    motions[robot.joints] = right[rank:].T
+    return motions
+
+
+def _hidden_motions(robot: ParallelRobot, q: Array) -> Array:
+    """Compute orthonormal motions (nv, k) at q (nq,) with motors and platform coordinates at rest."""
+    motions = _motions(robot, q)
+    felt = [_platform_rates(robot, q), np.eye(robot.model.nv)[robot.actuated]]
+    return np.asarray(motions @ _null_space(np.concatenate(felt) @ motions))
+
+
+def _stuck(robot: ParallelRobot, q: Array) -> Array:
+    """Compute combinations (n, k) of platform coordinates that the motions at q (nq,) leave at rest."""
+    return _null_space((_platform_rates(robot, q) @ _motions(robot, q)).T)
+
+
+def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
+    """Compute rates (n, nv) of the platform's coordinates, in radians and lengths of the robot."""
+    return scaled(robot, robot.platform.jacobian(frames_at(robot, q[None])), ~robot.translations)[0]
+
+
+def _frame_twists(robot: ParallelRobot, q: Array) -> Array:
+    """Compute twists (6, f) of the platform's frame for the motions that the loops allow at q (nq,)."""
+    return _platform_twists(robot, q) @ _motions(robot, q)
+
+
+def _platform_twists(robot: ParallelRobot, q: Array) -> Array:
+    """Compute twists (6, nv) of the platform's frame, in radians and lengths of the robot."""
+    twist = frames_at(robot, q[None]).jacobian[0, 0]
+    return np.asarray(twist / np.repeat([robot.length, 1.0], 3)[:, None] * robot.column_scale)
+
+
+def centres_of_mass(robot: Mechanism, q: Array) -> Array:
+    """Compute velocities (3 b, nv) of the centres of the b bodies with mass [lengths of the robot]."""
+    model, data = robot.model, robot.model.createData()
+    pin.computeJointJacobians(model, data, q)
+    parts = [np.empty((0, model.nv))]
+    for joint in range(1, model.njoints):
+        if model.inertias[joint].mass > 0.0:
+            twist = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
+            parts.append(twist[:3] - pin.skew(model.inertias[joint].lever) @ twist[3:])
+    return np.asarray(np.concatenate(parts) / robot.length * robot.column_scale)
+
+
+def _in_words(stuck: Array, names: tuple[str, ...]) -> str:
+    """Return the names of the axes that combinations (n, k) hold still: each alone, or some together."""
+    shares = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))
+    alone = [name for name, share in shares.items() if share > 1.0 - AXIS_AT_REST]
+    if len(alone) == stuck.shape[1]:
+        return ", ".join(alone)
+    together = " and ".join(
+        name for name, share in shares.items() if AXIS_AT_REST < share <= 1.0 - AXIS_AT_REST
+    )
+    return ", ".join([*alone, f"{together} independently of each other"])
+
+
+def _null_space(matrix: Array, level: float = AXIS_AT_REST) -> Array:
+    """Compute orthonormal columns (c, k) that a matrix (r, c) takes to less than a level."""
+    _, values, right = np.linalg.svd(matrix)
+    return np.asarray(right[int(np.sum(values > level)) :].T)
+
+
+def _row_space(matrix: Array, level: float = AXIS_AT_REST) -> Array:
+    """Compute orthonormal columns (c, c - k), the complement of the null space."""
+    _, values, right = np.linalg.svd(matrix, full_matrices=False)
+    return np.asarray(right[: int(np.sum(values > level))].T)
+
+
+def _pivots(motions: Array, but: tuple[int, ...] = ()) -> tuple[int, ...]:
+    """Return k joints, ascending, whose rates tell k motions (nv, k) apart."""
+    from scipy.linalg import qr
+
+    if not motions.shape[1]:
+        return ()
+    free = np.setdiff1d(np.arange(len(motions)), but)
+    order = qr(motions[free].T, mode="r", pivoting=True)[1]
+    return tuple(sorted(int(column) for column in free[order[: motions.shape[1]]]))

@@ -1,0 +1,319 @@
+"""Platform, axes, motors and reference of a mechanism whose file is silent about them.
+
+The motions that the loops leave at a closed pose say what can be proposed. Motors are the file's, else the
+joints nearest to the base that tell the motions apart. The platform is a body that every motor moves: by the
+joints that carry it alone where these are as many as the freedoms and have no motor (an ankle's pitch and
+roll), by its turns where the motors turn it about one point, else by the axes of a frame on it along which it
+moves best. Each proposal is tried before it is made: the robot with it has to be assembled, its platform
+free along each axis, and no motion left that nothing drives.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.errors import FrameworkError, NotAssembled, RobotFileError
+from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
+from framework.kinematics.diagnostics.assembly_search import find_closed_pose
+from framework.kinematics.diagnostics.mobility import (
+    PROPOSED_AXES_CLEARANCE,
+    centres_of_mass,
+    mobility_of,
+    platform_axes_of,
+)
+from framework.kinematics.loop_structure import independent_rows
+from framework.kinematics.mechanism import Mechanism, columns_of, frame_of
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
+from framework.model.description import AXES, Actuator, Platform, RobotDescription
+from framework.model.readers.missing_fields import Known, Options, Resolved
+from framework.model.readers.urdf_tree import UrdfTree
+from framework.tolerances import AXIS_AT_REST, NEARLY_AT_REST
+
+MAX_TRIED = 12  # proposals of a platform, at most
+# parts of names that people give to what a robot works with
+NAMES_OF_TOOLS = ("effector", "tcp", "tool", "tip", "platform", "plate", "foot", "sole", "hand", "eff", "pad")
+
+
+class _Motions(NamedTuple):
+    """A mechanism at a closed pose, and the motions that its loops leave it."""
+
+    mechanism: Mechanism
+    q: Array  # (nq,)
+    basis: Array  # (nv, f) orthonormal, in radians and lengths of the robot
+    working: Array  # (nv, w) of those that move a centre of mass
+
+
+def propose(options: Options, known: Known) -> Resolved:
+    """Complete the description by platform, motors and reference where missing, with a remark on each.
+
+    Where nothing is said at all, joints in no loop that carry none (a wrist on a delta) are held, and those
+    that carry loops (the hip of a leg) where the whole cannot be planned.
+
+    Raises:
+        NotAssembled: the loops close nowhere.
+        RobotFileError: nothing can be proposed; says what would do.
+    """
+    if not options.is_silent:
+        return _proposed(known)
+    tails, heads = _in_no_loop(known)
+    remarks = []
+    if tails:
+        known = _holding(known, tails)
+        remarks.append(_held(tails))
+    try:
+        resolved = _proposed(known)
+    except RobotFileError:
+        if not heads:
+            raise
+        remarks.append(_held(heads))
+        resolved = _proposed(_holding(known, heads))
+    return resolved._replace(remarks=(*remarks, *resolved.remarks))
+
+
+def _held(joints: Sequence[str]) -> str:
+    return f"held: {', '.join(joints)} (in no loop; --motors or --platform say otherwise)"
+
+
+def _proposed(known: Known) -> Resolved:
+    """Complete the description as `propose` does, without holding more joints."""
+    tree = known.tree
+    description = replace(known.description, urdf_text=ElementTree.tostring(tree.root, encoding="unicode"))
+    motions, remarks = _closed(description)
+    if not motions.working.shape[1]:
+        raise RobotFileError("the loops leave no freedom that moves a mass: hold fewer joints")
+    mechanism = motions.mechanism
+    description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
+    if not description.actuators:
+        motors = _motors(motions, tree, known.likely_motors)
+        description = replace(description, actuators=tuple(map(Actuator, motors)))
+        remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
+    _check_driven(motions, description, tree)
+    if known.platform is not None:
+        return Resolved(replace(description, platform=known.platform), tuple(remarks))
+    for platform in _platforms(motions, description, tree):
+        robot = _robot_with(description, platform)
+        if robot is not None:
+            names = ", ".join(platform.names)
+            remarks.append(f"platform: {names} of {platform.frame} (proposed)")
+            return Resolved(replace(description, platform=platform), tuple(remarks))
+    raise RobotFileError(
+        f"no body is moved by all of the motors {', '.join(a.joint for a in description.actuators)} along "
+        f"{motions.working.shape[1]} axes; give --platform and --axes, or hold joints by --lock"
+    )
+
+
+def _closed(description: RobotDescription) -> tuple[_Motions, list[str]]:
+    """Return the mechanism at the closed regular pose nearest to its reference, and remarks."""
+    mechanism, remarks = Mechanism.from_description(description), list[str]()
+    try:
+        mechanism, closing = assembled_mechanism(mechanism)
+        q = closing.q
+        if mechanism.rounded.names:
+            gap = rounded_gap(mechanism, q[None])
+            remarks.append(f"rounded and overconstrained by {gap:.2g} m: see `crossing check`")
+    except NotAssembled as failure:
+        pose = find_closed_pose(mechanism)
+        q = pose.q
+        remarks.append(
+            f"reference: the nearest closed pose, {pose.joint} {pose.moved} from the file's, whose loops "
+            f"are {failure.residual:.2g} m or rad open"
+        )
+        mechanism = replace(mechanism, q_near=q)
+    beside = nearby_configurations(mechanism, q)
+    if any(_rank(mechanism, pose) > _rank(mechanism, q) for pose in beside):
+        q = max(beside, key=lambda pose: _rank(mechanism, pose))
+        remarks.append("reference: a pose beside the file's, which is on a singularity of the loops")
+    basis = _motions(mechanism, q)
+    values, right = np.linalg.svd(centres_of_mass(mechanism, q) @ basis)[1:]
+    moving = int(np.sum(values > NEARLY_AT_REST))
+    driven = columns_of(mechanism.model, (actuator.joint for actuator in description.actuators))
+    idle = basis @ right[moving:].T
+    if len(driven) and idle.shape[1]:  # what a motor turns is no idle turn
+        felt, turns = np.linalg.svd(idle[driven])[1:]
+        moved = turns[: int(np.sum(felt > NEARLY_AT_REST))].T
+        working = np.concatenate([basis @ right[:moving].T, idle @ moved], axis=1)
+    else:
+        working = basis @ right[:moving].T
+    return _Motions(mechanism, q, basis, working), remarks
+
+
+def _rank(mechanism: Mechanism, q: Array) -> int:
+    return len(independent_rows(all_loops_matrix(mechanism, q)[:, mechanism.joints]))
+
+
+def _motions(mechanism: Mechanism, q: Array) -> Array:
+    """Compute orthonormal motions (nv, f) that the loops allow at q (nq,)."""
+    right = np.linalg.svd(all_loops_matrix(mechanism, q)[:, mechanism.joints])[2]
+    rank = _rank(mechanism, q)
+    motions = np.zeros((mechanism.model.nv, len(mechanism.joints) - rank))
+    motions[mechanism.joints] = right[rank:].T
+    return motions
+
+
+def _motors(motions: _Motions, tree: UrdfTree, likely: Sequence[str]) -> list[str]:
+    """Choose joints whose rates tell the working motions apart: those likely by the file, then by depth."""
+    by_depth = sorted(tree.movable, key=lambda name: len(tree.path_to_base(tree.joints[name].child)))
+    chosen: list[str] = []
+    rates = np.empty((0, motions.working.shape[1]))
+    for name in dict.fromkeys([*(name for name in likely if name in by_depth), *by_depth]):
+        row = motions.working[columns_of(motions.mechanism.model, [name])]
+        more = np.concatenate([rates, row])
+        if np.linalg.matrix_rank(more, tol=PROPOSED_AXES_CLEARANCE) > len(rates):
+            chosen, rates = [*chosen, name], more
+    return chosen
+
+
+def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> None:
+    """Refuse a mechanism with motions that no motor determines, and say what would hold them."""
+    model, motors = motions.mechanism.model, [actuator.joint for actuator in description.actuators]
+    rates = motions.working[columns_of(model, motors)]
+    values, right = np.linalg.svd(rates)[1:]
+    left = motions.working @ right[int(np.sum(values > AXIS_AT_REST)) :].T
+    if not left.shape[1]:
+        return
+    free = [joint for joint in tree.joints.values() if joint.kind == "floating"]
+    if free:
+        raise RobotFileError(
+            f"{free[0].child!r} is free and no motor drives it; take a part of the robot by --base LINK, "
+            f"such as --base {free[0].child}, or hold it by --lock {free[0].name}"
+        )
+    springs = [name for name, acting in description.joints.items() if acting.stiffness]
+    names = [name for name in dict.fromkeys([*springs, *reversed(tree.movable)]) if name in tree.movable]
+    held: list[str] = []
+    rows = np.empty((0, left.shape[1]))
+    for name in names:
+        more = np.concatenate([rows, left[columns_of(model, [name])]])
+        if name not in motors and np.linalg.matrix_rank(more, tol=PROPOSED_AXES_CLEARANCE) > len(rows):
+            held, rows = [*held, name], more
+    does = f"--lock {' '.join(held)}" if len(held) == left.shape[1] else "--lock or --motors"
+    raise RobotFileError(
+        f"{motions.working.shape[1]} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
+        f"({', '.join(motors)}): nothing says "
+        f"how {left.shape[1]} of them go; hold joints (such as {does}), or name more motors"
+    )
+
+
+# ------------------------------------------------------------------ the platform
+
+
+def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> Iterator[Platform]:
+    """Yield platforms to try, the likeliest first."""
+    count, motors = motions.working.shape[1], [actuator.joint for actuator in description.actuators]
+    mechanism = motions.mechanism
+    data = mechanism.model.createData()
+    pin.computeJointJacobians(mechanism.model, data, motions.q)
+    pin.updateFramePlacements(mechanism.model, data)
+    rates = np.linalg.pinv(motions.working[columns_of(mechanism.model, motors)])
+    entries: list[tuple[float, Platform]] = []
+    for number, frame in enumerate(tree.frames):
+        twists = _twists(mechanism, data, frame) @ motions.working  # (6, w)
+        by_motor = np.linalg.norm(twists @ rates, axis=0)
+        if not np.all(by_motor > AXIS_AT_REST):
+            continue
+        liking = -0.001 * number + (1.0 if any(tool in frame.lower() for tool in NAMES_OF_TOOLS) else 0.0)
+        for well, platform in _of_frame(twists, frame, count, tree, motors):
+            entries.append((well + liking, platform))
+    entries.sort(key=lambda entry: -entry[0])
+    for _, platform in entries[:MAX_TRIED]:
+        yield platform
+    if count == len(motors) == 1:
+        yield Platform(tree.joints[motors[-1]].child, (), tuple(motors))
+
+
+def _of_frame(
+    twists: Array, frame: str, count: int, tree: UrdfTree, motors: Sequence[str]
+) -> Iterator[tuple[float, Platform]]:
+    """Yield platforms on one frame, each with a score, larger for the likelier ones."""
+    path = [joint for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves]
+    names = tuple(joint.name for joint in path)
+    if len(path) == count and set(names) <= set(tree.movable) and not set(names) & set(motors):
+        yield 3.0, Platform(frame, (), names)
+    turns_about_a_point = _turns_about_a_point(twists)
+    for axes in combinations(range(6), count):
+        least = float(np.linalg.svd(twists[list(axes)], compute_uv=False)[-1])
+        turning = sum(axis >= 3 for axis in axes)
+        if least > AXIS_AT_REST and not (turns_about_a_point and turning < count):
+            sides = tuple(AXES[axis] for axis in axes)
+            orders = [sides, sides[::-1]] if turning == count == 2 else [sides]
+            for order in orders:
+                yield min(least, 1.0) + 2.0 * (count - turning) / count, Platform(frame, order)
+
+
+def _turns_about_a_point(twists: Array) -> bool:
+    """Whether a body with these twists (6, w) only turns, about the same point in all of them."""
+    along, about = twists[:3], twists[3:]
+    if twists.shape[1] < 2:
+        return False
+    # v + w x p = 0 for all columns
+    rows = np.concatenate([-pin.skew(np.ascontiguousarray(w)) for w in about.T])
+    gap = np.concatenate(list(-along.T))
+    p = np.linalg.lstsq(-rows, gap, rcond=None)[0]
+    return bool(
+        np.abs(-rows @ p - gap).max() < NEARLY_AT_REST
+        and np.linalg.matrix_rank(about, tol=PROPOSED_AXES_CLEARANCE) > 1
+    )
+
+
+def _twists(mechanism: Mechanism, data: pin.Data, frame: str) -> Array:
+    """Compute twists (6, nv) of a frame, in radians and lengths of the robot."""
+    axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    twist = pin.getFrameJacobian(mechanism.model, data, frame_of(mechanism.model, frame), axes)
+    return np.asarray(twist / np.repeat([mechanism.length, 1.0], 3)[:, None] * mechanism.column_scale)
+
+
+def _robot_with(description: RobotDescription, platform: Platform) -> ParallelRobot | None:
+    """Return the robot with a platform, if all its axes move and nothing else does."""
+    try:
+        robot = ParallelRobot.from_description(replace(description, platform=platform))
+        mobility = mobility_of(robot)
+        stuck = platform_axes_of(robot, mobility.working - len(mobility.loose)).stuck_here
+    except FrameworkError:
+        return None
+    driven = mobility.working - len(
+        mobility.loose
+    )  # a loose one is idle, or nearly: `_check_driven` has seen
+    return robot if robot.n == driven <= robot.n_a and not stuck else None
+
+
+# ------------------------------------------------------------------ joints in no loop
+
+
+def _in_no_loop(known: Known) -> tuple[list[str], list[str]]:
+    """Return moving joints that no loop needs: those that carry no loop, and those that do."""
+    tree, description = known.tree, known.description
+    needed = {name for coupling in description.couplings for name in (coupling.joint, coupling.of)}
+    for closure in description.closures:
+        for chain in tree.moving_chains(*map(tree.link_of, closure.frames)):
+            needed.update(joint.name for joint in chain)
+    carrying = {above.name for name in needed for above in tree.path_to_base(tree.joints[name].parent)}
+    serial = [
+        joint.name
+        for joint in tree.joints.values()
+        if joint.moves and joint.kind != "floating" and joint.name not in needed
+    ]
+    return [name for name in serial if name not in carrying], [name for name in serial if name in carrying]
+
+
+def _holding(known: Known, joints: Sequence[str]) -> Known:
+    """Hold joints at the reference, and drop what the description says of them."""
+    tree, description = known.tree, known.description
+    for name in joints:
+        joint = tree.joints[name]
+        tree.fix(joint, *(description.reference.get(key, 0.0) for key in joint.coordinates))
+    rest = set(tree.coordinates)
+    description = replace(
+        description,
+        actuators=tuple(a for a in description.actuators if a.joint in rest),
+        joints={name: acting for name, acting in description.joints.items() if name in rest},
+        reference={name: value for name, value in description.reference.items() if name in rest},
+    )
+    return known._replace(description=description)

@@ -1,0 +1,142 @@
+"""The platform and the loops of a robot as one system F(q) = 0, with its derivatives at given configurations.
+
+F(q) = [platform(q) - x ; closures(q)]: n equations of the platform, m independent ones of the loops. Every
+matrix of the robot (A, B, C, the P of Type 2, the matrix of Type 1) is made of the rows and columns of dF/dq.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike, IntArray, freeze
+from framework.errors import InvalidInput
+from framework.kinematics.assembly import Configuration, configuration
+from framework.kinematics.closures import LoopWrenches, loop_wrenches
+from framework.kinematics.equations import Equations
+from framework.kinematics.frames import (
+    FrameStack,
+    frames_at,
+)
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.linalg.banded_lu import Factors
+from framework.linalg.ordered_sums import cross
+from framework.tolerances import OPEN_LOOP
+
+
+@dataclass(frozen=True, eq=False)
+class LinearisedLoops:
+    """F and its derivatives at T configurations; m independent loop equations."""
+
+    equations: Equations
+    frames: FrameStack
+    loops: LoopWrenches  # all loop equations of the robot, those dropped as redundant too
+    residual: Array  # (T, n + m)
+    entries: Array  # (T, E) of dF/dq, as `equations.pattern` has them
+
+    def at(self, k: int | slice | IntArray) -> LinearisedLoops:
+        """Return those of one instant, T = 1, or of some."""
+        here = slice(k, k + 1) if isinstance(k, int) else k
+        loops = LoopWrenches(*(part[here] for part in self.loops))
+        return LinearisedLoops(
+            self.equations, self.frames.at(here), loops, self.residual[here], self.entries[here]
+        )
+
+    @property
+    def gap(self) -> Array:
+        """Largest loop equation (T,) [m or rad], of all of them."""
+        return np.asarray(np.abs(self.loops.residual).max(axis=1, initial=0.0))
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """dF/dq (T, n + m, nv)."""
+        jacobian = self.equations.pattern.dense(self.entries)
+        freeze(jacobian)
+        return jacobian
+
+    @property
+    def platform(self) -> Array:
+        """The platform's rows of dF/dq, (T, n, nv)."""
+        return self.jacobian[:, : self.equations.n]
+
+    @property
+    def closures(self) -> Array:
+        """The loop equations' rows of dF/dq, (T, m, nv)."""
+        return self.jacobian[:, self.equations.n :]
+
+    @cached_property
+    def factors(self) -> Factors:
+        """dF/dq along the columns that follow, factored.
+
+        Raises:
+            numpy.linalg.LinAlgError: there are not as many equations as columns.
+        """
+        band = self.equations.moving_band
+        if band is None:
+            raise np.linalg.LinAlgError("the platform and the loops do not make a square system")
+        return band.factor(self.entries.take(self.equations.moving.entry, axis=1))
+
+    @cached_property
+    def passive_factors(self) -> Factors:
+        """The loop equations' derivatives along the passive columns that follow (P), factored.
+
+        Raises:
+            numpy.linalg.LinAlgError: there are not as many loop equations as columns.
+        """
+        band = self.equations.passive_band
+        if band is None:
+            raise np.linalg.LinAlgError("the loops do not make a square system for the passive joints")
+        return band.factor(self.entries.take(self.equations.passive.entry, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedStack:
+    """T configurations `q` (T, nq) on the prescribed `x` (T, n), with the equations `linearised` there."""
+
+    q: Array
+    x: Array
+    linearised: LinearisedLoops
+
+
+def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
+    """Compute F and its derivatives at q (T, nq) for the platform at x (T, n); None: where q has it."""
+    equations, at, count, n = robot.equations, frames_at(robot, q), len(q), robot.n
+    loops = loop_wrenches(robot.rows, at)
+    residual, wrench = np.zeros((count, len(equations.bodies))), np.empty((count, len(equations.bodies), 6))
+    if x is not None:
+        residual[:, :n] = robot.platform.residual(at, x)
+    wrench[:, :n] = robot.platform.wrenches(at)
+    residual[:, n:], wrench[:, n:] = loops.take(robot.structure.independent)
+    arm = at.position.take(equations.bodies, axis=1)
+    wrench[..., 3:] += cross(arm, wrench[..., :3])  # about the base's origin
+    return LinearisedLoops(equations, at, loops, residual, equations.pattern.entries(wrench, at.screws))
+
+
+def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:
+    """Return the equations at the assembled reference."""
+    reference = robot.reference
+    return linearised_at(robot, reference.q[None], reference.x[None])
+
+
+def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False) -> ClosedStack:
+    """Return a configuration q (nq,), or a `Configuration`, with its equations (T = 1), loops being closed.
+
+    Args:
+        stacks: whether T configurations (T, nq) will do as well.
+
+    Raises:
+        InvalidInput: q has the wrong shape, is not finite, or leaves a loop open.
+    """
+    expect_robot(robot)
+    q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: what was given may change
+    linearised = linearised_at(robot, q, None)
+    gaps = np.abs(linearised.loops.residual) / robot.row_lengths
+    if gaps.max(initial=0.0) > OPEN_LOOP:
+        worst = gaps.max(axis=1).argmax()
+        raise InvalidInput(
+            f"q{f', row {worst}' if len(q) > 1 else ''}: the loops of {robot.name} are open by "
+            f"{linearised.gap[worst]:.3g} m or rad there; see `assemble`"
+        )
+    return ClosedStack(q, robot.platform.coordinates(linearised.frames), linearised)

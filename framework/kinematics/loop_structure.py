@@ -1,0 +1,147 @@
+"""What counts of a mechanism, decided once at its assembled reference: rows that repeat others, idle joints.
+
+A planar robot written in 3D closes its loop out of the plane for nothing; such rows are redundant
+everywhere, and found by rank-revealing QR. A rank that drops in passing is a singularity and is the business
+of `singularity`; one that is lower at the reference than beside it is refused, for what is decided there
+would be wrong everywhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import NONZERO, Array, IntArray, ReadOnlyArrays
+from framework.errors import SingularReference
+from framework.kinematics.assembly import all_loops_matrix
+from framework.kinematics.closures import scaled
+from framework.kinematics.frames import frames_at
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.platform import PlatformCoordinates
+from framework.tolerances import REDUNDANT_ROW, SINGULAR_REFERENCE
+
+ODD_SIZE = 0.02  # a loop equation below this share of a unit motion, or above its inverse, is brought to it
+
+
+@dataclass(frozen=True, eq=False)
+class LoopStructure(ReadOnlyArrays):
+    """What was decided of a mechanism's loops at its reference, once for all."""
+
+    independent: IntArray  # (m,) ascending, of the mechanism's `rows`: equations that do not repeat others
+    springs_alone: tuple[str, ...]  # names of those that springs can move and joints cannot
+    idle: IntArray  # passive joints to hold still because their motion moves nothing
+    row_sizes: Array  # (m,) divides the independent equations where rank is judged
+
+    @staticmethod
+    def of(mechanism: Mechanism, passive: IntArray, matrices: Sequence[Array]) -> LoopStructure:
+        """Decide by the `motion_matrix` of the reference, first of the `matrices`, and of poses beside it.
+
+        Args:
+            passive: entries of the velocity vector without a motor and without a spring.
+        """
+        loops = matrices[0][-len(mechanism.rows.names) :]
+        independent = independent_rows(loops[:, mechanism.joints])
+        idle = idle_columns(matrices[0][:, passive], passive)
+        moving = np.setdiff1d(mechanism.joints, idle)
+        return LoopStructure(
+            independent=independent,
+            springs_alone=rows_of_springs_alone(mechanism, independent, matrices),
+            idle=idle,
+            row_sizes=_row_sizes(loops[independent][:, moving]),
+        )
+
+
+def singular_reference(
+    mechanism: Mechanism, passive: IntArray, poses: Sequence[Array], matrices: Sequence[Array]
+) -> SingularReference | None:
+    """Return the error for a reference on a singularity of the loops; None where it is regular.
+
+    The loops, or the loops and the platform along the passive joints, have a lower rank at the reference, the
+    first of the `poses` (nq,), than at the others. `matrices` are those of `motion_matrix` there.
+    """
+    here, rows = matrices[0], len(mechanism.rows.names)
+    for beside in matrices[1:]:
+        lost = _lost_rows(here[-rows:, mechanism.joints], beside[-rows:, mechanism.joints])
+        still = _lost_rows(here[:, passive].T, beside[:, passive].T)
+        if len(lost) or len(still):
+            return SingularReference(
+                mechanism.name,
+                rows=[mechanism.rows.names[k] for k in lost],
+                joints=[mechanism.coordinates.name_of(int(passive[k])) for k in still],
+                poses=[mechanism.reference_values(pose) for pose in poses[1:]],
+            )
+    return None
+
+
+def independent_rows(matrix: Array) -> IntArray:
+    """Return ascending indices of rows that do not repeat others."""
+    return np.sort(_pivots(matrix)[: _rank(matrix)])
+
+
+def rows_of_springs_alone(
+    mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]
+) -> tuple[str, ...]:
+    """Return names of loop equations that springs can move and joints cannot, by `matrices` of poses.
+
+    No loop may rely on them.
+    """
+    for matrix in matrices if len(mechanism.elastic) else ():
+        with_springs = independent_rows(matrix[-len(mechanism.rows.names) :])
+        if len(with_springs) > len(independent):
+            return tuple(mechanism.rows.names[row] for row in np.setdiff1d(with_springs, independent))
+    return ()
+
+
+def idle_columns(felt: Array, passive: IntArray) -> IntArray:
+    """Find passive joints to hold still because their motion moves nothing, such as a rod about its axis.
+
+    Passive motions that neither the loops nor the platform feel, of `motion_matrix` (n + rows, n_p) at the
+    reference; one joint of each is chosen by pivoting. They carry no load as long as the body that they turn
+    is balanced about them; `dynamics.residuals` measures it.
+    """
+    if not len(passive):
+        return np.empty(0, dtype=np.intp)
+    values, right = np.linalg.svd(felt)[1:]
+    rank = int(np.sum(values > REDUNDANT_ROW * max(float(values[0]), 1.0)))
+    order = _pivots(right[rank:].T) if rank < len(right) else np.empty(0, dtype=np.intp)
+    return np.sort(passive[order[: len(passive) - rank]])
+
+
+def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:
+    """Compute the dimensionless Jacobian (n + rows, nv) of platform and all loop equations at q (nq,)."""
+    moved = scaled(mechanism, platform.jacobian(frames_at(mechanism, q[None])), ~platform.translations)[0]
+    return np.concatenate([moved, all_loops_matrix(mechanism, q)])
+
+
+def _lost_rows(here: Array, nearby: Array) -> IntArray:
+    """Find the rows by which the rank of `nearby` exceeds that of `reference`, by pivoting."""
+    rank, now = _rank(nearby), _rank(here, SINGULAR_REFERENCE)
+    if now >= rank:
+        return np.empty(0, dtype=np.intp)
+    kept = _pivots(here)[:now]
+    span = np.linalg.qr(nearby[kept].T)[0]
+    return np.sort(_pivots(nearby - nearby @ span @ span.T)[: rank - len(kept)])
+
+
+def _rank(matrix: Array, level: float = REDUNDANT_ROW) -> int:
+    """Count singular values above `level` times the largest."""
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return int(np.sum(values > level * values.max(initial=0.0)))
+
+
+def _pivots(matrix: Array) -> IntArray:
+    """Order the rows of a matrix, each the farthest from the span of those before it."""
+    from scipy.linalg import qr
+
+    return np.asarray(qr(matrix.T, mode="r", pivoting=True)[1])
+
+
+def _row_sizes(loops: Array) -> Array:
+    """Return divisors (m,) that make the largest entry of each equation (m, columns) 1, where far from that.
+
+    An equation may be written in any unit, or as any multiple of itself: none of that is a singularity.
+    """
+    sizes = np.abs(loops).max(axis=1, initial=0.0)
+    return np.where((sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE), np.maximum(sizes, NONZERO), 1.0)

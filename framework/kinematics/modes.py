@@ -1,0 +1,126 @@
+"""Working modes and assembly modes: the signs that tell them, and the legs that a working mode is made of.
+
+With the platform given, the equations [platform - x ; closures] = 0 fall apart into blocks that are solved
+one after the other: the irreducible blocks of the sparsity pattern of their Jacobian (Dulmage and Mendelsohn
+1958; Duff, Erisman and Reid 1986, chapter 6). Each block is a leg, with its own Type 1 singularities: the
+sign of its determinant changes there and nowhere else. det [dF/dq] is the product of these determinants, so
+that its sign alone does not tell a robot with two legs turned over from one with none; the signs of all do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, IntArray, ReadOnlyArrays
+from framework.kinematics.closures import scaled
+from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.linearised_loops import LinearisedLoops
+from framework.kinematics.loop_matrices import type1_matrix
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.tolerances import DETERMINANT_LOST, RANK_LOST
+
+
+def mode_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
+    """Compute the signs (T,) of the working mode and of the assembly mode.
+
+    The sign of det [dF/dq] changes at Type 1 singularities, the sign of the determinant of the
+    passive columns of the loops at Type 2 (of a robot without redundant motors; else it is 1).
+    """
+    working = linearised.factors.slogdet[0]
+    if linearised.equations.passive_band is None:
+        return working, np.ones(len(working))
+    return working, linearised.passive_factors.slogdet[0]
+
+
+def keeps_assembly_mode(one: LinearisedLoops, two: LinearisedLoops) -> bool:
+    """Whether no Type 2 singularity lies between two near configurations (T = 1) or at the second.
+
+    Of robots without redundant motors. A determinant of which no more than rounding is left has no sign.
+    """
+    if one.equations.passive_band is None:
+        return True
+    (sign_one, size_one), (sign_two, size_two) = one.passive_factors.slogdet, two.passive_factors.slogdet
+    return bool(sign_one == sign_two and size_two - size_one > np.log(DETERMINANT_LOST))
+
+
+def keeps_working_mode(robot: ParallelRobot, one: LinearisedLoops, two: LinearisedLoops) -> bool:
+    """Whether no Type 1 singularity lies between two near configurations (T = 1) or at the second.
+
+    det [dF/dq] also changes sign where the loop equations lose rank, and there a smooth branch goes on.
+    The map from the motions that the loops allow to the platform does not: with N a basis of those
+    motions, carried on from one configuration to the other, det (platform N) keeps its sign. A determinant
+    of which no more than rounding is left has no sign, and loops that have lost rank allow more than one
+    motion: no such configuration belongs to a mode.
+    """
+    columns = robot.moving
+
+    def loops(linearised: LinearisedLoops) -> Array:
+        return scaled(robot, linearised.closures, robot.loops.rotation)[0][:, columns]
+
+    if np.linalg.svd(loops(two), compute_uv=False).min(initial=np.inf) < RANK_LOST:
+        return False
+    (sign_one, size_one), (sign_two, size_two) = one.factors.slogdet, two.factors.slogdet
+    if sign_one == sign_two and size_two - size_one > np.log(DETERMINANT_LOST):
+        return True
+    bases, maps = [], []
+    for linearised in (one, two):
+        basis = np.linalg.svd(loops(linearised))[2][linearised.closures.shape[1] :].T
+        bases.append(basis)
+        platform = scaled(robot, linearised.platform, ~robot.translations)[0][:, columns]
+        maps.append(float(np.linalg.det(platform @ basis)))
+    carried_on = maps[1] * np.sign(maps[0] * np.linalg.det(bases[0].T @ bases[1]))
+    return bool(carried_on > DETERMINANT_LOST * abs(maps[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Leg(ReadOnlyArrays):
+    """Joints that the platform's pose determines together."""
+
+    motors: tuple[str, ...]  # names of its actuators; none for joints that only follow
+    rows: IntArray  # (k,) of the equations F
+    columns: IntArray  # (k,) among the `moving` columns: actuated, then passive
+    before: IntArray  # (j,) of the legs that have to be solved before, likewise
+
+
+def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
+    """Compute the legs in the order of their first motor; those without a motor last.
+
+    Raises:
+        InvalidInput: the platform does not determine the joints.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
+
+    require_square(robot)
+    part = robot.equations.moving
+    size = part.shape[0]
+    # indices of 32 bits: before 1.15 scipy's matching takes no others
+    places = part.row.astype(np.int32), part.column.astype(np.int32)
+    pattern = csr_array((np.ones(len(part.row)), places), shape=part.shape)
+    row_of = maximum_bipartite_matching(pattern, perm_type="row")  # (columns,)
+    matched = pattern[row_of]  # its diagonal is full: each column's own equation stands in its row
+    label = connected_components(matched, directed=True, connection="strong")[1]
+    first, then = matched.nonzero()  # a column's equation has the other columns
+    needs = np.eye(int(label.max(initial=-1)) + 1, dtype=bool)
+    for _ in needs:
+        np.logical_or.at(needs, label[first], needs[label[then]])
+    found = []
+    for k in range(int(label.max(initial=-1)) + 1):
+        columns = np.flatnonzero(label == k)
+        motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
+        before = np.flatnonzero(needs[k, label] & (label != k))
+        found.append(Leg(motors, np.asarray(row_of[columns], dtype=np.intp), columns, before))
+    return tuple(sorted(found, key=lambda leg: int(leg.columns[0]) if leg.motors else size))
+
+
+def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the determinant of each leg (T, legs), without dimension: zero on its Type 1 singularities."""
+    M = type1_matrix(robot, linearised)
+    return np.stack([np.linalg.det(M[:, leg.rows][:, :, leg.columns]) for leg in legs(robot)], axis=1)
+
+
+def leg_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Return the working mode: the sign (T, legs) of each leg's determinant; 0 on a Type 1 singularity."""
+    return np.asarray(np.sign(leg_determinants(robot, linearised)))

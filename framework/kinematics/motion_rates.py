@@ -1,0 +1,127 @@
+"""Velocities and accelerations of all joints for those of the platform, and how dF/dq changes on the way.
+
+With x and the deflections q_e given, (dF/dq) v = [twist; 0] and (dF/dq) a = [twist rate; 0] - drift. Both are
+solved along the columns that follow, with one factorisation.
+
+An entry of dF/dq is the power of a wrench W (of a loop equation, or a unit wrench of the platform) on the
+screw S of a joint, both about the base's origin, so that d/dt (W . S) = W' . S + W . S'. The wrenches turn
+with the frames that they are fixed to; S' comes from pinocchio (`computeJointJacobiansTimeVariation`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.errors import NotAssembled
+from framework.kinematics.closures import closure_drift, wrench_rates
+from framework.kinematics.frames import (
+    frame_motions,
+    frames_at,
+)
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.pinocchio_memory import scratch_of
+from framework.linalg.ordered_sums import cross
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Positions, velocities and accelerations of all coordinates at T instants."""
+
+    q: Array  # (T, nq)
+    v: Array  # (T, nv)
+    a: Array  # (T, nv)
+    linearised: LinearisedLoops
+
+
+def joint_rates(robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array) -> Array:
+    """Compute all joint rates (..., T, nv) for platform twists (..., T, n) and deflection rates (T, n_e)."""
+    right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
+    right[..., : platform.shape[-1]] = platform
+    return _solve_rates(robot, linearised, right, elastic)
+
+
+def _solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array) -> Array:
+    rates = np.zeros((*right.shape[:-1], robot.model.nv))
+    if robot.n_e:
+        rates[..., robot.elastic] = elastic
+        right = right - linearised.equations.elastic.times(linearised.entries, elastic)
+    try:
+        rates[..., robot.moving] = linearised.factors.solve(right)
+    except np.linalg.LinAlgError:
+        raise NotAssembled(
+            f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
+            f"is stretched or folded, or the platform frame does not move along these axes",
+            q=robot.q_near,
+            residual=float(np.abs(linearised.residual).max()),
+        ) from None
+    return rates
+
+
+def motion_at(
+    robot: ParallelRobot,
+    closed: ClosedStack,
+    dx: Array,
+    ddx: Array,
+    dq_e: Array | None = None,
+    ddq_e: Array | None = None,
+) -> Motion:
+    """Compute the motion for platform rates dx, ddx (T, n) and deflection rates (T, n_e)."""
+    nothing = np.zeros((len(dx), robot.n_e))
+    dq_e = nothing if dq_e is None else dq_e
+    ddq_e = nothing if ddq_e is None else ddq_e
+    twist, dtwist = robot.platform.twist(closed.x, dx, ddx)
+    return _motion_of_twist(robot, closed.q, closed.linearised, (twist, dtwist), (dq_e, ddq_e))
+
+
+def without_elastic_rates(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
+    """Compute the motion of the same platform at the same deflections, as if these did not change."""
+    at = frames_at(robot, q)
+    linearised = linearised_at(robot, q, robot.platform.coordinates(at))
+    drift = robot.platform.drift(at, frame_motions(robot, at, q, v))
+    twist, dtwist = (np.einsum("tnv,tv->tn", linearised.platform, rates) for rates in (v, a))
+    still = np.zeros((len(q), robot.n_e))
+    return _motion_of_twist(robot, q, linearised, (twist, dtwist + drift), (still, still))
+
+
+def _motion_of_twist(
+    robot: ParallelRobot,
+    q: Array,
+    linearised: LinearisedLoops,
+    twist: tuple[Array, Array],
+    elastic: tuple[Array, Array],
+) -> Motion:
+    """Compute rates and accelerations of all joints for those of platform and deflections."""
+    v = joint_rates(robot, linearised, twist[0], elastic[0])
+    motions = frame_motions(robot, linearised.frames, q, v)
+    drift = closure_drift(linearised.equations.loops, linearised.frames, motions)
+    platform_drift = robot.platform.drift(linearised.frames, motions)
+    right = np.concatenate([twist[1] - platform_drift, -drift], axis=1)
+    return Motion(q, v, _solve_rates(robot, linearised, right, elastic[1]), linearised)
+
+
+def jacobian_rate(robot: ParallelRobot, motion: Motion) -> Array:
+    """Compute the time derivative (T, n + m, nv) of `LinearisedLoops.jacobian` along a motion."""
+    equations, at, v = robot.equations, motion.linearised.frames, motion.v
+    model, data = robot.model, scratch_of(robot).data
+    screw_rates = np.empty_like(at.screws)
+    for k, (row, rates) in enumerate(zip(motion.q, v, strict=True)):
+        screw_rates[k] = pin.computeJointJacobiansTimeVariation(model, data, row, rates).T
+    twists = np.einsum("fv,tvi->tfi", at.carried, at.screws * v[:, :, None])  # at the base's origin
+    twists[..., :3] += cross(twists[..., 3:], at.position)
+    n, bodies, platform = robot.n, equations.bodies, robot.platform
+    wrench, rate = np.zeros((2, len(v), len(bodies), 6))
+    wrench[:, :n] = platform.wrenches(at)
+    wrench[:, n:] = motion.linearised.loops.take(robot.structure.independent).wrench
+    rate[:, :n] = platform.wrench_rates(at, twists[:, 0, 3:], screw_rates)
+    rate[:, n:] = wrench_rates(equations.loops, at, twists)
+    # about the base's origin
+    moved = cross(twists[:, bodies, :3], wrench[..., :3])
+    rate[..., 3:] += moved + cross(at.position[:, bodies], rate[..., :3])
+    wrench[..., 3:] += cross(at.position[:, bodies], wrench[..., :3])
+    entries = equations.pattern.entries
+    return equations.pattern.dense(entries(rate, at.screws) + entries(wrench, screw_rates))

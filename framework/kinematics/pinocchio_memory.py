@@ -1,0 +1,139 @@
+"""Pinocchio's working memory for a mechanism, read as numpy arrays without copies.
+
+Reading a stack of poses element by element through pinocchio's accessors costs more than computing them.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
+
+from framework.arrays import Array, IntArray
+from framework.kinematics.mechanism import Mechanism
+
+
+class Scratch(NamedTuple):
+    """Pinocchio's working memory for a mechanism, and what is read from it, seen as arrays.
+
+    The arrays show the memory of `data` itself: they change with every call of pinocchio on it. Where its
+    layout is not the expected one they are copies, which `refresh` brings up to date after a call.
+    """
+
+    data: pin.Data
+    placements: Array  # (frames of the model, 12): the three axes of a frame, then its origin
+    columns: Array  # (nv, 6) the joints' screws
+    velocities: Array  # (bodies of the model, 6) twists at the base's origin
+    accelerations: Array  # (bodies of the model, 6) their time derivatives
+    joints: Array  # (bodies of the model, 12) placements of the joints, as `placements`
+    forces: Array  # (bodies of the model, 6) (force, moment) through the joints on their own axes, by RNEA
+    frames: IntArray  # (F,) rows of `placements`
+    bodies: IntArray  # (F,) rows of `velocities` that carry the frames
+    carried: Array  # (F, nv)
+    refresh: Callable[[], None] | None  # None: the arrays are pinocchio's own memory
+
+    @staticmethod
+    def of(model: pin.Model, frames: tuple[int, ...]) -> Scratch:
+        """Allocate working memory for a model and some of its frames."""
+        data = model.createData()
+        moved = np.linspace(0.5, 1.0, model.nv)  # a motion in which most numbers differ from one another
+        q = pin.integrate(model, pin.neutral(model), moved)
+        pin.rnea(model, data, q, moved, moved)
+        pin.computeForwardKinematicsDerivatives(model, data, q, moved, moved)
+        pin.updateFramePlacements(model, data)
+        public, memory = _by_accessors(data), _by_memory(data)
+        shown = memory is not None and all(map(np.array_equal, memory, public))
+        arrays = memory if shown and memory is not None else public
+
+        def refresh() -> None:
+            for array, now in zip(arrays, _by_accessors(data), strict=True):
+                array[...] = now
+
+        bodies = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
+        return Scratch(
+            data=data,
+            placements=arrays[0],
+            columns=arrays[1],
+            velocities=arrays[2],
+            accelerations=arrays[3],
+            joints=arrays[4],
+            forces=arrays[5],
+            frames=np.array(frames, dtype=np.intp),
+            bodies=bodies,
+            carried=carriers(model, bodies),
+            refresh=None if shown else refresh,
+        )
+
+
+def scratch_of(mechanism: Mechanism) -> Scratch:
+    """Return the working memory of this thread: what a call leaves there, the next one writes over.
+
+    Making a `pin.Data` costs more than a hundred of the calls that use it (7.7 ms for 81 joints). It belongs
+    to the model, so a mechanism and the robot made of it share it.
+    """
+    return _scratch(mechanism.model, mechanism.frames, threading.get_ident())
+
+
+@lru_cache(maxsize=16)  # megabytes each
+def _scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
+    return Scratch.of(model, frames)
+
+
+def _by_accessors(data: pin.Data) -> tuple[Array, ...]:
+    """Return the six arrays of `Scratch` by pinocchio's public accessors, element by element, as copies.
+
+    It costs more than computing what they hold.
+    """
+    return (
+        np.array([[*pose.rotation.T.ravel(), *pose.translation] for pose in data.oMf]),
+        data.J.reshape(6, -1).T.copy(),
+        np.array([motion.vector for motion in data.ov]),
+        np.array([motion.vector for motion in data.oa]),
+        np.array([[*pose.rotation.T.ravel(), *pose.translation] for pose in data.oMi]),
+        np.array([force.vector for force in data.f]),
+    )
+
+
+def _by_memory(data: pin.Data) -> tuple[Array, ...] | None:
+    """Return the six arrays of `Scratch` on pinocchio's own memory; None where its layout is another."""
+    blocks = (
+        _block([pose.rotation for pose in data.oMf], 12),
+        None if data.J.flags.owndata else data.J.reshape(6, -1).T,
+        _block([motion.linear for motion in data.ov], 6),
+        _block([motion.linear for motion in data.oa], 6),
+        _block([pose.rotation for pose in data.oMi], 12),
+        _block([force.linear for force in data.f], 6),
+    )
+    found = tuple(block for block in blocks if block is not None)
+    return found if len(found) == len(blocks) else None
+
+
+def _block(first_numbers: list[Array], width: int) -> Array | None:
+    """Return the elements of a vector of pinocchio as an array (elements, width), None if they are no block.
+
+    A C++ vector keeps its elements in one block, a fixed number of bytes apart; `first_numbers` are
+    views of the first numbers of each.
+    """
+    if any(numbers.flags.owndata for numbers in first_numbers):
+        return None  # copies, no views
+    addresses = np.array([numbers.__array_interface__["data"][0] for numbers in first_numbers])
+    apart = np.unique(np.diff(addresses))
+    if len(apart) != 1 or apart[0] < 8 * width:
+        return None
+    return as_strided(first_numbers[0], (len(addresses), width), (int(apart[0]), 8))
+
+
+def carriers(model: pin.Model, bodies: IntArray) -> Array:
+    """Return 1 where a joint (a column) carries a body, else 0; (F, nv)."""
+    carried = np.zeros((len(bodies), model.nv))
+    for f, body in enumerate(bodies):
+        for joint in model.supports[int(body)]:
+            if joint:
+                first = model.joints[joint].idx_v
+                carried[f, first : first + model.joints[joint].nv] = 1.0
+    return carried

@@ -1,0 +1,188 @@
+"""The singular locus in two of a robot's freedoms, as equations of a curve in the space of its joints.
+
+Unknown are all k joints that move (motors and passive ones, radians and lengths of the robot). Equations: the
+loops are closed, all freedoms but two are held, and g = 0, k - 1 in all: their solutions are curves. In joint
+space they go on smoothly where the platform's plane shows an end, a corner or a point: through Type 1
+singularities from one working mode into the next, through legs of zero length, around a self-motion.
+g and its gradient are Govaerts': with P eta + b g = 0, c' eta = 1 and psi' P + g c' = 0, psi' b = 1,
+dg = -psi' dP eta (Govaerts 2000, section 3.3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, IntArray
+from framework.errors import InvalidInput, choose_from
+from framework.kinematics.closures import scaled
+from framework.kinematics.frames import FrameStack, between, integrate
+from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.loop_matrices import passive_matrix
+from framework.kinematics.parallel_robot import ParallelRobot
+
+DIFFERENCE_STEP = (
+    1e-5  # [rad, lengths] of central differences: errors of 1e-10 in slopes, none in what is solved
+)
+
+
+class Borders(NamedTuple):
+    """Borders of S matrices P."""
+
+    b: Array  # (S, m)
+    c: Array  # (S, m)
+
+
+class Evaluated(NamedTuple):
+    """The equations at S configurations."""
+
+    values: Array  # (S, k - 1)
+    slopes: Array  # (S, k - 1, k)
+    P: Array  # (S, m, m)
+    eta: Array  # (S, m) the motion that locked motors hold least, c' eta = 1
+
+
+@dataclass(frozen=True, eq=False)
+class LocusEquations:
+    """Closures, held freedoms and g of a robot as functions of its joints near any configuration."""
+
+    robot: ParallelRobot
+    x: Array  # (n,) the platform's coordinates at which some are held
+    motors: Array  # (n_a,) the motors' joints at which some are held
+    held_axes: IntArray  # into the platform's coordinates
+    held_motors: IntArray  # into the motors
+    free: tuple[int, int]  # the two platform coordinates or motors that are not held
+    in_motors: bool  # whether they are motors
+
+    @staticmethod
+    def of(robot: ParallelRobot, q: Array, x: Array, free: tuple[str, str] | None) -> LocusEquations:
+        """Return the equations of the slice through q (nq,), x (n,) in which two freedoms are left.
+
+        Args:
+            free: two axes of the platform or two actuators, whose others are held; the two translations by
+                default.
+
+        Raises:
+            InvalidInput: no such freedoms; the platform does not determine the joints; redundant motors or no
+                passive joints, which leave no signed measure g.
+        """
+        require_square(robot)
+        if not len(robot.following) or robot.n_a != robot.n:
+            raise InvalidInput(f"{robot.name}: a locus needs passive joints and one motor for each freedom")
+        translations = np.flatnonzero(robot.translations)
+        names = robot.axis_names + robot.actuator_names
+        if free is None:
+            if robot.n == 2:
+                free = (robot.axis_names[0], robot.axis_names[1])
+            elif len(translations) == 2:
+                free = (robot.axis_names[translations[0]], robot.axis_names[translations[1]])
+            else:
+                raise InvalidInput(f"free: name two axes or two motors of {robot.name}: {', '.join(names)}")
+        for name in free:
+            if name not in names:
+                raise InvalidInput(choose_from("freedom", name, names))
+        in_motors = free[0] in robot.actuator_names
+        own = robot.actuator_names if in_motors else robot.axis_names
+        if free[0] == free[1] or free[1] not in own:
+            raise InvalidInput(f"free: needs two axes or two motors, got {', '.join(free)}")
+        first, second = own.index(free[0]), own.index(free[1])
+        held = np.delete(np.arange(robot.n), [first, second])
+        none = np.zeros(0, dtype=np.intp)
+        return LocusEquations(
+            robot=robot,
+            x=x,
+            motors=robot.actuated_coordinates(q[None])[0],
+            held_axes=none if in_motors else held,
+            held_motors=held if in_motors else none,
+            free=(first, second),
+            in_motors=in_motors,
+        )
+
+    @property
+    def size(self) -> int:
+        """k, the joints that move."""
+        return len(self.robot.moving)
+
+    @property
+    def free_names(self) -> tuple[str, str]:
+        """The two freedoms that are left."""
+        names = self.robot.actuator_names if self.in_motors else self.robot.axis_names
+        return names[self.free[0]], names[self.free[1]]
+
+    def moved(self, q: Array, u: Array) -> Array:
+        """Return configurations q (S, nq) moved by u (S, k) [rad, lengths]."""
+        step = np.zeros((len(u), self.robot.model.nv))
+        step[:, self.robot.moving] = u * self.robot.column_scale[self.robot.moving]
+        return integrate(self.robot, q, step)
+
+    def apart(self, start: Array, q: Array) -> Array:
+        """Compute offsets (..., k) of q (..., nq) from start (..., nq), hinges the short way round."""
+        columns = self.robot.moving
+        offset = between(self.robot, start, q)[..., columns] / self.robot.column_scale[columns]
+        turning = ~self.robot.sliding[columns]
+        offset[..., turning] = np.mod(offset[..., turning] + np.pi, 2 * np.pi) - np.pi
+        return offset
+
+    def border(self, P: Array) -> Borders:
+        """Return borders at which g is the smallest singular value of P (S, m, m), up to its sign."""
+        left, _, right = np.linalg.svd(P)
+        sign = -np.sign(np.linalg.det(left) * np.linalg.det(right))
+        return Borders(left[:, :, -1] * sign[:, None], right[:, -1])
+
+    def at(self, q: Array, border: Borders | None = None) -> Evaluated:
+        """Evaluate the equations at q (S, nq); each with its own border by default."""
+        robot, k, count = self.robot, self.size, len(q)
+        step = np.concatenate([np.zeros((1, k)), DIFFERENCE_STEP * np.eye(k), -DIFFERENCE_STEP * np.eye(k)])
+        around = np.repeat(q, len(step), axis=0)
+        poses = self.moved(around, np.tile(step, (count, 1)))
+        linearised = linearised_at(robot, poses, np.broadcast_to(self.x, (len(poses), robot.n)))
+        P = passive_matrix(robot, linearised).reshape(count, len(step), len(robot.following), -1)
+        unmoved = slice(None, None, len(step))
+        sizes = robot.structure.row_sizes
+        loops = scaled(robot, linearised.closures[unmoved], robot.loops.rotation) / sizes[:, None]
+        gaps = linearised.residual[unmoved, robot.n :] / sizes
+        gaps = gaps * np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
+        border = self.border(P[:, 0]) if border is None else border
+        eta, psi, g = _bordered(P[:, 0], border)
+        change = (P[:, 1 : k + 1] - P[:, k + 1 :]) / (2 * DIFFERENCE_STEP)  # (S, k, m, m)
+        dg = -np.einsum("si,skij,sj->sk", psi, change, eta)
+        held, held_slopes = self._held(poses, linearised.frames, count)
+        return Evaluated(
+            values=np.concatenate([gaps, held, g[:, None]], axis=1),
+            slopes=np.concatenate([loops[:, :, robot.moving], held_slopes, dg[:, None]], axis=1),
+            P=P[:, 0],
+            eta=eta,
+        )
+
+    def _held(self, poses: Array, frames: FrameStack, count: int) -> tuple[Array, Array]:
+        """Compute offsets (S, held) of the held freedoms and their slopes (S, held, k), without dimension."""
+        robot, k = self.robot, self.size
+        if self.in_motors:
+            columns = robot.actuated[self.held_motors]
+            off = robot.actuated_coordinates(poses)[:, self.held_motors] - self.motors[self.held_motors]
+            off, sliding = off / robot.column_scale[columns], robot.sliding[columns]
+        else:
+            sliding = robot.translations[self.held_axes]
+            off = (robot.platform.coordinates(frames) - self.x)[:, self.held_axes]
+            off = off / np.where(sliding, robot.length, 1.0)
+        if not off.shape[1]:
+            return np.zeros((count, 0)), np.zeros((count, 0, k))
+        off[:, ~sliding] = np.mod(off[:, ~sliding] + np.pi, 2 * np.pi) - np.pi
+        off = off.reshape(count, 2 * k + 1, -1)
+        slopes = (off[:, 1 : k + 1] - off[:, k + 1 :]) / (2 * DIFFERENCE_STEP)
+        return off[:, 0], slopes.swapaxes(1, 2)
+
+
+def _bordered(P: Array, border: Borders) -> tuple[Array, Array, Array]:
+    """Compute eta (S, m), psi (S, m) and g (S,) of matrices (S, m, m)."""
+    count, m = P.shape[:2]
+    whole = np.zeros((count, m + 1, m + 1))
+    whole[:, :m, :m], whole[:, :m, m], whole[:, m, :m] = P, border.b, border.c
+    unit = np.zeros((count, m + 1, 1))
+    unit[:, m] = 1.0
+    right = np.linalg.solve(whole, unit)[:, :, 0]
+    left = np.linalg.solve(whole.swapaxes(1, 2), unit)[:, :, 0]
+    return right[:, :m], left[:, :m], right[:, m]

@@ -1,0 +1,15 @@
+"""What is proved by interval arithmetic and continuation: modes, margins, singular sets.
+
+No plan stands on it.
+
+Open first `assembly_modes` (all poses for given motors) or `singular_paving` (all singular poses): each leads
+down to one of the tools.
+
+answers      assembly_modes, working_modes; singular_paving with singular_boxes; regular_ball with
+             regular_cells (no singular pose about a pose)
+search       leg_conditions, study_quadric, quadric_family: what legs ask, as systems of quadrics;
+             homotopy, real_displacements: all their solutions
+completeness completeness, study_paving, leg_paving: no other solutions than those known
+bounds       derivative_bounds over equation_terms, sharp in small boxes; hessian_bounds in all
+tools        rounding, branch_and_bound, interval_newton, krawczyk
+"""

@@ -1,0 +1,170 @@
+"""All poses of the platform for given motors: the assembly modes, each proved, and their number.
+
+Where every leg asks a linear condition of the platform's displacement (`leg_conditions`: rods between two
+points, whatever drives them), these make a system of quadrics with a known bound on its solutions: 40 for six
+legs in space, 8 for three about a point, 6 for three in a plane, 2 for points on circles or spheres. All its
+complex solutions are led from those of a random system (`homotopy`), and each is enclosed by the test
+of Krawczyk: one solution there and no other, for all coefficients within their rounding. In which sense the
+real ones are all is the `status`:
+
+proved                     as many as the bound are proved and apart, or all is paved: there are no others
+numerically complete       as many paths as the bound end at solutions that are apart, the real ones proved,
+                           or leave for infinity by their growth (symmetric platforms have fewer poses than
+                           the bound); up to four times tried, and paths are followed without a proof
+at least                   paths end at solutions that are not single, or are lost; or there is no known bound
+architecturally singular   in every pose the conditions depend on one another: no pose is isolated
+
+For all other robots closed poses are sought from many starts, and enclosed by the theorem of Newton and
+Kantorovich. Where few joints follow the motors, these are paved (`leg_paving`), which proves that there are
+no others; else their number is a lower bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.errors import InvalidInput, finite_numbers
+from framework.kinematics.closures import turned_over
+from framework.kinematics.continuation.forward_kinematics import motors_are_free
+from framework.kinematics.frames import between, frames_at, integrate
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.proofs.leg_conditions import LegConditions, leg_conditions
+from framework.proofs.leg_paving import leg_solutions_complete
+from framework.proofs.passive_joints import (
+    distance_from_reference,
+    distinct_joints,
+    is_proved,
+    joints_at,
+    loops_closed,
+    nearest_turn,
+    random_starts,
+)
+from framework.proofs.real_displacements import PathCount, RealSolutions, Status, real_solutions
+from framework.tolerances import DISTINCT_SOLUTIONS
+
+RANDOM_STARTS = 300  # of the joints, where poses of the platform are not known
+
+
+@dataclass(frozen=True, eq=False)
+class AssemblyMode(ReadOnlyArrays):
+    """One pose that the motors allow."""
+
+    q: Array  # (nq,)
+    x: Array  # (n,)
+    proved: bool  # that the pose exists and is single in a neighbourhood
+
+
+@dataclass(frozen=True, eq=False)
+class AssemblyModes:
+    """All assembly modes that were found, the nearest to the reference first."""
+
+    modes: tuple[AssemblyMode, ...]
+    status: Status  # in which sense they are all
+    bound: int | None  # on isolated complex solutions; None where none is known
+    count: PathCount | None  # None without a homotopy
+    method: str
+
+    @property
+    def complete(self) -> bool:
+        """Whether it is proved that no other exists."""
+        return self.status == "proved"
+
+    @property
+    def sentence(self) -> str:
+        """Say how many there are, and what that rests on."""
+        if self.status == "architecturally singular":
+            return f"none is isolated: the robot is architecturally singular; {self.method}"
+        proved = sum(mode.proved for mode in self.modes)
+        bound = "" if self.bound is None else f" of at most {self.bound}"
+        count = f"{len(self.modes)} real{bound}"
+        if self.status == "at least":
+            count = f"at least {proved} real{bound}"
+        if self.status == "numerically complete":
+            count += ", complete up to numerical path tracking"
+        rest = "" if proved == len(self.modes) else f", {len(self.modes) - proved} found and not proved"
+        return f"{count}, each proved to exist and to be single{rest}; {self.method}"
+
+
+def assembly_modes(robot: ParallelRobot, q_a: ArrayLike, *, pave: bool = False) -> AssemblyModes:
+    """Find every pose of the robot with motor joints q_a (n_a,), joint side [rad, m], springs at rest.
+
+    Poses of the platform count: joints inside a leg that turn over while it stays are one mode.
+
+    Args:
+        pave: prove that there are no others by paving, too, where the bound is not reached in space: some ten
+            seconds of one core for `gough_stewart` at its reference.
+
+    Raises:
+        InvalidInput: q_a has the wrong length or is not finite, or the motors depend on one another.
+    """
+    expect_robot(robot)
+    target = finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a)
+    if not motors_are_free(robot):
+        raise InvalidInput(f"{robot.name}: its motors depend on one another: none of them can be given alone")
+    step = np.zeros((1, robot.model.nv))
+    step[0, robot.actuated] = target - robot.actuated_coordinates(robot.reference.q[None])[0]
+    q = integrate(robot, robot.reference.q[None], step)
+    conditions = leg_conditions(robot, q[0])
+    if conditions is None:
+        return _searched(robot, q)
+    solutions = real_solutions(conditions.group, conditions.coefficients, conditions.rounding, pave=pave)
+    return _assembled(robot, q, conditions, solutions)
+
+
+def _assembled(
+    robot: ParallelRobot, q: Array, conditions: LegConditions, solutions: RealSolutions
+) -> AssemblyModes:
+    """Compute the robot's joints at displacements of the platform, q (1, nq) with its motors in place."""
+    reference_frames = frames_at(robot, robot.reference.q[None])
+    position, rotation = reference_frames.position[0, 0], reference_frames.rotation[0, 0]
+    p = solutions.p * robot.length
+    of_point = conditions.group.family.name == "translations"
+    positions = position + p if of_point else solutions.R @ position + p
+    rotations = None if of_point else solutions.R @ rotation
+    closed = joints_at(robot, q, positions, rotations)
+    modes = []
+    for pose, proved in zip(closed, solutions.proved, strict=True):
+        if pose is not None:
+            x = robot.platform.coordinates(frames_at(robot, pose[None]))
+            modes.append(AssemblyMode(pose, robot.platform.unwrap(x, robot.reference.x)[0], bool(proved)))
+    modes.sort(key=lambda mode: distance_from_reference(robot, mode.q))
+    # a solution without joints would be one of the conditions that are not the legs' own
+    status = solutions.status if len(modes) == len(solutions.R) else "at least"
+    method = f"homotopy in {conditions.group.family.name}: {solutions.count.sentence}"
+    if solutions.status == "proved" and solutions.count.finite < solutions.bound:
+        method += "; real ones by paving"
+    return AssemblyModes(tuple(modes), status, solutions.bound, solutions.count, method)
+
+
+def _searched(robot: ParallelRobot, q: Array) -> AssemblyModes:
+    """Search closed poses from many starts, one for each platform pose; motors as in q (1, nq)."""
+    poses, closed = loops_closed(robot, random_starts(robot, q, RANDOM_STARTS), None)
+    candidates = [nearest_turn(robot, pose) for pose in poses[closed]]
+    candidates.sort(key=lambda pose: distance_from_reference(robot, pose))
+    modes: list[AssemblyMode] = []
+    scale = robot.platform_scale
+    for pose in candidates:
+        frames = frames_at(robot, pose[None])
+        x = robot.platform.unwrap(robot.platform.coordinates(frames), robot.reference.x)[0]
+        offsets = [robot.platform.residual(frames, mode.x[None])[0] / scale for mode in modes]
+        is_new = all(np.abs(offset).max() > DISTINCT_SOLUTIONS for offset in offsets)
+        if is_new and turned_over(robot, frames) is None:
+            modes.append(AssemblyMode(pose, x, is_proved(robot, pose)))
+    complete = all(mode.proved for mode in modes) and _are_all(robot, q[0], candidates)
+    status: Status = "proved" if complete else "at least"
+    paved = ", joints paved" if status == "proved" else ""
+    return AssemblyModes(
+        tuple(modes), status, None, None, f"{RANDOM_STARTS} starts of Newton's method{paved}"
+    )
+
+
+def _are_all(robot: ParallelRobot, q: Array, poses: list[Array]) -> bool:
+    """Whether the loops are proved to close in no other poses than these (nq,), motors as in q (nq,)."""
+    fixed, joints = np.ones(robot.model.nv, dtype=bool), robot.following
+    fixed[joints] = False
+    offsets = np.array([between(robot, q, pose)[joints] for pose in poses]).reshape(-1, len(joints))
+    known = np.array(distinct_joints(offsets / robot.column_scale[joints])).reshape(-1, len(joints))
+    return leg_solutions_complete(robot, joints, fixed, q, known, None)

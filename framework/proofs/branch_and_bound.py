@@ -1,0 +1,152 @@
+"""Branch and bound: boxes are dropped, proved or left undecided by a test, or narrowed or cut for another.
+
+What decides is the test, a function from a stack of boxes to `Examined`; what there is to do with boxes that
+it does not decide is the same for all tests and stands here. Three tests use it: `completeness` (equations
+have no other solutions), `singular_paving` (all singular poses) and `regular_ball` (no singular pose).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, NamedTuple, Protocol, Self, TypeVar
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray, IntArray
+from framework.proofs.rounding import ROUND_UP, UNIT_ROUNDOFF
+
+SHRUNK_VOLUME_RATIO = 0.5  # a box that has lost more is tested again before it is cut
+MIDDLE_ROUNDING = 10 * UNIT_ROUNDOFF  # of the middle of a box, added to its radii
+NO_AXIS = -1
+
+
+class Stack(Protocol):
+    """Pieces in arrays whose first axis counts them."""
+
+    @property
+    def size(self) -> int:
+        """The number of pieces."""
+        ...
+
+    def take(self, which: BoolArray | IntArray | slice, /) -> Self:
+        """Return some of the pieces."""
+        ...
+
+    @classmethod
+    def joined(cls, parts: list[Self], /) -> Self:
+        """Return the pieces of several stacks."""
+        ...
+
+
+S = TypeVar("S", bound=Stack)
+K = TypeVar("K")
+
+
+@dataclass(frozen=True, eq=False)
+class Examined(Generic[S, K]):
+    """The result of a test; pieces that are in neither of the three are dropped."""
+
+    proved: K  # with whatever the proof says of them
+    undecided: S  # too small to be cut
+    ahead: S  # narrowed or cut, to be tested again
+
+
+@dataclass(frozen=True, eq=False)
+class Partition(Generic[S, K]):
+    """The pieces of a region that were not dropped."""
+
+    proved: list[K]
+    undecided: S
+    ahead: S  # not tested, for want of work allowed or because they are no nearer than `limit`
+    limit: float  # all pieces nearer than this are decided
+    examined: int  # pieces tested
+
+
+def branch_and_bound(
+    test: Callable[[S], Examined[S, K]],
+    region: S,
+    *,
+    batch: int,
+    max_examined: int,
+    distance: Callable[[S], Array] | None = None,
+    limit: float = np.inf,
+) -> Partition[S, K]:
+    """Test pieces of a region until each is decided, the newest first.
+
+    Args:
+        batch: pieces tested at a time.
+        max_examined: pieces tested at most, up to a batch.
+        distance: (S,) of the pieces. The nearest are tested first, and none that is no nearer than `limit` or
+            than one that is undecided; without it all are tested.
+    """
+    ahead, proved, undecided, examined = region, list[K](), list[S](), 0
+    while ahead.size and examined < max_examined:
+        if distance is not None:
+            ahead = ahead.take(np.argsort(distance(ahead), kind="stable"))
+        result = test(ahead.take(slice(batch)))
+        examined += min(batch, ahead.size)
+        ahead = ahead.joined([result.ahead, ahead.take(slice(batch, None))])
+        proved.append(result.proved)
+        undecided.append(result.undecided)
+        if distance is not None:
+            limit = min(limit, float(distance(result.undecided).min(initial=np.inf)))
+            ahead = ahead.take(distance(ahead) < limit)
+    if distance is not None:
+        limit = min(limit, float(distance(ahead).min(initial=np.inf)))
+    nothing = region.take(slice(0))
+    return Partition(proved, region.joined([nothing, *undecided]), ahead, limit, examined)
+
+
+class Boxes(NamedTuple):
+    """S boxes in k coordinates."""
+
+    middle: Array  # (S, k)
+    radii: Array  # (S, k)
+
+    @property
+    def size(self) -> int:
+        """S."""
+        return len(self.middle)
+
+    def take(self, which: BoolArray | IntArray | slice, /) -> Boxes:
+        """Return some of them."""
+        return Boxes(self.middle[which], self.radii[which])
+
+    @classmethod
+    def joined(cls, parts: list[Boxes], /) -> Boxes:
+        """Return the boxes of several stacks, at least one."""
+        return Boxes(*map(np.concatenate, zip(*parts, strict=True)))
+
+    def within(self, lower: Array, upper: Array) -> Boxes:
+        """Return what is left of them between offsets (S, k) from their middles."""
+        middle = self.middle + 0.5 * (lower + upper)
+        rounding = MIDDLE_ROUNDING * (1.0 + np.abs(self.middle))
+        return Boxes(middle, ROUND_UP * 0.5 * (upper - lower) + rounding)
+
+    def halves(self, axis: IntArray) -> Boxes:
+        """Return both halves of each, cut across one axis (S,)."""
+        each = np.arange(len(axis))
+        radii, shift = self.radii.copy(), np.zeros_like(self.radii)
+        radii[each, axis] *= 0.5 * ROUND_UP
+        shift[each, axis] = 0.5 * self.radii[each, axis]
+        return Boxes.joined([Boxes(self.middle - shift, radii), Boxes(self.middle + shift, radii)])
+
+
+def narrowed_or_halved(
+    before: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArray
+) -> tuple[Boxes, Boxes]:
+    """Return the boxes that are to be left undecided, and those to be tested next.
+
+    Args:
+        before: what the boxes (S of them) have been narrowed from.
+        axis: (S,) to cut them across. With NO_AXIS it is their longest side, unless they have lost half of
+            their volume and are tested again as they are.
+        is_small: (S,) which of these are no longer to be cut.
+    """
+    free = axis == NO_AXIS
+    shrunk = free & (np.prod(boxes.radii / before.radii, axis=1) < SHRUNK_VOLUME_RATIO)
+    small = free & is_small & ~shrunk
+    cut = ~(shrunk | small)
+    halves = boxes.take(cut).halves(np.where(free, boxes.radii.argmax(axis=1), axis)[cut])
+    return boxes.take(small), Boxes.joined([boxes.take(shrunk), halves])

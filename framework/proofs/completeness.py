@@ -1,0 +1,81 @@
+"""Proof that equations have no other solutions in boxes than the known ones.
+
+A box is dropped where its linear enclosure has no solution, or where it lies within a region in which a known
+solution is the only one; it is narrowed by the enclosure, or cut. `study_paving` and `leg_paving` supply the
+equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray
+from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_and_bound, narrowed_or_halved
+from framework.proofs.interval_newton import LinearEnclosure, contracted, regularised
+
+MAX_BOXES = 60_000
+BATCH = 4096  # boxes
+MIN_RADIUS = 1e-6  # of a box that is cut: solutions that are single are known before
+MAX_UNIQUE_RADIUS = 0.5  # [rad, lengths] of a region in which a solution is the only one
+UNIQUENESS_SHARE = 0.9  # of the radius at which slopes may lose rank
+MAX_INVERSE_ERROR = 1e-6  # of a pseudo-inverse: above it no region is claimed
+
+Equations = Callable[[Array, Array], LinearEnclosure]  # of boxes: middles and radii (B, n)
+
+
+class KnownSolutions(NamedTuple):
+    """Solutions, each alone in a box about it."""
+
+    points: Array  # (k, n)
+    radii: Array  # (k,)
+    period: Array  # (n,) of the coordinates, inf for those on a line
+
+    def contain(self, boxes: Boxes) -> BoolArray:
+        """Whether boxes (B of them) lie within the region of one solution."""
+        off = np.abs(boxes.middle[:, None] - self.points)
+        periodic = np.isfinite(self.period)
+        period = np.where(periodic, self.period, 1.0)
+        wrapped = np.abs(off - period * np.round(off / period))
+        off = np.where(periodic, wrapped, off)
+        inside = np.all(off + boxes.radii[:, None] < self.radii[:, None], axis=2)
+        return np.asarray(np.any(inside, axis=1))
+
+
+def unique_radius(equations: Equations, point: Array) -> float:
+    """Compute the radius of a box about a point (n,) in which the equations have one solution at most.
+
+    The mean of the Jacobian between two points in the box is regular: |Y| times its change is below one.
+    """
+    n = len(point)
+    linear = equations(point[None], np.ones((1, n)))
+    Y = np.linalg.pinv(linear.slopes[0])
+    if np.abs(Y @ linear.slopes[0] - np.eye(n)).sum(axis=1).max() > MAX_INVERSE_ERROR:
+        return 0.0
+    change = 2 * np.abs(Y) @ linear.errors[0]  # in a box of radius 1
+    return min(UNIQUENESS_SHARE / float(change.max()), MAX_UNIQUE_RADIUS)
+
+
+def has_no_others(
+    equations: Equations, boxes: Boxes, known: KnownSolutions, max_boxes: int = MAX_BOXES
+) -> bool:
+    """Whether boxes are shown to hold no solutions but the known ones; False if it is not known."""
+
+    def test(boxes: Boxes) -> Examined[Boxes, None]:
+        linear = equations(*boxes)
+        left = contracted(linear, boxes.radii, regularised(linear, boxes.radii))
+        possible = ~left.empty
+        before = boxes.take(possible)
+        narrow = before.within(left.lower[possible], left.upper[possible])
+        open_ = ~known.contain(narrow)
+        before, narrow = before.take(open_), narrow.take(open_)
+        is_small = narrow.radii.max(axis=1) < MIN_RADIUS
+        return Examined(None, *narrowed_or_halved(before, narrow, np.full(narrow.size, NO_AXIS), is_small))
+
+    # one undecided box ends the search: all are as near as it is
+    end = branch_and_bound(
+        test, boxes, batch=BATCH, max_examined=max_boxes, distance=lambda boxes: np.zeros(boxes.size)
+    )
+    return not (end.undecided.size or end.ahead.size)

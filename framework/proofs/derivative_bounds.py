@@ -1,0 +1,267 @@
+"""Platform and loops as functions of the joints, with their first and second derivatives, bounded over boxes.
+
+A loop equation is made of vectors that turn: the axis e of a frame, and the point p of another one. Along
+the chain of joints from the one to the other, i not behind j,
+
+    dp/dq_j = u_j = w_j x (p - o_j),    d2p/dq_i dq_j = w_i x u_j,    |d3p/dq_h dq_i dq_j| <= |u_j|
+
+for joints that turn about w at o; for a slide u_j is its direction, and a slide before the last joint makes
+them zero. |u_j| is the lever of joint j; over a box it grows by what the joints behind it may move p. So
+slopes at the middle, and how they change over a box, need no interval of a sine.
+
+All is in radians and lengths of the robot, as `loop_matrices`. A point of a closure that holds all three
+translations is taken on the axes of the base, where the joints of the two chains do not mix: the same
+equations at closed loops. What pinocchio computes at the middle of a box is trusted to `rounding`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray, IntArray
+from framework.errors import InvalidInput
+from framework.kinematics.frames import FrameStack, between, frames_at, integrate
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.ordered_sums import cross
+from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls
+from framework.proofs.rounding import ROUND_UP
+from framework.tolerances import FRAME_ROUNDING
+
+
+class _ChainDerivatives(NamedTuple):
+    """Of one chain at S configurations."""
+
+    turning: Array  # (S, L, 3) w_j, of the second frame as seen from the first; 0 of slides
+    point: Array  # (S, L, 3) u_j
+    bent: Array  # (S, L, L, 3) d2p
+    offset: Array  # (S, 3) from the first frame's origin to the second one's
+    lever: Array  # (S, L) |u_j|
+
+    def take(self, which: BoolArray | IntArray) -> _ChainDerivatives:
+        """Return those of some configurations."""
+        return _ChainDerivatives(*(part[which] for part in self))
+
+
+@dataclass(frozen=True, eq=False)
+class DerivativeBounds:
+    """The equations of a robot in its `moving` joints: a table made once."""
+
+    robot: ParallelRobot
+    chains: tuple[Chain, ...]
+    terms: tuple[Term, ...]
+    row_scale: Array  # (R,)
+    column_scale: Array  # (k,)
+    rounding: float  # of values and derivatives at one configuration, without dimension
+
+    @staticmethod
+    def of(robot: ParallelRobot, *, reach: float = 1.0) -> DerivativeBounds:
+        """Make the table of a robot; it holds for slides within `reach` robot lengths of the reference.
+
+        Raises:
+            InvalidInput: a ball joint moves: its coordinates do not turn about axes one after the other; or
+                joints are coupled.
+        """
+        if robot.rows.has_couplings:
+            raise InvalidInput(
+                f"{robot.name}: bounds over boxes of joints are for loops of frames, not for "
+                f"couplings of joints"
+            )
+        balls = moving_balls(robot)
+        if balls:
+            raise InvalidInput(
+                f"{robot.name}: bounds over boxes of joints are for hinges and slides, not for "
+                f"the ball joint {balls[0]}"
+            )
+        loops = robot.loops
+        turning = np.concatenate([~robot.translations, loops.rotation])
+        sizes = np.concatenate([np.ones(robot.n), robot.structure.row_sizes])
+        links = sum(float(np.linalg.norm(placement.translation)) for placement in robot.model.jointPlacements)
+        links += sum(float(np.linalg.norm(robot.model.frames[k].placement.translation)) for k in robot.frames)
+        links += float(np.abs(between(robot, robot.neutral, robot.reference.q)[robot.sliding]).sum())
+        slid = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
+        size = links / robot.length + 1.0 + float(slid)
+        table = EquationTerms.of(robot)
+        return DerivativeBounds(
+            robot,
+            tuple(table.chains),
+            tuple(table.terms),
+            np.where(turning, 1.0, 1.0 / robot.length) / sizes,
+            robot.column_scale[robot.moving],
+            FRAME_ROUNDING * size / min(float(sizes.min()), 1.0),
+        )
+
+    def moved(self, u: Array) -> Array:
+        """Return configurations (S, nq) that are off the reference by u (S, k) [rad, lengths]."""
+        step = np.zeros((len(u), self.robot.model.nv))
+        step[:, self.robot.moving] = u * self.column_scale
+        return integrate(self.robot, np.repeat(self.robot.reference.q[None], len(u), axis=0), step)
+
+    def at(self, q: Array) -> Derivatives:
+        """Evaluate the equations and their derivatives at q (S, nq)."""
+        robot, frames = self.robot, frames_at(self.robot, q)
+        derivatives = [_derivatives(chain, frames) for chain in self.chains]
+        S, R, k = len(q), len(self.row_scale), len(self.column_scale)
+        values, slopes, hessians = np.zeros((S, R)), np.zeros((S, R, k)), np.zeros((S, R, k, k))
+        for term in self.terms:
+            chain, own = self.chains[term.chain], derivatives[term.chain]
+            places, row = chain.places, term.row
+            if term.kind == "joint":
+                slopes[:, row, term.selected] = 1.0 / self.column_scale[term.selected] / self.row_scale[row]
+                continue
+            value, first, second = _term(term, chain, own, frames)
+            values[:, row] += value
+            slopes[:, row, places] += first
+            hessians[:, row, places[:, None], places] += second
+        distance = robot.loops.distance
+        values[:, robot.n :][:, distance] -= 0.5 * robot.loops.length[distance]
+        scale = self.row_scale[:, None] * self.column_scale
+        return Derivatives(
+            self,
+            frames,
+            values * self.row_scale,
+            slopes * scale,
+            hessians * scale[:, :, None] * self.column_scale,
+            derivatives,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Values and derivatives of the R equations at the middles of S boxes; the loops have their values."""
+
+    bounds: DerivativeBounds
+    frames: FrameStack
+    values: Array  # (S, R) of the loops; those of the platform are not what its coordinates are
+    slopes: Array  # (S, R, k)
+    hessians: Array  # (S, R, k, k)
+    derivatives: list[_ChainDerivatives]  # of each chain
+
+    def take(self, which: BoolArray | IntArray) -> Derivatives:
+        """Return those of some boxes."""
+        frames = self.frames
+        return Derivatives(
+            self.bounds,
+            FrameStack(
+                frames.position[which],
+                frames.rotation[which],
+                frames.screws[which],
+                frames.carried,
+                frames.q[which],
+            ),
+            self.values[which],
+            self.slopes[which],
+            self.hessians[which],
+            [own.take(which) for own in self.derivatives],
+        )
+
+    def remainders(self, radii: Array) -> Remainders:
+        """Bound the change of values and derivatives within radii (S, k) of the middle."""
+        S, R, k = self.slopes.shape
+        bounds, joint_radii = self.bounds, radii * self.bounds.column_scale
+        thirds = np.zeros((S, R, k, k))
+        widened = [
+            _widened(chain, own, joint_radii[:, chain.places])
+            for chain, own in zip(bounds.chains, self.derivatives, strict=True)
+        ]
+        for term in bounds.terms:
+            chain = bounds.chains[term.chain]
+            if term.kind != "joint":
+                r = joint_radii[:, chain.places]
+                own = _thirds(term, chain, self.derivatives[term.chain], widened[term.chain], r)
+                thirds[:, term.row, chain.places[:, None], chain.places] += own
+        scale = bounds.row_scale[:, None] * bounds.column_scale
+        thirds *= ROUND_UP * scale[:, :, None] * bounds.column_scale
+        rounding, hessians = bounds.rounding, np.abs(self.hessians) + bounds.rounding
+        slopes = np.einsum("srij,sj->sri", hessians + 0.5 * thirds, radii)
+        values = np.einsum("srij,si,sj->sr", 0.5 * hessians + thirds / 6, radii, radii, optimize=True)
+        more = rounding * (1 + radii.sum(axis=1, keepdims=True))
+        return Remainders(ROUND_UP * (values + more), ROUND_UP * slopes + rounding, thirds + rounding)
+
+
+class Remainders(NamedTuple):
+    """Bounds over S boxes, rounding and all."""
+
+    values: Array  # (S, R) of the exact ones there against values + slopes d
+    slopes: Array  # (S, R, k) of the exact ones there against those computed at the middle
+    hessians: Array  # (S, R, k, k)
+
+
+def _derivatives(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
+    screws = frames.screws[:, chain.columns] * chain.signs[:, None]
+    turning = screws[..., 3:]
+    point = screws[..., :3] + cross(turning, frames.position[:, chain.second, None])
+    own = np.arange(len(chain.places))
+    inner = np.minimum(own[:, None], own)
+    bent = cross(turning[:, inner], point[:, chain.outer])
+    origin = 0.0 if chain.first == BASE else frames.position[:, chain.first]
+    lever = np.linalg.norm(point, axis=2)
+    return _ChainDerivatives(turning, point, bent, frames.position[:, chain.second] - origin, lever)
+
+
+def _term(term: Term, chain: Chain, own: _ChainDerivatives, frames: FrameStack) -> tuple[Array, Array, Array]:
+    """Compute the value (S,), slopes (S, L) and their derivatives (S, L, L)."""
+    S = len(own.offset)
+    if chain.first == BASE:
+        axis = np.broadcast_to(np.eye(3)[term.axis], (S, 3))
+    else:
+        axis = frames.rotation[:, chain.first, :, term.axis]
+    f = term.factor
+    if term.kind == "point":
+        return (
+            f * np.einsum("sc,sc->s", axis, own.offset),
+            f * np.einsum("sc,sjc->sj", axis, own.point),
+            f * np.einsum("sc,sijc->sij", axis, own.bent),
+        )
+    if term.kind == "distance":
+        first = np.einsum("sc,sjc->sj", own.offset, own.point)
+        second = np.einsum("sic,sjc->sij", own.point, own.point)
+        second = second + np.einsum("sc,sijc->sij", own.offset, own.bent)
+        return 0.5 * f * np.einsum("sc,sc->s", own.offset, own.offset), f * first, f * second
+    if term.kind == "turn":  # axis . the part of R(q) R(middle)' that is not symmetric: 0 at the middle
+        number = np.arange(len(chain.places))
+        inner = np.minimum(number[:, None], number)
+        swept = 0.5 * cross(own.turning[:, inner], own.turning[:, chain.outer])
+        second = np.einsum("sc,sijc->sij", axis, swept)
+        return np.zeros(S), np.einsum("sc,sjc->sj", axis, own.turning), second
+    carried = frames.rotation[:, chain.second, :, term.selected]
+    own_turn = cross(own.turning, carried[:, None])
+    number = np.arange(len(chain.places))
+    bent = cross(own.turning[:, np.minimum(number[:, None], number)], own_turn[:, chain.outer])
+    return (
+        f * np.einsum("sc,sc->s", axis, carried),
+        f * np.einsum("sc,sjc->sj", axis, own_turn),
+        f * np.einsum("sc,sijc->sij", axis, bent),
+    )
+
+
+def _widened(chain: Chain, own: _ChainDerivatives, r: Array) -> Array:
+    """Bound the levers (S, L) over a box: joints behind move the point."""
+    lever, reach = own.lever.copy(), np.zeros(len(r))
+    for j in reversed(range(len(chain.places))):
+        if chain.turns[j]:
+            lever[:, j] += reach
+        reach = ROUND_UP * (reach + r[:, j] * lever[:, j])
+    return lever
+
+
+def _thirds(term: Term, chain: Chain, own: _ChainDerivatives, lever: Array, r: Array) -> Array:
+    """Bound the third derivatives (S, L, L), times the radii of the third joint."""
+    number, turns = np.arange(len(chain.places)), chain.turns
+    i, j, k = number[:, None, None], number[:, None], number
+    inner, outer = np.minimum(np.minimum(i, j), k), np.maximum(np.maximum(i, j), k)
+    middle = i + j + k - inner - outer
+    f = abs(term.factor)
+    if term.kind in ("direction", "turn"):
+        return f * np.einsum("ijk,sk->sij", (turns[i] & turns[j] & turns[k]).astype(float), r)
+    moved = turns[inner] & turns[middle] & (turns[outer] | (outer != middle))
+    if term.kind == "point":
+        return f * np.einsum("sijk,sk->sij", lever[:, outer] * moved, r)
+    first, last = np.minimum(i, j)[:, :, 0], chain.outer
+    bent = lever[:, last] * (turns[first] & (turns[last] | (first != last)))
+    mixed = lever[:, :, None, None] * bent[:, None]
+    mixed = mixed + mixed.transpose(0, 2, 1, 3) + mixed.transpose(0, 2, 3, 1)
+    far = np.linalg.norm(own.offset, axis=1) + np.sum(lever * r, axis=1)
+    return f * np.einsum("sijk,sk->sij", mixed + far[:, None, None, None] * (lever[:, outer] * moved), r)

@@ -1,0 +1,192 @@
+"""What each leg asks of the platform's pose while the motors are locked: linear conditions on displacements.
+
+A leg is a chain of joints from the base to the platform: of the tree and of one or more closures. Its passive
+joints are moved at random and the platform's displacements noted; what linear condition on the functions of
+`study_quadric` they all meet is the null space of that table. A rod between two points gives one such
+condition, whatever joints it has at its ends; nobody has to say which leg is a rod. Legs that ask for
+something else give too few conditions, and then there is no system to solve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array, ReadOnlyArrays
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.placements import planar_normal
+from framework.model.description import Closure
+from framework.proofs.equation_terms import planar_axis
+from framework.proofs.study_quadric import Displacements, functions, planar, spatial, spherical, translations
+from framework.tolerances import LEG_COEFFICIENT_ROUNDING, LEG_CONDITION_RANK
+
+SAMPLES = 60  # poses of a leg: three for each of the functions
+MAX_LEGS = 32
+RANDOM_SEED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class LegConditions(ReadOnlyArrays):
+    """Conditions (K, M) on the platform's displacement from the reference, motors locked."""
+
+    group: Displacements
+    coefficients: Array  # (K, M) of unit size, lengths in lengths of the robot
+    others: Array  # (k, M) that have to be met as well
+    rounding: float  # of the coefficients, relative to the largest of their condition
+
+
+class _Edge(NamedTuple):
+    """A way from one body to another: a joint of the tree, or a closure, in one of its two directions."""
+
+    to: int
+    joint: int  # of the tree; 0 for a closure
+    closure: Closure | None
+    forward: bool
+
+
+def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
+    """Find the conditions of all legs motors and springs as at q (nq,); None if there are too few."""
+    group = _group(robot)
+    if group is None:
+        return None
+    of_point = group.family.name == "translations"
+    sampler, conditions, rounding = _Sampler.of(robot, q, of_point=of_point), list[Array](), 0.0
+    for count, chain in enumerate(_chains(robot)):
+        poses = sampler.displacements(chain) if count < MAX_LEGS else None
+        if poses is None:
+            return None
+        table = functions(*poses)[:, group.chosen]
+        values, right = np.linalg.svd(table)[1:]
+        rank = int(np.sum(values > LEG_CONDITION_RANK * values[0]))
+        rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * float(values[0] / values[rank - 1]))
+        conditions += list(right[rank:])
+    rows, K = np.array(conditions).reshape(-1, len(group.chosen)), group.family.equations
+    if not len(rows):
+        return None
+    values, right = np.linalg.svd(rows)[1:]
+    if int(np.sum(values > LEG_CONDITION_RANK * values[0])) < K:
+        return None
+    if len(rows) > K:  # more conditions than freedoms: as many as needed, mixed, and all to be met in the end
+        mixed = np.random.default_rng(RANDOM_SEED).standard_normal((K, len(rows))) @ rows
+        return LegConditions(group, mixed / np.linalg.norm(mixed, axis=1, keepdims=True), rows, rounding)
+    return LegConditions(group, rows, rows[:0], rounding)
+
+
+def _group(robot: ParallelRobot) -> Displacements | None:
+    """Return the displacements that the platform's coordinates stand for."""
+    if not len(robot.following) or robot.rows.has_couplings:
+        return None
+    if planar_normal(robot) is not None:
+        axis, translating = planar_axis(robot), len(robot.platform.sliding)
+        if axis is None or axis in robot.platform.along or translating != 2:
+            return None
+        if robot.n == 2:
+            return translations(tuple(sorted(int(k) for k in robot.platform.along)))
+        return planar(axis) if robot.n == 3 else None
+    if robot.n == 3 and not robot.translations.any():
+        return spherical()
+    return spatial() if robot.translations.any() else None
+
+
+def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
+    """Return all chains from the base to the platform's body that pass no body twice."""
+    model, edges = robot.model, dict[int, list[_Edge]]()
+    for joint in range(1, model.njoints):
+        parent = int(model.parents[joint])
+        edges.setdefault(parent, []).append(_Edge(joint, joint, None, True))
+        edges.setdefault(joint, []).append(_Edge(parent, joint, None, False))
+    for closure in robot.description.closures:
+        first, second = (int(model.frames[model.getFrameId(name)].parentJoint) for name in closure.frames)
+        edges.setdefault(first, []).append(_Edge(second, 0, closure, True))
+        edges.setdefault(second, []).append(_Edge(first, 0, closure, False))
+    platform = int(model.frames[robot.frames[0]].parentJoint)
+
+    def beyond(body: int, passed: frozenset[int]) -> Iterator[list[_Edge]]:
+        if body == platform:
+            yield []
+            return
+        for edge in edges.get(body, []):
+            if edge.to not in passed:
+                for rest in beyond(edge.to, passed | {edge.to}):
+                    yield [edge, *rest]
+
+    yield from beyond(0, frozenset({0}))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampler:
+    """Random poses of chains."""
+
+    robot: ParallelRobot
+    q: list[Array]  # configurations of the tree, motors and springs locked
+    links: list[list[pin.SE3]]  # of every joint against its parent, at each of them
+    reference: pin.SE3  # of the platform's frame
+    normal: Array | None  # (3,) of a planar robot, base axes
+    data: pin.Data  # at the reference
+    of_point: bool  # the platform is a point: its displacement is that of the frame's origin
+
+    @staticmethod
+    def of(robot: ParallelRobot, q: Array, *, of_point: bool) -> _Sampler:
+        model, data = robot.model, robot.model.createData()
+        rng, step = np.random.default_rng(RANDOM_SEED), np.zeros(robot.model.nv)
+        poses, links = [], []
+        for _ in range(SAMPLES):
+            passive = np.where(robot.sliding[robot.passive], robot.length, np.pi)
+            step[robot.passive] = rng.uniform(-passive, passive)
+            poses.append(np.asarray(pin.integrate(model, q, step)))
+            pin.forwardKinematics(model, data, poses[-1])
+            links.append([pin.SE3(placement) for placement in data.liMi])
+        pin.framesForwardKinematics(model, data, robot.reference.q)
+        return _Sampler(
+            robot, poses, links, pin.SE3(data.oMf[robot.frames[0]]), planar_normal(robot), data, of_point
+        )
+
+    def displacements(self, chain: list[_Edge]) -> tuple[Array, Array] | None:
+        """Sample R (T, 3, 3) and p (T, 3), in robot lengths; None where a closure is no group of motions."""
+        R, p = np.empty((SAMPLES, 3, 3)), np.empty((SAMPLES, 3))
+        rng, frame = np.random.default_rng(RANDOM_SEED + 1), self.robot.model.frames[self.robot.frames[0]]
+        for k in range(SAMPLES):
+            pose = pin.SE3.Identity()
+            for edge in chain:
+                step = self.links[k][edge.joint] if edge.closure is None else self._closed(edge.closure, rng)
+                if step is None:
+                    return None
+                pose = pose * (step if edge.forward else step.inverse())
+            there = pose * frame.placement
+            moved = there * self.reference.inverse()
+            R[k], p[k] = moved.rotation, moved.translation / self.robot.length
+            if self.of_point:
+                p[k] = (there.translation - self.reference.translation) / self.robot.length
+        return R, p
+
+    def _closed(self, closure: Closure, rng: np.random.Generator) -> pin.SE3 | None:
+        """Draw a pose of the second frame's body against the first one's that the closure allows."""
+        model = self.robot.model
+        frame_a, frame_b = (model.frames[model.getFrameId(name)] for name in closure.frames)
+        turns = [axis for axis in ("rx", "ry", "rz") if axis not in closure.axes]
+        if len(turns) == 2 or ("distance" in closure.axes and len(closure.axes) > 1):
+            return None
+        slide = rng.uniform(-1, 1, 3) * self.robot.length
+        slide[[k for k, axis in enumerate("xyz") if axis in closure.axes]] = 0.0
+        if closure.length is not None:
+            slide *= closure.length / np.linalg.norm(slide)
+        turn = np.zeros(3)
+        if len(turns) == 3 and self.normal is not None:
+            first = self.data.oMf[model.getFrameId(closure.frames[0])].rotation
+            second = self.data.oMf[model.getFrameId(closure.frames[1])].rotation
+            turned = pin.exp3(first.T @ self.normal * rng.uniform(-np.pi, np.pi)) @ first.T @ second
+            if closure.length is not None:
+                across = first.T @ self.normal
+                slide -= across * (across @ slide)
+                slide *= closure.length / np.linalg.norm(slide)
+            return frame_a.placement * pin.SE3(turned, slide) * frame_b.placement.inverse()
+        if len(turns) == 3:
+            turn = rng.standard_normal(3)
+            turn *= rng.uniform(0, np.pi) / np.linalg.norm(turn)
+        elif turns:
+            turn["xyz".index(turns[0][1])] = rng.uniform(-np.pi, np.pi)
+        return frame_a.placement * pin.SE3(pin.exp3(turn), slide) * frame_b.placement.inverse()

@@ -1,0 +1,240 @@
+"""Proof that the joints of a leg have no other solutions: their angles are paved (`completeness`).
+
+The equations are those of loops whose joints are the leg's or given, and of the platform's place and
+attitude; their second derivatives are bounded along their chains of joints (`hessian_bounds`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray, IntArray
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.frames import FrameStack, between, frames_at, integrate
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.pinocchio_memory import scratch_of
+from framework.kinematics.placements import planar_normal
+from framework.kinematics.platform import FramePlatform, JointPlatform
+from framework.linalg.ordered_sums import cross
+from framework.proofs.branch_and_bound import Boxes
+from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
+from framework.proofs.hessian_bounds import ChainBounds, LeverChain
+from framework.proofs.interval_newton import LinearEnclosure
+from framework.tolerances import CLOSED_POSE_OFFSET, FRAME_ROUNDING
+
+MAX_JOINTS = 4
+INITIAL_PARTS = 2  # of a whole turn
+SLIDE_SLOPE_ROUNDING = 1e-9  # of the unit by which translations change with a slide
+REACH_MARGIN = 1.01  # of a bound on a slide, over its rounding
+RANDOM_SEED = 5
+
+
+def leg_solutions_complete(
+    robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, near: Array, x: Array | None
+) -> bool:
+    """Whether the joints of a leg are proved to have no other values; False if it is not known.
+
+    Args:
+        own: columns of the velocity vector that are theirs.
+        fixed: (nv,) columns that keep the values which they have in q (nq,), assembled if x determines more
+            than positions.
+        near: (k, n) known values of the joints, off those in q, in radians and robot lengths; of these the
+            solutions count.
+        x: (n,) coordinates of the platform; None with locked motors.
+    """
+    slides = robot.sliding[own]
+    too_many = len(own) > MAX_JOINTS or slides.sum() > 1
+    if robot.rows.has_couplings or too_many or not _has_single_columns(robot, own):
+        return False
+    equations = LegEquations.of(robot, own, fixed, q, x)
+    if not equations.count:
+        return False
+    region = _region(equations)
+    if region is None:
+        return False
+    points = near[np.abs(equations(near, 0.0 * near).values).max(axis=1) < CLOSED_POSE_OFFSET]
+    period = np.where(slides, np.inf, 2 * np.pi)
+    radii = np.array([unique_radius(equations, point) for point in points])
+    return has_no_others(equations, region, KnownSolutions(points, radii, period))
+
+
+def _has_single_columns(robot: ParallelRobot, own: IntArray) -> bool:
+    single = {joint.idx_v for joint in list(robot.model.joints)[1:] if joint.nv == 1}
+    return single.issuperset(own.tolist())
+
+
+def _region(equations: LegEquations) -> Boxes | None:
+    """Return boxes of all turns of the hinges and all of a slide that can close; None without a bound."""
+    robot, own = equations.robot, equations.own
+    slides = robot.sliding[own]
+    half = np.pi / INITIAL_PARTS
+    axes = [np.arange(-np.pi + half, np.pi, 2 * half)] * int((~slides).sum())
+    radii = np.full(len(own), half)
+    if slides.any():
+        farthest = equations.farthest_slide()
+        if farthest is None:
+            return None
+        axes.insert(int(np.argmax(slides)), -equations.extended_slides()[own[slides]] / robot.length)
+        radii[slides] = farthest
+    middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(own))
+    return Boxes(middles, np.repeat(radii[None], len(middles), axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class LegEquations:
+    """The equations of a leg, all other joints as in q; its own in radians and robot lengths from there."""
+
+    robot: ParallelRobot
+    own: IntArray
+    q: Array  # (nq,)
+    x: Array | None
+    loops: IntArray  # of `robot.rows`
+    chains: tuple[LeverChain, ...]  # of the loops, then of the platform's frame if its position counts
+    chain_of: IntArray  # (loops,)
+    attitude: Array | None  # (3, 3) of the platform's frame, where x determines it
+
+    @staticmethod
+    def of(robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, x: Array | None) -> LegEquations:
+        """Collect the equations whose joints are the leg's, or fixed; the attitude where x determines it."""
+        carried, rows = scratch_of(robot).carried, robot.rows
+        moved = carried[rows.second] != carried[rows.first]
+        free_joints = ~fixed
+        free_joints[own] = False
+        loops = np.flatnonzero(moved[:, own].any(axis=1) & ~moved[:, free_joints].any(axis=1))
+        pairs = sorted({(int(rows.first[k]), int(rows.second[k])) for k in loops})
+        chain_of = [pairs.index((int(rows.first[k]), int(rows.second[k]))) for k in loops]
+        chains = [LeverChain.of(robot, own, *pair) for pair in pairs]
+        platform = robot.platform
+        if isinstance(platform, JointPlatform):
+            x = x if x is not None and np.isin(platform.columns, own).any() else None
+        elif x is None or not carried[0, own].any() or carried[0, free_joints].any():
+            x = None
+        else:
+            chains.append(LeverChain.of(robot, own, None, 0))
+        attitude, turns = None, 1 if planar_normal(robot) is not None else 3
+        if x is not None and isinstance(platform, FramePlatform) and len(platform.turning) == turns:
+            attitude = frames_at(robot, q[None]).rotation[0, 0]
+        return LegEquations(
+            robot, own, q, x, loops, tuple(chains), np.array(chain_of, dtype=np.intp), attitude
+        )
+
+    @property
+    def count(self) -> int:
+        """The number of equations."""
+        nothing = np.zeros((1, len(self.own)))
+        return int(self(nothing, nothing).values.size)
+
+    def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
+        """Enclose the equations in boxes (B, n)."""
+        robot, own = self.robot, self.own
+        step = np.zeros((len(middle), robot.model.nv))
+        step[:, own] = middle * robot.column_scale[own]
+        frames = frames_at(robot, integrate(robot, self.q, step))
+        slid = np.abs(self._slides(frames.q))
+        slid[:, own] += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)
+        bounds = [chain.hessian_bounds(radii, slid) for chain in self.chains]
+        enclosure = self._loops(frames, bounds)
+        if self.x is not None:
+            on_joints = isinstance(robot.platform, JointPlatform)
+            enclosure = enclosure.joined(
+                self._joints(frames, radii) if on_joints else self._position(frames, bounds[-1])
+            )
+        if self.attitude is not None:
+            enclosure = enclosure.joined(self._attitude(frames, self.attitude, bounds[-1]))
+        values, slopes, errors = enclosure
+        chain_lengths = np.max([bound.length for bound in bounds], axis=0, initial=0.0)  # (B,)
+        rounding = FRAME_ROUNDING * (1.0 + chain_lengths)
+        return LinearEnclosure(values, slopes, errors + np.reshape(rounding, (-1, 1)))
+
+    def _loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
+        rows, loops, length = self.robot.rows, self.loops, self.robot.length
+        turning, distance = rows.rotation[loops], rows.distance[loops]
+        equations = loop_equations(rows, frames)
+        weight = np.where(turning, 1.0, 1.0 / length)
+        errors = np.zeros((len(frames.q), len(loops)))
+        for k, chain in enumerate(self.chain_of):
+            if distance[k]:
+                errors[:, k] = bounds[chain].distance / rows.length[loops[k]]
+            else:
+                errors[:, k] = bounds[chain].attitude if turning[k] else bounds[chain].position
+        slopes = equations.jacobian[:, loops][:, :, self.own] * weight[:, None]
+        return LinearEnclosure(equations.residual[:, loops] * weight, self._scaled(slopes), errors)
+
+    def _position(self, frames: FrameStack, bound: ChainBounds) -> LinearEnclosure:
+        """Enclose the position of the platform's frame against x."""
+        platform, length = self.robot.platform, self.robot.length
+        assert self.x is not None
+        values = (frames.position[:, 0, platform.along] - self.x[platform.sliding]) / length
+        slopes = frames.jacobian[:, 0][:, platform.along][:, :, self.own] / length
+        errors = np.repeat(bound.position[:, None], len(platform.sliding), axis=1)
+        return LinearEnclosure(values, self._scaled(slopes), errors)
+
+    def _attitude(self, frames: FrameStack, attitude: Array, bound: ChainBounds) -> LinearEnclosure:
+        """Enclose the axes of the platform's frame against those of its attitude (3, 3)."""
+        count, n = len(frames.q), len(self.own)
+        axes = frames.rotation[:, 0].swapaxes(1, 2)  # (B, 3, 3), one axis a row
+        turns = frames.jacobian[:, 0, 3:][:, :, self.own].swapaxes(1, 2)  # (B, n, 3)
+        turned = cross(turns[:, None], axes[:, :, None])  # (B, axis, n, 3)
+        slopes = turned.swapaxes(2, 3).reshape(count, 9, n)
+        errors = np.repeat(bound.attitude[:, None], 9, axis=1)
+        return LinearEnclosure((axes - attitude.T).reshape(count, 9), self._scaled(slopes), errors)
+
+    def _joints(self, frames: FrameStack, radii: Array) -> LinearEnclosure:
+        """Enclose the platform's own joints against x: sine and cosine of what a hinge is off."""
+        platform, robot = self.robot.platform, self.robot
+        assert isinstance(platform, JointPlatform)
+        assert self.x is not None
+        hinges = ~platform.translations
+        scale = np.where(hinges, 1.0, robot.length)
+        off = platform.residual(frames, self.x) / scale
+        along = np.eye(robot.model.nv)[platform.columns][:, self.own] / scale[:, None]
+        curvature = 0.5 * (radii @ np.where(hinges[:, None], along, 0.0).T) ** 2
+        sine, cosine = np.where(hinges, np.sin(off), off), np.where(hinges, np.cos(off), 1.0)
+        sine_rate, cosine_rate = cosine, np.where(hinges, -np.sin(off), 0.0)
+        mine = np.isin(platform.columns, self.own)
+        return LinearEnclosure(
+            np.concatenate([sine[:, mine], cosine[:, mine] - 1.0], axis=1),
+            self._scaled(
+                np.concatenate(
+                    [(rate[:, :, None] * along)[:, mine] for rate in (sine_rate, cosine_rate)], axis=1
+                )
+            ),
+            np.concatenate([curvature[:, mine]] * 2, axis=1),
+        )
+
+    def _scaled(self, slopes: Array) -> Array:
+        """Return slopes (B, m, n) along slides in robot lengths instead of metres."""
+        return slopes * np.where(self.robot.sliding[self.own], self.robot.length, 1.0)
+
+    def _slides(self, q: Array) -> Array:
+        """Compute how far the slides are out in q (..., nq), (..., nv) [m]; 0 for hinges."""
+        return np.where(self.robot.sliding, between(self.robot, self.robot.neutral, q), 0.0)
+
+    def extended_slides(self) -> Array:
+        """Compute how far the slides are out in the configuration about which the leg is paved, (nv,) [m]."""
+        return self._slides(self.q)
+
+    def farthest_slide(self) -> float | None:
+        """Bound the leg's slide [robot lengths]: farther out, no chain closes; None if there is no bound.
+
+        The translations of a chain change by one unit with its slide, whatever its hinges do.
+        """
+        robot, n = self.robot, len(self.own)
+        random = np.random.default_rng(RANDOM_SEED).uniform(-2, 2, (3, n))
+        slopes = self(random, 0.0 * random).slopes
+        slide = np.flatnonzero(robot.sliding[self.own])[0]
+        position = ~robot.rows.rotation[self.loops]
+        others = np.abs(self.extended_slides())
+        others[self.own[slide]] = 0.0
+        ends = robot.rows.length[self.loops].sum() + (0.0 if self.x is None else np.abs(self.x).sum())
+        bounds = []
+        for k, chain in enumerate(self.chains):
+            rows = np.flatnonzero(position & (self.chain_of == k))
+            if k == len(self.chains) - 1 and self.x is not None:
+                rows = len(self.loops) + np.arange(len(robot.platform.sliding))
+            squares = np.sum(slopes[:, rows, slide] ** 2, axis=1)
+            if np.all(squares > 1 - SLIDE_SLOPE_ROUNDING):
+                bounds.append((chain.length + chain.slides @ others + ends) / robot.length)
+        return REACH_MARGIN * min(bounds) if bounds else None

@@ -1,0 +1,159 @@
+"""The passive joints of a robot with its motors locked: those of a pose of the platform, and their proof.
+
+Newton's method on the loops, redundant ones too, from many starts at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray, IntArray
+from framework.kinematics.closures import loop_equations, scaled
+from framework.kinematics.frames import FrameStack, between, frames_at, integrate
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
+from framework.kinematics.parallel_robot import ParallelRobot
+
+STARTS = 24  # for each pose of the platform
+MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # of Newton's method; [rad, lengths] that one may move a joint
+NEARLY_CLOSED_OFFSET = 1e-11  # [rad, lengths] loops that are closed but for a last step
+LOOP_ROUNDING = 1e-13  # of a loop equation, in lengths of all links: a thousand units of rounding
+EQUAL_JOINT_OFFSET = 1e-6  # [rad, lengths] between joints that are one solution
+RANDOM_SEED = 11
+PSEUDO_INVERSE_CUTOFF = 1e-9  # of singular values, over the largest
+MAX_INVERSE_DEFECT = 0.1  # largest row sum of |X M - 1| of an inverse X that a proof uses
+INVERSE_FACTOR = 1.2  # of its norm: more than 1 / (1 - MAX_INVERSE_DEFECT)
+
+
+def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) -> list[Array | None]:
+    """Find joints (nq,) that bring the platform's frame to places (k, 3), turns (k, 3, 3), or None.
+
+    Motors and springs stay as in q (1, nq). Of several joint angles at one pose those next to the reference.
+    """
+    count = len(place)
+    places = np.repeat(place, STARTS, axis=0)
+    turns = None if turn is None else np.repeat(turn, STARTS, axis=0)
+
+    def pose_rows(frames: FrameStack) -> tuple[Array, Array]:
+        off, slopes = frames.position[:, 0] - places, frames.jacobian[:, 0] * robot.column_scale
+        if turns is None:
+            return off / robot.length, slopes[:, :3] / robot.length
+        gap = frames.rotation[:, 0] @ turns.swapaxes(1, 2)
+        turned = 0.5 * (gap - gap.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]
+        # a half turn has no sine either: it is told from none by the trace
+        turned[:, 0] += np.where(np.trace(gap, axis1=1, axis2=2) < 0, 1.0, 0.0)
+        slopes[:, :3] /= robot.length
+        return np.concatenate([off / robot.length, turned], axis=1), slopes
+
+    poses, closed = loops_closed(robot, np.tile(random_starts(robot, q, STARTS), (count, 1)), pose_rows)
+    nearest_poses: list[Array | None] = []
+    for k in range(count):
+        own = slice(k * STARTS, (k + 1) * STARTS)
+        candidates = [nearest_turn(robot, pose) for pose in poses[own][closed[own]]]
+        nearest_poses.append(
+            min(candidates, key=lambda pose: distance_from_reference(robot, pose), default=None)
+        )
+    return nearest_poses
+
+
+def loops_closed(
+    robot: ParallelRobot,
+    q: Array,
+    more: Callable[[FrameStack], tuple[Array, Array]] | None,
+    columns: IntArray | None = None,
+) -> tuple[Array, BoolArray]:
+    """Close the loops by Newton's method from q (T, nq); return configurations (T, nq), and which are closed.
+
+    Args:
+        columns: the joints that move; the passive ones by default.
+        more: further equations and their slopes along all joints, (T, e) and (T, e, nv), without dimension.
+    """
+    columns, size = robot.following if columns is None else columns, np.full(len(q), np.inf)
+    weights = np.where(robot.rows.rotation, 1.0, 1.0 / robot.length)
+    last = False
+    for _ in range(MAX_SEARCH_STEPS):
+        frames = frames_at(robot, q)
+        loops = loop_equations(robot.rows, frames)
+        values, slopes = loops.residual * weights, scaled(robot, loops.jacobian, robot.rows.rotation)
+        if more is not None:
+            own = more(frames)
+            values, slopes = (
+                np.concatenate(pair, axis=1) for pair in zip((values, slopes), own, strict=True)
+            )
+        size = np.abs(values).max(axis=1)
+        if last or not len(q):
+            break
+        last = bool((size < NEARLY_CLOSED_OFFSET).all())  # and one step more, to rounding
+        inverse = np.linalg.pinv(slopes[:, :, columns], rcond=PSEUDO_INVERSE_CUTOFF)
+        change = -(inverse @ values[:, :, None])[:, :, 0]
+        change /= np.maximum(np.abs(change).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
+        moved = np.zeros((len(q), robot.model.nv))
+        moved[:, columns] = change * robot.column_scale[columns]
+        q = integrate(robot, q, moved)
+    return q, np.asarray(size < NEARLY_CLOSED_OFFSET)
+
+
+def random_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray | None = None) -> Array:
+    """Draw configurations (count, nq): q (1, nq), and others with joints (the passive ones) anywhere."""
+    columns = robot.passive if columns is None else columns
+    spread = np.where(robot.sliding[columns], robot.length, np.pi)
+    step = np.zeros((count, robot.model.nv))
+    step[1:, columns] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
+    return integrate(robot, np.repeat(q, count, axis=0), step)
+
+
+def nearest_turn(robot: ParallelRobot, q: Array) -> Array:
+    """Return the same configuration (nq,), passive hinges less than half a turn from the reference."""
+    offset = between(robot, robot.reference.q, q)
+    hinges = robot.passive[~robot.sliding[robot.passive]]
+    offset[hinges] = np.mod(offset[hinges] + np.pi, 2 * np.pi) - np.pi
+    return integrate(robot, robot.reference.q, offset)
+
+
+def distance_from_reference(robot: ParallelRobot, q: Array) -> float:
+    """Compute the distance of a configuration (nq,) from the reference [rad, lengths]."""
+    return float(np.linalg.norm(between(robot, robot.reference.q, q) / robot.column_scale))
+
+
+def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool:
+    """Whether the loops have one solution near q (nq,), by the theorem of Newton and Kantorovich.
+
+    The motors are locked, or the platform is (`locked`), and the springs. beta^2 K |F| <= 1/2 with F the loop
+    equations (and the platform's), beta the norm of the inverse of their Jacobian and K a bound on its
+    change: no joint turns a frame that is farther away than all links are long, and an equation is a product
+    of two vectors that turn. All in radians and lengths of the robot, norms of largest entries.
+    """
+    frames = frames_at(robot, q[None])
+    linearised = linearised_at(robot, q[None], robot.platform.coordinates(frames))
+    matrix = (passive_matrix if locked == "motors" else type1_matrix)(robot, linearised)[0]
+    if matrix.shape[0] != matrix.shape[1]:
+        return False
+    inverse = np.linalg.pinv(matrix)
+    if np.abs(inverse @ matrix - np.eye(len(matrix))).sum(axis=1).max() > MAX_INVERSE_DEFECT:
+        return False
+    weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length) / robot.structure.row_sizes
+    values = float(np.abs(linearised.residual[0, robot.n :] * weights).max())
+    reach = sum(float(np.linalg.norm(placement.translation)) for placement in robot.model.jointPlacements)
+    reach += sum(float(np.linalg.norm(robot.model.frames[k].placement.translation)) for k in robot.frames)
+    reach += float(np.abs(between(robot, robot.neutral, q)[robot.sliding]).sum())
+    size = reach / robot.length + 1.0  # with a length to spare for slides near by
+    shortest = float(robot.loops.length[robot.loops.distance].min(initial=robot.length))
+    bend = 8.0 * size**2 * robot.length / shortest / min(float(robot.structure.row_sizes.min()), 1.0)
+    beta = INVERSE_FACTOR * float(np.abs(inverse).sum(axis=1).max())
+    return bool(beta**2 * len(matrix) ** 2 * bend * (values + LOOP_ROUNDING * size) <= 0.5)
+
+
+def distinct_joints(joints: Array) -> list[Array]:
+    """Return the rows of (T, k) that differ from all before them, hinges up to whole turns."""
+    distinct: list[Array] = []
+    for row in joints:
+        if not any(are_alike(row, known) for known in distinct):
+            distinct.append(row)
+    return distinct
+
+
+def are_alike(first: Array, second: Array) -> bool:
+    """Whether joints are the same, hinges up to whole turns."""
+    return bool(np.abs(np.exp(1j * first) - np.exp(1j * second)).max(initial=0.0) <= EQUAL_JOINT_OFFSET)

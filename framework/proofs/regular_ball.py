@@ -1,0 +1,225 @@
+"""The largest ball about a pose of the platform that is proved to be free of singularities.
+
+It is one cell (`regular_cells`), or made of many: cubes, cut in two along each axis where they are not
+proved, those nearest to the pose first, until the nearest one that is left is too small to be cut
+(`branch_and_bound`). They have
+one branch in common if each has, in its point that is nearest to the pose, the same joints as the cube next
+to it there on the way to the pose: then all agree within any radius, by induction, for two that are regular
+agree everywhere on a face that they share if they do so in one point of it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray, IntArray
+from framework.kinematics.attitude import TwistAngle, TwoAngles
+from framework.kinematics.frames import between, integrate
+from framework.kinematics.inverse_kinematics import close_each
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.placements import planar_normal
+from framework.kinematics.platform import FramePlatform
+from framework.proofs.branch_and_bound import Examined, branch_and_bound
+from framework.proofs.derivative_bounds import DerivativeBounds
+from framework.proofs.equation_terms import moving_balls
+from framework.proofs.regular_cells import Cells, CellTest
+from framework.proofs.rounding import ROUND_UP
+from framework.tolerances import CLOSED_POSE_OFFSET
+
+MAX_CELLS = 20_000
+MAX_WORK = 3e8  # cells times the fourth power of the joints: some seconds
+BATCH = 1024  # cells
+MAX_CUTS = 12  # of the first cube: then a cube is a thousandth of the ball
+MAX_HALVINGS = 40  # of the radius of a single cell
+STEPS_PER_OCTAVE = 20  # between the last two of these
+MAX_TURN = 1.0  # [rad] below a right angle, where its sine no longer tells a turn
+MAX_STEP = 0.5  # [rad, lengths] a joint is moved at most before the loops are closed
+OFF_CENTRE = 0.4370160244488211  # where in the first cube the pose lies: on no face of a smaller one
+
+
+class RegularBall(NamedTuple):
+    """A ball that is proved to be free of singularities."""
+
+    radius: float  # [robot lengths, rad] of the open ball; 0 where nothing is proved
+    cells: int  # that were tested
+
+
+def regular_ball(
+    robot: ParallelRobot, q: Array, x: Array, within: float, *, max_cells: int = MAX_CELLS
+) -> RegularBall:
+    """Prove a ball about platform coordinates x (n,), joints q (nq,) there, to be free of singularities.
+
+    In it no pose on the branch of q is singular, of Type 1 or Type 2. Of platforms that turn about three axes
+    or have more than three coordinates, one cell is tried; of those that turn about two, or about one and do
+    not move in a plane, and of robots whose ball joints move or whose joints are coupled, nothing is proved.
+
+    Args:
+        within: the largest radius of interest [robot lengths, rad].
+        max_cells: cells that are tested, up to a batch.
+    """
+    platform = robot.platform
+    turning = platform.attitude if isinstance(platform, FramePlatform) else None
+    planar = isinstance(turning, TwistAngle) and planar_normal(robot) is not None
+    unknown_turn = isinstance(turning, TwoAngles) or (isinstance(turning, TwistAngle) and not planar)
+    if moving_balls(robot) or robot.rows.has_couplings or unknown_turn:
+        return RegularBall(0.0, 0)
+    test = CellTest(DerivativeBounds.of(robot), x, robot.platform_scale)
+    single = _single_cell(test, q, min(within, MAX_TURN))
+    if robot.n > 3 or not (turning is None or planar):
+        return RegularBall(single, MAX_HALVINGS + STEPS_PER_OCTAVE)
+    many = _many_cells(test, q, within, min(max_cells, int(MAX_WORK / len(robot.moving) ** 4)))
+    return RegularBall(max(single, many.radius), many.cells)
+
+
+def _single_cell(test: CellTest, q: Array, within: float) -> float:
+    """Compute the largest radius of one cell, a ball, that is found by halving and then in steps."""
+    best = 0.0
+    for exponents in (-np.arange(MAX_HALVINGS), np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE):
+        radii = np.asarray((best or within) * np.exp2(exponents), dtype=np.float64)
+        radii = radii[radii <= within]
+        joints = np.repeat(q[None], len(radii), axis=0)
+        proved = test(np.zeros((len(radii), len(test.x))), joints, radii, ball=True).proved
+        best = float(radii[proved].max(initial=best))
+        if best == 0.0:
+            break
+    return best
+
+
+class _Cubes(NamedTuple):
+    """Cubes of a grid: tested ones with their cells, others with those of the cube they are cut from."""
+
+    level: IntArray  # (S,)
+    places: IntArray  # (S, n)
+    cells: Cells
+
+    @property
+    def size(self) -> int:
+        """S."""
+        return len(self.level)
+
+    def take(self, which: BoolArray | IntArray | slice, /) -> _Cubes:
+        """Return some of them."""
+        return _Cubes(self.level[which], self.places[which], self.cells.take(which))
+
+    @classmethod
+    def joined(cls, parts: list[_Cubes], /) -> _Cubes:
+        """Return the cubes of several stacks, at least one."""
+        level, places = (np.concatenate([part[field] for part in parts]) for field in (0, 1))
+        cells = Cells(*map(np.concatenate, zip(*(part.cells for part in parts), strict=True)))
+        return _Cubes(level, places, cells)
+
+    def parts(self) -> _Cubes:
+        """Return the cubes of half the width in each."""
+        n = self.places.shape[1]
+        corners = np.stack(np.meshgrid(*[[0, 1]] * n, indexing="ij"), axis=-1).reshape(-1, n)
+        parent = np.repeat(np.arange(self.size), len(corners))
+        places = 2 * self.places[parent] + np.tile(corners, (self.size, 1))
+        return _Cubes(self.level[parent] + 1, places, self.cells.take(parent))
+
+
+class _Grid(NamedTuple):
+    """Cubes that halve a first one again and again, about the pose at 0."""
+
+    width: float  # of the first one
+
+    def middles(self, cubes: _Cubes) -> Array:
+        """Compute their middles (S, n)."""
+        return self.width * ((cubes.places + 0.5) * 0.5 ** cubes.level[:, None] - OFF_CENTRE)
+
+    def nearest(self, cubes: _Cubes) -> Array:
+        """Compute their points (S, n) that are nearest to the pose."""
+        size = 0.5 ** cubes.level[:, None]
+        lower, upper = ((cubes.places + side) * size - OFF_CENTRE for side in (0, 1))
+        return self.width * np.clip(0.0, lower, upper)
+
+    def distances(self, cubes: _Cubes) -> Array:
+        """Compute how far they are from the pose, (S,)."""
+        return np.linalg.norm(self.nearest(cubes), axis=1) / ROUND_UP
+
+    def inward(self, cubes: _Cubes) -> IntArray:
+        """Return the smallest cubes (S, n) behind these points, on the way to the pose."""
+        pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))
+        size = 2 ** (MAX_CUTS - cubes.level[:, None])
+        return np.asarray(np.clip(pose, cubes.places * size - 1, (cubes.places + 1) * size))
+
+
+def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> RegularBall:
+    """Prove the ball of cubes: to the nearest one that is not proved, or disagrees with its neighbour."""
+    n, grid = len(test.x), _Grid(within / OFF_CENTRE * ROUND_UP)
+    start = test(np.zeros((1, n)), q[None], np.array([grid.width]))
+    first = _Cubes(np.zeros(1, dtype=np.intp), np.zeros((1, n), dtype=np.intp), start)
+
+    def tested(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
+        cubes = _tested(test, grid, cubes, start.signs)
+        proved = cubes.cells.proved
+        undecided = cubes.take(~proved & (cubes.level == MAX_CUTS))
+        ahead = cubes.take(~proved & (cubes.level < MAX_CUTS)).parts()
+        return Examined(cubes.take(proved), undecided, ahead)
+
+    end = branch_and_bound(
+        tested, first, batch=BATCH, max_examined=max_cells, distance=grid.distances, limit=within
+    )
+    proved = _Cubes.joined(end.proved)
+    distances = grid.distances(proved)
+    proved, distances = proved.take(distances < end.limit), distances[distances < end.limit]
+    if not proved.size:
+        return RegularBall(0.0, end.examined)
+    disagree = ~_agree(test, grid, proved, q)
+    return RegularBall(min(end.limit, float(distances[disagree].min(initial=np.inf))), end.examined)
+
+
+def _tested(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cubes:
+    """Test cubes; one whose joints come out on another branch is not proved, and keeps its parent's cell."""
+    z = grid.middles(cubes)
+    half = 0.5 * grid.width * 0.5 ** np.asarray(cubes.level, dtype=float)
+    parent = cubes.cells._replace(proved=np.zeros(cubes.size, dtype=bool))
+    own = test(z, _closed(test, parent, z), half)
+    elsewhere = (own.signs != signs).any(axis=1)
+    cells = [
+        np.where(elsewhere.reshape(-1, *[1] * (new.ndim - 1)), old, new)
+        for old, new in zip(parent, own, strict=True)
+    ]
+    return cubes._replace(cells=Cells(*cells))
+
+
+def _agree(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
+    """Whether each cube has the joints of its neighbour on the way to the pose, and the pose's own has q."""
+    robot, scale, cells = test.bounds.robot, test.bounds.column_scale, cubes.cells
+    neighbour = _inward_neighbours(grid, cubes)
+    nearest = grid.nearest(cubes)
+    joints = _closed(test, cells, nearest)
+    point = test(nearest, joints, np.zeros(cubes.size))
+    agree = point.proved & (neighbour >= 0)
+    for index in (np.arange(cubes.size), neighbour):
+        offset = between(robot, cells.q[index], joints)[:, robot.moving] / scale
+        agree &= (ROUND_UP * (np.abs(offset) + point.radii) <= cells.radii[index]).all(axis=1)
+    home = (nearest == 0).all(axis=1)
+    offset = between(robot, cells.q[home], np.repeat(q[None], np.count_nonzero(home), axis=0))
+    offset = np.abs(offset[:, robot.moving] / scale) + CLOSED_POSE_OFFSET
+    agree[home] &= (offset <= cells.radii[home]).all(axis=1)
+    return np.asarray(agree)
+
+
+def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
+    """Find the cube (S,) behind each one's nearest point, on the way to the pose; -1 for none, or itself."""
+    inward, neighbour = grid.inward(cubes).astype(np.intp), np.full(cubes.size, -1)
+    for level in np.unique(cubes.level):
+        own = np.flatnonzero(cubes.level == level)
+        number_of = {tuple(places): k for k, places in zip(own, cubes.places[own].tolist(), strict=True)}
+        behind = (inward >> (MAX_CUTS - level)).tolist()
+        numbers = [number_of.get(tuple(places), k) for places, k in zip(behind, neighbour, strict=True)]
+        neighbour = np.array(numbers, dtype=np.intp)
+    return neighbour
+
+
+def _closed(test: CellTest, cells: Cells, z: Array) -> Array:
+    """Compute joints (S, nq) at points z (S, n), on from the middle of a cell each."""
+    robot = test.bounds.robot
+    step = np.zeros((len(z), robot.model.nv))
+    moved = np.einsum("skn,sn->sk", cells.slope, z - cells.z)
+    step[:, robot.moving] = np.clip(moved, -MAX_STEP, MAX_STEP) * test.bounds.column_scale
+    guess = integrate(robot, cells.q, step)
+    result = close_each(robot, test.x + z * test.scale, guess)
+    return np.where(result.closed[:, None], result.q, guess)

@@ -1,0 +1,158 @@
+"""Rigid displacements as points of projective space, on which distances and products are quadrics.
+
+A displacement q -> R q + p is the dual quaternion x + eps y with p = 2 y x* and R the rotation of x, up to a
+common factor; x . y = 0 (Study 1903). Times |x|^2 the functions 1, |p|^2, p, R'p and R of a displacement, 17
+in all, are quadratic forms of z = (x, y), and what a leg of constant length asks is linear in them (Husty
+1996; Gallet, Nawratil and Schicho 2015, who embed the displacements in P^16 so, a variety of degree 40):
+
+    |R b + p - a|^2 = l^2:    |p|^2 + 2 b . R'p - 2 a . p - 2 a . R b + |a|^2 + |b|^2 - l^2 = 0
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from framework.arrays import Array, IntArray
+from framework.proofs.quadric_family import QuadricFamily
+
+
+def _products() -> tuple[Array, Array]:
+    """Return T (4, 4, 4) of the product of quaternions, (a b)_k = sum T[k, i, j] a_i b_j, and conjugation."""
+    table = np.zeros((4, 4, 4))
+    units = ((0, 0, 0, 1), (0, 1, 1, -1), (0, 2, 2, -1), (0, 3, 3, -1))
+    for k, i, j, sign in units:
+        table[k, i, j] = sign
+    for k in range(1, 4):
+        table[k, 0, k] = table[k, k, 0] = 1
+        a, b = k % 3 + 1, (k + 1) % 3 + 1
+        table[k, a, b], table[k, b, a] = 1, -1
+    return table, np.diag([1.0, -1.0, -1.0, -1.0])
+
+
+@cache
+def _forms() -> Array:
+    """Return the 17 functions as symmetric matrices (17, 8, 8) of z = (x, y), in the order of `functions`."""
+    table, star = _products()
+    forms = np.zeros((17, 8, 8))
+    forms[0, :4, :4] = np.eye(4)
+    forms[1, 4:, 4:] = 4 * np.eye(4)
+    for k in range(3):
+        forms[2 + k, 4:, :4] = 2 * table[k + 1] @ star  # y x*
+        forms[5 + k, :4, 4:] = 2 * star @ table[k + 1]  # x* y
+    for column in range(3):
+        turned = np.einsum("mni,ij->mnj", table, np.eye(4)[:, [column + 1]])[
+            :, :, 0
+        ]  # (x e)_m = turned[m, n] x_n
+        for row in range(3):
+            # (x e x*)_row
+            forms[8 + 3 * row + column, :4, :4] = np.einsum("ij,in,jm->nm", table[row + 1], turned, star)
+    return (forms + forms.swapaxes(1, 2)) / 2
+
+
+def functions(R: Array, p: Array) -> Array:
+    """Compute 1, |p|^2, p, R'p and R row by row, (T, 17), of displacements R (T, 3, 3), p (T, 3)."""
+    back = np.einsum("tij,ti->tj", R, p)
+    square = np.sum(p * p, axis=1, keepdims=True)
+    return np.concatenate([np.ones_like(square), square, p, back, R.reshape(-1, 9)], axis=1)
+
+
+def displacements(z: Array) -> tuple[Array, Array]:
+    """Compute R (T, 3, 3) and p (T, 3) of real dual quaternions z (T, 8)."""
+    values = np.einsum("mij,ti,tj->tm", _forms(), z, z)
+    values = values / values[:, :1]
+    return values[:, 8:].reshape(-1, 3, 3), values[:, 2:5]
+
+
+def rod(base: Array, platform: Array, length: float) -> Array:
+    """Return coefficients (17,) of a rod between points a of the base and b of the platform."""
+    constant = base @ base + platform @ platform - length**2
+    return np.concatenate([[constant, 1.0], -2 * base, 2 * platform, -2 * np.outer(base, platform).ravel()])
+
+
+@dataclass(frozen=True, eq=False)
+class Displacements:
+    """A group of displacements, the family of its linear conditions, and where both stand in space."""
+
+    family: QuadricFamily
+    chosen: IntArray  # (M,) which of the 17 functions are the members of the family
+    places: IntArray  # (N,) which of the 8 coordinates of a dual quaternion z are; see `in_space`
+
+    def eliminated(self, coefficients: Array) -> tuple[Array, Array]:
+        """Return equivalent conditions (K, M), |p|^2 in the first alone, and bounds (K, M) on their terms.
+
+        Towards infinity |p|^2 outgrows all other functions, and the conditions differ in small terms alone.
+        What is eliminated is zero exactly, and of size zero: a multiple of the first makes it so, whatever
+        the rounding. An entry is as uncertain as the largest of its condition.
+        """
+        column = self.chosen == 1
+        sizes = np.repeat(np.abs(coefficients).max(axis=1, keepdims=True), len(column), axis=1)
+        shares = np.abs(coefficients[:, column]).max(axis=1, initial=0.0) / sizes[:, 0]
+        k = int(np.argmax(shares))
+        if not shares[k]:
+            return coefficients, sizes
+        others = np.arange(len(coefficients)) != k
+        first, times = coefficients[k] / coefficients[k, column], coefficients[others][:, column]
+        rows = np.vstack([first, coefficients[others] - times * first])
+        sizes = np.vstack(
+            [sizes[k] / shares[k] / sizes[k], sizes[others] + 2 * np.abs(times) * np.abs(first).max()]
+        )
+        rows[1:, column] = sizes[:, column] = 0.0
+        return rows, sizes
+
+    def in_space(self, z: Array) -> tuple[Array, Array]:
+        """Compute R (T, 3, 3) and p (T, 3) of real solutions z (T, N)."""
+        whole = np.zeros((len(z), 8))
+        whole[:, self.places] = z
+        if self.family.name == "translations":  # z = (1, p) stands for 1 + eps p / 2
+            whole[:, 5:] *= 0.5
+        return displacements(whole)
+
+
+@cache
+def spatial() -> Displacements:
+    """Return all displacements: six conditions, at most 40 solutions (Ronga and Vust 1992; Mourrain 1993)."""
+    study = np.zeros((1, 8, 8))
+    study[0, :4, 4:] = study[0, 4:, :4] = 0.5 * np.eye(4)
+    family = QuadricFamily("displacements in space", _forms(), study, 40)
+    return Displacements(family, np.arange(17), np.arange(8))
+
+
+@cache
+def spherical() -> Displacements:
+    """Return the turns about a point: three conditions, at most 8 solutions (three quadrics in P^3)."""
+    chosen = np.concatenate([[0], np.arange(8, 17)])
+    family = QuadricFamily("turns about a point", _forms()[chosen][:, :4, :4], np.zeros((0, 4, 4)), 8)
+    return Displacements(family, chosen, np.arange(4))
+
+
+@cache
+def planar(axis: int) -> Displacements:
+    """Return the displacements in the plane normal to a base axis: three conditions, at most 6 solutions.
+
+    Three quadrics in P^3 with a common pair of points on the line x = 0, |y|^2 = 0 (Hunt 1983; Gosselin,
+    Sefrioui and Richard 1992).
+    """
+    b, c = (axis + 1) % 3, (axis + 2) % 3
+    places = np.array([0, 1 + axis, 5 + b, 5 + c])
+    chosen = np.array([0, 1, 2 + b, 2 + c, 5 + b, 5 + c, 8 + 3 * b + b, 8 + 3 * c + b])
+    forms = _forms()[chosen][:, places][:, :, places]
+    return Displacements(
+        QuadricFamily("displacements in a plane", forms, np.zeros((0, 4, 4)), 6), chosen, places
+    )
+
+
+@cache
+def translations(axes: tuple[int, ...]) -> Displacements:
+    """Return the translations along two or three base axes: circles or spheres, at most 2 solutions."""
+    chosen = np.array([0, 1, *(2 + k for k in axes)])
+    size = len(axes) + 1
+    forms = np.zeros((len(chosen), size, size))
+    forms[0, 0, 0] = 1.0
+    forms[1, 1:, 1:] = np.eye(len(axes))
+    for k in range(len(axes)):
+        forms[2 + k, 0, 1 + k] = forms[2 + k, 1 + k, 0] = 0.5
+    places = np.array([0, *(5 + k for k in axes)])
+    return Displacements(QuadricFamily("translations", forms, np.zeros((0, size, size)), 2), chosen, places)

@@ -1,0 +1,184 @@
+"""All joints for a given platform: the working modes, leg by leg.
+
+The inverse kinematics is solved by Newton's method from many starts; the solutions of each leg (`legs`) are
+told apart and put together in every way that closes the loops. Each is proved to exist and to be single
+(Newton and Kantorovich). That a leg has no others is proved where its joints are few, four at most and one of
+them a slide, by paving their angles (`leg_paving`); where all legs are, all working modes are known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import islice, product
+from math import prod
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.errors import finite_numbers
+from framework.kinematics.frames import FrameStack, between, integrate
+from framework.kinematics.inverse_kinematics import require_square, without_spin
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.modes import Leg, leg_signs, legs
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.tree_model import positions_beyond_limits
+from framework.proofs.leg_paving import leg_solutions_complete
+from framework.proofs.passive_joints import are_alike, distinct_joints, is_proved, loops_closed, random_starts
+from framework.proofs.real_displacements import Status
+from framework.tolerances import CLOSED_POSE_OFFSET
+
+RANDOM_STARTS = 300
+MAX_COMBINATIONS = 512  # of the legs' solutions
+
+
+@dataclass(frozen=True, eq=False)
+class WorkingMode(ReadOnlyArrays):
+    """One way in which the legs carry the platform."""
+
+    q: Array  # (nq,)
+    motors: Array  # (n_a,) joint side
+    signs: Array  # (legs,) see `leg_signs`
+    proved: bool  # that it exists and is single in a neighbourhood
+    within_limits: bool  # of the joints in the URDF
+
+
+@dataclass(frozen=True, eq=False)
+class WorkingModes:
+    """The working modes that were found, of at most `MAX_COMBINATIONS` of the legs' solutions."""
+
+    # within the joints' limits first, then by their distance from the reference
+    modes: tuple[WorkingMode, ...]
+    solutions: tuple[int, ...]  # of each leg
+    legs: tuple[tuple[str, ...], ...]  # the motors of each leg
+    proved_legs: tuple[bool, ...]  # that have no other solutions, with the legs before them as in the modes
+    truncated: bool  # not all combinations were looked at
+
+    @property
+    def status(self) -> Status:
+        """In which sense they are all: proved, or at least so many exist."""
+        known = all(mode.proved for mode in self.modes) and not self.truncated
+        return "proved" if known and all(self.proved_legs) else "at least"
+
+    @property
+    def sentence(self) -> str:
+        """Say how many there are, and of which leg."""
+        proved = sum(mode.proved for mode in self.modes)
+        inside = sum(mode.within_limits for mode in self.modes)
+        each = ", ".join(
+            f"{count}{'' if all_known else ' or more'} of {' and '.join(motors) or 'joints without a motor'}"
+            for count, motors, all_known in zip(self.solutions, self.legs, self.proved_legs, strict=True)
+        )
+        within = f"{inside} within the joints' limits"
+        count = f"{proved}, proved to be all" if self.status == "proved" else f"at least {proved}"
+        return f"{count}, each proved to exist and to be single ({each}); {within}"
+
+
+def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
+    """Find every solution of the inverse kinematics at platform coordinates x (n,), springs at rest.
+
+    Raises:
+        InvalidInput: x has the wrong length or is not finite, or the platform does not determine the joints.
+    """
+    expect_robot(robot)
+    require_square(robot)
+    x = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
+    solutions = _leg_solutions(robot, x)
+    modes = _closed_modes(robot, _combinations(robot, solutions), x)
+    modes.sort(key=lambda mode: (not mode.within_limits, float(np.abs(_from_reference(robot, mode.q)).sum())))
+    q = np.array([mode.q for mode in modes]).reshape(-1, robot.model.nq)
+    return WorkingModes(
+        modes=tuple(modes),
+        solutions=tuple(len(joints) for joints in solutions),
+        legs=tuple(leg.motors for leg in legs(robot)),
+        proved_legs=tuple(
+            _has_no_others(robot, leg, np.array(joints), q, x)
+            for leg, joints in zip(legs(robot), solutions, strict=True)
+        ),
+        truncated=prod(len(joints) for joints in solutions) > MAX_COMBINATIONS,
+    )
+
+
+def _leg_solutions(robot: ParallelRobot, x: Array) -> list[list[Array]]:
+    """Search the joints of each leg with the platform at x (n,), off the reference [rad, robot lengths]."""
+    scale, columns = robot.platform_scale, robot.moving
+
+    def platform_rows(frames: FrameStack) -> tuple[Array, Array]:
+        off = robot.platform.residual(frames, np.repeat(x[None], len(frames.position), axis=0))
+        return off / scale, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
+
+    starts = random_starts(robot, robot.reference.q[None], RANDOM_STARTS, columns)
+    q, closed = loops_closed(robot, starts, platform_rows, columns)
+    poses = without_spin(robot, robot.reference.q, q[closed], np.repeat(x[None], int(closed.sum()), axis=0))
+    offsets = np.array([_from_reference(robot, pose) for pose in poses]).reshape(-1, robot.model.nv)
+    offsets = offsets / robot.column_scale
+    return [distinct_joints(offsets[:, columns[leg.columns]]) for leg in legs(robot)]
+
+
+def _combinations(robot: ParallelRobot, solutions: list[list[Array]]) -> Array:
+    """Put the legs' solutions together in every way, configurations (T, nq)."""
+    q = []
+    for joints_of_legs in islice(product(*solutions), MAX_COMBINATIONS):
+        offset = np.zeros(robot.model.nv)
+        for leg, joints in zip(legs(robot), joints_of_legs, strict=True):
+            offset[robot.moving[leg.columns]] = joints
+        q.append(integrate(robot, robot.reference.q, offset * robot.column_scale))
+    return np.array(q).reshape(-1, robot.model.nq)
+
+
+def _has_no_others(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x: Array) -> bool:
+    """Whether a leg is proved to have no solutions but these (k, n), as ways from the reference.
+
+    With the legs before it as in any of the modes q (T, nq); without modes, if it stands alone.
+    """
+    columns, before = robot.moving[leg.columns], robot.moving[leg.before]
+    fixed = np.ones(robot.model.nv, dtype=bool)
+    fixed[robot.moving] = False
+    fixed[before] = True
+    if not len(q):
+        stands_alone = not len(before) and robot.platform.is_point
+        none = solutions.reshape(0, len(columns))
+        return stands_alone and leg_solutions_complete(robot, columns, fixed, robot.reference.q, none, x)
+    offsets = np.array([_from_reference(robot, pose) for pose in q]) / robot.column_scale
+    return all(
+        leg_solutions_complete(robot, columns, fixed, q[k], solutions - offsets[k, columns], x)
+        for k in _first_of_each(offsets[:, before])
+    )
+
+
+def _first_of_each(joints: Array) -> list[int]:
+    """Return the indices of rows (T, k) that differ from all before them, hinges up to whole turns."""
+    first: list[int] = []
+    for k, row in enumerate(joints):
+        if not any(are_alike(row, joints[known]) for known in first):
+            first.append(k)
+    return first
+
+
+def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]:
+    """Return those of the configurations (T, nq) whose loops are closed with the platform at x (n,)."""
+    if not len(q):
+        return []
+    linearised = linearised_at(robot, q, np.repeat(x[None], len(q), axis=0))
+    signs, motors = leg_signs(robot, linearised), robot.actuated_coordinates(q)
+    turning = np.concatenate([~robot.translations, robot.loops.rotation])
+    closed = (
+        np.abs(linearised.residual / np.where(turning, 1.0, robot.length)).max(axis=1) < CLOSED_POSE_OFFSET
+    )
+    return [
+        WorkingMode(
+            q=q[k],
+            motors=motors[k],
+            signs=signs[k],
+            proved=is_proved(robot, q[k], locked="platform"),
+            within_limits=not positions_beyond_limits(robot.limits, q[k : k + 1]),
+        )
+        for k in np.flatnonzero(closed)
+    ]
+
+
+def _from_reference(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the way from the reference to q (nq,), all hinges the short way round (nv,)."""
+    offset = between(robot, robot.reference.q, q)
+    hinges = ~robot.sliding
+    offset[hinges] = np.mod(offset[hinges] + np.pi, 2 * np.pi) - np.pi
+    return offset

@@ -1,0 +1,156 @@
+"""The eye of the needle: what the motors can give along t_s, and what a motion asks for there.
+
+The band that the motors reach closes to a point at the singular instant, whatever their limit: a motion
+passes only through that point, t_s . W = 0, condition (8) of Briot and Arakelian 2010.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from framework.arrays import Array, ArrayLike
+from framework.crossing.result import CrossingPlan
+from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
+from framework.errors import InvalidInput, finite_numbers
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.show.captions import stated
+from framework.show.film import Film
+from framework.show.style import ALARM, COLORS, CROSSING, GIVEN, GOOD, LOCUS, figure, legend_above
+
+TIME_SAMPLES = 401
+SHOWN_DURATION_SHARE = 0.25  # of the duration, shown on either side of the crossing
+SHOWN_PATH_SHARE = 0.3  # of the path, shown on either side of a singular point
+ASSUMED_LIMIT_RATIO = 1.5  # over the plan's largest torque, where a motor of the robot file has no limit
+
+
+def plot_eye(
+    plan: CrossingPlan, ax: Axes | None = None, *, crossing: int = 0, torque_limit: ArrayLike | None = None
+) -> Axes:
+    """Force along t_s near one crossing: the band that the motors reach, and what the plan asks for.
+
+    Args:
+        crossing: which one of `plan.crossings`.
+        torque_limit: of each motor [N m], motor side, or one for all; those of the robot file when None, and
+            1.5 times the plan's largest torque for motors that have none there.
+
+    Raises:
+        InvalidInput: the plan has no such crossing, or a limit is not a positive number.
+    """
+    if not 0 <= crossing < len(plan.crossings):
+        raise InvalidInput(f"crossing: the plan has {len(plan.crossings)}, got {crossing!r}")
+    at = plan.crossings[crossing]
+    all_times = np.linspace(0.0, plan.duration, TIME_SAMPLES)
+    limit = shown_limit(plan.robot, plan.torque(all_times), torque_limit)
+    times = at.time + SHOWN_DURATION_SHARE * plan.duration * np.linspace(-1.0, 1.0, TIME_SAMPLES)
+    times = times[(times >= 0.0) & (times <= plan.duration)]
+    wrench = platform_wrench(plan.robot, plan.dynamics.motion(times))
+    return draw_eye(plan.robot, times - at.time, wrench, at.twist, limit, ax)
+
+
+def draw_eye(
+    robot: ParallelRobot,
+    time: Array,
+    wrench: PlatformWrench,
+    twist: Array,
+    limit: Array,
+    ax: Axes | None = None,
+) -> Axes:
+    """The band and the curve over `time` (T,) from the singular instant [s], for motor limits (n_a,)."""
+    ax = figure()[1][0] if ax is None else ax
+    asked, reach = wrench.along(twist), wrench.reach(twist, limit)
+    top = 1.6 * max(float(np.abs(asked).max()), 1e-300)
+    unit = "N" if np.any(twist[robot.platform.translations]) else "N m"
+    given = f"what {stated(robot, limit)} can give"
+    ax.fill_between(time, -reach, reach, color=COLORS[4], alpha=0.3, linewidth=0, label=given)
+    ax.plot(time, asked, color=COLORS[1], label="what the motion asks for")
+    ax.axvline(0.0, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
+    ax.plot([0.0], [np.interp(0.0, time, asked)], "o", color=CROSSING, markersize=4, zorder=3)
+    ax.set_ylim(-top, top)
+    ax.set_xlim(time[0], time[-1])
+    ax.set_xlabel("time from the singular instant  [s]")
+    ax.set_ylabel(rf"{'force along' if unit == 'N' else 'torque about'} $\mathbf{{t}}_s$  [{unit}]")
+    legend_above(ax)
+    return ax
+
+
+def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Axes:
+    """Motions along one path in one eye: over s, the band of the motors is the same for all of them.
+
+    Args:
+        films: of one robot and one path with a singular instant each.
+        limit: torque limits (n_a,) [N m], motor side.
+
+    Raises:
+        InvalidInput: a film has no singular instant, or there are several robots or paths.
+    """
+    first = films[0]
+    for film in films:
+        if (
+            not film.instants
+            or film.robot.name != first.robot.name
+            or not np.allclose(film.path(_COMPARED_S), first.path(_COMPARED_S), rtol=0.0, atol=1e-12)
+        ):
+            raise InvalidInput(
+                "one eye is for motions of one robot along one path, through a singularity each"
+            )
+    ax = figure()[1][0] if ax is None else ax
+    twist = eye_twist(films)
+    s = first.law(first.time)
+    reach = first.motors.reach(twist, limit)
+    ax.fill_between(
+        s,
+        -reach,
+        reach,
+        color=GIVEN,
+        alpha=0.22,
+        linewidth=0,
+        label=f"what {stated(first.robot, limit)} can give",
+    )
+    low = max(0.0, first.instants[0].s - SHOWN_PATH_SHARE)
+    high = min(1.0, first.instants[0].s + SHOWN_PATH_SHARE)
+    top = 0.0
+    for film in films:
+        way, asked, there = film.law(film.time), film.motors.along(twist), film.instants[0].s
+        color, verdict = (GOOD, "threads the eye") if film.proved else (ALARM, "misses the eye")
+        ax.plot(way, asked, color=color, linewidth=1.6, label=f"{film.name or 'the motion'} asks: {verdict}")
+        ax.plot([there], [np.interp(there, way, asked)], "o", color=color, markersize=5, zorder=4)
+        top = max(top, float(np.abs(asked[(low <= way) & (way <= high)]).max()))
+    ax.axvline(first.instants[0].s, color=LOCUS, linewidth=0.8, linestyle=(0, (4, 3)))
+    ax.set_xlim(low, high)
+    ax.set_ylim(-1.25 * top, 1.25 * top)
+    ax.set_xlabel("way along the path  $s$  (dashed: singular)")
+    turn = not np.any(twist[first.robot.platform.translations])
+    ax.set_ylabel(
+        rf"{'torque about' if turn else 'force along'} $\mathbf{{t}}_s$  [{'N m' if turn else 'N'}]"
+    )
+    legend_above(ax)
+    return ax
+
+
+def eye_twist(films: Sequence[Film]) -> Array:
+    """t_s (n,) at the singular instant of the first of these films, with which all are looked at."""
+    first = films[0]
+    return np.asarray(first.t_s[int(np.argmin(np.abs(first.time - first.instants[0].time)))])
+
+
+_COMPARED_S = np.linspace(0.0, 1.0, 7)
+
+
+def shown_limit(robot: ParallelRobot, torque: Array, given: ArrayLike | None) -> Array:
+    """Torque limits (n_a,) [N m] of a picture; `torque` (T, n_a) is what the motion takes.
+
+    Raises:
+        InvalidInput: the given limits are not positive finite numbers, one or one a motor.
+    """
+    if given is not None:
+        one_a_motor = given if np.ndim(given) else np.full(robot.n_a, given)
+        limit = finite_numbers("torque_limit", np.asarray(one_a_motor), robot.n_a)
+        if np.any(limit <= 0):
+            raise InvalidInput(f"torque_limit: must be greater than zero, got {limit.tolist()}")
+        return limit
+    own = [motor.torque_limit for motor in robot.description.actuators]
+    largest = ASSUMED_LIMIT_RATIO * float(np.abs(torque[np.isfinite(torque)]).max(initial=0.0)) or 1.0
+    return np.array([largest if limit is None else limit for limit in own])

@@ -1,0 +1,165 @@
+"""Collocation steps of variable length from one end of a simulation to the other.
+
+Steps grow and shrink with what they leave unresolved. Where the loops lose rank in passing (a singularity of
+the closures) short steps cannot be solved at all, but a long one may, with its nodes on both sides: where
+steps get much shorter than they usually are, a few longer ones are tried before going on with short ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from framework.arrays import NONZERO, Array
+from framework.errors import NotConverged
+from framework.simulation.collocation import Collocation, CollocationStep, StepFailure, radau, solve_step
+from framework.simulation.consistent import allowed_velocity
+from framework.simulation.drive import Drive
+from framework.simulation.equations import EquationsOfMotion
+from framework.tolerances import BRIDGING_LENIENCY, SIMULATION_STEP
+
+BRIDGED_SHORTENING = 8.0  # times shorter than the usual step
+BRIDGING_RATIOS = (2.0, 1.4, 0.9)  # of the usual step: what is tried to step over a singularity
+FAILED_STEP_RATIO = 0.25  # of its length is tried next when a step was not solved
+MOVE_ROUNDING = 1e-15  # of a joint's move in a step: less cannot be resolved
+FIRST_STEP_RATIO = 1 / 8  # of the duration
+COUNT_ROUNDING = 1e-9  # of a step: a rest that is smaller makes no step of its own
+LONGER, SHORTER, SAFETY = 3.0, 0.2, 0.9  # bounds on the change of length from step to step, and its caution
+NEWTON_SHARE = 0.01  # of the tolerance, to which a step is solved
+REFUSED_STEP_RATIO = 0.7  # of its length, at most, for what is tried next
+MAX_STEPS, PROJECTED_AFTER = 20_000, 100  # at the pace of so many steps, no more than so many may be needed
+GUESS_COEFFICIENTS = 4  # Legendre coefficients of a step that guess the next one
+
+
+@dataclass
+class StepSizeControl:
+    """The length [s] of the next step, and what it is based on."""
+
+    length: float
+    longest: float
+    usual: float = 0.0  # of the steps before
+    short: float = 0.0  # to go on with when stepping over does not help; 0: nothing is being stepped over
+    tried: int = 0  # how many of `BRIDGING_RATIOS`
+
+    @property
+    def leniency(self) -> float:
+        """Factor on the tolerance for the next step."""
+        return BRIDGING_LENIENCY if self.short else 1.0
+
+    def fitted(self, left: float) -> float:
+        """Return the next length such that the last step but one is not followed by a tiny one."""
+        count = max(1, int(np.ceil(left / self.length - COUNT_ROUNDING)))
+        return left / count if count <= 2 else self.length
+
+    def taken(self, length: float, factor: float) -> None:
+        """Accept a step; the next may be longer by this factor."""
+        self.length = min(self.longest, length * factor)
+        self.usual, self.short, self.tried = max(length, 0.5 * self.usual), 0.0, 0
+
+    def refused(self, length: float, factor: float, left: float) -> None:
+        """Reject a step; the next is shorter by this factor, or steps over what is in the way."""
+        shorter = self.short or length * min(factor, REFUSED_STEP_RATIO)
+        if self.tried < len(BRIDGING_RATIOS) and (self.short or shorter < self.usual / BRIDGED_SHORTENING):
+            self.length, self.short = min(BRIDGING_RATIOS[self.tried] * self.usual, left), shorter
+            self.tried += 1
+        else:
+            self.length, self.short = shorter, 0.0
+
+
+def collocate(
+    equations: EquationsOfMotion,
+    drive: Drive,
+    q: Array,
+    v: Array,
+    duration: float,
+    *,
+    stages: int,
+    tolerance: float,
+    longest: float,
+    advanced: Callable[[float], None] | None = None,
+) -> Iterator[CollocationStep]:
+    """Yield steps from 0 to `duration`; each keeps what it leaves unresolved below `tolerance`.
+
+    Over a singularity of the closures rounding may leave more unresolved; `CollocationStep.unresolved` tells.
+
+    Raises:
+        NotConverged: no step, however short, can be solved or resolved.
+    """
+    table, taken = radau(stages), 0
+    control = StepSizeControl(min(longest, duration * FIRST_STEP_RATIO), longest)
+    edges = [0.0, *(t for t in drive.breaks if 0 < t < duration), duration]
+    for start, end in pairwise(edges):
+        time, before = start, None
+        while time < end:
+            length = control.fitted(end - time)
+            guess = _guess(equations, table, before, length)
+            step = solve_step(
+                equations,
+                drive,
+                table,
+                time=time,
+                length=length,
+                q0=q,
+                v0=v,
+                guess=guess,
+                accuracy=NEWTON_SHARE * tolerance,
+            )
+            if isinstance(step, StepFailure):
+                before, reason = None, step.reason
+                control.refused(length, FAILED_STEP_RATIO, end - time)
+            else:
+                wanted = tolerance + MOVE_ROUNDING * _largest_move(equations, step)
+                fit = (wanted / max(step.unresolved, NONZERO)) ** (1 / (stages + 1))
+                factor = float(np.clip(SAFETY * fit, SHORTER, LONGER))
+                if step.unresolved <= control.leniency * wanted:
+                    yield step
+                    q, v = end_state(equations, step)
+                    time, before, taken = (end if length == end - time else time + length), step, taken + 1
+                    control.taken(length, factor)
+                    if advanced is not None:
+                        advanced(time / duration)
+                    if taken >= PROJECTED_AFTER and taken * duration > MAX_STEPS * time:
+                        raise _given_up(equations, time, length, "they are too many")
+                    continue
+                reason = "the motion is not resolved"
+                control.refused(length, factor, end - time)
+            if control.length < SIMULATION_STEP * duration:
+                raise _given_up(equations, time, control.length, f"and even they fail: {reason}")
+
+
+def _largest_move(equations: EquationsOfMotion, step: CollocationStep) -> float:
+    """Compute the largest move of a joint during a step [rad, robot lengths]."""
+    return step.length * float(np.abs(step.slope / equations.robot.column_scale).max(initial=0.0))
+
+
+def _given_up(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
+    return NotConverged(
+        f"{equations.robot.name}: the simulation stops at t = {time:.9g} s, where it needs steps of "
+        f"{length:.1e} s {why}. Either the loops lock or branch there, or the torque jumps: instants "
+        f"known beforehand go into breaks, a controller that switches needs method fast",
+        residual=time,
+    )
+
+
+def end_state(equations: EquationsOfMotion, step: CollocationStep) -> tuple[Array, Array]:
+    """Return the state at the end of a step, its velocity as the loops allow it."""
+    rest = np.zeros((1, equations.robot.model.nv))
+    at = equations.tangent(step.q[-1:], rest, rest)
+    return step.q[-1], allowed_velocity(equations, at, step.v[-1])
+
+
+def _guess(
+    equations: EquationsOfMotion, table: Collocation, before: CollocationStep | None, length: float
+) -> tuple[Array, Array]:
+    """Extrapolate accelerations and multipliers at the nodes from the step before; zero without one."""
+    if before is None:
+        return np.zeros((table.stages, equations.robot.model.nv)), np.zeros(
+            (table.stages, len(equations.rows.names))
+        )
+    at = 1.0 + table.nodes * (length / before.length)
+    few = min(GUESS_COEFFICIENTS, table.stages)
+    ahead = table.basis(at, few - 1) @ table.series[:few]
+    return ahead @ before.a, ahead @ before.multipliers

@@ -1,0 +1,212 @@
+"""Every kind of singularity of a pose, named, with its freedoms and the pose's distances from singularities.
+
+The kinds, by the rates (v, dq_a, dq_p) of platform, motors and passive joints that the loops allow:
+
+type_1       motors move while the platform rests: B singular, "first kind" of Gosselin and Angeles (1990);
+             redundant input and impossible output (RI, IO) of Zlatanov, Fenton and Benhabib (1994). `legs`
+             names the motors that move.
+type_2       the platform moves along t_s while the motors rest: A singular, "second kind" of Gosselin and
+             Angeles (1990); redundant output and impossible input (RO, II) of Zlatanov et al. (1994).
+leg_passive  passive joints move while motors and platform rest: redundant passive motion (RPM) of Zlatanov et
+             al. (1994), leg singularity of Conconi and Carricato (2009), LPJTS singularity (of the leg's
+             passive-joint twist system) of Briot, Caro and Germain (2016): the inverse dynamics has a pole
+             there that no motion along the platform's path removes.
+constraint   the platform gains freedoms that it has nowhere else (Zlatanov, Bonev and Gosselin 2002): either
+             the loops lose rank and its instantaneous mobility rises (IIM), or locked motors let it leave
+             the platform's axes.
+closure      the loop equations lose rank, and bodies other than the platform gain the freedom: increased
+             instantaneous mobility (IIM) of Zlatanov et al. (1994).
+architectural  type_2, leg_passive or constraint at every pose, not at this one alone: g = 0 everywhere
+             (Ma and Angeles 1992). No path leaves it.
+
+Type 1 and Type 2 together are the "third kind" of Gosselin and Angeles (1990): `kinds` then names both.
+
+C. Gosselin and J. Angeles, IEEE Trans. Robotics and Automation 6(3), 1990. D. Zlatanov, R. G. Fenton and B.
+Benhabib, ASME DETC 1994. M. Conconi and M. Carricato, IEEE Trans. Robotics 25(6), 2009. S. Briot, S. Caro and
+C. Germain, Nonlinear Dynamics 83, 2016. O. Ma and J. Angeles, Int. J. Robotics and Automation 7(1), 1992.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.errors import InvalidInput, finite_numbers
+from framework.kinematics.assembly import nearby_configurations
+from framework.kinematics.frames import integrate
+from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at, linearised_at
+from framework.kinematics.loop_matrices import passive_matrix, type1_matrix, type2_matrix
+from framework.kinematics.motion_rates import joint_rates
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.distances import singularity_distances
+from framework.singularity.type2 import escaping_motions, unit_twist
+from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
+
+DIFFERENCE_STEP = 1e-4  # [rad, lengths] of the central difference along a direction
+
+NAMES = {
+    "type_1": "Type 1",
+    "type_2": "Type 2",
+    "leg_passive": "leg-passive",
+    "constraint": "constraint",
+    "closure": "closures",
+    "architectural": "architectural",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Classification(ReadOnlyArrays):
+    """What a pose is singular for, and how far it is from that.
+
+    Torques per newton are `Distances`' own: the worst over unit forces along the platform's translations,
+    infinite where t_s moves the point, not a number for a platform that only turns.
+    """
+
+    kinds: tuple[str, ...]  # of NAMES, in its order; empty where the pose is regular
+    legs: tuple[str, ...]  # Type 1: actuators that can move while the platform rests
+    twists: Array  # (k, n) Type 2: independent twists t_s on the platform's axes, each a unit (`unit_twist`)
+    corank: int  # independent motions that locked motors do not hold, of platform or joints
+    corank_inverse: int  # independent motions that a locked platform does not hold
+    gained: int  # instantaneous freedoms of the loops beyond the platform's n
+    contact: str  # of the direction `along` with the locus: transversal or tangential; "" without one
+    g: float  # signed, zero at Type 2, leg-passive and constraint singularities
+    sigma_A: float  # smallest singular value of A without dimension, 0 .. 1
+    length: float  # [m] the characteristic length behind all that has no dimension
+    torque_norm: float  # largest 2-norm of all motor torques per newton, joint side [N m/N, N/N for slides]
+    torque_largest: float  # of a single motor
+    motor_torque_norm: float  # the same, motor side
+    motor_torque_largest: float
+    pressure_angle: Array  # (n_a,) [rad], not a number where undefined
+    transmission_angle: Array  # (n_a,) [rad], its complement
+
+    @property
+    def regular(self) -> bool:
+        """Whether the pose is no singularity at all."""
+        return not self.kinds
+
+    @property
+    def sentence(self) -> str:
+        """The answer in one line."""
+        if self.regular:
+            return "regular"
+        names = " and ".join(NAMES[kind] for kind in self.kinds)
+        more = [f"corank {self.corank}"] if self.corank > 1 else []
+        more += [f"motors {', '.join(self.legs)} move while the platform rests"] if self.legs else []
+        more += [f"{self.contact} contact"] if self.contact else []
+        return f"{names} singularity" + (f" ({'; '.join(more)})" if more else "")
+
+
+def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = None) -> Classification:
+    """Name every singularity of an assembled configuration and measure how far it is from singular.
+
+    A pose is singular where a singular value, in radians and characteristic lengths, is below 1e-7 of a unit
+    motion: one at 4e-5 is near to a singularity and regular. Springs keep their deflections in q.
+
+    Args:
+        q: an assembled configuration (nq,), or what `assemble` and `forward_kinematics` return.
+        along: rates (n,) of the platform's coordinates: whether a path in this direction crosses the locus
+            (transversal contact: g changes at first order) or touches it (tangential).
+
+    Raises:
+        InvalidInput: q has the wrong length, is not finite, or leaves the loops open; or the platform's axes
+            are not as many as the degrees of freedom; or `along` is given where no path can be followed.
+    """
+    closed = assembled_at(robot, q)
+    require_square(robot)
+    linearised = closed.linearised
+    escaping = escaping_motions(robot, linearised)
+    rest = _motions_of_a_locked_platform(robot, linearised)
+    motors = np.linalg.svd(rest[:, : robot.n_a], compute_uv=False) if len(rest) else np.zeros(0)
+    gained = max(escaping.freedoms - robot.n, 0)
+    kinds = set(escaping.kinds)
+    moving_motors = int(np.sum(motors > RANK_LOST))
+    legs: tuple[str, ...] = ()
+    if moving_motors > gained:
+        kinds.add("type_1")
+        share = np.linalg.norm(rest[:, : robot.n_a], axis=0)
+        legs = tuple(
+            name for name, size in zip(robot.actuator_names, share, strict=True) if size > RANK_LOST**0.5
+        )
+    if escaping.corank and _is_singular_everywhere(robot, closed.q[0]):
+        kinds.add("architectural")
+    contact = ""
+    if along is not None and escaping.corank:
+        if len(rest):
+            raise InvalidInput(
+                f"along: the platform of {robot.name} does not determine its joints there (a Type 1 "
+                f"singularity, or of its loops), so no path is followed"
+            )
+        contact = _contact(robot, closed, along, escaping.corank)
+    twists = escaping.motions @ linearised.platform[0].T
+    distances = singularity_distances(robot, linearised)
+    return Classification(
+        kinds=tuple(kind for kind in NAMES if kind in kinds),
+        legs=legs,
+        twists=_unit_twists(robot, twists) if "type_2" in kinds else np.zeros((0, robot.n)),
+        corank=escaping.corank,
+        corank_inverse=len(rest),
+        gained=gained,
+        contact=contact,
+        g=float(distances.g[0]),
+        sigma_A=float(distances.sigma_A[0]),
+        length=robot.length,
+        torque_norm=float(distances.torque_norm[0]),
+        torque_largest=float(distances.torque_largest[0]),
+        motor_torque_norm=float(distances.motor_torque_norm[0]),
+        motor_torque_largest=float(distances.motor_torque_largest[0]),
+        pressure_angle=distances.pressure_angle[0],
+        transmission_angle=distances.transmission_angle[0],
+    )
+
+
+def _motions_of_a_locked_platform(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Rates (k, n_a + passive) of the `moving` columns while the platform rests, in radians and lengths."""
+    values, right = np.linalg.svd(type1_matrix(robot, linearised)[0])[1:]
+    return right[int(np.sum(values >= RANK_LOST * max(values.max(initial=0.0), 1.0))) :]
+
+
+def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
+    """Whether P has lost rank at the reference and at poses drawn about q (nq,) and about the reference.
+
+    g is analytic: where it vanishes at poses drawn at random, it vanishes on all that is connected to them,
+    but with probability zero.
+    """
+    reference = robot.reference.q
+    if _least(robot, reference) >= RANK_LOST:
+        return False
+    around = [*nearby_configurations(robot, reference), *nearby_configurations(robot, q)]
+    return bool(around) and all(_least(robot, pose) < RANK_LOST for pose in around)
+
+
+def _least(robot: ParallelRobot, q: Array) -> float:
+    """The smallest singular value of P at q (nq,)."""
+    P = passive_matrix(robot, linearised_at(robot, q[None], robot.reference.x[None]))
+    return float(np.linalg.svd(P, compute_uv=False).min(initial=np.inf))
+
+
+def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
+    """Independent unit twists (k, n) that span the same as twists (c, n)."""
+    scale = robot.platform_scale
+    values, right = np.linalg.svd(twists / scale)[1:]
+    spanning = right[: int(np.sum(values > RANK_LOST))] * scale
+    return np.array([twist / unit_twist(robot, twist) for twist in spanning]).reshape(-1, robot.n)
+
+
+def _contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank: int) -> str:
+    """Whether all singular values that vanish change at first order along a direction of the platform."""
+    dx = finite_numbers(f"along ({', '.join(robot.axis_names)})", along, robot.n)
+    twist = robot.platform.twist(closed.x, dx[None])[0]
+    rates = joint_rates(robot, closed.linearised, twist, np.zeros((1, robot.n_e)))[0]
+    size = float(np.linalg.norm(rates / robot.column_scale))
+    if size == 0.0:
+        raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")
+    steps = DIFFERENCE_STEP / size * np.array([-1.0, 0.0, 1.0])[:, None] * rates
+    poses = integrate(robot, np.repeat(closed.q, 3, axis=0), steps)
+    matrices = type2_matrix(robot, linearised_at(robot, poses, np.repeat(closed.x, 3, axis=0)))
+    G = solve_bordered(matrices, Border.of(matrices[1], corank)).G
+    slope = (G[2] - G[0]) / (2 * DIFFERENCE_STEP)
+    return "transversal" if np.linalg.svd(slope, compute_uv=False)[-1] > TANGENTIAL_SLOPE else "tangential"

@@ -1,0 +1,171 @@
+"""How near a robot is to a Type 2 singularity, and which twist t_s its motors cannot hold.
+
+Type 2: the passive columns P of the independent loop equations lose rank, P eta = 0; with the motors
+locked the passive joints may move along eta, and the platform along t_s. Its measure is that of
+`bordered_system`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.kinematics.linearised_loops import LinearisedLoops
+from framework.kinematics.loop_matrices import (
+    instantaneous_motions,
+    passive_matrix,
+    passive_motion,
+    type2_matrix,
+)
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.tolerances import RANK_LOST
+
+# What no law can cross, by kind: what the joints do there is not a function of the platform's path.
+UNCROSSABLE = {
+    "leg_passive": "a singularity inside a leg, whose passive joints then move without platform and motors",
+    "constraint": "a constraint singularity: the platform gains freedoms that it has nowhere else",
+    "closure": "a singularity of the loop equations themselves, whatever the motors do",
+}
+
+COSINE_ROUNDING = 1e-12  # cosine between t_s and a path that rounding makes
+
+
+class Uncontrolled(NamedTuple):
+    """The motion that locked motors do not hold, at one configuration."""
+
+    kind: str  # type_2, leg_passive, constraint or closure
+    twist: Array  # (n,) t_s on the platform's axes, see `unit_twist`; zeros when it does not move
+    motion: Array  # (nv,) joint rates that belong to the twist
+    corank: int  # number of independent such motions
+
+
+def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Uncontrolled:
+    """Classify a singular configuration (T = 1) and find its twist t_s.
+
+    type_2: the platform moves along t_s. leg_passive: only passive joints inside a leg move. In the
+    other two the loop equations themselves lose rank, whatever the motors do. constraint: the platform
+    gains freedoms beyond its n (Zlatanov, Bonev and Gosselin 2002). closure: it does not, other bodies do.
+    `classify` names all kinds of a configuration, and says whether it is singular at all.
+    """
+    escaping = escaping_motions(robot, linearised, at_least=1)
+    kind = next(kind for kind in PRECEDENCE if kind in escaping.kinds)
+    twists = escaping.motions @ linearised.platform[0].T  # (corank, n)
+    motion, twist = escaping.motions[-1], twists[-1]
+    if kind != "type_2":
+        return Uncontrolled(kind, 0 * twist, motion, escaping.corank)
+    if _rank(twists[-1:]) == 0:  # it moves no platform, another one does
+        most = int(np.argmax(np.linalg.norm(twists, axis=1)))
+        motion, twist = escaping.motions[most], twists[most]
+    scale = unit_twist(robot, twist)
+    return Uncontrolled(kind, twist / scale, motion / scale, escaping.corank)
+
+
+# Where several kinds meet, what no law can cross comes first.
+PRECEDENCE = ("closure", "constraint", "type_2", "leg_passive")
+
+
+class EscapingMotions(NamedTuple):
+    """All motions that locked motors do not hold, at one configuration."""
+
+    kinds: frozenset[str]  # of PRECEDENCE
+    motions: Array  # (c, nv) independent joint rates, the least held one last
+    corank: int  # c, at least `at_least`
+    freedoms: int  # instantaneous ones of the loops, motors free; more than usual where the loops lose rank
+
+
+def escaping_motions(
+    robot: ParallelRobot, linearised: LinearisedLoops, *, at_least: int = 0
+) -> EscapingMotions:
+    """Compute the null space of P of one configuration (T = 1), and what kinds of singularity are in it.
+
+    Args:
+        at_least: so many motions are taken for uncontrolled however large their singular values are.
+    """
+    P = passive_matrix(robot, linearised)[0]
+    values, right = np.linalg.svd(P)[1:] if P.shape[1] else (np.zeros(0), np.zeros((0, 0)))
+    corank = max(int(np.sum(values < RANK_LOST * max(values.max(initial=0.0), 1.0))), at_least)
+    motions = passive_motion(robot, right[len(right) - corank :])
+    freedoms = instantaneous_motions(robot, linearised)
+    usual = len(robot.moving) - len(robot.loops.names)
+    moved = motions @ _platform_twists(robot, linearised)  # (c, 6)
+    on_platform = motions @ (linearised.platform[0] / robot.platform_scale[:, None]).T
+    rank, on_axes = _rank(moved), _rank(on_platform)
+    gained = freedoms.shape[1] - usual
+    kinds = set()
+    if gained > 0:
+        whole = freedoms.T @ _platform_twists(robot, linearised)[robot.moving]
+        kinds.add("constraint" if _rank(whole) > robot.n else "closure")
+    elif rank > on_axes:
+        kinds.add("constraint")
+    if corank > gained:  # beyond what the loops have lost
+        if on_axes > (0 if "closure" in kinds else gained):
+            kinds.add("type_2")
+        if corank > max(rank, gained):
+            kinds.add("leg_passive")
+    return EscapingMotions(frozenset(kinds), motions, corank, freedoms.shape[1])
+
+
+def _platform_twists(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """The platform's twist (nv, 6) for unit rates of all joints (T = 1), in lengths and radians."""
+    twists = linearised.frames.jacobian[0, 0].T.copy()
+    twists[:, :3] /= robot.length
+    return twists
+
+
+def _rank(rows: Array) -> int:
+    return int(np.sum(np.linalg.svd(rows, compute_uv=False) > RANK_LOST)) if rows.size else 0
+
+
+def unit_twist(robot: ParallelRobot, twist: Array) -> float:
+    """What to divide a twist (n,) by: its speed, or its turning rate where the point rests.
+
+    Along a unit twist, t_s . W_p is a force [N] (a torque [N m] for a pure turn).
+    """
+    part = robot.translations if moves_point(robot, twist) else ~robot.translations
+    return float(np.linalg.norm(twist[part]))
+
+
+def moves_point(robot: ParallelRobot, twist: Array) -> bool:
+    """Whether a twist (n,) moves the platform's point, or only turns the platform about it."""
+    linear = np.linalg.norm(twist[robot.translations])
+    angular = np.linalg.norm(twist[~robot.translations])
+    return bool(linear > RANK_LOST * robot.length * angular)
+
+
+def sign_along(twist: Array, direction: Array) -> float:
+    """1 or -1, with which a twist (n,) points along a direction (n,).
+
+    Where the two are orthogonal but for rounding, its largest component is made positive: the sign is then a
+    matter of definition, and may not be one of rounding.
+    """
+    forward = float(twist @ direction)
+    if abs(forward) <= COSINE_ROUNDING * np.linalg.norm(twist) * np.linalg.norm(direction):
+        forward = float(twist[np.argmax(np.abs(twist))])
+    return -1.0 if forward < 0 else 1.0
+
+
+class SingularityMeasure(NamedTuple):
+    """How a motion approaches and leaves a singularity, at T instants."""
+
+    g: Array  # (T,) the smallest singular value of P with the sign of det P
+    motion: Array  # (T, nv) the joint rates nearest to an uncontrolled motion, of unit size
+
+
+def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> SingularityMeasure:
+    """Compute g and the least controlled motion along a motion, to look at.
+
+    This g is continuous, with a bend where two singular values change places; the motion is continued
+    but for such places. Roots are found on the smooth measures of `bordered_system`.
+    """
+    P = type2_matrix(robot, linearised)
+    if not P.shape[2]:  # every joint has a motor: det P = 1, nothing escapes
+        return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.model.nv)))
+    _, values, right = np.linalg.svd(P)
+    weakest = right[:, -1]
+    turned = np.where(np.sum(weakest[1:] * weakest[:-1], axis=1) < 0, -1.0, 1.0)
+    signs = np.cumprod(np.concatenate([[1.0], turned]))
+    return SingularityMeasure(
+        values[:, -1] * np.linalg.slogdet(P)[0], passive_motion(robot, weakest * signs[:, None])
+    )

@@ -1,0 +1,1 @@
+"""Stiffness, loads and vibrations of a robot at rest."""

@@ -1,0 +1,319 @@
+"""Stiffness of the platform with locked motors, and its free vibrations, at rest and under load.
+
+The motors locked, springs and loops leave the motions dq = Z dz, Z spanning the null space of the loop
+equations c along the elastic and the passive joints. With the energy V of springs and weight, the forces w of
+the world on the platform and the forces lambda in the loops, the tangent stiffness along them is
+
+    H = Z' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) Z,        M = Z' (mass matrix) Z:
+
+springs alone (V's part K) without load, and the geometric stiffness of weight, w and lambda beside them under
+load. A platform motion v = X dz takes the least energy of all dz that give it:
+
+    v' K_x v = min { dz' H dz : X dz = v },        compliance = X H^-1 X' = K_x^-1.
+
+Nothing here divides by A. At a Type 2 singularity a motion that stretches no spring moves the platform, along
+t_s: without load K_x, H and M stay finite, K_x t_s = 0, the compliance along t_s is infinite and the first
+frequency 0; under load what is left along t_s is the geometric stiffness alone, which may hold or buckle.
+
+Source: Quennouelle and Gosselin, Stiffness Matrix of Compliant Parallel Mechanisms, ARK 2008; the elimination
+by a null space as Briot and Khalil, Dynamics of Parallel Robots, Springer 2015, chapter 12, for Z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
+from framework.dynamics.elasticity import LARGEST
+from framework.dynamics.tangent_stiffness import (
+    Load,
+    balance,
+    given_wrench,
+    moving_columns,
+    spring_stiffness,
+    tangent_stiffness,
+)
+from framework.errors import InvalidInput, NotConverged
+from framework.kinematics.closures import scaled
+from framework.kinematics.frames import difference, integrate
+from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.pinocchio_memory import scratch_of
+from framework.linalg.ordered_sums import matmul
+from framework.tolerances import EQUILIBRIUM_STEP, MASSLESS_VIBRATION, RIGID_MOTION, STIFFNESS_ROUNDING
+
+MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium; quadratic once it is near
+MAX_STEP = 0.1  # [rad, robot lengths] of that method: deflections of springs that mean something are smaller
+MIN_EIGENVALUE_RATIO = 1e-8  # over the largest eigenvalue of H: flatter directions count as that steep
+
+
+class CompliantMotions(NamedTuple):
+    """What springs and loops allow at T configurations while the motors are locked."""
+
+    columns: IntArray  # (f,) of the velocity vector: elastic, then passive ones that follow
+    Z: Array  # (T, f, d) orthonormal in radians and robot lengths, then turned back
+    X: Array  # (T, n, d) the platform's twist on its axes
+    K: Array  # (T, d, d) of the springs alone
+    M: Array  # (T, d, d) of all bodies; rotors rest
+
+
+def require_springs(robot: ParallelRobot) -> None:
+    """Raise InvalidInput for a robot that nothing makes give way."""
+    if not (robot.n_e or robot.joint_stiffness.any()):
+        raise InvalidInput(
+            f"{robot.name}, {robot.flexibility}: no springs, so the platform does not give way; load it with "
+            f"flexible_joints or flexible_links"
+        )
+
+
+def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Array) -> CompliantMotions:
+    """Compute motions, stiffness of the springs and mass at configurations q (T, nq).
+
+    Raises:
+        InvalidInput: a robot without springs: use --flexibility flexible_joints or flexible_links.
+    """
+    require_springs(robot)
+    columns = moving_columns(robot)
+    loops = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
+    count = loops.shape[1]
+    null = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0][:, :, count:]
+    Z = null * robot.column_scale[columns][:, None]
+    stiffness = spring_stiffness(robot)[columns]
+    mass = _mass(robot, q)[:, columns[:, None], columns]
+    turned = Z.swapaxes(1, 2)
+    return CompliantMotions(
+        columns=columns,
+        Z=Z,
+        X=matmul(linearised.platform[:, :, columns], Z),
+        K=matmul(turned * stiffness, Z),
+        M=matmul(turned, matmul(mass, Z)),
+    )
+
+
+def least_ratios(H: Array, S: Array) -> Array:
+    """Compute the least z' H z / z' S z (T,) over all z, S positive semidefinite; NaN where there is none.
+
+    With H + sigma S positive definite it is 1 / mu - sigma, mu the largest eigenvalue of S relative to that:
+    no inverse of H, which is singular at Type 2, and none of S, which is where bodies have no mass.
+    """
+    least = np.full(len(H), np.nan)
+    size = np.trace(S, axis1=1, axis2=2)
+    for power in (0.0, 3.0, 6.0):  # a negative H under load asks for a larger shift
+        todo = np.flatnonzero(np.isnan(least) & (size > 0))
+        if not len(todo):
+            break
+        shift = 10.0**power * np.abs(np.trace(H[todo], axis1=1, axis2=2)) / size[todo]
+        shifted = H[todo] + shift[:, None, None] * S[todo]
+        positive = np.linalg.eigvalsh(shifted)[:, 0] > 0
+        here, shift = todo[positive], shift[positive]
+        factor = np.linalg.inv(np.linalg.cholesky(shifted[positive]))
+        relative = matmul(matmul(factor, S[here]), factor.swapaxes(1, 2))
+        least[here] = 1.0 / np.linalg.eigvalsh(relative)[:, -1] - shift
+    return least
+
+
+def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
+    """Compute the stiffness (T,) [N/m] of the platform's point in its softest direction, 0 at Type 2.
+
+    Of a platform that only turns moment over turn [N m/rad].
+    """
+    loaded = robot.translations if robot.translations.any() else ~robot.translations
+    X = free.X[:, loaded]
+    return np.maximum(least_ratios(free.K, matmul(X.swapaxes(1, 2), X)), 0.0)
+
+
+def locked_motor_frequency(free: CompliantMotions) -> Array:
+    """Compute the first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN if nothing has mass.
+
+    With motors free to turn: `statics.vibrations.free_motor_frequency`.
+    """
+    return np.sqrt(np.maximum(least_ratios(free.K, free.M), 0.0)) / (2 * np.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class PlatformStiffness(ReadOnlyArrays):
+    """Stiffness and free vibrations of a robot at one configuration, its motors locked.
+
+    Twists and wrenches on the platform's axes, base frame, at the platform frame's origin. Joint side.
+    """
+
+    robot: ParallelRobot
+    q: Array  # (nq,) with the deflections of the load
+    x: Array  # (n,)
+    stiffness: Array  # (n, n) K_x [N/m, N/rad, N m/rad], finite at Type 2 too
+    compliance: Array  # (n, n) its inverse; infinite where it has none
+    squares: Array  # (k,) rad^2/s^2 ascending; negative where a load buckles the robot; massless motions not
+    modes: Array  # (k, nv) joint rates of each; its generalised mass is 1 kg m^2
+    platform_modes: Array  # (k, n) the platform's twist in each
+    loaded: bool
+    is_stable: bool  # whether every motion with locked motors is resisted, of the platform or of a leg alone
+
+    @property
+    def frequencies(self) -> Array:
+        """Natural frequencies (k,) [Hz]; NaN for what does not vibrate but buckles."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.sqrt(self.squares) / (2 * np.pi))
+
+
+def platform_stiffness(
+    robot: ParallelRobot, q: ArrayLike, *, loaded: bool = False, wrench: ArrayLike | None = None
+) -> PlatformStiffness:
+    """Compute stiffness, compliance, natural frequencies and modes at an assembled configuration q (nq,).
+
+    Args:
+        loaded: under weight and `wrench`: the springs first give way, from q with locked motors, until they
+            carry both (`equilibrium`); else at q, as if nothing pulled.
+        wrench: of the world ON the platform, on its axes (n,) [N, N m]; a moment only about a single axis
+            (others have no potential).
+
+    Raises:
+        InvalidInput: q leaves the loops open; a robot without springs, or with springs that leave the
+            platform rigid along some axis; a wrench without `loaded`.
+        NotConverged: there is no equilibrium near q.
+    """
+    expect_robot(robot)
+    if wrench is not None and not loaded:
+        raise InvalidInput("wrench: counts under load alone; give loaded=True")
+    closed = assembled_at(robot, q)
+    if loaded:
+        q, load = _equilibrium(robot, closed.q[0], wrench)
+        closed = assembled_at(robot, q)
+        free = compliant_motions(robot, closed.linearised, closed.q)
+        H = tangent_stiffness(robot, closed.linearised, closed.q, free.Z, load)[0]
+    else:
+        free = compliant_motions(robot, closed.linearised, closed.q)
+        H = free.K[0]
+    squares, shapes = _vibrations(H, free.M[0])
+    modes = np.zeros((len(shapes), robot.model.nv))
+    modes[:, free.columns] = shapes @ free.Z[0].T
+    stiffness = _condensed(robot, H, free.X[0])
+    return PlatformStiffness(
+        robot=robot,
+        q=closed.q[0],
+        x=closed.x[0],
+        stiffness=stiffness,
+        compliance=_inverse(robot, stiffness),
+        squares=squares,
+        modes=modes,
+        platform_modes=shapes @ free.X[0].T,
+        loaded=loaded,
+        is_stable=bool(np.linalg.eigvalsh(H).min(initial=np.inf) > 0),
+    )
+
+
+def equilibrium(robot: ParallelRobot, q: ArrayLike, *, wrench: ArrayLike | None = None) -> Array:
+    """Find the configuration (nq,) near q (nq,), motors locked, in which the springs carry the load.
+
+    Where it snaps through, that is beyond; `PlatformStiffness.is_stable` tells whether it is stable.
+
+    Args:
+        wrench: as for `platform_stiffness`.
+
+    Raises:
+        InvalidInput, NotConverged: as `platform_stiffness`.
+    """
+    return _equilibrium(robot, assembled_at(robot, q).q[0], wrench)[0]
+
+
+# ------------------------------------------------------------------ under load
+
+
+def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Load]:
+    """Minimise V - w . x with c = 0 near q (nq,); return the equilibrium and its load.
+
+    Newton's method with the size of each eigenvalue in place of the eigenvalue itself, so that steps lead
+    downhill where the robot buckles.
+    """
+    columns = moving_columns(robot)
+    lengths = robot.column_scale[columns]
+    load = Load(given_wrench(robot, wrench), np.ones(1), np.zeros((1, robot.model.nv)))
+    size = np.inf
+    for _ in range(MAX_NEWTON_STEPS):
+        state = balance(robot, q[None], load)
+        if size < EQUILIBRIUM_STEP:
+            if _is_small(robot, q) and state.gap[0] < EQUILIBRIUM_STEP:
+                return q, load
+            break
+        values, vectors = np.linalg.eigh(state.H[0])
+        sizes = np.abs(values)  # away from maxima and saddles
+        downhill = np.maximum(sizes, MIN_EIGENVALUE_RATIO * sizes.max())
+        step = state.closing[0] - state.null[0] @ (vectors @ (vectors.T @ state.slope[0] / downhill))
+        size = float(np.abs(step).max())
+        if not np.isfinite(size):
+            break
+        move = np.zeros((1, robot.model.nv))
+        move[0, columns] = step * min(1.0, MAX_STEP / max(size, MAX_STEP)) * lengths
+        q = integrate(robot, q[None], move)[0]
+    raise NotConverged(
+        f"{robot.name}: the springs find no equilibrium near this configuration: the load buckles the "
+        f"robot, or deflects it by more than linear springs mean",
+        residual=size,
+    )
+
+
+def _is_small(robot: ParallelRobot, q: Array) -> bool:
+    """Whether deflections are within the range of linear springs."""
+    turned = difference(robot, robot.neutral, q[None])[0] / robot.column_scale
+    return bool(np.abs(turned[robot.elastic]).max(initial=0.0) <= LARGEST)
+
+
+# ------------------------------------------------------------------ matrices
+
+
+def _mass(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the mass matrices (T, nv, nv) of the open tree, rotors not included."""
+    model, data = robot.model, scratch_of(robot).data
+    upper = np.empty((len(q), model.nv, model.nv))
+    for k in range(len(q)):
+        upper[k] = pin.crba(model, data, q[k])
+    upper = np.triu(upper)
+    return upper + np.triu(upper, 1).swapaxes(1, 2)
+
+
+def _condensed(robot: ParallelRobot, H: Array, X: Array) -> Array:
+    """Compute K_x (n, n), the least energy of all motions that move the platform in a given way."""
+    scale = robot.platform_scale
+    left, values, right = np.linalg.svd(X / scale[:, None])
+    if len(values) < len(X) or values[-1] <= RIGID_MOTION * values[0]:
+        raise InvalidInput(
+            f"{robot.name}, {robot.flexibility}: the springs leave the platform rigid along some direction "
+            f"while the motors are locked, so it has no stiffness matrix"
+        )
+    raised = right[: len(X)].T @ (left / values).T / scale  # X raised = 1
+    aside = right[len(X) :].T  # moves the platform not at all
+    both = aside.T @ H @ raised
+    left_over = (
+        H @ raised - H @ aside @ np.linalg.solve(aside.T @ H @ aside, both) if aside.size else H @ raised
+    )
+    K = raised.T @ left_over
+    return np.asarray(0.5 * (K + K.T))
+
+
+def _inverse(robot: ParallelRobot, K: Array) -> Array:
+    """Compute the compliance (n, n), infinite in all entries that a direction without stiffness reaches."""
+    scale = robot.platform_scale
+    values, vectors = np.linalg.eigh(K * scale * scale[:, None])
+    lost = np.abs(values) <= STIFFNESS_ROUNDING * np.abs(values).max()
+    reached = np.abs(vectors[:, lost]) > RIGID_MOTION
+    infinite = (reached[:, None] & reached[None]).any(axis=2)
+    compliance = (vectors / np.where(lost, np.inf, values)) @ vectors.T * scale * scale[:, None]
+    return np.where(infinite, np.inf, compliance)
+
+
+def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
+    """Compute squares (k,) of the angular frequencies, ascending, and shapes (k, d) with z' M z = 1.
+
+    Motions without mass follow the others at once and have no vibration of their own.
+    """
+    values, vectors = np.linalg.eigh(M)
+    heavy = (values > 0.0) & (values > MASSLESS_VIBRATION * values[-1])
+    light, massive = vectors[:, ~heavy], vectors[:, heavy] / np.sqrt(values[heavy])
+    if light.shape[1] and massive.shape[1]:
+        massive = massive - light @ np.linalg.lstsq(light.T @ H @ light, light.T @ H @ massive, rcond=None)[0]
+    squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
+    rounding = np.abs(squares) <= STIFFNESS_ROUNDING * np.abs(squares).max(initial=0.0)
+    return np.where(rounding, 0.0, squares), (massive @ shapes).T

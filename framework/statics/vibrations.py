@@ -1,0 +1,48 @@
+"""How quickly a robot vibrates on its springs, motors free to turn: regular at Type 2 too.
+
+With locked motors the first frequency vanishes there, see `statics.stiffness.locked_motor_frequency`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.kinematics.closures import loop_equations, scaled
+from framework.kinematics.frames import frames_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.pinocchio_memory import scratch_of
+
+
+def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the first natural frequency (T,) [Hz], motors free to turn, at assembled q (T, nq).
+
+    With Z what the loops allow, Z'KZ z = omega^2 Z'MZ z; M carries the rotors, K the springs that make the
+    robot flexible. The motors are free, so that as many modes as the robot has degrees of freedom have no
+    frequency and are left out. Motions without mass have an infinite one; all are infinite without springs.
+
+    Raises:
+        numpy.linalg.LinAlgError: a motion has neither mass nor stiffness.
+    """
+    from scipy.linalg import eigh
+
+    if not robot.n_e:
+        return np.full(len(q), np.inf)
+    scale = robot.column_scale
+    rotors, stiffness = np.zeros((2, robot.model.nv))
+    rotors[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
+    stiffness[robot.elastic] = robot.stiffness
+    loops = scaled(robot, loop_equations(robot.loops, frames_at(robot, q)).jacobian, robot.loops.rotation)
+    data, frequency = scratch_of(robot).data, np.empty(len(q))
+    for k, row in enumerate(q):
+        allowed = scale[:, None] * np.linalg.svd(loops[k])[2][len(loops[k]) :].T
+        upper = np.triu(pin.crba(robot.model, data, row))
+        mass = allowed.T @ (upper + np.triu(upper, 1).T + np.diag(rotors)) @ allowed
+        held = allowed.T @ (stiffness[:, None] * allowed)
+        # M singular (massless parts) and K singular (rigid motions): 1 / (omega^2 + shift) is finite for both
+        shift = float(np.trace(held) / max(np.trace(mass), np.finfo(float).tiny))
+        shares = eigh(mass, held + shift * mass, eigvals_only=True)[::-1]
+        first = float(shares[allowed.shape[1] - robot.n_e])
+        frequency[k] = np.sqrt(max(1.0 / first - shift, 0.0)) / (2.0 * np.pi) if first > 0.0 else np.inf
+    return frequency

@@ -1,0 +1,75 @@
+"""Measure the methods of the chart, and write its figures and tables: `python -m tests.benchmarks.chart`.
+
+Every method in one run, against references that share no code with it: for each stage a figure (.png, .pdf)
+and a table (.csv, .md, .json). Peers that are not installed are left out and named.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from framework.cli.parser import progress_bar
+from framework.errors import FrameworkError
+from framework.output import written_together
+from tests.benchmarks.chart import stages, table
+from tests.benchmarks.chart.figures import save_chart
+from tests.benchmarks.chart.measure import Stage
+
+FOLDER = "chart"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Make the chart, or one row of it again."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.chart", description=__doc__)
+    parser.add_argument("--stage", nargs="+", metavar="S", help="some stages only (default: all)")
+    parser.add_argument(
+        "--row", metavar="ROW", help="one row made again, as the table names it; writes nothing"
+    )
+    parser.add_argument("--out", type=Path, default=Path(FOLDER), metavar="DIR", help="default: %(default)s")
+    options = parser.parse_args(arguments)
+    try:
+        if options.row is None:
+            chosen = [stages.stage(name) for name in dict.fromkeys(options.stage or stages.NAMES)]
+            print(write_chart(chosen, options.out))
+        else:
+            print(table.line(*stages.made_again(options.row)))
+    except FrameworkError as error:
+        parser.error(" ".join(str(error).split()))
+
+
+def write_chart(chosen: Sequence[Stage], folder: Path) -> str:
+    """Measure the stages and write their figures and tables, all or nothing; returns a summary."""
+    summary: list[str] = []
+    with (
+        written_together(folder, document=f"{chosen[0].name}.json") as temporary,
+        progress_bar(stages.count(chosen), "row") as show_progress,
+    ):
+        advance = _counted(show_progress)
+        for stage in chosen:
+            rows = stages.made(stage, advance)
+            document = table.document(stage, rows)
+            (temporary / f"{stage.name}.csv").write_text(table.csv_text(stage, rows), encoding="utf-8")
+            (temporary / f"{stage.name}.md").write_text(table.markdown(stage, rows), encoding="utf-8")
+            (temporary / f"{stage.name}.json").write_text(json.dumps(document), encoding="utf-8")
+            save_chart(stage, rows, temporary / stage.name)
+            summary += table.summary(document)
+    return "\n".join([*summary, f"written to {folder}/"])
+
+
+def _counted(show_progress: Callable[[float], None]) -> Callable[[], None]:
+    """Return a function that reports one more row as done at each call."""
+    done = 0
+
+    def advance() -> None:
+        nonlocal done
+        done += 1
+        show_progress(done)
+
+    return advance
+
+
+if __name__ == "__main__":
+    main()

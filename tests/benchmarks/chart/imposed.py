@@ -1,0 +1,136 @@
+"""Failure map: condition (8) imposed beside the singular point, against the step.
+
+The law is right for a point that is `offset` away in s, so where the 5R is singular a force is left along t_s
+and the true torque has a pole, as infinite as any and the narrower the smaller the offset. A table does not
+see it. Errors are against that torque, as near to its pole as 10 us, over the largest one of the right law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from decimal import Decimal, localcontext
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from framework.arrays import Array
+from framework.dynamics.elasticity import solve_deflections
+from framework.dynamics.forces import motor_torque
+from framework.dynamics.inverse_dynamics import inverse_dynamics
+from framework.motion.chebyshev import TimeGrid
+from tests.benchmarks.chart import closed_form
+from tests.benchmarks.chart import robot as given
+from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage
+from tests.benchmarks.chart.reading import finite, short
+from tests.benchmarks.chart.torque import ENDS, T_C, DifferencedLaw, T, direct, pointwise
+
+OFFSETS = tuple(10.0**-k for k in (2, 4, 6, 8, 10, 12))  # of the path
+STEPS = tuple(T / 2**k for k in (4, 6, 8, 10, 12))  # [s]
+MEAN_STEPS = tuple(T / size for size in (16, 32, 64, 128))  # [s] of Chebyshev nodes
+NEAREST = 5  # decades of seconds to the pole
+CELLS = tuple((offset, step) for step in STEPS for offset in OFFSETS)
+
+Torque = Callable[[Array], Array]
+
+
+def _table(setting: Setting) -> Callable[[], Torque]:
+    law, times = given.law(offset=setting[0]), np.linspace(0.0, T, round(T / setting[1]) + 1)
+    return lambda: CubicSpline(times, pointwise(law, times, direct))
+
+
+def _differences(setting: Setting) -> Callable[[], Torque]:
+    law, times = given.law(offset=setting[0]), np.linspace(0.0, T, round(T / setting[1]) + 1)
+    return lambda: CubicSpline(times, pointwise(DifferencedLaw(law, setting[1]), times, direct))
+
+
+def _nodes(setting: Setting) -> Callable[[], Torque]:
+    branch, law = given.branch(), given.law(offset=setting[0])
+
+    def run() -> Torque:
+        grid = TimeGrid.clear_of(np.array([T_C]), ENDS, round(T / setting[1]))
+        state = solve_deflections(branch, grid, lambda *_: law, "rigid", None, law)
+        return grid.fit(motor_torque(branch.robot, state.motion, state.forces.joint_torque))
+
+    return run
+
+
+def _proved(setting: Setting) -> Callable[[], Torque]:
+    law = given.law(offset=setting[0])
+    return lambda: inverse_dynamics(given.robot(), given.path(), law).torque
+
+
+@cache
+def _exact(offset: float) -> tuple[Array, Array, float]:
+    """Instants (T,) [s], torques there (T, 2) [N m], and the largest torque of the right law."""
+    motion = given.exact(offset=offset)
+    with localcontext(prec=closed_form.DIGITS):
+        pole = closed_form.CROSSING_TIME
+        for _ in range(60):
+            pole -= (motion.law(pole) - motion.s_c) / motion.law(pole, 1)
+        near = [float(pole + sign * Decimal(10) ** -k) for k in range(1, NEAREST + 1) for sign in (-1, 1)]
+    even = np.delete(np.linspace(0.0, T, 61), 40)  # not the crossing time, which is too near to the pole
+    times = np.sort(np.concatenate([even, near]))
+    return times, motion.torque(times), float(np.abs(given.exact().torque(even)).max())
+
+
+def judge(method: Method, setting: Setting, result: Torque) -> Judged:
+    """The largest error over the largest torque of the right law."""
+    times, exact, size = _exact(setting[0])
+    return Judged(float(np.abs(result(times) - exact).max() / size))
+
+
+def _sentence(rows: Sequence[Row]) -> str:
+    lines = ["Each cell has the power of ten of the error; no step mends what the offset has spoilt."]
+    finest = min(STEPS)
+    at = [row for row in finite(rows, "table") if row.setting[1] == finest]
+    if at:
+        far, near = max(at, key=lambda r: r.setting[0]), min(at, key=lambda r: r.setting[0])
+        lines.append(
+            f"With {1e3 * finest:.2g} ms a table of pointwise solves is {short(far.error)} of the torque off "
+            f"at {short(far.setting[0])} of the path, and {short(near.error)} at {short(near.setting[0])}."
+        )
+    proved = [row for row in rows if row.method == "proved"]
+    refused = [row.setting[0] for row in proved if not np.isfinite(row.error)]
+    passed = [row.error for row in proved if np.isfinite(row.error)]
+    if refused:
+        least = short(min(refused))
+        lines.append(f"Proving measures what is left of condition (8) and refuses from {least} on.")
+        if passed:
+            lines.append(f"What it lets pass is right to {short(max(passed))}.")
+    return " ".join(lines)
+
+
+_GIVEN = "path followed; s, s', s\" exact"
+_UNIT = "offset, step [s]"
+STAGE = Stage(
+    name="imposed",
+    title="Condition (8) imposed beside the singular point",
+    reference="closed form of the 5R in fifty digits (chart/closed_form.py)",
+    error="largest error over the largest torque",
+    methods=(
+        Method("differences", "finite differences", "path followed; s alone", _UNIT, CELLS, _differences),
+        Method("table", "best pointwise solve", _GIVEN, _UNIT, CELLS, _table),
+        Method(
+            "nodes",
+            "Chebyshev nodes, not proved",
+            _GIVEN,
+            _UNIT,
+            tuple((offset, step) for step in MEAN_STEPS for offset in OFFSETS),
+            _nodes,
+            ours=True,
+        ),
+        Method(
+            "proved",
+            "ours, proved",
+            "path and law alone",
+            "offset, tolerance",
+            tuple((offset, 1e-10) for offset in OFFSETS),
+            _proved,
+            ours=True,
+        ),
+    ),
+    judge=judge,
+    sentence=_sentence,
+    map_axes=("imposed beside it by  [path]", "step  [ms]"),
+)

@@ -1,0 +1,115 @@
+"""The 5R in Exudyn, motors driven by torques. Without mass
+
+- a rod is what it is in the paper: a spring, or a constant distance, between elbow and payload;
+- a crank behind an elastic drive keeps a mass of zero, and its angle is an algebraic unknown; a rigid drive
+  gives it the rotor's inertia.
+
+With mass, rods are rigid bodies too; an elastic one has a massless slider at its tip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from framework.arrays import Array
+from tests.benchmarks.chart.peers.exudyn_parts import ANGLE, Body, Marker, Mechanism
+from tests.benchmarks.chart.peers.five_bar import (
+    BASES,
+    GEAR_RATIO,
+    LENGTH,
+    PAYLOAD,
+    ROTOR_INERTIA,
+    FiveBar,
+    Run,
+    start_angles,
+)
+
+
+def simulate(
+    robot: FiveBar,
+    torque: Callable[[Array], Array],
+    start: Array,
+    *,
+    step: float,
+    duration: float,
+    solver: str = "GeneralizedAlpha",
+    rotor_speeds: tuple[float, float] = (0.0, 0.0),
+) -> Run:
+    """Drive the robot by motor torques from rest at `start` (2,) [m].
+
+    `torque` maps times (T,) [s] to torques (T, 2) [N m] on the motor side; `step` [s] is made to divide
+    the duration. `solver`, and the ArithmeticError that is raised: as `Mechanism.run`.
+    `rotor_speeds` [rad/s], on the joint side, are those of the rotors of elastic drives at the start.
+    """
+    steps = round(duration / step)
+    step = duration / steps
+    joint_torque = GEAR_RATIO * torque(np.linspace(0.0, duration, steps + 1))  # (steps + 1, 2)
+    mechanism, payload, motors = _assemble(robot, start, rotor_speeds)
+    for leg, motor in enumerate(motors):
+        mechanism.drive(motor, joint_torque[:, leg], step)
+    times, moved, seconds = mechanism.run(payload, steps=steps, duration=duration, solver=solver)
+    return Run(times, start + moved, seconds)
+
+
+def guide(robot: FiveBar, angles: Array, start: Array, *, duration: float) -> Run:
+    """The same with the motors' angles (steps + 1, 2) [rad] imposed, joint side, whatever that takes."""
+    steps = len(angles) - 1
+    mechanism, payload, motors = _assemble(robot, start, (0.0, 0.0))
+    for leg, motor in enumerate(motors):
+        mechanism.guide(motor, angles[:, leg] - angles[0, leg], duration / steps)
+    times, moved, seconds = mechanism.run(payload, steps=steps, duration=duration)
+    return Run(times, start + moved, seconds)
+
+
+def _assemble(
+    robot: FiveBar, start: Array, rotor_speeds: tuple[float, float]
+) -> tuple[Mechanism, Body, list[Marker]]:
+    """The mechanism, its payload, and the coordinates of its motors."""
+    mechanism = Mechanism()
+    payload = mechanism.mass_point(PAYLOAD, start)
+    motors = []
+    for leg, angles in enumerate(start_angles(start)):
+        crank, motor = _crank(mechanism, robot, leg, angles[0], rotor_speeds[leg])
+        _rod(mechanism, robot, crank, payload, leg, angles)
+        motors.append(motor)
+    return mechanism, payload, motors
+
+
+def _half(angle: float) -> Array:
+    return np.array([0.5 * LENGTH * np.cos(angle), 0.5 * LENGTH * np.sin(angle)])
+
+
+def _crank(
+    mechanism: Mechanism, robot: FiveBar, leg: int, angle: float, rotor_speed: float
+) -> tuple[Body, Marker]:
+    """The body of a crank, and the coordinate on which its motor acts."""
+    foot = np.array([BASES[leg], 0.0])
+    stiffness = robot.drive_stiffness
+    inertia = robot.link_mass * LENGTH**2 / 12 + (ROTOR_INERTIA if stiffness is None else 0.0)
+    crank = mechanism.link(robot.link_mass, inertia, foot + _half(angle), angle)
+    mechanism.pin(mechanism.point(mechanism.ground(foot)), mechanism.point(crank, -LENGTH / 2))
+    turn = mechanism.coordinate(crank, ANGLE)
+    if stiffness is None:
+        return crank, turn
+    return crank, mechanism.rotor(ROTOR_INERTIA, turn, stiffness, speed=rotor_speed)
+
+
+def _rod(mechanism: Mechanism, robot: FiveBar, crank: Body, payload: Body, leg: int, angles: Array) -> None:
+    elbow, tip = mechanism.point(crank, LENGTH / 2), mechanism.point(payload)
+    if robot.rod_stiffness is not None:
+        mechanism.spring([elbow, tip], LENGTH, robot.rod_stiffness)
+    if robot.link_mass > 0:
+        start = np.array([BASES[leg], 0.0]) + 2 * _half(angles[0])
+        inertia = robot.link_mass * LENGTH**2 / 12
+        rod = mechanism.link(robot.link_mass, inertia, start + _half(angles[1]), angles[1])
+        mechanism.pin(elbow, mechanism.point(rod, -LENGTH / 2))
+        end = mechanism.point(rod, LENGTH / 2)
+        if robot.rod_stiffness is not None:
+            slider = mechanism.link(0.0, 0.0, start + 2 * _half(angles[1]), angles[1])
+            mechanism.slide(rod, LENGTH / 2, slider)
+            end = mechanism.point(slider)
+        mechanism.pin(end, tip)
+    elif robot.rod_stiffness is None:
+        mechanism.distance([elbow, tip], LENGTH)

@@ -1,0 +1,59 @@
+"""The stages of the chart by name, each imported when it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+
+import numpy as np
+
+from framework.errors import InvalidInput, choose_from
+from tests.benchmarks.chart.measure import Row, Stage, measured, read_setting, rows_of
+
+NAMES = ("torque", "closing", "singular", "forward", "laws", "elastic", "imposed", "soft")
+
+
+def stage(name: str) -> Stage:
+    """The stage of that name.
+
+    Raises:
+        InvalidInput: there is none; lists those that there are.
+    """
+    if name not in NAMES:
+        raise InvalidInput(choose_from("stage", name, NAMES))
+    found: Stage = import_module(f"tests.benchmarks.chart.{name}").STAGE
+    return found
+
+
+def count(stages: Sequence[Stage]) -> int:
+    """How many rows there will be."""
+    return sum(len(method.settings) for one in stages for method in one.methods if method.installed)
+
+
+def made(one: Stage, advance: Callable[[], None] = lambda: None) -> tuple[Row, ...]:
+    """All rows of a stage; `advance` is called after each."""
+    rows = []
+    for row in rows_of(one):
+        rows.append(row)
+        advance()
+    return tuple(rows)
+
+
+def made_again(key: str) -> tuple[Stage, Row]:
+    """The row of that key, STAGE:METHOD:SETTING, made anew.
+
+    Raises:
+        InvalidInput: no such stage, method or setting, or its peer is not installed.
+    """
+    parts = key.split(":")
+    if len(parts) != 3:
+        raise InvalidInput(f"--row: needs STAGE:METHOD:SETTING as in the table's last column, got {key!r}")
+    one = stage(parts[0])
+    method, setting = one.method(parts[1]), read_setting(parts[2])
+    alike = [known for known in method.settings if len(known) == len(setting)]
+    if not any(np.allclose(setting, known, rtol=1e-9, atol=0.0) for known in alike):
+        valid = " ".join(",".join(f"{number:.12g}" for number in known) for known in method.settings)
+        raise InvalidInput(f"--row: {method.name} has the settings {valid} ({method.unit}), got {parts[2]!r}")
+    if not method.installed:
+        raise InvalidInput(f"--row: {method.peer} is not installed")
+    return one, measured(one, method, setting)

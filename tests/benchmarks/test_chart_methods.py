@@ -1,0 +1,178 @@
+"""What the methods of the chart must do, whatever machine they run on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.benchmarks.chart import robot, stages, torque
+from tests.benchmarks.chart.measure import Row, measured
+
+
+def row(stage: str, method: str, *setting: float) -> Row:
+    one = stages.stage(stage)
+    return measured(one, one.method(method), tuple(map(float, setting)), repeats=1)
+
+
+# ------------------------------------------------------------------ torque
+
+
+def test_differences_fall_with_the_square_of_the_step_until_rounding():
+    """At a tenth of a second from the singular instant; s" by differences loses 1e-16 / h^2 to rounding."""
+    times = np.array([torque.T_C - 0.1, torque.T_C + 0.1])
+    exact = torque.reference(times)
+
+    def error(step: float) -> float:
+        law = torque.DifferencedLaw(robot.law(), step)
+        return float(np.abs(torque.pointwise(law, times, torque.direct) - exact).max())
+
+    errors = np.array([error(step) for step in (1e-2, 1e-3, 1e-4)])
+    np.testing.assert_allclose(errors[:-1] / errors[1:], 100.0, rtol=0.1)
+    assert error(1e-6) > 10 * errors[-1]
+    assert error(1e-7) > 10 * error(1e-6)
+
+
+def test_differences_leave_a_pole():
+    near = np.array(row("torque", "differences", 1025).profile[2:7])
+    np.testing.assert_allclose(near[1:] / near[:-1], 10.0, rtol=0.1)  # each ten times nearer
+
+
+def test_a_pointwise_solve_loses_a_digit_for_each_it_comes_nearer():
+    near = np.array(row("torque", "pointwise", 17).profile)
+    assert near[0] < 1e-14
+    assert near[-1] > 1e-9  # 1 ns: 1e-16 over the distance, on torques of 0.1 N m
+    assert np.all(near[2:] < 1e-16 / np.array(stages.stage("torque").profile[2:]))
+
+
+def test_a_table_with_a_spline_falls_with_the_fourth_power():
+    coarse, fine = (row("torque", "pointwise", samples).error for samples in (129, 513))
+    assert 4.0**4 / 4 < coarse / fine < 4.0**4 * 4
+
+
+@pytest.mark.parametrize("method", ["pseudo_inverse", "damped"])
+def test_what_is_cut_or_damped_is_wrong_by_the_torque_itself(method):
+    """Within the band where the least singular value is below the threshold; outside it is not felt."""
+    found = row("torque", method, 1e-4)
+    assert min(found.profile[-4:]) > 0.05  # [N m]; the torque there is 0.1
+    assert found.profile[0] < 1e-6
+
+
+def test_a_series_has_the_torque_at_the_singular_instant():
+    found = row("torque", "chebyshev", 64)
+    assert max(found.error, *found.profile) < 1e-12
+    assert row("torque", "chebyshev", 16).error > 1e6 * found.error
+
+
+def test_the_robots_own_formula_is_the_pointwise_solve():
+    one, other = (row("torque", method, 65) for method in ("formula", "pointwise"))
+    assert one.error == pytest.approx(other.error, rel=1e-6)
+    assert max(one.profile[:3]) < 1e-12
+
+
+# ------------------------------------------------------------------ closing
+
+
+def test_newton_squares_the_error():
+    errors = [row("closing", "newton", steps).error for steps in (1, 2, 3)]
+    assert errors[1] < 2 * errors[0] ** 2
+    assert errors[2] < 2 * errors[1] ** 2
+
+
+def test_the_stack_does_what_newton_does_pose_by_pose():
+    for steps in (1, 2, 4):
+        one, other = (row("closing", method, steps).error for method in ("stacked_newton", "newton"))
+        assert one == pytest.approx(other, rel=1e-6, abs=1e-14)
+
+
+def test_with_the_motors_given_ours_is_right_or_refuses():
+    ours = np.array(row("closing", "stacked_newton", 4).profile)
+    assert np.all(np.isnan(ours) | (ours < 1e-11))
+    assert not np.isnan(ours[0])
+    assert np.isnan(ours[-1])  # 2 nm before the meeting of two solutions
+
+
+# ------------------------------------------------------------------ singular
+
+
+def test_a_minimum_is_found_to_half_the_digits_and_a_root_to_all():
+    assert row("singular", "svd_minimum", 1e-14).error > 1e-11
+    for method, setting in (
+        ("bordered_steps", 4),
+        ("bordered_root", 0.2),
+        ("determinant", 1e-14),
+        ("located", 1),
+    ):
+        found = row("singular", method, setting)
+        assert max(found.error, *found.profile) < 1e-13, method
+
+
+# ------------------------------------------------------------------ forward
+
+
+@pytest.mark.slow
+def test_each_integrator_has_its_order():
+    for method, order, steps in (
+        ("pinocchio", 4, (1.5 / 75, 1.5 / 150)),
+        ("explicit", 8, (1.5 / 24, 1.5 / 48)),
+    ):
+        coarse, fine = (row("forward", method, step).error for step in steps)
+        assert np.log2(coarse / fine) == pytest.approx(order, abs=1.0), method
+
+
+def test_the_closed_form_torques_bring_the_payload_along_its_path():
+    assert row("forward", "radau_16", 1e-12).error < 1e-12
+    assert row("forward", "scipy_dop853", 1e-9).error < 1e-9
+
+
+def test_the_squeezer_ends_where_it_is_published_to_end():
+    assert row("forward", "squeezer_radau_5", 1e-6).error < 1e-5
+
+
+# ------------------------------------------------------------------ laws
+
+
+def test_powers_of_t_lose_what_chebyshev_polynomials_keep():
+    for powers in ("monomials", "normalised"):
+        assert row("laws", powers, 21).profile[0] > 1e6 * row("laws", "chebyshev", 21).profile[0]
+    assert row("laws", "printed", 15).error > 1e3 * row("laws", "chebyshev_printed", 15).error
+
+
+def test_the_optimal_law_meets_its_condition():
+    assert row("laws", "optimal", 9).error < 1e-12
+
+
+# ------------------------------------------------------------------ elastic
+
+
+def test_small_displacements_are_off_by_as_much_as_the_rods_give():
+    one, stiff = (row("elastic", "small", scale).error for scale in (1, 10))
+    assert one / stiff == pytest.approx(10, rel=0.1)
+
+
+@pytest.mark.slow
+def test_the_planner_finds_the_deformed_robots_motion():
+    assert row("elastic", "planned", 0.2).error < 1e-10
+
+
+# ------------------------------------------------------------------ failure maps
+
+
+def test_no_step_mends_what_the_imposed_point_has_spoilt():
+    errors = [row("imposed", "table", 1e-4, 1.5 / 2**k).error for k in (4, 8)]
+    assert min(errors) > 1.0  # more than the torque itself
+    assert row("imposed", "table", 1e-12, 1.5 / 2**8).error < 1e-5
+
+
+def test_ours_refuses_what_is_imposed_beside_the_point():
+    for offset in (1e-2, 1e-6, 1e-10):
+        refused = row("imposed", "proved", offset, 1e-10)
+        assert not np.isfinite(refused.error)
+        assert "t_s . W_p" in refused.note
+    assert np.isfinite(row("imposed", "proved", 1e-12, 1e-10).error)
+
+
+@pytest.mark.slow
+def test_passes_over_a_table_suffice_where_springs_are_stiff():
+    soft, stiff = (row("soft", "differences", scale, 1.5 / 2**7).error for scale in (0.1, 100.0))
+    assert stiff < 0.3 * soft
+    assert row("soft", "nodes", 1.0, 1.5 / 64).error < 1e-8

@@ -1,0 +1,182 @@
+"""Scenes as planned by the framework with one constant changed, each run in a process of its own.
+
+The process is forked from one that holds the other packages but nothing of the framework, which it imports
+itself, changed. Where no constant is changed it also notes which functions each scene calls.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+from types import FrameType
+from typing import Any, NamedTuple
+
+from tests.benchmarks.tolerance_audit.constants import ROOT, Change, change_on_import
+
+PRELOADED = (
+    "numpy",
+    "scipy",
+    "scipy.sparse.csgraph",
+    "scipy.optimize",
+    "scipy.interpolate",
+    "pinocchio",
+    "yaml",
+)
+PATIENCE = 20.0  # [s] for a scene, which takes a tenth of one
+
+
+class Scene(NamedTuple):
+    """A robot of the catalogue or of a file, and its scene, or a path and options of `plan_crossing`."""
+
+    name: str
+    robot: str
+    flexibility: str
+    scene: str  # of the robot's file; none if there is a path
+    kind: str  # of the path: line or arc
+    points: tuple[tuple[float, ...], ...]
+    options: dict[str, Any]
+
+
+class Outcome(NamedTuple):
+    """What came of a scene: a plan with its worst defect, or the name of a refusal."""
+
+    refusal: str  # the class of the error; none if there is a plan
+    defect: float  # of the plan, `Judgement.worst`
+    seconds: float  # of processor time
+
+    @property
+    def verdict(self) -> str:
+        return self.refusal or "answer"
+
+
+Calls = frozenset[tuple[str, tuple[str, ...]]]  # modules and the names that their functions look up
+
+
+class Run(NamedTuple):
+    """Outcomes by the name of their scene, and the functions that were called."""
+
+    outcomes: dict[str, Outcome]
+    calls: Calls
+    seconds: float
+
+
+def preload() -> None:
+    """Import what the framework imports from elsewhere."""
+    for name in PRELOADED:
+        import_module(name)
+
+
+def in_a_process(work: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what work(*arguments) returns in a forked process.
+
+    Raises:
+        RuntimeError: it ended without an answer.
+    """
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.close(reading)
+            answer = pickle.dumps(work(*arguments))
+            with os.fdopen(writing, "wb") as stream:
+                stream.write(answer)
+        except BaseException as error:  # noqa: BLE001 - told, and the parent raises
+            print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
+            os._exit(1)
+        os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as stream:
+        answer = stream.read()
+    if os.waitpid(child, 0)[1] != 0:
+        raise RuntimeError("a process of the audit ended without an answer")
+    return pickle.loads(answer)
+
+
+def all_scenes(folder: Path) -> tuple[list[Scene], list[Scene]]:
+    """Return rigid and elastic scenes; to be called in a process of its own."""
+    from tests.benchmarks.tolerance_audit.scenes import elastic, rigid
+
+    return rigid(folder), elastic()
+
+
+def planned(scenes: Sequence[Scene], change: Change | None = None, trace: bool = False) -> Run:
+    """Plan scenes and judge the plans; to be called in a process of its own."""
+    began = time.process_time()
+    if change is not None:
+        change_on_import(change)
+    signal.signal(signal.SIGALRM, _give_up)
+    loaded: dict[tuple[str, str], Any] = {}
+    with _Tracer(trace) as tracer:
+        outcomes = {scene.name: _outcome(scene, loaded) for scene in scenes}
+    return Run(outcomes, frozenset(tracer.calls), time.process_time() - began)
+
+
+class _TooLong(BaseException):
+    """A scene takes longer than its time."""
+
+
+def _give_up(number: int, frame: FrameType | None) -> None:
+    raise _TooLong
+
+
+def _outcome(scene: Scene, loaded: dict[tuple[str, str], Any]) -> Outcome:
+    """Plan a scene. `loaded` has the robots that were loaded before."""
+    from framework import FrameworkError
+    from tests.benchmarks.tolerance_audit.judge import judged
+
+    began = time.process_time()
+    signal.setitimer(signal.ITIMER_REAL, PATIENCE)
+    try:
+        plan = _plan(scene, loaded)
+    except FrameworkError as error:
+        return Outcome(type(error).__name__, 0.0, time.process_time() - began)
+    except _TooLong:
+        return Outcome("takes too long", 0.0, time.process_time() - began)
+    except Exception as error:  # noqa: BLE001 - a fault of the framework is an outcome of its own
+        return Outcome(f"fault: {type(error).__name__}", 0.0, time.process_time() - began)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    return Outcome("", judged(plan).worst, time.process_time() - began)
+
+
+def _plan(scene: Scene, loaded: dict[tuple[str, str], Any]) -> Any:
+    import robots
+    from framework import Arc, Line, ParallelRobot, plan_crossing, plan_scene
+
+    key = scene.robot, scene.flexibility
+    if key not in loaded:
+        load = ParallelRobot.from_file if scene.robot.endswith(".yaml") else robots.load
+        loaded[key] = load(scene.robot, flexibility=scene.flexibility)
+    if scene.scene:
+        return plan_scene(loaded[key], scene.scene)
+    path = {"line": Line, "arc": Arc}[scene.kind](*scene.points)
+    return plan_crossing(loaded[key], path, **scene.options)
+
+
+class _Tracer:
+    """Notes, while it is entered, the functions of the framework that are called."""
+
+    def __init__(self, active: bool) -> None:
+        self.active = active
+        self.calls: set[tuple[str, tuple[str, ...]]] = set()
+        self.package = str(ROOT / "framework")
+
+    def __enter__(self) -> _Tracer:
+        if self.active:
+            sys.setprofile(self._note)
+        return self
+
+    def __exit__(self, *given: object) -> None:
+        sys.setprofile(None)
+
+    def _note(self, frame: FrameType, event: str, argument: object) -> None:
+        code = frame.f_code
+        # the bodies of modules assign constants, and `readers` knows what they look up
+        if event == "call" and code.co_name != "<module>" and code.co_filename.startswith(self.package):
+            self.calls.add((frame.f_globals["__name__"], code.co_names))

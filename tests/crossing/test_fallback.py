@@ -1,0 +1,29 @@
+"""Where the polynomial is not resolved the optimal law is tried, and is right there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Line, NotConverged, plan_crossing
+from tests.oracles.equations_of_motion import defects
+
+TOP = float(np.sqrt(0.06))  # [m] of the locus of the 5R on its axis of symmetry
+
+
+@pytest.mark.parametrize("gap", [1e-5, 1e-6])
+def test_a_path_beside_the_locus_is_planned_by_the_law_that_resolves_it(gap):
+    robot, path = robots.load("five_bar"), Line([0.06, TOP + gap], [-0.06, TOP + gap])
+    with pytest.raises(NotConverged, match="misses a singularity"):
+        plan_crossing(robot, path, duration=1.5, law="polynomial")
+    plan = plan_crossing(robot, path, duration=1.5)
+    assert plan.law.kind == "optimal"
+    assert plan.reason.startswith("the polynomial is not resolved")
+    times = np.linspace(0.0, plan.duration, 1001)
+    middle = float(np.interp(0.5, plan.law(times), times))
+    t = np.concatenate([times[::50], middle + np.array([0.0, 1e-3, -1e-3, 1e-5, -1e-5, 1e-7, -1e-7])])
+    motion = plan.dynamics.motion(t)
+    found = defects(robot, q=motion.q, v=motion.v, a=motion.a, torque=plan.torque(t), x=plan.platform(t))
+    assert found.open < 1e-12
+    assert found.force < 1e-8  # beside the locus |g| is 1e-5 and less, and the torques are rounded by as much

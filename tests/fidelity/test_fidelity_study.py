@@ -1,0 +1,220 @@
+"""The ladder of models: each rung is what it says, and judged by what its torques do in the highest model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, NoAnswer, ParallelRobot, UnboundedTorque, fidelity_study, plan_scene
+from framework.crossing.scenes import scene_path
+from framework.fidelity.fidelity_study import FidelityStudy, kept_options
+from framework.fidelity.model_comparison import model_of
+from framework.model.description import KeptLevel
+from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, with_bodies
+from tests.oracles import five_bar as oracle
+from tests.robots.every_robot import in_stages
+
+NAMES = [level.name for level in LEVELS]
+PATH = np.hypot(0.15, 0.15)  # [m] of scene C
+
+
+@cache
+def crossing_study() -> FidelityStudy:
+    return fidelity_study(robots.load("five_bar"), "C", tolerance=1e-4)
+
+
+def level(study: FidelityStudy, name: str):
+    return study.levels[NAMES.index(name)]
+
+
+def few(case) -> bool:
+    return case[0] in ("five_bar", "two_arms", "four_bar")
+
+
+def mass(robot: ParallelRobot) -> float:
+    return sum(inertia.mass for inertia in robot.model.inertias)
+
+
+# ------------------------------------------------------------------ what the rungs are
+
+
+@pytest.mark.parametrize("case", in_stages(((name,) for name in robots.CATALOGUE), at_once=few))
+def test_bodies_lose_their_mass_and_nothing_else(case):
+    (name,) = case
+    whole = robots.load(name).description
+    none, payload, everything = (with_bodies(whole, bodies) for bodies in ("none", "payload", "all"))
+    assert everything is whole
+    masses = [mass(ParallelRobot.from_description(one)) for one in (none, payload, whole)]
+    assert masses[0] == 0.0 < masses[1] <= masses[2]
+    assert replace(payload, urdf_text=whole.urdf_text) == whole
+    assert none.actuators == whole.actuators
+
+
+@pytest.mark.parametrize("name", ["five_bar", "five_bar_heavy"])
+def test_the_payload_of_the_paper_is_ten_kilograms(name):
+    assert mass(model_of(robots.load(name).description, LEVELS_BY_NAME["payload"])) == 10.0
+
+
+def test_without_bodies_the_motors_turn_their_rotors():
+    plan = level(crossing_study(), "kinematics").plan
+    t = np.linspace(0.0, 1.5, 31)
+    torque = plan.torque(t)
+    # a series differentiated twice loses half of the digits
+    np.testing.assert_allclose(
+        torque, 6.4e-6 * plan.motor_angle(t, 2), rtol=0, atol=1e-7 * np.abs(torque).max()
+    )
+
+
+def test_rungs_plan_for_the_times_and_speeds_of_the_highest():
+    study = fidelity_study(robots.load("biglide"), "bow", tolerance=0.01)
+    told = [(at.time, at.speed) for at in study.highest.crossings]
+    for comparison in study.levels[1:]:
+        np.testing.assert_allclose(
+            [(at.time, at.speed) for at in comparison.plan.crossings], told, rtol=1e-12
+        )
+
+
+# ------------------------------------------------------------------ how they are judged
+
+
+@pytest.mark.parametrize(
+    ("name", "flexibility"),
+    [("rigid", "rigid"), ("flexible_joints", "flexible_joints"), ("flexible_links", "flexible_links")],
+)
+def test_torques_differ_by_what_the_closed_forms_say(name, flexibility):
+    study = crossing_study()
+    times = study.times[::70]
+    low = oracle.torques(oracle.solve("C", flexibility, "rigid", 4), times)
+    high = oracle.torques(oracle.solve("C", "flexible_links", "deformed", 4), times)
+    peak = np.abs(study.highest.torque(study.times)).max()
+    expected = np.abs(low - high).max(axis=1) / peak
+    found = level(study, name).torque_error[::70]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    assert expected.max() > 1e-3
+
+
+def test_where_legs_have_no_mass_rungs_agree_and_the_ladder_goes_on():
+    study = crossing_study()
+    assert level(study, "rigid").same_as == "payload"
+    assert level(study, "elastic_inertia").same_as == "deformed"
+    assert study.enough.level.name == "deformed"
+    assert replace(study, tolerance=0.01).enough.level.name == "payload"
+
+
+def test_legs_with_mass_tell_the_same_rungs_apart():
+    study = fidelity_study(robots.load("five_bar_heavy"), "A", tolerance=0.01)
+    assert not any(comparison.same_as for comparison in study.levels)
+    assert study.enough.level.name == "rigid"
+
+
+def test_the_highest_rung_follows_its_plan_in_its_own_simulation():
+    highest = crossing_study().levels[-1]
+    assert highest.torque < 1e-12
+    assert highest.platform <= 0.1 * crossing_study().tolerance
+
+
+def test_a_robot_without_springs_is_judged_by_the_rigid_one():
+    description = replace(robots.load("five_bar_heavy").description, springs=())
+    study = fidelity_study(ParallelRobot.from_description(description), "C", tolerance=1e-4)
+    assert study.robot.n_e == 0
+    assert [comparison.same_as for comparison in study.levels] == ["", "", "", *["rigid"] * 4]
+    assert study.enough.level.name == "rigid"
+
+
+def test_other_torques_are_those_of_another_motion():
+    lowest = level(crossing_study(), "kinematics")
+    assert lowest.torque > 0.9
+    assert lowest.platform == np.inf
+    assert "not simulated" in lowest.reason
+
+
+def test_a_plan_that_ends_before_the_highest_is_judged_up_to_its_end():
+    comparison = replace(crossing_study().levels[-1], platform_error=np.array([0.0, 0.02, np.nan]))
+    assert comparison.platform == 0.02
+
+
+@pytest.mark.slow
+def test_a_platform_that_is_lost_is_lost_at_some_instant():
+    study = fidelity_study(robots.load("two_arms"), "lift", tolerance=0.01)
+    lost = level(study, "rigid")
+    assert lost.torque < 1e-3  # all but right, and yet: nothing feeds back, and weight pulls
+    assert lost.platform == np.inf
+    assert lost.reason.startswith("10 % off its path")
+    assert np.nanmax(lost.platform_error) == pytest.approx(0.1, abs=0.01)
+    assert study.enough.level.name in ("deformed", "elastic_inertia")
+
+
+def test_where_even_the_highest_rung_is_not_enough_there_is_a_reason():
+    study = replace(crossing_study(), tolerance=1e-15)
+    assert study.enough is None
+    assert study.kept is None
+    assert isinstance(study.refusal, NoAnswer)
+    assert crossing_study().refusal is None
+
+
+def test_a_motion_without_a_highest_plan_has_nothing_to_be_judged_by():
+    with pytest.raises(UnboundedTorque):
+        fidelity_study(robots.load("five_bar"), "B")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"tolerance": 1.0}, "tolerance"),
+        ({"tolerance": float("nan")}, "tolerance"),
+        ({"geometry": "rigid"}, "geometry: each rung"),
+    ],
+)
+def test_misuse_is_told(options, words):
+    with pytest.raises(InvalidInput, match=words):
+        fidelity_study(robots.load("five_bar"), "C", **options)
+
+
+# ------------------------------------------------------------------ what is foretold, and kept
+
+
+def test_indicators_do_not_grow_upwards():
+    errors = [crossing_study().indicators.error[name] for name in NAMES]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] == 0.0
+    # legs without mass: what the bodies add above the payload is nothing
+    assert crossing_study().indicators.words["payload"] == "the payload makes 100 % of the force"
+
+
+def test_the_scene_keeps_what_the_study_finds():
+    kept = robots.load("five_bar").description.scenes["C"].fidelity
+    study = replace(crossing_study(), tolerance=kept.tolerance)
+    assert study.kept == {"rung": kept.level, "tolerance": kept.tolerance}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_kept_rung_plans_what_was_judged(name):
+    description = robots.load("five_bar").description
+    scene = replace(description.scenes["C"], fidelity=KeptLevel(name, 0.01))
+    keeping = replace(description, scenes={"C": scene})
+    options = kept_options(keeping, "C")
+    robot = ParallelRobot.from_description(keeping, flexibility=options.pop("flexibility"))
+    plan, t = plan_scene(robot, "C", **options), np.linspace(0.0, 1.5, 31)
+    # rungs below rigid are planned with all bodies; those of the 5R's legs have no mass
+    comparison = level(crossing_study(), "rigid" if name == "kinematics" else name)
+    np.testing.assert_allclose(plan.torque(t), comparison.plan.torque(t), rtol=0, atol=1e-10)
+
+
+def test_a_scene_that_keeps_nothing_is_told():
+    with pytest.raises(InvalidInput, match="scene A of five_bar keeps no rung"):
+        kept_options(robots.load("five_bar").description, "A")
+
+
+@pytest.mark.slow
+def test_the_path_of_a_scene_is_judged_like_the_scene():
+    robot = robots.load("five_bar")
+    scene = robot.description.scenes["A"]
+    one = fidelity_study(robot, "A")
+    other = fidelity_study(robot, scene_path(scene), duration=scene.duration)
+    np.testing.assert_array_equal([j.torque for j in one.levels], [j.torque for j in other.levels])
+    assert one.length == pytest.approx(np.hypot(0.15, 0.05), rel=1e-12)

@@ -1,0 +1,110 @@
+"""Poses in stacks and in streams are those found one by one; both end where the assembly mode does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Type2Singularity, assemble, forward_kinematics, plan_scene
+from framework.errors import InvalidInput, NotAssembled
+from framework.kinematics.continuation.pose_stack import (
+    follow_motors,
+    forward_kinematics_stack,
+)
+from tests.benchmarks.random_poses import evidence
+
+SLOW = ("delta", "orthoglide", "humanoid_ankle", "four_bar", "agile_eye")
+
+
+def pose_or_refusal(robot, q_a):
+    try:
+        return forward_kinematics(robot, q_a)
+    except NotAssembled as refusal:
+        return refusal
+
+
+@pytest.mark.parametrize("name", ["five_bar", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+def test_a_stack_says_what_each_says_alone(name):
+    robot, rng = robots.load(name), np.random.default_rng(1)
+    size = robot.column_scale[robot.actuated]
+    q_a = robot.actuated_coordinates(robot.reference.q[None]) + rng.uniform(-0.3, 0.3, (6, robot.n_a)) * size
+    stack = forward_kinematics_stack(robot, q_a)
+    for k, one in enumerate(q_a):
+        alone = pose_or_refusal(robot, one)
+        if isinstance(alone, NotAssembled):
+            assert type(stack.refused[k]) is type(alone)
+            assert np.isnan(stack.q[k]).all()
+            assert stack.refused[k].share == pytest.approx(alone.share, abs=1e-10)
+            continue
+        assert k not in stack.refused
+        allowed = 1e-13 * robot.length / alone.clearance**2 + 1e-13
+        np.testing.assert_allclose(stack.q[k], alone.q, rtol=0, atol=allowed)
+        np.testing.assert_allclose(stack.x[k], alone.x, rtol=0, atol=allowed)
+        assert stack.residual[k] < 1e-12 * max(robot.length, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "poses"),
+    [("five_bar", 40), *(pytest.param(name, 100, marks=pytest.mark.slow) for name in SLOW)],
+)
+def test_random_poses_a_tenth_away_are_found_on_their_branch(name, poses):
+    found = evidence(robots.load(name), poses)
+    assert found.arrived + found.refused.total() == poses
+    assert found.arrived >= poses / 4  # the delta stands beside its locus: half of all ways meet it
+    assert found.off_branch == 0
+    assert found.open < 1e-14
+    assert found.error < 1e-12
+    assert set(found.refused) <= {"Type2Singularity"}
+
+
+def test_a_stream_of_a_plan_follows_the_plan():
+    plan = plan_scene(robots.load("five_bar"), "A")
+    times = np.linspace(0.0, plan.duration, 40)
+    samples = plan.motor_angle(times) / plan.robot.gear_ratio
+    near = plan.configuration(times[:1])[0]
+    followed = list(follow_motors(plan.robot, iter(samples), near=near))
+    np.testing.assert_allclose([pose.q for pose in followed], plan.configuration(times), atol=1e-12)
+    np.testing.assert_allclose([pose.x for pose in followed], plan.platform(times), atol=1e-12)
+
+
+def test_a_stream_that_meets_type_2_ends_between_the_samples_around_it():
+    plan = plan_scene(robots.load("five_bar"), "C")
+    (crossing,) = plan.crossings
+    times = np.linspace(0.0, plan.duration, 61)
+    samples = plan.motor_angle(times) / plan.robot.gear_ratio
+    before = int(np.sum(times < crossing.time))
+    stream = follow_motors(plan.robot, samples, near=plan.configuration(times[:1])[0])
+    for k in range(before):
+        np.testing.assert_allclose(next(stream).x, plan.platform(times[k]), atol=1e-9)
+    with pytest.raises(Type2Singularity, match="a Type 2 singularity on the way") as end:
+        next(stream)
+    between = plan.platform(times[before - 1 : before + 1])
+    apart = np.linalg.norm(np.diff(between, axis=0))
+    assert np.linalg.norm(end.value.platform - crossing.platform) < apart
+
+
+def test_encoders_of_a_single_turn_are_counted_on():
+    robot = robots.load("n_four_bar")
+    start = assemble(robot)
+    begin = robot.actuated_coordinates(start.q[None])[0]
+    turned = begin + np.linspace(0.0, 4 * np.pi, 41)[:, None]
+    samples = np.mod(turned, 2 * np.pi)
+    *_, last = follow_motors(robot, samples, single_turn=True)
+    assert robot.actuated_coordinates(last.q[None])[0] == pytest.approx(turned[-1], abs=1e-12)
+    assert abs(last.x - start.x) == pytest.approx(4 * np.pi, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "q_a", "words"),
+    [
+        ("five_bar", [[1.0, np.nan]], "left_motor, right_motor.* finite numbers"),
+        ("standing_quadruped", np.zeros((2, 12)), "12 motors drive 6 degrees of freedom"),
+    ],
+)
+def test_what_cannot_be_right_is_refused(name, q_a, words):
+    robot = robots.load(name)
+    with pytest.raises(InvalidInput, match=words):
+        forward_kinematics_stack(robot, q_a)
+    with pytest.raises(InvalidInput, match=words):
+        next(follow_motors(robot, q_a))

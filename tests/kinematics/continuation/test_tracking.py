@@ -1,0 +1,150 @@
+"""Following a path: the branch of a closed form, whichever way and in whatever steps it is followed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Arc, InvalidInput, Line, assemble, track_path
+from framework.errors import OutOfReach, Type1Singularity
+from framework.kinematics.continuation.tracking import follow_path
+from framework.kinematics.linearised_loops import linearised_at
+from tests.benchmarks.random_motions import CLOSINGS, evidence, in_small_steps
+from tests.oracles.closure_rows import closure_errors
+from tests.oracles.forward_simulation import kinematics
+from tests.robots.every_robot import RIGID, first_path
+
+MOTORS, LINK = np.array([[-0.2, 0.0], [0.2, 0.0]]), 0.25  # the 5R of the paper
+LINE = Line([0.1, 0.345], [-0.05, 0.195])
+SEVERAL = [
+    pytest.param(name, marks=() if name in ("five_bar", "delta", "three_rpr") else pytest.mark.slow)
+    for name in robots.CATALOGUE
+]
+
+
+def cranks(points):
+    """Crank angles (T, 2) of the 5R with both elbows outward, by the law of cosines."""
+    found = []
+    for motor, side in zip(MOTORS, (1.0, -1.0), strict=True):
+        reach = points - motor
+        half = np.linalg.norm(reach, axis=1) / 2
+        found.append(np.arctan2(reach[:, 1], reach[:, 0]) + side * np.arccos(half / LINK))
+    return np.stack(found, axis=1)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        LINE,
+        Line([0.1, 0.345], [0.0, 0.02]),
+        Arc([0.1, 0.3], [-0.1, 0.33], [-0.15, 0.2]),
+        Line([0.1, 0.3], [-0.05, 0.42]),  # close to where the right leg is stretched
+    ],
+)
+def test_the_5r_keeps_the_elbows_of_its_reference(path):
+    robot = robots.load("five_bar")
+    branch = track_path(robot, path)
+    s = np.linspace(0.0, 1.0, 301)
+    np.testing.assert_allclose(branch.closed(s).q[:, robot.actuated], cranks(path(s)), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SEVERAL)
+def test_knots_are_closed_tangents_are_tangents_and_guesses_lie_between(name):
+    robot = RIGID[name]
+    branch = track_path(robot, first_path(robot))
+    model, data = robot.model, robot.model.createData()
+    for q in branch.guess(branch.s):
+        kinematics(model, data, q, np.zeros(model.nv))
+        assert np.abs(closure_errors(model, data, robot.description.closures)).max() < 1e-11 * max(
+            robot.length, 1.0
+        )
+    assert branch.s[0] == 0.0
+    assert branch.s[-1] == 1.0
+    s, h = np.linspace(0.07, 0.93, 9), 1e-5
+    slope = (branch.closed(s + h).q - branch.closed(s - h).q) / (2 * h)
+    cubic = (branch.guess(s + h) - branch.guess(s - h)) / (2 * h)
+    largest = np.abs(slope).max()
+    np.testing.assert_allclose(cubic, slope, rtol=0, atol=0.2 * largest)
+    off = np.abs(branch.guess(s) - branch.closed(s).q) / robot.column_scale
+    assert off.max() < 0.03
+
+
+@pytest.mark.parametrize("name", SEVERAL)
+def test_there_and_back_is_where_it_began(name):
+    robot = RIGID[name]
+    path = first_path(robot)
+    there = track_path(robot, path)
+
+    class Back:
+        n, knots = path.n, 1.0 - path.knots[::-1]
+
+        def __call__(self, s, order=0):
+            return (-1) ** order * path(1.0 - np.asarray(s, dtype=float), order)
+
+    way = follow_path(robot, Back(), there.closed(1.0).q[0])
+    assert way.complete
+    size = 1e-9 * max(robot.length, 1.0)
+    np.testing.assert_allclose(way.last.q[0], there.closed(0.0).q[0], rtol=0, atol=size)
+    np.testing.assert_allclose(way.q, there.closed(1.0 - way.at).q, rtol=0, atol=size)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["five_bar", "biglide", "orthoglide", "par4", "three_rpr"])
+def test_random_motions_stay_on_their_branch_or_are_refused_at_a_singularity(name):
+    found = evidence(name, 24)
+    assert found.followed + found.refused.total() == 24
+    assert found.followed >= 6
+    assert found.off_branch == []
+    assert found.undecided == []
+    assert found.unexplained == []
+
+
+def test_small_steps_of_the_random_motions_are_closed_beside_a_stretched_leg():
+    robot = robots.load("delta")
+    beside = np.array([0.30385, -0.154295, -1.705903])  # the second leg is 0.6 mm from its full length
+    for steps in (64, 128):
+        course = Line(robot.reference.x, beside)(np.linspace(0.0, 1.0, steps + 1))
+        passed = in_small_steps(robot, course[None], CLOSINGS)[0]
+        assert np.abs(linearised_at(robot, passed, course).residual).max() < 1e-13
+        np.testing.assert_allclose(passed[-1], assemble(robot, beside).q, rtol=0, atol=1e-11)
+
+
+def test_the_way_to_a_point_does_not_matter_within_a_mode():
+    robot = robots.load("five_bar")
+    straight = assemble(robot, [-0.08, 0.28]).q
+    for corner in ([0.0, 0.4], [-0.15, 0.3], [0.05, 0.15]):
+        first = follow_path(robot, Line(assemble(robot).x, corner), assemble(robot).q)
+        second = follow_path(robot, Line(corner, [-0.08, 0.28]), first.last.q[0])
+        assert first.complete
+        assert second.complete
+        np.testing.assert_allclose(second.last.q[0], straight, atol=1e-12)
+
+
+def test_a_way_that_leaves_the_workspace_ends_on_its_edge():
+    robot = robots.load("five_bar")
+    start = assemble(robot)
+    way = follow_path(robot, Line(start.x, [0.0, 1.0]), start.q)
+    assert not way.complete
+    end = start.x + way.at[-1] * (np.array([0.0, 1.0]) - start.x)
+    reach = np.linalg.norm(end - MOTORS, axis=1).max()
+    assert 0 <= 2 * LINK - reach < 1e-6
+    with pytest.raises((OutOfReach, Type1Singularity)) as caught:
+        assemble(robot, [0.0, 1.0])
+    assert 0.0 < caught.value.s - way.at[-1] < 1e-6
+    assert np.linalg.norm(caught.value.platform - MOTORS, axis=1).max() == pytest.approx(2 * LINK, abs=1e-13)
+
+
+def test_springs_keep_their_deflections_along_a_path():
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    q = assemble(robot).q
+    way = follow_path(robot, Line(assemble(robot).x, [0.05, 0.3]), q)
+    for here in way.q:
+        np.testing.assert_array_equal(here[robot.elastic], q[robot.elastic])
+
+
+def test_a_path_of_other_coordinates_is_refused():
+    with pytest.raises(InvalidInput, match=r"3 coordinates, the platform of five_bar has 2 \(x, y\)"):
+        track_path(robots.load("five_bar"), Line([0, 0, 0], [1, 1, 1]))
+    with pytest.raises(InvalidInput, match="must be 2 finite numbers"):
+        assemble(robots.load("five_bar"), [0.0, np.inf])

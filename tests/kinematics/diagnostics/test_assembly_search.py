@@ -1,0 +1,195 @@
+"""A closed pose is found where Newton's method from the reference finds none, within the joints' limits.
+
+Closed is judged by pinocchio's frame placements alone.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework import ParallelRobot, check_robot
+from framework.cli import main
+from framework.errors import NotAssembled
+from framework.kinematics.diagnostics.assembly_search import find_closed_pose
+from framework.kinematics.mechanism import Mechanism
+from tests.kinematics.linkages import ball, frame, joint, linkage
+
+# arms, half rods and the second pivot [m]: a spatial four-bar whose rod is cut in its middle, both halves on
+# balls and welded to each other. At zero the halves stand anywhere, and have to turn to fit each other
+HALVES = {
+    "skew": ((-0.1, 0, 0), (0, 0.1, 0), (0, 0.15, 0), (0, 0.15, 0), (0.3, 0.05, 0.02)),
+    "raised": ((0, 0, -0.1), (-0.1, 0, 0), (0, 0.15, 0), (0, 0.15, 0), (0.3, 0, 0)),
+    "upright": ((0, -0.1, 0), (0, 0.1, 0), (0, 0, 0.15), (0, 0, 0.15), (0.3, 0.05, 0.02)),
+}
+TURNED_OVER = ((0.1, 0, 0), (0, 0.1, 0), (0, -0.15, 0), (0, 0, 0.15), (0.3, 0, 0))
+
+
+def halves(shape, side="", limit=""):
+    arm_1, arm_2, half_1, half_2, pivot = shape
+    kind = "revolute" if limit else "continuous"
+    return (
+        joint(f"{side}crank", "base", (0, 0, 0), kind=kind, limit=limit)
+        + ball(f"{side}one", f"{side}crank_link", arm_1)
+        + frame(f"{side}end_1", f"{side}one_z_link", half_1)
+        + joint(f"{side}rocker", "base", pivot)
+        + ball(f"{side}two", f"{side}rocker_link", arm_2)
+        + frame(f"{side}end_2", f"{side}two_z_link", half_2, (np.pi, 0, 0))
+    )
+
+
+def can_close(shape):
+    """Whether the rod's length, from ball to ball, lies between the least and the most that arms allow."""
+    arm_1, arm_2, half_1, half_2, pivot = np.array(shape, dtype=float)
+    rod = np.linalg.norm(half_1 - half_2 * [1, -1, -1])  # the second half is welded on turned about x
+    angles = np.linspace(0.0, 2 * np.pi, 181)
+    tips = [arm[:1] * np.cos(angles) - arm[1:2] * np.sin(angles) for arm in (arm_1, arm_2)]
+    across = [arm[:1] * np.sin(angles) + arm[1:2] * np.cos(angles) for arm in (arm_1, arm_2)]
+    x = pivot[0] + tips[1][None] - tips[0][:, None]
+    y = pivot[1] + across[1][None] - across[0][:, None]
+    reach = np.sqrt(x**2 + y**2 + (pivot[2] + arm_2[2] - arm_1[2]) ** 2)
+    return reach.min() <= rod <= reach.max()
+
+
+def robot_file(*sides):
+    closures = ", ".join(
+        f"{{name: {side}rod, frames: [{side}end_1, {side}end_2], kind: fixed}}" for side in sides
+    )
+    motors = ", ".join(f"{{joint: {side}crank}}" for side in sides)
+    return (
+        f"platform: {{frame: {sides[0]}rocker_link, axes: [rz]}}\n"
+        f"actuators: [{motors}]\nclosures: [{closures}]\n"
+    )
+
+
+def apart(robot, q, first, second):
+    """Distance [m] and angle [rad] between two frames."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    one, two = (data.oMf[robot.model.getFrameId(name, pin.FrameType.BODY)] for name in (first, second))
+    between = one.actInv(two)
+    return np.linalg.norm(between.translation), np.linalg.norm(pin.log3(between.rotation))
+
+
+@pytest.mark.parametrize("shape", HALVES.values(), ids=HALVES)
+def test_loops_that_newton_leaves_open_are_closed(tmp_path, shape):
+    robot = linkage(tmp_path, halves(shape), robot_file(""))
+    with pytest.raises(NotAssembled, match="do not close near the reference"):
+        ParallelRobot.of(robot)
+    pose = find_closed_pose(robot)
+    assert max(apart(robot, pose.q, "end_1", "end_2")) < 1e-9
+    offset = np.abs(pose.q - robot.q_near)
+    assert pose.joint == robot.coordinates.name_of(int(np.argmax(offset)))
+    assert pose.moved == f"{offset.max():.3g} rad"
+
+
+def test_a_reference_that_newton_closes_turned_over_is_none(tmp_path):
+    robot = linkage(tmp_path, halves(TURNED_OVER), robot_file(""))
+    with pytest.raises(NotAssembled, match="only with rod turned over"):
+        ParallelRobot.of(robot)
+    assert max(apart(robot, find_closed_pose(robot).q, "end_1", "end_2")) < 1e-9
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(seed, marks=pytest.mark.slow if seed > 3 else ()) for seed in range(30)]
+)
+def test_a_pose_is_found_where_there_is_one(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+
+    def along_an_axis(length):
+        return tuple(length * rng.choice([-1, 1]) * np.eye(3)[rng.integers(3)])
+
+    shape = (*(along_an_axis(length) for length in (0.1, 0.1, 0.15, 0.15)), (0.3, 0.05, 0.02))
+    robot = linkage(tmp_path, halves(shape), robot_file(""))
+    if can_close(shape):
+        assert max(apart(robot, find_closed_pose(robot).q, "end_1", "end_2")) < 1e-9
+    else:
+        with pytest.raises(NotAssembled, match=r"rod\.r?[xyz] stays"):
+            find_closed_pose(robot)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("low", "high", "closes"), [(0.9, 1.1, True), (-1.1, -0.9, True), (-0.1, 0.4, False)]
+)
+def test_a_limit_decides_which_pose_is_found(tmp_path, low, high, closes):
+    """The skew four-bar has poses with its crank anywhere but from -0.2 to 0.5 rad."""
+    limit = f'lower="{low}" upper="{high}"'
+    robot = linkage(tmp_path, halves(HALVES["skew"], limit=limit), robot_file(""))
+    if not closes:
+        with pytest.raises(NotAssembled, match="within the joints' limits"):
+            find_closed_pose(robot)
+        return
+    pose = find_closed_pose(robot)
+    assert max(apart(robot, pose.q, "end_1", "end_2")) < 1e-9
+    crank = pose.q[robot.model.joints[robot.model.getJointId("crank")].idx_q]
+    assert low - 1e-12 <= crank <= high + 1e-12
+
+
+def test_slides_keep_their_limits_too():
+    """The 3-RPR from a reference far outside of them."""
+    given = robots.load("three_rpr")
+    lost = {limit.joint: 0.0 if limit.unit == "rad" else 2.4 for limit in given.limits}
+    robot = Mechanism.from_description(replace(given.description, reference=lost))
+    pose = find_closed_pose(robot)
+    assert (
+        max(apart(robot, pose.q, "corner_2", "tip_2")[0], apart(robot, pose.q, "corner_3", "tip_3")[0]) < 1e-9
+    )
+    for limit in robot.limits:
+        assert limit.lower - 1e-12 <= pose.q[limit.coordinate] <= limit.upper + 1e-12
+
+
+def test_legs_are_closed_one_by_one(tmp_path):
+    """Five loops, each of which few starts close, do not have to be closed by the same start."""
+    shape = HALVES["skew"]
+    sides = ("a_", "b_", "c_", "d_", "e_")
+    robot = linkage(tmp_path, "".join(halves(shape, side) for side in sides), robot_file(*sides))
+    pose = find_closed_pose(robot)
+    for side in sides:
+        assert max(apart(robot, pose.q, f"{side}end_1", f"{side}end_2")) < 1e-9
+
+
+@pytest.mark.slow
+def test_what_cannot_close_is_told_with_the_least_gap(write_robot):
+    """Motors 1.6 m apart and 1 m of links: the tips stay 0.6 m apart at least."""
+    robot = Mechanism.from_file(write_robot(urdf=(('xyz="0.2 0 0"', 'xyz="1.4 0 0"'),)))
+    with pytest.raises(NotAssembled, match=r"do not close: of \d+ starts .* tip\.[xyz] stays") as failure:
+        find_closed_pose(robot)
+    assert 0.6 < apart(robot, failure.value.q, "left_tip", "right_tip")[0] < 0.7
+
+
+@pytest.mark.parametrize("words", [[], ["--json"]])
+def test_check_answers_no_where_the_reference_is_not_assembled_and_prints_the_pose(tmp_path, capsys, words):
+    linkage(tmp_path, halves(HALVES["skew"]), robot_file(""))
+    (file,) = tmp_path.glob("*.yaml")
+    assert main(["check", str(file), *words]) == 1
+    out, err = capsys.readouterr()
+    assert err.count("\n") == 1
+    assert "the loops do not close near the reference that is given" in err
+    if not words:
+        assert "  reference         {crank: " in out
+        return
+    found = json.loads(out)
+    assert not found["assembled"]
+    assert found["error"]["kind"] == "NotAssembled"
+    assert found["error"]["residual"] == found["gap_at_reference"] > 1e-3
+    pasted = [f"{joint}={value!r}" for joint, value in found["reference"].items()]
+    assert main(["check", str(file), "--reference", *pasted]) == 0
+
+
+def test_check_examines_the_pose_it_has_found_and_prints_it_to_paste(tmp_path):
+    shape, file = HALVES["skew"], robot_file("")
+    found = check_robot(linkage(tmp_path, halves(shape), file))
+    assert not found.assembled
+    assert found.closure_error < 1e-12
+    assert found.advice[0].startswith("the loops do not close near the reference that is given")
+    pasted = ", ".join(f"{name}: {value:.6g}" for name, value in found.reference.items())
+    again = check_robot(linkage(tmp_path, halves(shape), f"{file}reference: {{{pasted}}}\n"))
+    assert again.assembled
+    assert not any("do not close" in advice for advice in again.advice)
+    assert (again.mobility, again.rank) == (found.mobility, found.rank)

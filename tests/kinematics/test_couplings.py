@@ -1,0 +1,165 @@
+"""Couplings of joints, q_a = ratio q_b + offset, against closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework import (
+    Line,
+    ParallelRobot,
+    assemble,
+    dynamics_at,
+    locate_singularities,
+    plan_crossing,
+    simulate,
+)
+from framework.errors import InvalidInput, OutOfReach, RobotFileError
+from framework.export.mjcf import mjcf_text
+from framework.kinematics.linearised_loops import linearised_at
+from framework.model.description import Coupling
+from framework.model.robot_file import read_robot_file
+from framework.model.robot_file_writer import write_robot_file
+from framework.proofs.derivative_bounds import DerivativeBounds
+from tests.robots.transformed import in_other_units
+
+LENGTH, ARM, ROD = 0.2, (1.0, 0.1, 0.01), (2.0, 0.15, 0.02)  # [m]; mass [kg], lever [m], inertia [kg m^2]
+GEAR, ROTOR, WEIGHT, DAMPING, ARMATURE = 3.0, 1e-3, 9.81, 0.3, 0.5
+
+_BODY = (
+    '<inertial><origin xyz="{1} 0 0"/><mass value="{0}"/>'
+    '<inertia ixx="{2}" iyy="{2}" izz="{2}" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+URDF = f"""<robot name="cardan"><link name="base"/><link name="arm">{_BODY.format(*ARM)}</link>
+<link name="rod">{_BODY.format(*ROD)}</link><link name="tip"/>
+<joint name="a" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint>
+<joint name="b" type="continuous"><parent link="arm"/><child link="rod"/><origin xyz="{LENGTH} 0 0"/>
+<axis xyz="0 0 1"/></joint>
+<joint name="end" type="fixed"><parent link="rod"/><child link="tip"/><origin xyz="{LENGTH} 0 0"/></joint>
+</robot>"""
+YAML = f"""version: 1
+urdf: cardan.urdf
+gravity: [0, -{WEIGHT}, 0]
+platform: {{frame: tip, axes: [x]}}
+actuators: [{{joint: a, gear_ratio: {GEAR}, rotor_inertia: {ROTOR}}}]
+couplings: [{{joint: b, of: a, ratio: -2, offset: 0.0}}]
+joints: {{b: {{damping: {DAMPING}, armature: {ARMATURE}}}}}
+reference: {{a: 0.7}}
+"""
+
+
+@pytest.fixture
+def cardan(tmp_path) -> ParallelRobot:
+    """Two equal links with a gear b = -2 a: the tip moves along x, x = 2 LENGTH cos(a)."""
+    (tmp_path / "cardan.urdf").write_text(URDF, encoding="utf-8")
+    (tmp_path / "cardan.yaml").write_text(YAML, encoding="utf-8")
+    return ParallelRobot.from_file(tmp_path / "cardan.yaml")
+
+
+def torque(a: float, da: float, dda: float) -> float:
+    """Motor torque [N m] by Lagrange: the arm turns by a, the rod by a + b = -a about its own centre."""
+    (m1, l1, i1), (m2, l2, i2) = ARM, ROD
+    # centre of the rod: LENGTH (cos a, sin a) + l2 (cos a, -sin a)
+    along, across = LENGTH + l2, LENGTH - l2  # x = along cos a, y = across sin a
+    inertia = m1 * l1**2 + i1 + i2 + m2 * (along**2 * np.sin(a) ** 2 + across**2 * np.cos(a) ** 2)
+    inertia += 4.0 * ARMATURE + GEAR**2 * ROTOR
+    slope = m2 * (along**2 - across**2) * np.sin(2 * a)  # of the inertia
+    weight = WEIGHT * (m1 * l1 + m2 * across) * np.cos(a)
+    return float((inertia * dda + 0.5 * slope * da**2 + weight + 4.0 * DAMPING * da) / GEAR)
+
+
+def test_torques_are_those_of_lagrange_and_the_robot_follows(cardan):
+    plan = plan_crossing(cardan, Line([0.3], [0.2]), duration=1.0)
+    times = np.linspace(0.1, 0.9, 5)
+    for t in times:
+        a, da, dda = (float(plan.motor_angle(t, order)[0]) / GEAR for order in range(3))
+        assert 2 * LENGTH * np.cos(a) == pytest.approx(float(plan.platform(t)[0]), rel=1e-12)
+        assert float(plan.torque(t)[0]) == pytest.approx(torque(a, da, dda), rel=1e-9)
+    assert simulate(cardan, plan).tracking_error < 1e-10
+    np.testing.assert_allclose(
+        simulate(cardan, plan, method="fast", step=1e-3).q[:, 1],
+        -2.0 * simulate(cardan, plan, method="fast", step=1e-3).q[:, 0],
+        atol=1e-9,
+    )
+
+
+def test_the_coupling_gives_what_the_second_joint_needs(cardan):
+    """About joint b alone: the rod's own equation, with the torque of the coupling ON b."""
+    q = assemble(cardan, [0.3]).q
+    instant = dynamics_at(cardan, q, dx=[0.1], ddx=[1.0])
+    (m2, l2, i2), (a, b) = ROD, q
+    (da, db), (dda, ddb) = instant.v, instant.a
+    # the rod's centre accelerates with its hinge and about it; moments about the hinge
+    hinge = LENGTH * np.array([-np.sin(a) * dda - np.cos(a) * da**2, np.cos(a) * dda - np.sin(a) * da**2]) + [
+        0.0,
+        WEIGHT,
+    ]
+    across = np.array([-np.sin(a + b), np.cos(a + b)])
+    moment = (i2 + m2 * l2**2) * (dda + ddb) + m2 * l2 * (across @ hinge)
+    assert instant.coupling_torques["b_of_a"] == pytest.approx(
+        moment + ARMATURE * ddb + DAMPING * db, rel=1e-9
+    )
+
+
+def test_derivatives_of_coupled_loops_are_those_of_differences():
+    description = replace(
+        robots.load("five_bar").description, couplings=(Coupling("right_motor", "left_elbow", 0.7, 1.2),)
+    )
+    robot = robots.load("five_bar")
+    rows = type(robot).__mro__[1].from_description(description).rows
+    assert rows.names[-1] == "right_motor_of_left_elbow.q"
+    q = robot.reference.q[None]
+    columns = [robot.coordinates.names.index(name) for name in ("right_motor", "left_elbow")]
+    assert rows.coupling_residual(q)[0, 0] == pytest.approx(q[0, columns[0]] - 0.7 * q[0, columns[1]] - 1.2)
+    np.testing.assert_allclose(rows.coupling_jacobian(4)[-1, columns], [1.0, -0.7])
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-9])
+def test_a_redundant_coupling_is_named_and_has_no_torque_at_any_size(cardan, size):
+    same = Coupling("a", "b", -0.5)
+    twice = replace(cardan.description, couplings=(*cardan.description.couplings, same))
+    robot = ParallelRobot.from_description(in_other_units(twice, length=size))
+    assert len(robot.rows.names) == 2
+    assert len(robot.structure.independent) == 1
+    assert np.isnan(dynamics_at(robot, robot.reference.q).coupling_torques["a_of_b"])
+    assert linearised_at(robot, robot.reference.q[None], None).gap[0] < 1e-12
+
+
+def test_a_path_ends_where_the_gear_turns_the_tip_back(cardan):
+    """x = 2 LENGTH cos(a) is at most 2 LENGTH."""
+    with pytest.raises(OutOfReach, match="leaves the workspace"):
+        locate_singularities(cardan, Line([0.3], [0.41]))
+
+
+def test_mjcf_has_the_coupling_and_proofs_refuse_it(cardan):
+    text = mjcf_text(cardan)
+    assert '<joint name="b_of_a" joint1="b" joint2="a" polycoef="0.0 -2.0 0.0 0.0 0.0"' in text
+    assert 'damping="0.3"' in text
+    with pytest.raises(InvalidInput, match="couplings of joints"):
+        DerivativeBounds.of(cardan)
+
+
+def test_couplings_are_written_and_read_again(cardan, tmp_path):
+    read = read_robot_file(write_robot_file(cardan.description, tmp_path / "out"))
+    assert read.couplings == cardan.description.couplings
+    assert read.closures == ()
+
+
+@pytest.mark.parametrize(
+    ("coupling", "message"),
+    [
+        (
+            {"joint": "left_motor", "of": "left_motor"},
+            "couplings[0].of: needs another joint than 'left_motor'",
+        ),
+        ({"joint": "left_motor", "of": "tip"}, "couplings[0].of: unknown joint 'tip'"),
+        ({"joint": "left_motor"}, "couplings[0].of: missing"),
+    ],
+)
+def test_what_couples_nothing_is_refused(write_robot, coupling, message):
+    with pytest.raises(RobotFileError) as raised:
+        read_robot_file(write_robot(("couplings", [coupling])))
+    assert message in str(raised.value)

@@ -1,0 +1,68 @@
+"""What comes of files with the quirks of published ones: as EXPECTED.md beside them says beforehand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from framework import ParallelRobot, check_robot
+from framework.errors import LoadedJoint, RobotFileError
+from framework.kinematics.diagnostics.proposal import propose
+from framework.model.description import Closure
+from framework.model.readers.recognise import parse_any
+from tests.model.readers.foreign_files import DATA, PLANNED, short_move
+
+FILES = pytest.mark.parametrize("file", PLANNED, ids=lambda file: file.name.removesuffix(".xml"))
+
+
+@FILES
+def test_freedoms_and_idle_turns_are_those_that_an_expert_counts(file):
+    found = check_robot(ParallelRobot.from_description(file.description()))
+    assert found.mobility == file.freedoms + file.idle_turns
+    assert len(found.idle_joints) == file.idle_turns
+
+
+@FILES
+def test_a_short_move_is_planned_and_what_is_held_is_worth_little(file):
+    plan = short_move(ParallelRobot.from_description(file.description()))
+    largest = np.abs(plan.robot.gear_ratio * plan.torque(np.linspace(0.0, plan.duration, 101))).max()
+    assert plan.certificate.max_residual_torque < 1e-9 * largest
+    assert plan.certificate.max_held_torque < 1e-4 * largest
+
+
+def test_rounded_and_overconstrained_rings_say_by_how_much_they_are_open():
+    plan = short_move(ParallelRobot.from_description(PLANNED[1].description()))
+    of_ten_numbers = 10 * 0.5e-6  # [m, rad], that a loop is made of, each rounded to six digits
+    assert 1e-9 < plan.certificate.rounded_gap < of_ten_numbers
+
+
+def test_a_leg_on_a_trunk_that_floats_is_refused_whole():
+    with pytest.raises(RobotFileError, match="free"):
+        parse_any(DATA / "sprung_leg.xml", propose=propose)
+
+
+def test_one_motor_for_three_freedoms_is_refused_by_the_names_of_what_is_loose():
+    with pytest.raises(RobotFileError, match=r"--lock"):
+        parse_any(DATA / "gripper_on_a_tendon.xml", propose=propose)
+
+
+def test_a_damped_rod_that_carries_the_head_is_not_held_in_silence():
+    """Its turn goes with one of the head's ball; both are damped, and the head's motion turns the second."""
+    parsed = parse_any(DATA / "head_on_six_rods.xml", propose=propose)
+    robot = ParallelRobot.from_description(parsed.description)
+    assert (robot.n, len(robot.structure.idle)) == (6, 6)
+    with pytest.raises(LoadedJoint, match=r"passive_6 by a closure \{frames: \[horn_6, rod_6\]"):
+        short_move(robot)
+
+
+def test_a_turn_that_is_loaded_is_planned_once_it_is_locked_or_nothing_acts_on_it():
+    """Both remedies that the refusal names."""
+    description = parse_any(DATA / "head_on_six_rods.xml", propose=propose).description
+    lock = Closure("turn", ("horn_6", "rod_6"), ("ry",))
+    locked = replace(description, closures=(*description.closures, lock))
+    acting = {name: joint for name, joint in description.joints.items() if not name.startswith("passive_7")}
+    for remedied in (locked, replace(description, joints=acting)):
+        plan = short_move(ParallelRobot.from_description(remedied))
+        assert plan.certificate.max_held_torque < 1e-4 * max(plan.peak_torque.values())

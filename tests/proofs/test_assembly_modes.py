@@ -1,0 +1,169 @@
+"""Assembly and working modes against the geometry of each robot and against published counts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, forward_kinematics
+from framework.kinematics.pose import describe_pose
+from framework.proofs.assembly_modes import assembly_modes
+from framework.proofs.working_modes import working_modes
+from tests.robots.test_three_rpr import legs as three_rpr_legs
+from tests.singularity.test_points_on_path import LEFT, LENGTH, RIGHT
+
+# The 3-RPR of Innocenti and Parenti-Castelli with six real poses at these lengths: Wenger and Chablat, ARK
+# 1998, and Zein, Wenger and Chablat, Robotica 25, 2007; unit 0.05 m
+SIX = 0.05 * np.array([14.98, 15.38, 12.0])
+
+
+def test_the_3_rpr_has_its_six_published_poses_and_no_other():
+    robot = robots.load("three_rpr")
+    found = assembly_modes(robot, SIX)
+    assert (len(found.modes), found.complete, found.bound) == (6, True, 6)
+    assert found.sentence.startswith("6 real of at most 6, each proved")
+    for mode in found.modes:
+        assert mode.proved
+        np.testing.assert_allclose([float(leg[2]) for leg in three_rpr_legs(mode.x)], SIX, atol=1e-12)
+        assert describe_pose(robot, mode.q).closure_error < 1e-12
+
+
+def test_the_5r_has_two_poses_and_their_places_are_where_two_circles_meet():
+    robot = robots.load("five_bar")
+    for q_a in ([1.2, 1.9], [0.4, 2.2], [2.0, 0.9]):
+        found = assembly_modes(robot, q_a)
+        left, right = (
+            motor + LENGTH * np.array([np.cos(a), np.sin(a)])
+            for motor, a in zip((LEFT, RIGHT), q_a, strict=True)
+        )
+        way = right - left
+        half = np.linalg.norm(way) / 2
+        if half > LENGTH:
+            assert found.modes == ()
+            assert found.complete  # proved: they do not meet
+            continue
+        across = np.sqrt(LENGTH**2 - half**2) * np.array([-way[1], way[0]]) / (2 * half)
+        exact = sorted([tuple(left + way / 2 + across), tuple(left + way / 2 - across)])
+        np.testing.assert_allclose(sorted(tuple(mode.x) for mode in found.modes), exact, atol=1e-12)
+        assert found.complete
+
+
+def test_motors_that_no_pose_belongs_to_have_none_and_that_is_proved():
+    found = assembly_modes(
+        robots.load("five_bar"), [np.pi, 0.0]
+    )  # the elbows 0.9 m apart, the rods 0.25 m long
+    assert found.modes == ()
+    assert found.complete
+
+
+@pytest.mark.parametrize(("name", "count"), [("agile_eye", 8), ("spherical_rrr", 8)])
+def test_spherical_robots_have_at_most_eight(name, count):
+    """The Agile Eye has eight at its reference: Bonev, Chablat and Wenger, ICRA 2006."""
+    robot = robots.load(name)
+    q_a = robot.actuated_coordinates(robot.reference.q[None])[0]
+    found = assembly_modes(robot, q_a)
+    assert (len(found.modes), found.complete) == (count, True)
+    np.testing.assert_allclose(found.modes[0].x, robot.reference.x, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "finite"), [("gough_stewart", 28), ("delta", 36)])
+def test_the_paths_of_a_symmetric_platform_that_have_no_pose_end_at_infinity(name, finite):
+    robot = robots.load(name)
+    q_a = robot.actuated_coordinates(robot.reference.q[None])[0]
+    found = assembly_modes(robot, q_a)
+    assert (found.status, found.complete) == ("numerically complete", False)
+    assert (found.count.finite, found.count.infinite, found.count.lost) == (finite, 40 - finite, 0)
+    assert "complete up to numerical path tracking" in found.sentence
+    np.testing.assert_allclose(found.modes[0].x, robot.reference.x, atol=1e-9)
+    for mode in found.modes:
+        assert mode.proved
+        assert describe_pose(robot, mode.q).closure_error < 1e-9
+        np.testing.assert_allclose(robot.actuated_coordinates(mode.q[None])[0], q_a, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_the_poses_of_a_symmetric_platform_are_proved_to_be_all_by_paving():
+    robot = robots.load("gough_stewart")
+    found = assembly_modes(robot, robot.actuated_coordinates(robot.reference.q[None])[0], pave=True)
+    assert (found.status, found.count.finite, found.complete) == ("proved", 28, True)
+    assert len(found.modes) % 2 == 0  # base and platform are flat: in pairs, mirrored at the base
+
+
+@pytest.mark.parametrize(
+    ("name", "status"),
+    [
+        ("slider_crank", "proved"),  # two joints follow: they are paved
+        ("four_bar", "proved"),
+        pytest.param("par4", "at least", marks=pytest.mark.slow),
+        ("humanoid_ankle", "at least"),
+    ],
+)
+def test_other_robots_are_searched(name, status):
+    robot = robots.load(name)
+    q_a = robot.actuated_coordinates(robot.reference.q[None])[0]
+    found = assembly_modes(robot, q_a)
+    assert (found.status, found.bound, found.count) == (status, None, None)
+    assert found.modes[0].proved
+    np.testing.assert_allclose(found.modes[0].x, robot.reference.x, atol=1e-9)
+    for mode in found.modes:
+        assert describe_pose(robot, mode.q).closure_error < 1e-9
+        np.testing.assert_allclose(robot.actuated_coordinates(mode.q[None])[0], q_a, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["five_bar", "delta", "three_rrr"])
+def test_the_pose_that_forward_kinematics_leads_to_is_one_of_them(name):
+    robot = robots.load(name)
+    q_a = robot.actuated_coordinates(robot.reference.q[None])[0] + 0.02 * np.resize([1.0, -0.5], robot.n_a)
+    pose = forward_kinematics(robot, q_a)
+    off = [np.abs(mode.x - pose.x).max() for mode in assembly_modes(robot, q_a).modes]
+    assert min(off) < 1e-9
+
+
+def test_redundant_motors_are_refused():
+    with pytest.raises(InvalidInput, match="depend on one another"):
+        assembly_modes(robots.load("two_arms"), np.zeros(12))
+
+
+@pytest.mark.parametrize(
+    ("name", "count"), [("five_bar", 4), ("three_rrr", 8), ("biglide", 4), ("slider_crank", 2)]
+)
+def test_working_modes_are_those_of_their_legs(name, count):
+    robot = robots.load(name)
+    found = working_modes(robot, robot.reference.x)
+    assert len(found.modes) == count == np.prod(found.solutions)
+    assert (found.status, found.proved_legs) == ("proved", (True,) * len(found.legs))
+    assert found.sentence.startswith(f"{count}, proved to be all")
+    assert len({tuple(mode.signs) for mode in found.modes}) == count
+    assert sum(np.allclose(mode.q, robot.reference.q, atol=1e-9) for mode in found.modes) == 1
+    for mode in found.modes:
+        assert mode.proved
+        pose = describe_pose(robot, mode.q)
+        assert pose.closure_error < 1e-12
+        np.testing.assert_allclose(list(pose.platform.values()), robot.reference.x, atol=1e-9)
+
+
+def test_a_leg_of_negative_length_is_beyond_the_limits():
+    robot = robots.load("three_rpr")
+    found = working_modes(robot, robot.reference.x)
+    assert len(found.modes) == 8
+    assert [mode.within_limits for mode in found.modes] == [True] + 7 * [False]
+
+
+@pytest.mark.parametrize("x", [(0.1, 0.345), (0.0, 0.2), (0.3, 0.1), (0.0, 0.9)])
+def test_the_5r_has_as_many_working_modes_as_its_circles_meet(x):
+    robot = robots.load("five_bar")
+    elbows = 1
+    for motor in (LEFT, RIGHT):  # both links are as long: they reach up to twice their length
+        elbows *= 2 if np.linalg.norm(np.array(x) - motor) < 2 * LENGTH else 0
+    found = working_modes(robot, x)
+    assert (len(found.modes), found.status) == (elbows, "proved" if elbows else found.status)
+    assert any(found.proved_legs)  # without modes, a leg that does not reach
+
+
+def test_what_is_not_paved_is_said_to_be_more():
+    robot = robots.load("bricard")  # six joints in one loop
+    found = working_modes(robot, robot.reference.x)
+    assert (found.status, found.proved_legs) == ("at least", (False,))
+    assert "4 or more of hinge_1" in found.sentence

@@ -1,0 +1,58 @@
+"""The bounds that a paving of joints rests on, and that it misses nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework.kinematics.frames import between
+from framework.kinematics.modes import legs
+from framework.proofs import leg_paving
+from framework.proofs.leg_paving import leg_solutions_complete
+from framework.proofs.passive_joints import distinct_joints
+from framework.proofs.working_modes import working_modes
+
+
+def posed(robot, leg):
+    """A leg's columns, and those that are given."""
+    given = np.ones(robot.model.nv, dtype=bool)
+    given[robot.moving] = False
+    given[robot.moving[leg.before]] = True
+    return robot.moving[leg.columns], given
+
+
+@pytest.mark.parametrize(
+    "name", ["five_bar", "three_rpr", "agile_eye", "humanoid_ankle", "orthoglide", "gough_stewart"]
+)
+def test_no_equation_bends_more_than_its_bound(name):
+    """|F(c + d) - F(c) - J d| in boxes of all sizes, at their corners and inside."""
+    robot, rng = robots.load(name), np.random.default_rng(1)
+    for leg in legs(robot):
+        own, given = posed(robot, leg)
+        equations = leg_paving.LegEquations.of(robot, own, given, robot.reference.q, robot.reference.x)
+        if not equations.count:
+            continue
+        r = 10.0 ** rng.uniform(-3, 0.5, (200, len(own)))
+        c, xi = rng.uniform(-2, 2, r.shape), np.clip(rng.uniform(-1.5, 1.5, r.shape), -1, 1)
+        lines, there = equations(c, r), equations(c + xi * r, 0 * r).values
+        rest = np.abs(there - lines.values - (lines.slopes @ (xi * r)[:, :, None])[:, :, 0])
+        assert np.all(rest <= lines.errors)
+
+
+@pytest.mark.parametrize("name", ["five_bar", "three_rpr", "agile_eye", "humanoid_ankle", "slider_crank"])
+def test_a_solution_that_is_not_known_leaves_the_leg_open(name):
+    robot = robots.load(name)
+    modes = working_modes(robot, robot.reference.x)
+    q = modes.modes[0].q
+    assert modes.status == "proved"
+    for leg in legs(robot):
+        if len(leg.before):
+            continue
+        own, given = posed(robot, leg)
+        near = np.array([between(robot, q, mode.q)[own] for mode in modes.modes]) / robot.column_scale[own]
+        near = np.array(distinct_joints(near))
+        assert leg_solutions_complete(robot, own, given, q, near, robot.reference.x)
+        for k in range(len(near)):
+            rest = np.delete(near, k, axis=0)
+            assert not leg_solutions_complete(robot, own, given, q, rest, robot.reference.x)

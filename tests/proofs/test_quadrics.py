@@ -1,0 +1,94 @@
+"""Systems of quadrics: all solutions, and the proof that each is one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from framework.proofs.homotopy import refined, start_system
+from framework.proofs.krawczyk import are_apart, chart_for, enclosures
+from framework.proofs.study_quadric import (
+    displacements,
+    functions,
+    planar,
+    rod,
+    spatial,
+    spherical,
+    translations,
+)
+
+GROUPS = [translations((0, 1)), translations((0, 1, 2)), planar(2), planar(0), spherical(), spatial()]
+
+
+@pytest.mark.parametrize("group", GROUPS, ids=lambda group: f"{group.family.name} {group.family.bound}")
+def test_monodromy_finds_as_many_solutions_as_there_are_and_all_are_proved(group):
+    coefficients, z = start_system(group.family)
+    assert len(z) == group.family.bound
+    quadrics, chart = group.family.quadrics(coefficients), chart_for(z)
+    z = refined(quadrics, z, chart.astype(complex))
+    proof = enclosures(quadrics, 1e-13 * np.abs(quadrics), chart, z)
+    assert proof.proved.all()
+    assert are_apart(z, proof.radii)
+
+
+def test_a_dual_quaternion_is_the_displacement_that_its_functions_are_of():
+    rng = np.random.default_rng(3)
+    z = rng.standard_normal((20, 8))
+    z[:, 4:] -= (
+        z[:, :4] * np.sum(z[:, 4:] * z[:, :4], axis=1, keepdims=True) / np.sum(z[:, :4] ** 2, 1)[:, None]
+    )
+    R, p = displacements(z)
+    np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (20, 1, 1)), atol=1e-13)
+    np.testing.assert_allclose(R, Rotation.from_quat(z[:, [1, 2, 3, 0]]).as_matrix(), atol=1e-13)
+    forms = spatial().family.members
+    values = np.einsum("mij,ti,tj->tm", forms, z, z)
+    np.testing.assert_allclose(values / values[:, :1], functions(R, p), atol=1e-12)
+
+
+def test_a_rod_is_met_by_displacements_that_keep_its_length():
+    rng = np.random.default_rng(4)
+    a, b, p = rng.standard_normal((3, 3))
+    R = Rotation.from_rotvec(rng.standard_normal(3)).as_matrix()
+    length = float(np.linalg.norm(R @ b + p - a))
+    assert abs(functions(R[None], p[None])[0] @ rod(a, b, length)) < 1e-13
+    assert abs(functions(R[None], p[None])[0] @ rod(a, b, 1.01 * length)) > 1e-3
+
+
+def circles(apart):
+    """Quadrics in (1, x, y): unit circles about (0, 0) and (apart, 0)."""
+    one = np.array([[-1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
+    two = np.array([[apart**2 - 1, -apart, 0], [-apart, 1, 0], [0, 0, 1]])
+    return np.stack([one, two]).astype(complex)
+
+
+@pytest.mark.parametrize("depth", [1e-1, 1e-3, 1e-5])
+def test_solutions_however_near_to_each_other_are_proved_to_be_two(depth):
+    """Circles that overlap by a depth meet at +- sqrt(depth - ...): the enclosures hold the exact places."""
+    apart = 2 - depth
+    exact = np.sqrt(1 - (apart / 2) ** 2)
+    z = np.array([[1, apart / 2, exact * (1 + 1e-10)], [1, apart / 2, -exact]]).astype(complex)
+    proof = enclosures(circles(apart), np.zeros((2, 3, 3)), np.array([1.0, 0, 0]), z)
+    assert proof.proved.all()
+    assert are_apart(z, proof.radii)
+    assert abs(z[0, 2].real - exact) <= proof.radii[0, 2] < 1e-6
+
+
+def test_what_is_no_single_solution_is_not_proved():
+    chart = np.array([1.0, 0, 0])
+    touching = enclosures(circles(2.0), np.zeros((2, 3, 3)), chart, np.array([[1, 1, 0]]).astype(complex))
+    assert not touching.proved[0]  # a double one
+    nowhere = enclosures(circles(1.0), np.zeros((2, 3, 3)), chart, np.array([[1, 0.5, 0.5]]).astype(complex))
+    assert not nowhere.proved[0]  # 0.36 from the next
+    inexact = 1e-3 * np.abs(circles(1.9999))
+    exact = np.array([[1, 1.9999 / 2, np.sqrt(1 - (1.9999 / 2) ** 2)]]).astype(complex)
+    assert not enclosures(circles(1.9999), inexact, chart, exact).proved[
+        0
+    ]  # some of these circles do not meet
+
+
+def test_circles_apart_meet_in_two_points_that_are_not_real():
+    z = np.array([[1, 1.5, 1j * np.sqrt(1.25)], [1, 1.5, -1j * np.sqrt(1.25)]])
+    proof = enclosures(circles(3.0), np.zeros((2, 3, 3)), np.array([1.0, 0, 0]), z)
+    assert proof.proved.all()
+    assert (np.abs(z.imag) > proof.radii).any(axis=1).all()

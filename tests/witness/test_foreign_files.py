@@ -1,0 +1,139 @@
+"""Torques of converted files against MuJoCo's own reading of the same files, along the same motion.
+
+MuJoCo reads the file itself. Its positions are set from the plan's, velocities and accelerations are central
+differences of them, `mj_inverse` says what the open tree needs, with the file's armature, damping and
+springs, and the Jacobian of its equalities what the loops take off the joints without a motor.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from framework import ParallelRobot
+from tests.model.readers.foreign_files import (
+    DATA,
+    PLANNED,
+    short_move,
+    undamped,
+    without_dry_friction,
+)
+from tests.witness.installed import witness
+
+mujoco = witness("mujoco", "mujoco")
+
+BALL_AXES = ("_rx", "_ry", "_rz")
+DIFFERENCE_STEP = 1e-4  # [s]
+
+
+def mujoco_model(name):
+    """MuJoCo's model of the file, without plugins, which only draw, and motors, whose torques are sought."""
+    root = ElementTree.parse(DATA / name).getroot()
+    for tag in ("extension", "actuator"):
+        for element in root.findall(tag):
+            root.remove(element)
+    return mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+
+
+class SameMotion:
+    """The motion of a plan in MuJoCo's coordinates; what the plan holds rests where the file has it."""
+
+    def __init__(self, model, plan):
+        self.model, self.data, self.plan = model, mujoco.MjData(model), plan
+        self.names = plan.robot.coordinates.names
+        joints = [model.joint(k) for k in range(model.njnt)]
+        self.joints = {
+            joint.name: joint
+            for joint in joints
+            if joint.name in self.names or joint.name + "_rx" in self.names
+        }
+
+    def qpos(self, t):
+        q = self.plan.configuration(np.array([t]))
+        value = dict(zip(self.names, self.plan.robot.coordinates.positions(q)[0], strict=True))
+        qpos = self.model.qpos0.copy()
+        for name, joint in self.joints.items():
+            start = joint.qposadr[0]
+            if name in value:
+                qpos[start] += value[name]
+            else:
+                turn = pin.Quaternion(pin.exp3(np.array([value[name + axis] for axis in BALL_AXES])))
+                qpos[start : start + 4] = turn.w, turn.x, turn.y, turn.z
+        return qpos
+
+    def rates(self, t):
+        """Position, velocity and acceleration by central differences."""
+        h = DIFFERENCE_STEP
+        before, now, after = (self.qpos(t + k * h) for k in (-1, 0, 1))
+        backward, forward = np.zeros(self.model.nv), np.zeros(self.model.nv)
+        mujoco.mj_differentiatePos(self.model, backward, h, before, now)
+        mujoco.mj_differentiatePos(self.model, forward, h, now, after)
+        return now, 0.5 * (backward + forward), (forward - backward) / h
+
+
+def equality_jacobian(model, data):
+    """Jacobian (rows, nv) of the equalities where `data` stands."""
+    if not mujoco.mj_isSparse(model):
+        return data.efc_J.reshape(-1, model.nv)[: data.ne].copy()
+    dense = np.zeros((data.nefc, model.nv))
+    mujoco.mju_sparse2dense(dense, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
+    return dense[: data.ne]
+
+
+def needed_torques(motion, t):
+    """Torques (n_a,) of the motors by MuJoCo."""
+    model, data, robot = motion.model, motion.data, motion.plan.robot
+    data.qpos[:], data.qvel[:], acceleration = motion.rates(t)
+    model.opt.disableflags = 0
+    mujoco.mj_forward(model, data)
+    jacobian = equality_jacobian(model, data)
+    model.opt.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    data.qacc[:] = acceleration
+    mujoco.mj_inverse(model, data)
+    motors = [motion.joints[name].dofadr[0] for name in robot.actuator_names]
+    moved = [k for joint in motion.joints.values() for k in _columns(model, joint)]
+    passive = np.setdiff1d(moved, motors)
+    # rounded dimensions leave rows that all but repeat others: the least forces
+    loop = np.linalg.lstsq(jacobian[:, passive].T, data.qfrc_inverse[passive], rcond=1e-5)[0]
+    return (data.qfrc_inverse - jacobian.T @ loop)[motors] / robot.gear_ratio
+
+
+def _columns(model, joint):
+    """Places of a joint in MuJoCo's velocities."""
+    ball = joint.type[0] == mujoco.mjtJoint.mjJNT_BALL
+    return range(joint.dofadr[0], joint.dofadr[0] + (3 if ball else 1))
+
+
+def greatest_difference(file, *, damped):
+    """The largest difference of a torque over the largest torque, along a short move."""
+    description = without_dry_friction(file.description())
+    model = mujoco_model(file.name)
+    if not damped:
+        description = undamped(description)
+        model.dof_damping[:] = 0.0
+    plan = short_move(ParallelRobot.from_description(description))
+    motion, times = SameMotion(model, plan), np.linspace(0.1, 0.9, 9)
+    needed = np.array([needed_torques(motion, t) for t in times])
+    return np.abs(needed - plan.torque(times)).max() / np.abs(needed).max()
+
+
+@pytest.mark.parametrize("damped", [True, False], ids=["damped", "undamped"])
+@pytest.mark.parametrize("file", PLANNED, ids=lambda file: file.name.removesuffix(".xml"))
+def test_torques_of_a_converted_file_are_those_of_mujoco(file, damped):
+    assert greatest_difference(file, damped=damped) < 1e-4
+
+
+def test_armature_of_a_joint_counts_whether_or_not_it_is_chosen_as_the_motor():
+    """Both cranks of a parallelogram turn alike: 0.5 kg m2 on the second adds that times its acceleration."""
+    file = next(file for file in PLANNED if file.name == "two_cranks.xml")
+    both = file.description()
+    one = replace(both, joints={name: joint for name, joint in both.joints.items() if name != "j2"})
+    times = np.linspace(0.1, 0.9, 9)
+    plans = [short_move(ParallelRobot.from_description(description)) for description in (both, one)]
+    acceleration = plans[0].platform(times, 2)[:, 0]  # of j2, the platform's coordinate
+    added = plans[0].torque(times)[:, 0] - plans[1].torque(times)[:, 0]
+    np.testing.assert_allclose(added, 0.5 * acceleration, rtol=0, atol=1e-9 * np.abs(added).max())
