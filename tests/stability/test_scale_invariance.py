@@ -43,7 +43,7 @@ from tests.robots.transformed import (
 
 FAR = (600.0, -640.0, 480.0)  # [m] a kilometre
 TO_ROUNDING = 1e-12  # of the peak torque
-# of the peak torque, over the rounding of the platform's coordinates as a share of the robot's length: at most 165
+# of the peak torque, over the rounding of the platform's coordinates as a share of the length: at most 165
 # in 160 places about a kilometre off, 8 for each robot, and random as rounding is
 ROUNDING_GAIN = 1e3
 CHOSEN_LAW = 1e-6  # of the peak: where times of crossings or the law's shape are chosen by a search
