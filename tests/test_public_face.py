@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import copy
 import dataclasses
 import json
@@ -218,3 +219,19 @@ def test_equal_paths_have_equal_hashes() -> None:
     one, two = Line([0.0, 0.3], [0.1, 0.2]), Line([-0.0, 0.3], [0.1, 0.2])
     assert one == two
     assert hash(one) == hash(two)
+
+
+EVERY_COMMAND_HAS = {"add", "run"}  # `framework.cli` calls them
+STARTS = {"main"}  # of `crossing` and of `python -m framework`
+OF_READERS = {"reference_of", "required", "resolve"}
+
+
+def test_a_public_name_has_one_home() -> None:
+    homes: dict[str, list[Path]] = {}
+    for file in sorted(Path(framework.__file__).parent.rglob("*.py")):
+        for statement in ast.parse(file.read_text(encoding="utf-8")).body:
+            if isinstance(statement, (ast.FunctionDef, ast.ClassDef)) and statement.name[0] != "_":
+                homes.setdefault(statement.name, []).append(file)
+    several = {name for name, files in homes.items() if len(files) > 1}
+    assert len(homes) > 1000
+    assert several - EVERY_COMMAND_HAS - STARTS <= OF_READERS

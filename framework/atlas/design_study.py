@@ -116,7 +116,7 @@ def design_study(
     chunks = {name: found[name] for name, part in names.items() if _fits(found.get(name), part, task)}
     progress(sum(len(names[name]) for name in chunks))
     todo = [(name, designs.values[part]) for name, part in names.items() if name not in chunks]
-    for (name, _), chunk in completed(partial(studied, task), todo, executor):
+    for (name, _), chunk in completed(partial(map_designs, task), todo, executor):
         chunks[name] = chunk
         if keeper is not None:
             keeper.keep(name, chunk)
@@ -133,7 +133,7 @@ def _fits(chunk: Chunk | None, part: range, task: StudyTask) -> bool:
     return chunk is not None and set(chunk) == keys and all(a.shape == (len(part),) for a in chunk.values())
 
 
-def studied(task: StudyTask, part: tuple[str, Array]) -> dict[str, NDArray[Any]]:
+def map_designs(task: StudyTask, part: tuple[str, Array]) -> dict[str, NDArray[Any]]:
     """The numbers of some designs, by column, and why some have none."""
     rows: list[dict[str, float]] = []
     why: list[str] = []

@@ -65,10 +65,10 @@ class Quantity:
     wrench: tuple[float, ...] | None = None
 
     def __reduce__(self) -> tuple[Callable[..., Quantity], tuple[str, tuple[float, ...] | None]]:
-        return known, (self.key, self.wrench)  # another process has its own functions
+        return quantity_of_key, (self.key, self.wrench)  # another process has its own functions
 
 
-def known(key: str, wrench: tuple[float, ...] | None = None) -> Quantity:
+def quantity_of_key(key: str, wrench: tuple[float, ...] | None = None) -> Quantity:
     """The quantity of a key; KeyError for any other."""
     return replace(QUANTITIES[key], wrench=wrench)
 
@@ -187,7 +187,7 @@ def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
     return quantity.unit
 
 
-def evaluate(
+def quantity_values(
     robot: ParallelRobot, quantities: Sequence[Quantity], q: Array, linearised: LinearisedLoops
 ) -> dict[str, Array]:
     """Values (T,) by the quantity's key at assembled configurations q (T, nq).

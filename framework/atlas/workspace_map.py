@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
-from framework.atlas.quantities import Quantity, chosen, evaluate
+from framework.atlas.quantities import Quantity, chosen, quantity_values
 from framework.atlas.sweep import REASON_WORDS, PoseReason, fill_grid, stepped
 from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
 from framework.errors import InvalidInput, NoAnswer, OutOfReach
@@ -303,7 +303,7 @@ def _evaluated(
         chunk["load"] = np.zeros(reason.shape, dtype=np.uint8)
     if reached.any():
         linearised = linearised_at(robot, q[reached], x[reached])
-        for key, values in evaluate(robot, quantities, q[reached], linearised).items():
+        for key, values in quantity_values(robot, quantities, q[reached], linearised).items():
             chunk[key][reached] = values
         chunk["assembly"][reached] = mode_signs(robot, linearised)[1]
     return chunk

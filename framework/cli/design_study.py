@@ -31,7 +31,7 @@ MAX_PRINTED_DESIGNS = 20
 NOT_FOR_STUDIES = ("scene", "at", "nearest", "wrench", "platform", "axes", "motors", "reference", "base")
 
 
-def studied(options: argparse.Namespace) -> Report:
+def report_design_study(options: argparse.Namespace) -> Report:
     """One study, told and written."""
     for key in NOT_FOR_STUDIES:
         if getattr(options, key) is not None:

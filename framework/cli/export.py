@@ -17,7 +17,7 @@ from framework.cli.parser import (
     add_moved_robot,
     add_robot,
     command,
-    whole,
+    integer_between,
 )
 from framework.crossing.restored import is_plan_folder
 from framework.errors import InvalidInput
@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
         "--out", metavar="FILE", required=True, help="NAME.xml, or for ros2_control NAME.yaml or NAME.json"
     )
     parser.add_argument(
-        "--samples", type=whole(*SAMPLES), metavar="N", help="of the trajectory (default: 501)"
+        "--samples", type=integer_between(*SAMPLES), metavar="N", help="of the trajectory (default: 501)"
     )
     parser.add_argument(
         "--side", choices=tuple(SIDES), help="of the gears that the trajectory is on (default: joint)"

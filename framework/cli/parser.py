@@ -31,7 +31,7 @@ class OneLineParser(argparse.ArgumentParser):
         raise Misuse(f"{message} (see `{self.prog} --help`)")
 
 
-def whole(least: int, most: int) -> Callable[[str], int]:
+def integer_between(least: int, most: int) -> Callable[[str], int]:
     """Reads a whole number within bounds."""
 
     def read(text: str) -> int:
@@ -128,7 +128,11 @@ def add_motion(parser: argparse.ArgumentParser, *, without: str = "") -> None:
 def add_executor(parser: argparse.ArgumentParser) -> None:
     """--workers and --dask, for `executor_of`."""
     parser.add_argument(
-        "--workers", type=whole(1, MAX_WORKERS), default=1, metavar="N", help="processes (default: 1)"
+        "--workers",
+        type=integer_between(1, MAX_WORKERS),
+        default=1,
+        metavar="N",
+        help="processes (default: 1)",
     )
     parser.add_argument("--dask", metavar="ADDRESS", help="of a dask scheduler, instead of --workers")
 

@@ -19,7 +19,7 @@ from framework.cli.parser import (
     add_path,
     add_robot,
     command,
-    whole,
+    integer_between,
 )
 from framework.cli.raw import report_raw
 from framework.crossing.optimal.lower_bound import estimated_best
@@ -54,7 +54,11 @@ def add(commands: Any) -> None:
     )
     parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
     parser.add_argument(
-        "--samples", type=whole(2, MAX_SAMPLES), default=1501, metavar="N", help="rows of motion.csv"
+        "--samples",
+        type=integer_between(2, MAX_SAMPLES),
+        default=1501,
+        metavar="N",
+        help="rows of motion.csv",
     )
     parser.add_argument(
         "--raw",
@@ -114,7 +118,7 @@ def _planned(
     return found.plan, {"bend": {"moved": found.moved, "turned": found.turned, "share": found.share}}, line
 
 
-def named(law: PlannedLaw) -> str:
+def law_name(law: PlannedLaw) -> str:
     """A law by its kind and degree."""
     return f"law of degree {law.degree}" if law.kind == Law.kind else f"{law.kind} law"
 
@@ -138,7 +142,7 @@ def plan_text(plan: CrossingPlan) -> str:
     """A plan for people."""
     robot, certificate = plan.robot, plan.certificate
     lines = [
-        f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {named(plan.law)} over "
+        f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law_name(plan.law)} over "
         f"{plan.duration:g} s"
     ]
     if plan.law.kind != Law.kind:

@@ -21,8 +21,8 @@ from framework.cli.parser import (
     add_path,
     add_robot,
     command,
+    integer_between,
     progress_bar,
-    whole,
 )
 from framework.cli.replay import replayed
 from framework.control.controllers import CONTROLLERS
@@ -59,7 +59,11 @@ def add(commands: Any) -> None:
         help="one or several to compare (default: feedforward)",
     )
     parser.add_argument(
-        "--runs", type=whole(1, MAX_RUNS), default=200, metavar="N", help="runs a controller (default: 200)"
+        "--runs",
+        type=integer_between(1, MAX_RUNS),
+        default=200,
+        metavar="N",
+        help="runs a controller (default: 200)",
     )
     parser.add_argument("--seed", type=int, default=0, metavar="K", help="of the study (default: 0)")
     add_executor(parser)
@@ -71,7 +75,7 @@ def add(commands: Any) -> None:
     )
     parser.add_argument(
         "--replay",
-        type=whole(0, MAX_RUNS),
+        type=integer_between(0, MAX_RUNS),
         metavar="K",
         help="run number K of the study in the folder ROBOT once more, alone",
     )

@@ -13,7 +13,7 @@ from framework.atlas.quantities import QUANTITIES, Quantity, chosen, unit_of
 from framework.atlas.window import Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import EDGE_POSES, WorkspaceMap, surveyed, workspace_map
 from framework.cli import arguments
-from framework.cli.design_study import STUDY_EDGE_POSES, finite_window, studied
+from framework.cli.design_study import STUDY_EDGE_POSES, finite_window, report_design_study
 from framework.cli.parser import (
     Report,
     add_executor,
@@ -21,8 +21,8 @@ from framework.cli.parser import (
     add_missing_fields,
     add_robot,
     command,
+    integer_between,
     progress_bar,
-    whole,
 )
 from framework.crossing.scenes import scene, scene_path
 from framework.errors import InvalidInput, point
@@ -65,7 +65,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )
     parser.add_argument(
         "--size",
-        type=whole(2, MAX_EDGE_POSES),
+        type=integer_between(2, MAX_EDGE_POSES),
         metavar="N",
         help=f"poses along an edge (default: {EDGE_POSES}, of a study {STUDY_EDGE_POSES})",
     )
@@ -106,7 +106,7 @@ def run(options: argparse.Namespace) -> Report:
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     if options.study:
-        return studied(options)
+        return report_design_study(options)
     if options.table is not None:
         raise InvalidInput("--table: goes with --study")
     robot = arguments.load(options)

@@ -108,7 +108,7 @@ def _meaning(
 
 
 @dataclass(frozen=True)
-class Options:
+class PlanOptions:
     """All that may be said of a plan beside its robot and its path."""
 
     _: KW_ONLY
@@ -243,7 +243,7 @@ class Options:
     )
 
 
-OPTIONS = {one.name: Option(one.name, **one.metadata) for one in fields(Options)}
+OPTIONS = {one.name: Option(one.name, **one.metadata) for one in fields(PlanOptions)}
 TYPED = {name: option for name, option in OPTIONS.items() if option.typed is not None}
 
 
@@ -254,7 +254,7 @@ R = TypeVar("R")
 
 
 def _with_parameters_of(
-    _: Callable[P, Options],
+    _: Callable[P, PlanOptions],
 ) -> Callable[[Callable[..., R]], Callable[Concatenate[ParallelRobot, Path, P], R]]:
     """Return the decorator of functions of a robot, a path and, by keyword, any of these options."""
 
@@ -265,7 +265,7 @@ def _with_parameters_of(
             inspect.Parameter(
                 one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=one.type
             )
-            for one in fields(Options)
+            for one in fields(PlanOptions)
         ]
         function.__signature__ = own.replace(parameters=[*positional, *named])  # type: ignore[attr-defined]
         listed = "\n".join(option.documentation for option in OPTIONS.values())
@@ -275,4 +275,4 @@ def _with_parameters_of(
     return decorator
 
 
-takes_options = _with_parameters_of(Options)
+takes_options = _with_parameters_of(PlanOptions)

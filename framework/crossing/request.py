@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.crossing.options import OPTIONS, Options, takes_options
+from framework.crossing.options import OPTIONS, PlanOptions, takes_options
 from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.dynamics.motor_limits import limits_of_motors
 from framework.errors import InvalidInput
@@ -21,8 +21,8 @@ MAX_SMOOTHNESS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request(Options):
-    """A path and the options of its plan (`options.Options`), checked and completed for one robot.
+class Request(PlanOptions):
+    """A path and the options of its plan (`options.PlanOptions`), checked and completed for one robot.
 
     `Request.of` makes one. What was left open and depends on the robot alone is filled in: geometry and
     smoothness. What planning has to choose is None: the duration, times and speeds of crossings, `at` where
@@ -61,7 +61,7 @@ class Request(Options):
         expect_path(self.path)
         for option in OPTIONS.values():
             value = getattr(self, option.name)
-            left_open = value is None and getattr(Options, option.name) is None
+            left_open = value is None and getattr(PlanOptions, option.name) is None
             if option.check is not None and not left_open:
                 object.__setattr__(self, option.name, option.check(option.name, value))
         self._check_crossings()

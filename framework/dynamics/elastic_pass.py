@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.forces import Forces, loop_forces
+from framework.dynamics.forces import Forces, joint_forces
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
@@ -43,7 +43,7 @@ def one_pass(
         NotAssembled: the deflections tear the loops.
     """
     q_e, motion = moving(branch, grid, law, function, before)
-    forces = loop_forces(branch.robot, motion)
+    forces = joint_forces(branch.robot, motion)
     caused = -forces.spring_force / branch.robot.stiffness  # Eq. (3b) with linear springs
     return Pass(law, function, q_e, motion, forces, caused)
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.forces import loop_forces
+from framework.dynamics.forces import joint_forces
 from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.errors import InvalidInput
 from framework.kinematics.continuation.tracking import Branch, track_path
@@ -62,12 +62,12 @@ def finite_difference_torques(
     times = np.linspace(0.0, law.duration, samples)
     q_e = np.zeros((samples, robot.n_e))
     motion = _motion(branch, law, times, q_e)
-    forces = loop_forces(robot, motion)
+    forces = joint_forces(robot, motion)
     for done in range(passes if robot.n_e and geometry == "deformed" else min(robot.n_e, 1)):
         q_e = -forces.spring_force / robot.stiffness
         motion = _motion(branch, law, times, q_e)
         if geometry == "deformed" and done < passes - 1:
-            forces = loop_forces(robot, motion)
+            forces = joint_forces(robot, motion)
     angle = robot.gear_ratio * robot.actuated_coordinates(motion.q)
     _, acceleration = _differences(angle, times)
     torque = robot.rotor_inertia * acceleration + forces.joint_torque / robot.gear_ratio

@@ -102,7 +102,7 @@ def _spring_torques(robot: ParallelRobot, q: Array) -> Array:
     return along_joints(robot, robot.neutral, q, springs)
 
 
-def loop_forces(robot: ParallelRobot, motion: Motion) -> Forces:
+def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:
     """Compute joint torques and spring forces along a motion, instant by instant; see `balanced_forces`."""
     return balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.elasticity import DeflectionSolution
-from framework.dynamics.forces import loop_forces
+from framework.dynamics.forces import joint_forces
 from framework.dynamics.residuals import motion_of_forces, planned_pose
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import instants
@@ -53,7 +53,7 @@ def _is_seen(
     turning = extremum_near(matrices, (edges - start) / duration, (near - start) / duration, miss.size)
     times = start + duration * np.array([turning.s, *turning.beyond(2 * abs(turning.g))])
     motion = motion_of_forces(searched.branch, result, times, planned_pose(result, times))
-    computed = loop_forces(robot, motion).joint_torque
+    computed = joint_forces(robot, motion).joint_torque
     known = state.grid.fit(state.forces.joint_torque)(times)
     allowed = SEEN + turning.rounding / max(abs(turning.g), turning.rounding)
     return bool(np.abs(computed - known).max() <= allowed * np.abs(state.forces.joint_torque).max())

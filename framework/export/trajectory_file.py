@@ -14,7 +14,17 @@ from framework.errors import RobotFileError
 from framework.export.joint_trajectory import FIELDS, FRAME_IDS, NANOSECONDS
 from framework.input import read_text
 from framework.model.documents import naming
-from framework.model.fields import Table, entries, list_of, number, one_of, read_table, required, text, whole
+from framework.model.fields import (
+    Table,
+    entries,
+    integer,
+    list_of,
+    number,
+    one_of,
+    read_table,
+    required,
+    text,
+)
 
 
 class TrajectoryFile(NamedTuple):
@@ -31,7 +41,7 @@ class TrajectoryFile(NamedTuple):
 
 
 _NUMBERS = required(list_of(number))
-_DURATION: Table = {"sec": required(whole), "nanosec": required(whole)}
+_DURATION: Table = {"sec": required(integer), "nanosec": required(integer)}
 _HEADER: Table = {
     "stamp": required(lambda where, given: read_table(where, given, _DURATION)),
     "frame_id": required(one_of("side", FRAME_IDS)),

@@ -155,7 +155,7 @@ def one_of(what: str, valid: Collection[str]) -> Reader[str]:
     return read_name
 
 
-def whole(where: str, given: Any) -> int:
+def integer(where: str, given: Any) -> int:
     """A whole number."""
     if not isinstance(given, int) or isinstance(given, bool):
         raise RobotFileError(f"{where}: needs a whole number, got {given!r}")

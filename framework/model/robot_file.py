@@ -23,6 +23,7 @@ from framework.model.fields import (
     Table,
     anything,
     entries,
+    integer,
     list_of,
     mapping,
     named,
@@ -34,7 +35,6 @@ from framework.model.fields import (
     required,
     text,
     vector3,
-    whole,
 )
 from framework.model.inertia import check_inertia
 from framework.model.parameters import filled, with_parameters
@@ -108,7 +108,7 @@ def _add_spring(joints: dict[str, dict[str, float]], spring: JointSpring) -> Non
 
 
 def _version(where: str, given: Any) -> int:
-    version = whole(where, given)
+    version = integer(where, given)
     if version != VERSION:
         raise RobotFileError(f"{where}: got {version}, this program reads version {VERSION}")
     return version

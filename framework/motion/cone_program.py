@@ -79,7 +79,7 @@ class Unsolved(NamedTuple):
     status: str
 
 
-def solve(
+def solve_cone_program(
     program: ConeProgram,
     goal: str,
     *,

@@ -58,7 +58,7 @@ def subtitle(film: Film) -> str:
     return f"goes through while it asks for no {asked(film.robot)} t_s: works"
 
 
-def summary(film: Film) -> str:
+def film_summary(film: Film) -> str:
     """What happens, in a few sentences."""
     if not film.instants:
         held = "This motion meets no Type 2 singularity: the motors hold the platform all the way."
@@ -84,7 +84,7 @@ def why(robot: ParallelRobot) -> str:
     return entry.why if entry is not None and entry.file == robot.description.file else ""
 
 
-def about(robot: ParallelRobot) -> str:
+def catalogue_entry(robot: ParallelRobot) -> str:
     """What the catalogue says of its own robot, and where that comes from."""
     entry = catalogue().get(robot.name)
     known = entry is not None and entry.file == robot.description.file

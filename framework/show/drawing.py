@@ -1,4 +1,4 @@
-"""A robot as a picture in matplotlib: `draw(robot, q, ax)`."""
+"""A robot as a picture in matplotlib: `draw_robot(robot, q, ax)`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROUND_OUTLINE_CORNERS = 32  # corners of a round outline
 LIGHT_DIRECTION = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
 
 
-def draw(robot: ParallelRobot, q: Any = None, ax: Axes | None = None) -> Axes:
+def draw_robot(robot: ParallelRobot, q: Any = None, ax: Axes | None = None) -> Axes:
     """The bodies and motors of a robot at q (nq,) or an assembled pose, its reference when None.
 
     On new axes when `ax` is None. Planar robots lie flat on the paper, the axes are the base's [m]. Others

@@ -13,10 +13,10 @@ from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
 from framework.locus.drawn_locus import locus_curves
-from framework.show.captions import about, unit
 from framework.show.captions import asked as kind_of_hold
+from framework.show.captions import catalogue_entry, unit
 from framework.show.forces import drawn_sides, why_no_figure
-from framework.show.scene import drawn_locus, floats, robot_document
+from framework.show.scene import drawn_locus, drawn_robot, floats
 from framework.singularity.jogging import (
     CLASSES,
     JoggedPose,
@@ -36,9 +36,9 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
     reference = robot.reference
     poses = joint_poses(robot, reference.q[None])
     platform = platform_positions(robot, poses)
-    return robot_document(robot, poses) | {
+    return drawn_robot(robot, poses) | {
         "kind": "hand",
-        "about": about(robot),
+        "about": catalogue_entry(robot),
         "push": f"{HELD_WRENCH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",
         "flat": robot.n == 2,
         "lines": _has_lines(robot),

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from framework.crossing.result import CrossingPlan
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.show.drawing import draw
+from framework.show.drawing import draw_robot
 from framework.show.film import film_plan
 from framework.show.moving import film_picture
 from framework.show.style import styled
@@ -23,7 +23,7 @@ from framework.show.style import styled
 def robot_picture(robot: ParallelRobot) -> bytes:
     """A robot at its reference, as PNG."""
     with styled():
-        drawn: Axes = draw(robot)
+        drawn: Axes = draw_robot(robot)
         drawn.set_title(robot.name.replace("_", " "), loc="left")
         written = io.BytesIO()
         drawing = drawn.figure

@@ -28,7 +28,7 @@ from framework.kinematics.placements import (
 from framework.locus.drawn_locus import LocusCurves, locus_curves, locus_patch
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
-from framework.show.captions import asked, how, proof, said, stated, subtitle, summary, unit, why
+from framework.show.captions import asked, film_summary, how, proof, said, stated, subtitle, unit, why
 from framework.show.film import Film
 from framework.show.force_polygon import shown_limit
 from framework.show.forces import drawn_sides, figure_vectors, why_no_figure
@@ -79,14 +79,14 @@ def _film_document(film: Film, curves_about: CurvesAbout, limit: Array) -> dict[
     poses = joint_poses(robot, film.q)
     platform = platform_positions(robot, poses)
     power = np.sum(film.t_s * film.W_p, axis=1)  # (F,), whose t_s never turns round
-    document = robot_document(robot, poses)
+    document = drawn_robot(robot, poses)
     document |= {
         "kind": "film",
         "title": film.name or said(robot.name),
         "proved": film.proved,
         "refusal": film.refusal,
         "subtitle": subtitle(film),
-        "summary": summary(film),
+        "summary": film_summary(film),
         "proof": proof(film),
         "why": why(robot),
         "asked": asked(robot),
@@ -124,7 +124,7 @@ def _film_document(film: Film, curves_about: CurvesAbout, limit: Array) -> dict[
     return document
 
 
-def robot_document(robot: ParallelRobot, poses: Array) -> dict[str, Any]:
+def drawn_robot(robot: ParallelRobot, poses: Array) -> dict[str, Any]:
     """What does not depend on the motion, and where to look from."""
     shapes = body_shapes(robot)
     view = _view(robot, _points_in_sight(robot, shapes, poses))

@@ -17,7 +17,7 @@ from framework.kinematics.placements import (
     platform_wrenches,
 )
 from framework.locus.drawn_locus import locus_curves
-from framework.show.drawing import draw, hull
+from framework.show.drawing import draw_robot, hull
 from framework.show.film import Film
 from framework.show.scene import locus_lines
 from framework.show.sight import Projection, projection
@@ -46,7 +46,7 @@ def plot_still(
         locus: curves (m, 3) of the singular locus, when they are known already; see `locus_of`.
     """
     robot, k = film.robot, telling_frame(film) if frame is None else frame
-    ax = draw(robot, film.q[k], ax)
+    ax = draw_robot(robot, film.q[k], ax)
     onto, platform = projection(robot), platform_positions(robot, joint_poses(robot, film.q))
     way, here = onto(platform), platform[k]
     for piece, line in enumerate(locus_of(film) if locus is None else locus):

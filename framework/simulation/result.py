@@ -100,7 +100,7 @@ class Simulation(ReadOnlyArrays):
         )
 
 
-def summary(
+def simulation_result(
     equations: EquationsOfMotion,
     method: str,
     run: Integration,

@@ -108,7 +108,7 @@ def extrapolated(stack: RobotStack, q: Array, v: Array, driven: Array, h: float)
     return State(integrate(robot, halves.q, back), 2 * halves.v - whole.v)
 
 
-def contacts(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
+def runge_kutta(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
     """Step by the classical Runge-Kutta method of order 4 on pinocchio's contact dynamics, run by run."""
     new = State(np.empty_like(q), np.empty_like(v))
     several = len(stack.contacts) > 1
@@ -128,4 +128,4 @@ def contacts(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> 
 
 
 Scheme = Callable[[RobotStack, Array, Array, Array, float], State]
-SCHEMES: dict[str, Scheme] = {"midpoint": midpoint, "extrapolated": extrapolated, "contacts": contacts}
+SCHEMES: dict[str, Scheme] = {"midpoint": midpoint, "extrapolated": extrapolated, "contacts": runge_kutta}

@@ -31,7 +31,7 @@ from framework.simulation.drive import Drive, PlannedMotion, planned_motion
 from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.events import Event
 from framework.simulation.methods import METHODS, IntegrationTask, Method, MethodSettings
-from framework.simulation.result import Simulation, summary
+from framework.simulation.result import Simulation, simulation_result
 from framework.simulation.schemes import State
 from framework.simulation.trajectory import TIME_ROUNDING
 from framework.tolerances import STARTS_AT_REST
@@ -100,7 +100,9 @@ def simulate(
     span = _duration(duration, planned)
     state = _start(equations, source, planned, start, start_velocity)
     run = chosen.run(IntegrationTask(equations, source, state, span, tuple(events), progress), settings)
-    return summary(equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began)
+    return simulation_result(
+        equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began
+    )
 
 
 def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:

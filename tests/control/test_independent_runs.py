@@ -109,7 +109,10 @@ def test_a_step_of_a_run_does_not_depend_on_the_others(name, flexibility, scheme
 def test_a_run_alone_is_the_run_among_others(controller, sensors):
     """From the start to the verdict, with everything that may differ."""
     plan = plan_scene(robots.load("five_bar"), "C", smoothness=4)
-    law, loop = tuned_controller(controller, reference_of(plan, period=2e-2)), ControlLoop(sensors=sensors)
+    law, loop = (
+        tuned_controller(controller, reference_of(plan, period=2e-2)),
+        ControlLoop(sensors=sensors),
+    )
     variations = [draw(plan.robot, SPREAD, (1, k)) for k in range(7)]
     together = run_closed_loop(law, loop, SPREAD, variations, record=True)
     for some in ([4], [6, 1]):

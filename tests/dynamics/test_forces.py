@@ -11,7 +11,7 @@ import pytest
 import robots
 from framework import ParallelRobot, assemble, locate_singularities
 from framework.crossing.scenes import scene_path
-from framework.dynamics.forces import loop_forces, motor_torque, tree_forces
+from framework.dynamics.forces import joint_forces, motor_torque, tree_forces
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.model.description import JointDynamics
@@ -78,7 +78,7 @@ def test_motors_and_springs_do_all_the_work_on_what_the_loops_allow(case):
     q = assemble(robot).q
     motion = moving(robot, q, 2)
     r = tree_forces(robot, motion)[0]
-    found = loop_forces(robot, motion)
+    found = joint_forces(robot, motion)
     given = np.zeros(robot.model.nv)
     given[robot.actuated] = found.joint_torque[0]
     given[robot.elastic] = found.spring_force[0]
@@ -104,7 +104,7 @@ def test_redundant_motors_share_the_load_with_the_least_squares_of_their_torques
     robot = RIGID["standing_quadruped"]
     q = assemble(robot).q
     motion = moving(robot, q, 4)
-    geared = loop_forces(robot, motion).joint_torque[0] / robot.gear_ratio
+    geared = joint_forces(robot, motion).joint_torque[0] / robot.gear_ratio
     # motors balance one another if they do no work on any allowed motion
     work = allowed_motions(robot, q)[robot.actuated].T * robot.gear_ratio
     values, right = np.linalg.svd(work)[1:]
@@ -120,7 +120,7 @@ def test_on_a_type_2_singularity_nothing_balances():
     motion = moving(robot, point.q, 5)
     asked = tree_forces(robot, motion)[0] @ point.motion
     assert abs(asked) > 0.1  # the robot weighs 10 kg and moves with rates of order one
-    torque = loop_forces(robot, motion).joint_torque
+    torque = joint_forces(robot, motion).joint_torque
     assert not np.abs(torque).max() < 1e9
 
 

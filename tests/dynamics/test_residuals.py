@@ -12,7 +12,7 @@ from framework import Line, ParallelRobot, check_robot, inverse_dynamics, plan_c
 from framework.cli import main
 from framework.crossing.scenes import scene_path
 from framework.dynamics import elastic_pass
-from framework.dynamics.forces import loop_forces
+from framework.dynamics.forces import joint_forces
 from framework.errors import LoadedJoint
 from framework.model.additions import lock_joints
 from framework.model.readers import write_robot_file
@@ -150,10 +150,10 @@ def test_the_certificate_sees_a_torque_that_does_not_belong_to_the_motion(flexib
     assert plan.certificate.max_residual_torque < 1e-12
 
     def wrong(robot, motion):
-        forces = loop_forces(robot, motion)
+        forces = joint_forces(robot, motion)
         return forces._replace(joint_torque=forces.joint_torque * np.where(np.arange(2) == motor, 1.001, 1.0))
 
-    monkeypatch.setattr(elastic_pass, "loop_forces", wrong)
+    monkeypatch.setattr(elastic_pass, "joint_forces", wrong)
     error = inverse_dynamics(robot, CLEAR, plan.law).certificate.max_residual_torque
     t = np.linspace(0.0, 1.5, 501)
     rotors = robot.rotor_inertia * plan.motor_angle(t, 2)

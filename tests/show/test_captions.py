@@ -9,7 +9,7 @@ import pytest
 
 import robots
 from framework import ParallelRobot
-from framework.show.captions import how, parts, plan_name, proof, subtitle, summary, why
+from framework.show.captions import film_summary, how, parts, plan_name, proof, subtitle, why
 from tests.show.test_film import filmed
 
 
@@ -51,14 +51,14 @@ def test_how_the_condition_is_met_is_how_the_motion_is_there(name, scene, how_so
 def test_a_motion_without_proof_has_none_and_says_when_its_springs_are_left_out():
     rigid, flexible = filmed("five_bar", "B"), filmed("five_bar", "B", "flexible_links")
     assert proof(rigid) == how(rigid, rigid.instants[0]) == ""
-    assert "rigid" not in summary(rigid)
-    assert "drawn with rigid parts" in summary(flexible)
+    assert "rigid" not in film_summary(rigid)
+    assert "drawn with rigid parts" in film_summary(flexible)
 
 
 def test_peak_torque_and_proof_are_said_with_their_flexibility():
     film = filmed("five_bar", "C", "flexible_links")
     assert parts(film) == "flexible links, deformed geometry"
-    assert f"{np.abs(film.torque).max():.3g} N m (flexible links, deformed geometry)" in summary(film)
+    assert f"{np.abs(film.torque).max():.3g} N m (flexible links, deformed geometry)" in film_summary(film)
     assert f"on {film.plan.certificate.nodes} nodes" in proof(film)
 
 

@@ -14,7 +14,7 @@ import robots
 from framework import plan_scene
 from framework.errors import InvalidInput
 from framework.kinematics.placements import frame_positions, joint_poses
-from framework.show.drawing import draw, hull
+from framework.show.drawing import draw_robot, hull
 from framework.show.jupyter import load_ipython_extension
 from framework.show.moving import film_picture
 from framework.show.shapes import body_shapes
@@ -35,7 +35,7 @@ def test_the_hull_is_that_of_qhull():
 def test_all_joints_of_a_drawn_robot_lie_within_what_is_drawn(name):
     robot = robots.load(name)
     q = robot.reference.q
-    (bodies,) = draw(robot, q).collections
+    (bodies,) = draw_robot(robot, q).collections
     drawn = np.concatenate([path.vertices for path in bodies.get_paths()])
     places = projection(robot)(frame_positions(robot, joint_poses(robot, q[None])))
     beyond = np.maximum(drawn.min(axis=0) - places, places - drawn.max(axis=0))
@@ -45,7 +45,7 @@ def test_all_joints_of_a_drawn_robot_lie_within_what_is_drawn(name):
 
 def test_a_planar_robot_is_drawn_to_the_scale_of_its_axes():
     robot = robots.load("five_bar")
-    ax = draw(robot)
+    ax = draw_robot(robot)
     assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_aspect()) == ("x  [m]", "y  [m]", 1.0)
     (payload,) = [shape for shape in body_shapes(robot) if shape.color[0] > 0.9]  # the yellow one
     rounds = [path.vertices for path in ax.collections[0].get_paths()]

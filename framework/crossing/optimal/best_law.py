@@ -19,7 +19,7 @@ from framework.crossing.optimal.speed_program import (
     SpeedProgram,
 )
 from framework.errors import InvalidInput
-from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve
+from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve_cone_program
 from framework.motion.exact_duration import adjusted, blended, duration_of
 from framework.motion.infeasibility import Infeasible
 from framework.motion.optimal_law import OptimalLaw
@@ -181,7 +181,7 @@ def _lasting(program: SpeedProgram, cones: ConeProgram, quick: Optimum) -> Array
         for _ in range(MAX_CONVEX_CONCAVE_STEPS):
             rows = _scaled(slower.torque, _allowed(slower.bounded, peak_ratio * quick.peak))
             everything = replace(slower, torque=rows, bounded=np.ones_like(slower.bounded))
-            slow = solve(everything, "slowest", about=previous)
+            slow = solve_cone_program(everything, "slowest", about=previous)
             if not isinstance(slow, Optimum):
                 break
             extended = _with_rows_where_exceeded(

@@ -23,7 +23,7 @@ from framework.crossing.result import CrossingPlan
 from framework.crossing.specification import Specification
 from framework.errors import NotConverged
 from framework.kinematics.continuation.tracking import Branch, track_path
-from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve
+from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve_cone_program
 from framework.motion.optimal_law import Smoothstep
 from framework.singularity.points_on_path import locate_singularities
 
@@ -81,7 +81,9 @@ def _solved(
     for factor in AGAIN:
         units = Units(factor * plan.duration, torque)
         most = None if specification.most is None else specification.most / units.time
-        found = solve(_program(on_path, edges, specification, units), specification.goal, longest=most)
+        found = solve_cone_program(
+            _program(on_path, edges, specification, units), specification.goal, longest=most
+        )
         if isinstance(found, Optimum):
             return found, units
     why = found.status if isinstance(found, Unsolved) else "its limits contradict each other"

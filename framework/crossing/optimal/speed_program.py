@@ -19,7 +19,7 @@ from framework.crossing.optimal.phase_plane import Demand
 from framework.crossing.specification import Specification
 from framework.motion.chebyshev import coefficients as series_through
 from framework.motion.chebyshev import derivative_matrix, evaluate, nodes
-from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve
+from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve_cone_program
 from framework.motion.infeasibility import Infeasible
 from framework.motion.optimal_law import Stretch
 
@@ -194,7 +194,7 @@ class SpeedProgram:
         """Return the optimum of these cones, or why there is none."""
         most = self.specification.most
         longest = None if most is None else most / self.units.time
-        return solve(cones, self.specification.goal, longest=longest)
+        return solve_cone_program(cones, self.specification.goal, longest=longest)
 
 
 def conditions_on_speed(
