@@ -48,16 +48,7 @@ def written_together(
             raise OutputError(f"{place}: {error}") from None
         yield temporary
         files = sorted(temporary.iterdir())
-        there = [written.name for written in files if os.path.lexists(folder / written.name)]
-        for name in there:
-            if (folder / name).is_dir():
-                raise OutputError(f"{place}: {name} is a folder there")
-        if document is not None and there and not _is_ours(folder / document):
-            foreign = document if document in there else there[0]
-            raise OutputError(
-                f"{place}: {foreign} is there already, and not of this program; give another folder, or "
-                f"move it"
-            )
+        _check_overwritten(folder, [written.name for written in files], document, place)
         with uninterrupted():
             for written in files:
                 os.replace(written, folder / written.name)
@@ -70,6 +61,19 @@ def written_together(
             if own is not None:
                 _remove(own)
             _remove_empty(new)
+
+
+def _check_overwritten(folder: Path, names: list[str], document: str | None, place: str) -> None:
+    """Refuse to write over folders, or over files that are not of this program, by these names."""
+    there = [name for name in names if os.path.lexists(folder / name)]
+    for name in there:
+        if (folder / name).is_dir():
+            raise OutputError(f"{place}: {name} is a folder there")
+    if document is not None and there and not _is_ours(folder / document):
+        foreign = document if document in there else there[0]
+        raise OutputError(
+            f"{place}: {foreign} is there already, and not of this program; give another folder, or move it"
+        )
 
 
 def _remove(own: tuple[Path, int]) -> None:

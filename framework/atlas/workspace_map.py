@@ -145,20 +145,8 @@ def workspace_map(
     started = time.perf_counter()
     wanted = chosen(robot, quantities, wrench)
     window = surveyed(robot) if window is None else window
-    x, bands = window.points(), _bands(robot, window)
-    found = {} if keeper is None else dict(keeper.found())
-    chunks = {band.name: found[band.name] for band in bands if _fits(found.get(band.name), band, wanted)}
-    done = sum(band.stop - band.first for band in bands if band.name in chunks)
-    progress(done * window.shape[1])
-    task = partial(filled_band, robot, window, wanted)
-    for band, chunk in completed(task, [band for band in bands if band.name not in chunks], executor):
-        chunks[band.name] = chunk
-        if keeper is not None:
-            keeper.keep(band.name, chunk)
-        done += band.stop - band.first
-        progress(done * window.shape[1])
-    whole = {key: np.concatenate([chunks[band.name][key] for band in bands]) for key in chunks[bands[0].name]}
-    _join_bands(robot, x, wanted, whole)
+    whole = _filled(robot, window, wanted, executor, keeper, progress)
+    _join_bands(robot, window.points(), wanted, whole)
     reference = linearised_at(robot, robot.reference.q[None], robot.reference.x[None])
     return WorkspaceMap(
         robot=robot,
@@ -172,6 +160,30 @@ def workspace_map(
         load=whole.get("load"),
         seconds=time.perf_counter() - started,
     )
+
+
+def _filled(
+    robot: ParallelRobot,
+    window: Window,
+    quantities: tuple[Quantity, ...],
+    executor: Executor | None,
+    keeper: ChunkStore | None,
+    progress: Callable[[int], None],
+) -> dict[str, NDArray]:
+    """Fill all bands of a window that are not kept already, and put them together."""
+    bands = _bands(robot, window)
+    kept = {} if keeper is None else dict(keeper.found())
+    chunks = {band.name: kept[band.name] for band in bands if _fits(kept.get(band.name), band, quantities)}
+    missing = [band for band in bands if band.name not in chunks]
+    rows = bands[-1].stop - sum(band.stop - band.first for band in missing)
+    progress(rows * window.shape[1])
+    for band, chunk in completed(partial(filled_band, robot, window, quantities), missing, executor):
+        chunks[band.name] = chunk
+        if keeper is not None:
+            keeper.keep(band.name, chunk)
+        rows += band.stop - band.first
+        progress(rows * window.shape[1])
+    return {key: np.concatenate([chunks[band.name][key] for band in bands]) for key in chunks[bands[0].name]}
 
 
 def filled_band(

@@ -7,7 +7,8 @@ can be kept for a study that is stopped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -103,8 +104,6 @@ def run_study(
     Raises:
         InvalidInput: fewer than one run, a negative seed.
     """
-    import time
-
     if runs < 1 or isinstance(runs, bool):
         raise InvalidInput(f"runs: needs at least 1, got {runs!r}")
     if seed < 0:
@@ -127,9 +126,14 @@ def run_study(
         if keeper is not None:
             keeper.keep(part, run)
         report()
-    every = [finished[part] for part in sorted(finished, key=lambda part: part.start)]
+    in_order = [finished[part] for part in sorted(finished, key=lambda part: part.start)]
+    return _joined(in_order, name, spread, seed, time.perf_counter() - started)
+
+
+def _joined(every: Sequence[Run], controller: str, spread: Spread, seed: int, seconds: float) -> Study:
+    """Join the runs of all chunks into one study."""
     return Study(
-        controller=name,
+        controller=controller,
         spread=spread,
         seed=seed,
         passed=np.concatenate([run.passed for run in every]),
@@ -138,7 +142,7 @@ def run_study(
         end_error=np.concatenate([run.end_error for run in every]),
         peak_torque=np.concatenate([run.peak_torque for run in every]),
         payload=np.concatenate([run.payload for run in every]),
-        seconds=time.perf_counter() - started,
+        seconds=seconds,
     )
 
 

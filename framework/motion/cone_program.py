@@ -94,110 +94,150 @@ def solve_cone_program(
         longest: bound on the duration.
         about: y of z0.
     """
-    start, free = eliminate(program.equalities)
-    parts = _Parts(free.shape[1], len(program.speeds), len(program.weights), goal == "energy")
-
-    def affine(rows: Array, offset: Array | float = 0.0) -> _Values:
-        """Rows on the coefficients, in terms of the unknowns."""
-        return parts.rows("x", rows @ free, rows @ start + offset)
-
-    w, v = parts.each("w"), parts.each("v")
-    linear = [affine(program.positive, -program.floor)]
-    linear.append(affine(-program.below_one, (1.0 - program.kept) ** 2))
-    bounded = program.bounded
-    if bounded.any():
-        linear.append(parts.rows("bound", np.array([[-1.0]]), np.array([1.0 - program.kept])))
-    if longest is not None:
-        linear.append(parts.rows("v", -program.weights[None], np.array([longest])))
-    z, mean = affine(program.speeds), parts.rows("w", program.average)
-    cones = [
-        [z.plus(1.0), z.plus(-1.0), w.times(2.0)],  # w^2 <= z
-        [v.and_(mean), v.and_(mean.times(-1.0)), v.times(0.0).plus(2.0)],  # v w >= 1
-    ]
-
-    def below(name: str, rows: BoolArray) -> list[_Values]:
-        """|torque| <= the unknown of this name, at some rows."""
-        largest = parts.rows(name, np.ones((int(np.count_nonzero(rows)), 1)))
-        return [largest, affine(program.torque.matrix[rows], program.torque.offset[rows])]
-
-    if bounded.any():
-        cones.append(below("bound", bounded))
-    if goal == "peak_torque":  # each row of a torque is there but once
-        cones.append(below("peak", ~bounded))
-        if bounded.any():
-            linear.append(parts.each("peak").and_(parts.each("bound").times(-1.0)))
-    if goal == "energy":  # e w >= the sum of power^2
-        e, (matrix, offset) = parts.each("e"), program.power
-        motors = len(offset) // len(program.speeds)
-        each = [affine(2.0 * matrix[k::motors], 2.0 * offset[k::motors]) for k in range(motors)]
-        cones.append([e.and_(w), e.and_(w.times(-1.0)), *each])
-    cost = np.zeros(parts.size)
-    if goal == "time":
-        cost[parts.place("v")] = program.weights
-    elif goal == "peak_torque":
-        cost[parts.place("peak")] = 1.0
-    elif goal == "energy":
-        cost[parts.place("e")] = program.weights
-    else:
-        speeds = program.average @ program.speeds
-        slowness = np.maximum(speeds @ (start if about is None else about), program.floor) ** -1.5
-        cost[parts.place("x")] = (program.weights * slowness / slowness.max()) @ speeds @ free
-    rough = program.roughness @ free
-    cost[parts.place("x")] += 2.0 * rough.T @ (program.roughness @ start)
-    return _optimum(program, parts, (start, free), 2.0 * rough.T @ rough, cost, linear, cones)
-
-
-def _optimum(
-    program: ConeProgram,
-    parts: _Parts,
-    eliminated: tuple[Array, Array],
-    quadratic: Array,
-    cost: Array,
-    linear: list[_Values],
-    cones: list[list[_Values]],
-) -> Optimum | Infeasible | Unsolved:
-    """Hand it to the solver, which takes A x + s = b with s in the cone K."""
     import clarabel
-    import scipy.sparse as sparse
 
-    groups = [*linear, *(_interleaved(group) for group in cones)]
-    starts = np.cumsum([0] + [len(group.offset) for group in groups])
-    row = np.concatenate([group.row + start for group, start in zip(groups, starts, strict=False)])
-    column = np.concatenate([group.column for group in groups])
-    value = np.concatenate([group.value for group in groups])
-    right = np.concatenate([group.offset for group in groups])
-    matrix = sparse.csc_array((-value, (row, column)), shape=(len(right), parts.size))
-    kinds: list[Any] = [clarabel.NonnegativeConeT(sum(len(group.offset) for group in linear))]
-    for members in cones:
-        kinds += [clarabel.SecondOrderConeT(len(members))] * len(members[0].offset)
-    sizes = tuple(len(members) for members in cones for _ in range(len(members[0].offset)))
-    above = np.triu_indices(len(quadratic))
-    upper = sparse.csc_array((quadratic[above], above), shape=(parts.size, parts.size))
-    for careful in (
-        False,
-        True,
-    ):  # refining each step's solution takes a third of the time, and is rarely needed
+    formulation = _Formulation.of(program, goal)
+    standard = _standard_form(formulation, longest, about)
+    # refining each step's solution takes a third of the time, and is rarely needed
+    for careful in (False, True):
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.direct_solve_method = "qdldl"  # the other one takes threads, and no less time
         settings.iterative_refinement_enable = careful
-        solution = clarabel.DefaultSolver(upper, cost, matrix, right, kinds, settings).solve()
+        solution = clarabel.DefaultSolver(
+            standard.quadratic, standard.cost, standard.matrix, standard.right, standard.cones, settings
+        ).solve()
         status = str(solution.status)
         if status == "Solved":
             break
         if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
-            refuted = Infeasible(np.array(solution.z), matrix, right, sizes)
+            refuted = Infeasible(np.array(solution.z), standard.matrix, standard.right, standard.sizes)
             if not refuted.holds:
                 refuted = refuted.refined()
             if refuted.holds:
                 return refuted
     if status not in ("Solved", "AlmostSolved"):
         return Unsolved(status)
-    x = np.array(solution.x)
-    start, free = eliminated
-    y = start + free @ x[parts.place("x")]
-    peak = float(np.abs(program.torque(y)).max(initial=0.0))
-    return Optimum(y, peak, float(program.weights @ x[parts.place("v")]), float(solution.obj_val))
+    return formulation.optimum(np.array(solution.x), float(solution.obj_val))
+
+
+class _StandardForm(NamedTuple):
+    """The solver's: minimise x' quadratic x / 2 + cost x with matrix x + s = right and s in the cones."""
+
+    quadratic: Any  # its upper triangle, sparse
+    cost: Array
+    matrix: Any  # sparse
+    right: Array
+    cones: list[Any]
+    sizes: tuple[int, ...]  # of the second-order cones
+
+
+def _standard_form(formulation: _Formulation, longest: float | None, about: Array | None) -> _StandardForm:
+    import clarabel
+    import scipy.sparse as sparse
+
+    linear, cones = formulation.nonnegative(longest), formulation.second_order()
+    groups = [*linear, *(_interleaved(group) for group in cones)]
+    starts = np.cumsum([0] + [len(group.offset) for group in groups])
+    row = np.concatenate([group.row + start for group, start in zip(groups, starts, strict=False)])
+    column = np.concatenate([group.column for group in groups])
+    value = np.concatenate([group.value for group in groups])
+    right = np.concatenate([group.offset for group in groups])
+    size = formulation.parts.size
+    matrix = sparse.csc_array((-value, (row, column)), shape=(len(right), size))
+    sizes = tuple(len(members) for members in cones for _ in range(len(members[0].offset)))
+    kinds: list[Any] = [clarabel.NonnegativeConeT(sum(len(group.offset) for group in linear))]
+    kinds += [clarabel.SecondOrderConeT(members) for members in sizes]
+    quadratic, cost = formulation.objective(about)
+    above = np.triu_indices(len(quadratic))
+    upper = sparse.csc_array((quadratic[above], above), shape=(size, size))
+    return _StandardForm(upper, cost, matrix, right, kinds, sizes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Formulation:
+    """A program in the solver's unknowns, `parts`; the coefficients are y = start + free @ x."""
+
+    program: ConeProgram
+    goal: str
+    start: Array  # (n,)
+    free: Array  # (n, n - k)
+    parts: _Parts
+
+    @staticmethod
+    def of(program: ConeProgram, goal: str) -> _Formulation:
+        start, free = eliminate(program.equalities)
+        parts = _Parts(free.shape[1], len(program.speeds), len(program.weights), goal == "energy")
+        return _Formulation(program, goal, start, free, parts)
+
+    def affine(self, rows: Array, offset: Array | float = 0.0) -> _Values:
+        """Rows on the coefficients, in terms of the unknowns."""
+        return self.parts.rows("x", rows @ self.free, rows @ self.start + offset)
+
+    def torque_below(self, name: str, rows: BoolArray) -> list[_Values]:
+        """|torque| <= the unknown of this name, at some rows."""
+        largest = self.parts.rows(name, np.ones((int(np.count_nonzero(rows)), 1)))
+        torque = self.program.torque
+        return [largest, self.affine(torque.matrix[rows], torque.offset[rows])]
+
+    def nonnegative(self, longest: float | None) -> list[_Values]:
+        """What may not be negative."""
+        program, parts = self.program, self.parts
+        linear = [self.affine(program.positive, -program.floor)]
+        linear.append(self.affine(-program.below_one, (1.0 - program.kept) ** 2))
+        bounded = program.bounded.any()
+        if bounded:
+            linear.append(parts.rows("bound", np.array([[-1.0]]), np.array([1.0 - program.kept])))
+        if longest is not None:
+            linear.append(parts.rows("v", -program.weights[None], np.array([longest])))
+        if bounded and self.goal == "peak_torque":
+            linear.append(parts.each("peak").and_(parts.each("bound").times(-1.0)))
+        return linear
+
+    def second_order(self) -> list[list[_Values]]:
+        """Stacks of cones: the first member of each is at least the norm of the others."""
+        program, parts = self.program, self.parts
+        w, v = parts.each("w"), parts.each("v")
+        z, mean = self.affine(program.speeds), parts.rows("w", program.average)
+        cones = [
+            [z.plus(1.0), z.plus(-1.0), w.times(2.0)],  # w^2 <= z
+            [v.and_(mean), v.and_(mean.times(-1.0)), v.times(0.0).plus(2.0)],  # v w >= 1
+        ]
+        if program.bounded.any():
+            cones.append(self.torque_below("bound", program.bounded))
+        if self.goal == "peak_torque":  # each row of a torque is there but once
+            cones.append(self.torque_below("peak", ~program.bounded))
+        if self.goal == "energy":  # e w >= the sum of power^2
+            e, (matrix, offset) = parts.each("e"), program.power
+            motors = len(offset) // len(program.speeds)
+            each = [self.affine(2.0 * matrix[k::motors], 2.0 * offset[k::motors]) for k in range(motors)]
+            cones.append([e.and_(w), e.and_(w.times(-1.0)), *each])
+        return cones
+
+    def objective(self, about: Array | None) -> tuple[Array, Array]:
+        """Q (k, k) on the part x, and c of all unknowns, of x' Q x / 2 + c x that is minimised."""
+        program, parts, start, free = self.program, self.parts, self.start, self.free
+        cost = np.zeros(parts.size)
+        if self.goal == "time":
+            cost[parts.place("v")] = program.weights
+        elif self.goal == "peak_torque":
+            cost[parts.place("peak")] = 1.0
+        elif self.goal == "energy":
+            cost[parts.place("e")] = program.weights
+        else:
+            speeds = program.average @ program.speeds
+            slowness = np.maximum(speeds @ (start if about is None else about), program.floor) ** -1.5
+            cost[parts.place("x")] = (program.weights * slowness / slowness.max()) @ speeds @ free
+        rough = program.roughness @ free
+        cost[parts.place("x")] += 2.0 * rough.T @ (program.roughness @ start)
+        return 2.0 * rough.T @ rough, cost
+
+    def optimum(self, unknowns: Array, value: float) -> Optimum:
+        """The coefficients that the unknowns stand for."""
+        y = self.start + self.free @ unknowns[self.parts.place("x")]
+        peak = float(np.abs(self.program.torque(y)).max(initial=0.0))
+        duration = float(self.program.weights @ unknowns[self.parts.place("v")])
+        return Optimum(y, peak, duration, value)
 
 
 class _Values(NamedTuple):

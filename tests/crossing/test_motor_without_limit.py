@@ -72,7 +72,7 @@ def test_a_refusal_tells_the_least_peak_of_the_motors_with_a_limit():
 
 def test_where_the_solver_gives_up_on_the_estimate_it_is_said(monkeypatch):
     plan = plan_crossing(five_bar(0.1, 0.1), LINE, optimize="time")
-    monkeypatch.setattr(lower_bound, "solve", lambda *_, **__: Unsolved("InsufficientProgress"))
+    monkeypatch.setattr(lower_bound, "solve_cone_program", lambda *_, **__: Unsolved("InsufficientProgress"))
     with pytest.raises(NotConverged, match=r"no estimate of the best law found \(InsufficientProgress\)"):
         estimated_best(plan)
     assert "estimate          five_bar: no estimate of the best law found" in plan_text(plan)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,9 +41,7 @@ class Diagnosis:
     actuators: tuple[str, ...]
     passive_joints: tuple[str, ...]
     idle_joints: tuple[str, ...]  # a passive joint for each motion that moves no centre of mass; held still
-    loose_joints: tuple[
-        str, ...
-    ]  # one for each that moves masses and that no motor or platform axis is told of
+    loose_joints: tuple[str, ...]  # one for each that moves masses without a motor and a platform axis
     springs: tuple[str, ...]
     mobility: int  # degrees of freedom with all springs locked, the idle ones counted
     redundant_motors: int  # actuators beyond the mobility less the idle ones
@@ -76,84 +75,89 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         SingularReference: they are nearly singular there and beside it, too.
     """
     expect("robot", mechanism, Mechanism, 'robots.load("five_bar") or Mechanism.from_file("my.yaml")')
-    given, found, gap = mechanism, list[str](), 0.0
-    try:
-        mechanism, closing = assembled_mechanism(mechanism)
-        given, q = mechanism, closing.q
-    except NotAssembled as failure:
-        gap = failure.residual
-        pose = find_closed_pose(mechanism)
-        found.append(
-            f"the loops do not close near the reference that is given; a search within the joints' limits "
-            f"has found the one that is printed, {pose.joint} {pose.moved} away: paste it into "
-            f"the file (or give it by --reference) if the robot is meant to be assembled that way"
-        )
-        mechanism, closing = assembled_mechanism(_with_reference(mechanism, pose.q))
-        q = closing.q
-    assembled = mechanism is given
-    try:
-        robot = ParallelRobot.of(mechanism)
-    except SingularReference as singular:
-        beside = replace(mechanism, q_near=nearby_configurations(mechanism, q)[0])
-        try:
-            robot = ParallelRobot.of(beside)
-        except SingularReference:
-            raise singular from None
-        found.append(f"said of a pose beside the reference: {singular}")
-    reference = robot.reference
-    names = robot.rows.names
+    robot, gap, remarks = _robot_to_examine(mechanism)
+    reference, names, independent = robot.reference, robot.rows.names, robot.structure.independent
     motions = mobility_of(robot)
     axes = platform_axes_of(robot, motions.working - len(motions.loose))
     square = robot.n == motions.working <= robot.n_a and not axes.stuck_here
-    linearised = linearised_at_reference(robot)
-    working, assembly, smallest = 0, 0, None
-    if square:
-        working, assembly = (int(sign[0]) for sign in mode_signs(robot, linearised))
-        values = np.linalg.svd(passive_matrix(robot, linearised)[0], compute_uv=False)
-        smallest = float(values[-1]) if len(values) else None
+    modes = _modes(robot) if square else _Modes(0, 0, None)
     masses = _link_masses(robot)
-    massless = tuple(name for name, mass in masses.items() if mass == 0.0)
-    redundant = tuple(name for i, name in enumerate(names) if i not in robot.structure.independent)
-    found += _advice_on_motions(robot, motions, axes) + _advice(robot, redundant, masses)
-    beyond = positions_beyond_limits(robot.limits, reference.q[None])
-    if beyond:
-        listed = "; ".join(f"{joint}: {position}" for joint, position in beyond.items())
-        found.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
-    if smallest is not None and smallest < MODES_MEET:
-        found.append("the reference is itself singular: give one away from the locus")
+    redundant = tuple(name for i, name in enumerate(names) if i not in independent)
+    passive = map(robot.coordinates.name_of, map(int, robot.passive))
+    advice = [
+        *remarks,
+        *_advice_on_motions(robot, motions, axes),
+        *_advice_on_loops(robot, redundant),
+        *_advice_on_masses(masses),
+        *_advice_on_reference(robot, modes),
+    ]
     return Diagnosis(
         robot=robot.name,
         flexibility=robot.flexibility,
         platform_axes=robot.axis_names,
         actuators=robot.actuator_names,
-        passive_joints=tuple(
-            joint
-            for joint in map(robot.coordinates.name_of, map(int, robot.passive))
-            if joint not in motions.idle
-        ),
+        passive_joints=tuple(joint for joint in passive if joint not in motions.idle),
         idle_joints=motions.idle,
         loose_joints=motions.loose,
         springs=robot.spring_names,
         mobility=motions.freedoms,
         redundant_motors=max(robot.n_a - motions.working, 0),
         loop_equations=len(names),
-        rank=len(robot.structure.independent),
+        rank=len(independent),
         redundant_rows=redundant,
         mass=float(sum(masses.values())),
-        massless_joints=massless,
+        massless_joints=tuple(name for name, mass in masses.items() if mass == 0.0),
         closure_error=reference.residual,
         reference=robot.reference_values(reference.q),
         platform=tuple(map(float, reference.x)),
-        working_mode=working,
-        assembly_mode=assembly,
-        smallest_singular_value=smallest,
+        **modes._asdict(),
         square=square,
         stuck_axes=axes.stuck,
         axes_that_do=axes.proposals,
-        assembled=assembled,
-        gap_at_reference=gap,
-        advice=tuple(found),
+        assembled=gap is None,
+        gap_at_reference=0.0 if gap is None else gap,
+        advice=tuple(advice),
     )
+
+
+def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None, list[str]]:
+    """Return the robot assembled, what stays open at the reference if its loops do not close, and remarks."""
+    gap, remarks = None, list[str]()
+    try:
+        mechanism, closing = assembled_mechanism(mechanism)
+    except NotAssembled as failure:
+        gap = failure.residual
+        pose = find_closed_pose(mechanism)
+        remarks.append(
+            f"the loops do not close near the reference that is given; a search within the joints' limits "
+            f"has found the one that is printed, {pose.joint} {pose.moved} away: paste it into "
+            f"the file (or give it by --reference) if the robot is meant to be assembled that way"
+        )
+        mechanism, closing = assembled_mechanism(_with_reference(mechanism, pose.q))
+    try:
+        return ParallelRobot.of(mechanism), gap, remarks
+    except SingularReference as singular:
+        beside = replace(mechanism, q_near=nearby_configurations(mechanism, closing.q)[0])
+        try:
+            robot = ParallelRobot.of(beside)
+        except SingularReference:
+            raise singular from None
+        return robot, gap, [*remarks, f"said of a pose beside the reference: {singular}"]
+
+
+class _Modes(NamedTuple):
+    """Modes of the reference and its distance from Type 2, as in `Diagnosis`."""
+
+    working_mode: int
+    assembly_mode: int
+    smallest_singular_value: float | None
+
+
+def _modes(robot: ParallelRobot) -> _Modes:
+    linearised = linearised_at_reference(robot)
+    working, assembly = (int(sign[0]) for sign in mode_signs(robot, linearised))
+    values = np.linalg.svd(passive_matrix(robot, linearised)[0], compute_uv=False)
+    return _Modes(working, assembly, float(values[-1]) if len(values) else None)
 
 
 def _with_reference(mechanism: Mechanism, q: Array) -> Mechanism:
@@ -207,8 +211,8 @@ def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAx
     return found
 
 
-def _advice(robot: ParallelRobot, redundant: tuple[str, ...], masses: dict[str, float]) -> list[str]:
-    """Return advice on loops, springs, friction and masses of a robot."""
+def _advice_on_loops(robot: ParallelRobot, redundant: tuple[str, ...]) -> list[str]:
+    """Return advice on loops, springs and dry friction of a robot."""
     found = []
     if robot.rounded.names:
         gap = rounded_gap(robot, robot.reference.q[None])
@@ -231,6 +235,12 @@ def _advice(robot: ParallelRobot, redundant: tuple[str, ...], masses: dict[str, 
     friction = robot.friction_sizes(robot.passive)
     if friction:
         found.append(f"dry friction, which no plan counts with: {friction}")
+    return found
+
+
+def _advice_on_masses(masses: dict[str, float]) -> list[str]:
+    """Return advice on masses [kg] that joints carry, by the joint's name."""
+    found = []
     if sum(masses.values()) == 0.0:
         found.append("no link has a mass: all torques will be those of the rotors; add <inertial>")
     heaviest = max(masses.values(), default=0.0)
@@ -242,6 +252,18 @@ def _advice(robot: ParallelRobot, redundant: tuple[str, ...], masses: dict[str, 
             )
     if heaviest > HEAVY_PART:
         found.append(f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
+    return found
+
+
+def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
+    """Return advice on a reference beyond the joints' limits, or on the locus."""
+    found = []
+    beyond = positions_beyond_limits(robot.limits, robot.reference.q[None])
+    if beyond:
+        listed = "; ".join(f"{joint}: {position}" for joint, position in beyond.items())
+        found.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
+    if modes.smallest_singular_value is not None and modes.smallest_singular_value < MODES_MEET:
+        found.append("the reference is itself singular: give one away from the locus")
     return found
 
 
