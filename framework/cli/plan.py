@@ -29,6 +29,7 @@ from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import FILE, plan_document
 from framework.errors import InvalidInput, NotConverged, point
+from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import KeptLevel
 from framework.motion.law import Law, PlannedLaw
@@ -175,9 +176,9 @@ def plan_text(plan: CrossingPlan) -> str:
         f"N m or N",
     ]
     if certificate.max_held_torque:
-        idle = ", ".join(robot.coordinates.name_of(int(column)) for column in robot.structure.idle)
         lines.append(
-            f"  held still        {idle}, which nothing holds: {certificate.max_held_torque:.1e} N m or N"
+            f"  idle turns        {_idle_turns(robot)}; what nothing holds there: "
+            f"{certificate.max_held_torque:.1e} N m or N"
         )
     if certificate.rounded_gap:
         gap = certificate.rounded_gap
@@ -198,3 +199,14 @@ def plan_text(plan: CrossingPlan) -> str:
             f"times or speeds, or a higher --smoothness, avoid it"
         )
     return "\n".join(lines)
+
+
+def _idle_turns(robot: ParallelRobot) -> str:
+    """Which idle turns are held, and which go as balls drive them."""
+    driven = driven_turns(robot)
+    kinds = {
+        "held still": np.setdiff1d(robot.structure.idle, driven),
+        "as damping or armature of their balls drives them": driven,
+    }
+    names = {how: ", ".join(map(robot.coordinates.name_of, columns)) for how, columns in kinds.items()}
+    return "; ".join(f"{which} {how}" for how, which in names.items() if which)

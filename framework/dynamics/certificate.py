@@ -19,9 +19,10 @@ class Certificate:
         coordinates as functions of time [m or rad]; all loop equations, redundant ones too.
     max_residual_torque: largest torque that a joint would still have to give, beside motors and springs, for
         the motion to be as planned, half-way between the nodes [N m or N]. Joints without motor or spring
-        have none to give; those that are held still as idle are counted apart.
-    max_held_torque: largest torque that would hold still the joints whose motion moves no centre of mass,
-        such as a rod's about its own line [N m or N]; the motors' torques are wrong by its order.
+        have none to give; those that are idle are counted apart.
+    max_held_torque: largest torque that would hold the joints whose motion moves no centre of mass, such as
+        a rod's about its own line, as planned: still, or turning as damping or armature of its balls drives
+        it [N m or N]; the motors' torques are wrong by its order.
         0 without such joints; at most `tolerances.HELD_IDLE` of a motor's largest torque on the joint side.
     end_speed: largest motor speed at both ends over the largest one on the way. Zero when the law is
         smooth enough; an elastic robot whose springs carry inertia needs more smoothness than its default.

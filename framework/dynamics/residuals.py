@@ -1,9 +1,10 @@
 """What the solved equations leave out, measured along the whole motion, on the nodes of time and between.
 
 The motion is found from the loop equations that are independent at the reference, with the idle joints held
-still. Here all loop equations are looked at, and what the joints would have to give beside motors and springs
-for the motion to be as planned: nothing, if it is right. With r the inverse dynamics of the tree, J the loop
-equations' Jacobian, S the motors' columns and tau_joint their torques on the joint side,
+still or turned as `kinematics.idle_turns` says. Here all loop equations are looked at, and what the joints
+would have to give beside motors and springs for the motion to be as planned: nothing, if it is right. With r
+the inverse dynamics of the tree, J the loop equations' Jacobian, S the motors' columns and tau_joint their
+torques on the joint side,
 
     r - S' tau_joint = J' lambda + X' w        along the actuated and passive joints
     idle             = r - J' lambda           along the idle ones
@@ -83,10 +84,9 @@ def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
 
 
 def check_idle_joints(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> float:
-    """Return the largest torque [N m or N] that would hold the idle joints still on this motion.
+    """Return the largest torque [N m or N] that would hold the idle joints to their planned motion.
 
-    They are held because their motion moves no centre of mass. Free, they would turn under that torque, and
-    change the torques of the motors by its order.
+    Free, they would turn under that torque, and change the torques of the motors by its order.
 
     Raises:
         LoadedJoint: it is more than HELD_IDLE of the largest torque of a motor on the joint side.
@@ -130,7 +130,7 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
     return (
         f"lock that turn of the ball {model.names[joint]} by a closure {{frames: {ends}, axes: [rz]}} (or "
         f"rx, ry: along the part that turns), or leave out its inertia about that line, and the "
-        f"armature and damping of the balls that it turns"
+        f"springs of the balls that it turns, and what is unlike about their axes"
     )
 
 

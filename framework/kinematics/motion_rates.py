@@ -1,7 +1,7 @@
 """Velocities and accelerations of all joints for those of the platform, and how dF/dq changes on the way.
 
 With x and the deflections q_e given, (dF/dq) v = [twist; 0] and (dF/dq) a = [twist rate; 0] - drift. Both are
-solved along the columns that follow, with one factorisation.
+solved along the columns that follow, with one factorisation; idle turns rest, or go as `idle_turns` says.
 
 An entry of dF/dq is the power of a wrench W (of a loop equation, or a unit wrench of the platform) on the
 screw S of a joint, both about the base's origin, so that d/dt (W . S) = W' . S + W . S'. The wrenches turn
@@ -10,7 +10,7 @@ with the frames that they are fixed to; S' comes from pinocchio (`computeJointJa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +22,7 @@ from framework.kinematics.frames import (
     frame_motions,
     frames_at,
 )
+from framework.kinematics.idle_turns import idle_turns
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
@@ -97,11 +98,18 @@ def _motion_of_twist(
 ) -> Motion:
     """Compute rates and accelerations of all joints for those of platform and deflections."""
     v = joint_rates(robot, linearised, twist[0], elastic[0])
+    turns = idle_turns(robot, linearised)
+    if turns is not None:
+        v = turns.freed(v)
     motions = frame_motions(robot, linearised.frames, q, v)
     drift = closure_drift(linearised.equations.loops, linearised.frames, motions)
     platform_drift = robot.platform.drift(linearised.frames, motions)
     right = np.concatenate([twist[1] - platform_drift, -drift], axis=1)
-    return Motion(q, v, _solve_rates(robot, linearised, right, elastic[1]), linearised)
+    motion = Motion(q, v, _solve_rates(robot, linearised, right, elastic[1]), linearised)
+    if turns is None:
+        return motion
+    rows_rate = turns.rows_rate(robot, linearised, jacobian_rate(robot, motion))
+    return replace(motion, a=turns.freed(motion.a, -np.einsum("tkv,tv->tk", rows_rate, v)))
 
 
 def jacobian_rate(robot: ParallelRobot, motion: Motion) -> Array:

@@ -40,7 +40,7 @@ class Diagnosis:
     platform_axes: tuple[str, ...]
     actuators: tuple[str, ...]
     passive_joints: tuple[str, ...]
-    idle_joints: tuple[str, ...]  # a passive joint for each motion that moves no centre of mass; held still
+    idle_joints: tuple[str, ...]  # a passive joint for each motion that moves no centre of mass
     loose_joints: tuple[str, ...]  # one for each that moves masses without a motor and a platform axis
     springs: tuple[str, ...]
     mobility: int  # degrees of freedom with all springs locked, the idle ones counted
@@ -206,7 +206,8 @@ def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAx
     if motions.idle:
         found.append(
             f"{', '.join(motions.idle)} may turn without moving any centre of mass; planning holds it "
-            f"still, says what torque that costs, and refuses more than {HELD_IDLE:g} of the motors' peak"
+            f"still, or turns it as its balls' damping or armature does, says what torque is left to hold "
+            f"it, and refuses more than {HELD_IDLE:g} of the motors' peak"
         )
     return found
 

@@ -4,7 +4,7 @@ At a configuration the joints have f freedoms: as many as there are joints less 
 springs locked. A motion in which no motor and no platform coordinate takes part is one of two kinds:
 
 * idle: no centre of mass moves, as when a rod turns about its own axis between two balls. Weight does not
-  turn it, and planning holds it still;
+  turn it, and planning holds it still, or turns it as its balls' damping or armature does;
 * loose: masses move, as with a pendulum on the platform or a linkage that has no motor. Nothing says how.
 
 What the platform cannot do at one pose alone is a singularity and no property of the mechanism: axes count as

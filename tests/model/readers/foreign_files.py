@@ -47,6 +47,7 @@ PLANNED = (
     ForeignFile("mirrored_gripper.xml", {"base": "palm"}, 1, 0),
     ForeignFile("sliding_fingers.xml", {}, 1, 0),
     ForeignFile("two_cranks.xml", {"motors": ["j1"]}, 1, 0),
+    ForeignFile("head_on_six_rods.xml", {}, 6, 6),
 )
 
 
