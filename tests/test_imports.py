@@ -51,6 +51,7 @@ QUESTIONS = {
     "framework.kinematics.diagnostics.proposal": None,
     "framework.kinematics.continuation.forward_kinematics": None,
     "framework.kinematics.motion_rates": {"Motion"},
+    "framework.kinematics.idle_turns": {"driven_turns"},
     "framework.kinematics.mechanism": {"Mechanism"},
     "framework.kinematics.diagnostics.mobility": None,
     "framework.kinematics.parallel_robot": {"ParallelRobot"},
