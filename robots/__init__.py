@@ -9,9 +9,9 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import Never
 
-from framework import ParallelRobot
 from framework.catalogue import CatalogueEntry
 from framework.errors import InvalidInput, choose_from, short
+from framework.kinematics.parallel_robot import ParallelRobot
 
 
 def _entries() -> dict[str, CatalogueEntry]:

@@ -10,8 +10,9 @@ import unicodedata
 
 import pytest
 
-from framework.cli import DEBUG_VARIABLE, UNEXPECTED_EXIT_CODE, main
+from framework.cli import main
 from framework.cli.console import MAX_MESSAGE_LENGTH, one_line, printable
+from framework.cli.running import DEBUG_VARIABLE, UNEXPECTED_EXIT_CODE
 
 RED = "\x1b[31mred\x1b[0m"
 ODD = ["a\nb", "a\r\nb", RED, "\x00", "\x07", "\u202egnp", "\u2028", "\udcff", "\x85", "\xa0", "\u200b"]
@@ -189,7 +190,7 @@ def test_an_unexpected_error_is_one_line_and_asks_to_be_reported(capfd, monkeypa
     assert is_one_line(err)
     for words in (
         "unexpected Fault: a \\x1b[31mred",
-        "framework/cli/__init__.py, line ",
+        "framework/cli/running.py, line ",
         "report it",
         DEBUG_VARIABLE,
     ):

@@ -16,8 +16,7 @@ from framework.kinematics.diagnostics.diagnosis import check_robot
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    text = "mobility, rank, redundant rows, masses, closure error, mode"
-    parser = command(commands, "check", run, text)
+    parser = command(commands, "check", run)
     add_robot(parser, "catalogue name, or path of a robot file or of a file of a foreign dialect")
     add_missing_fields(parser)
     add_flexibility(parser)

@@ -13,15 +13,10 @@ from framework.model.description import ParsedRobot
 from framework.model.readers.recognise import DIALECTS
 from framework.model.robot_file_writer import write_robot_file
 
-TEXT = (
-    "write our robot file from another dialect: Gepetto's robot.yaml beside robot.urdf, URDF+ <loop>, "
-    "ROS <constraint>, MJCF <equality>; --base LINK: of one part of it, such as a leg"
-)
-
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    parser = command(commands, "convert", run, TEXT)
+    parser = command(commands, "convert", run)
     add_robot(parser, "path of a file of a foreign dialect, or catalogue name")
     parser.add_argument("--out", metavar="DIR", required=True, help="write NAME.yaml and NAME.urdf there")
     add_missing_fields(parser)

@@ -30,8 +30,7 @@ SUFFIXES = {"mjcf": (".xml", ".mjcf"), "ros2_control": (".yaml", ".yml", ".json"
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    text = "a robot as MuJoCo's MJCF, or a plan as a trajectory for ros2_control"
-    parser = command(commands, "export", run, text)
+    parser = command(commands, "export", run)
     add_robot(parser, "catalogue name, path of a robot file, or folder that `crossing plan --out` wrote")
     add_moved_robot(parser)
     parser.add_argument("--to", dest="program", choices=tuple(SUFFIXES), required=True, help="what reads it")

@@ -25,14 +25,13 @@ REPORTED_GROWTH = 2.0  # times as far as by itself: worth a line
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    text = "the least model that is enough for a motion, with its evidence"
     more = (
         "Each rung of the ladder, from kinematics to the inertia of the elastic motion, plans the motion; "
         "its torques drive the full elastic simulation, without feedback. Enough is what keeps platform (of "
         "the path's length) and torques (of the highest rung's peak) within the tolerance. Put the printed "
         "line into the scene, and `crossing plan --flexibility auto` uses it."
     )
-    parser = command(commands, "fidelity", run, text, more)
+    parser = command(commands, "fidelity", run, more)
     add_robot(parser)
     add_path(parser)
     parser.add_argument(

@@ -26,7 +26,7 @@ def add(commands: Any) -> None:
         "which each deflection moves them along the path. How far the springs give, and so where the "
         "deformed robot is singular, depends on the motion: crossing plan tells."
     )
-    parser = command(commands, "locate", run, "find the singular points on a path", more)
+    parser = command(commands, "locate", run, more)
     add_robot(parser)
     add_path(parser)
     add_flexibility(parser)

@@ -1,34 +1,18 @@
-"""The command line parser, and the options that commands share."""
+"""The options that commands share."""
 
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, NoReturn
+from typing import Any
 
+from framework.cli.commands import COMMANDS
 from framework.crossing.options import TYPED
 from framework.model.description import FLEXIBILITIES
 from framework.parallel.workers import MAX_WORKERS
 
 Report = tuple[dict[str, Any], str]  # for machines, for people
-
-
-class Misuse(Exception):
-    """argparse found the command line wrong."""
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """argparse with errors in one line, and negative numbers with exponents."""
-
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(allow_abbrev=False, **settings)
-        # argparse takes -1e-3 for an option: its pattern for negative numbers knows no exponents
-        self._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
-
-    def error(self, message: str) -> NoReturn:
-        raise Misuse(f"{message} (see `{self.prog} --help`)")
 
 
 def integer_between(least: int, most: int) -> Callable[[str], int]:
@@ -48,10 +32,9 @@ def integer_between(least: int, most: int) -> Callable[[str], int]:
     return read
 
 
-def command(
-    commands: Any, name: str, run: Callable[[argparse.Namespace], Report], text: str, more: str = ""
-) -> Any:
+def command(commands: Any, name: str, run: Callable[[argparse.Namespace], Report], more: str = "") -> Any:
     """A new command with --json; `run` gives its report. Its own help has `more` to say than the list."""
+    text = COMMANDS[name].text
     parser = commands.add_parser(name, help=text, description=f"{text}. {more}" if more else text)
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
     parser.set_defaults(run=run)

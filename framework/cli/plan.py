@@ -41,8 +41,7 @@ MAX_SAMPLES = 1_000_000
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    text = "plan a motion through the singular points, with torques and proof"
-    parser = command(commands, "plan", run, text)
+    parser = command(commands, "plan", run)
     add_robot(parser)
     add_path(parser)
     add_flexibility(parser, auto="what `crossing fidelity` found enough and the scene keeps")

@@ -24,8 +24,7 @@ from framework.singularity.pose_classes import Classification, classify
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    text = "all joints of a pose, from its motors or from its platform, in the modes of the reference"
-    parser = command(commands, "pose", run, text)
+    parser = command(commands, "pose", run)
     add_robot(parser)
     add_flexibility(parser)
     parser.add_argument(

@@ -17,8 +17,7 @@ from framework.output import write_file
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    text = "write one HTML page about a plan: scene, figures, law, certificate, parameters, reproduction"
-    parser = command(commands, "report", run, text)
+    parser = command(commands, "report", run)
     parser.add_argument("folder", metavar="DIR", help="folder of `crossing plan --out`")
     add_moved_robot(parser)
     parser.add_argument("--html", metavar="FILE", help="where to write it (default: DIR/report.html)")

@@ -13,7 +13,7 @@ from framework.kinematics.diagnostics.diagnosis import check_robot
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    command(commands, "robots", run, "list the catalogue")
+    command(commands, "robots", run)
 
 
 def run(options: argparse.Namespace) -> Report:

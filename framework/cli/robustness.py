@@ -41,12 +41,11 @@ COLUMNS = (
     *("tracking_error", "end_error", "peak_torque", "payload", "why"),
 )
 MAX_RUNS = 1_000_000
-TEXT = "drive a planned crossing with a controller on many robots that differ from their model"
 
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    parser = command(commands, "robustness", run, TEXT)
+    parser = command(commands, "robustness", run)
     add_robot(parser, "catalogue name, path of a robot file, or a folder of `crossing plan --out`")
     add_path(parser)
     add_flexibility(parser)

@@ -22,10 +22,7 @@ if TYPE_CHECKING:
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    text = (
-        "play motions in the browser, side by side; without a motion, move the robot by hand. Ctrl-C ends it"
-    )
-    parser = command(commands, "show", run, text)
+    parser = command(commands, "show", run)
     add_robot(parser, "catalogue name, path of a robot file, or folder of `crossing plan --out`")
     parser.add_argument("--scene", dest="scenes", nargs="+", metavar="S", help="scenes of the robot file")
     parser.add_argument(

@@ -30,8 +30,7 @@ from framework.tolerances import MOTION_OFF_PATH
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    text = "drive the robot with the planned torques: tracking error, drift, energy"
-    parser = command(commands, "simulate", run, text)
+    parser = command(commands, "simulate", run)
     add_robot(parser, "catalogue name, path of a robot file, or folder that `crossing plan --out` wrote")
     add_path(parser)
     add_flexibility(parser)

@@ -34,7 +34,6 @@ from framework.parallel.kept import KeptChunks, forget
 from framework.parallel.tasks import executor_of
 
 MAX_EDGE_POSES = 4000
-TEXT = "quantities over the workspace on one working mode, with the singular locus on top"
 MORE = (
     "Poses are reached from the reference by continuation, so the map never leaves its working mode; what is "
     "not reached has no value and a reason."
@@ -43,7 +42,7 @@ MORE = (
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the command to the parser."""
-    parser = command(commands, "map", run, TEXT, MORE)
+    parser = command(commands, "map", run, MORE)
     add_robot(parser)
     add_flexibility(parser)
     parser.add_argument("--scene", metavar="S", help="draw the path of this scene, and hold what it holds")

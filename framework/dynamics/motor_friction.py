@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import brentq
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -78,6 +77,7 @@ def _intervals(t: Array, sign: Array, speed: Callable[[Array], Array], motor: in
     A motion starts and stops so gently that its first and last samples may have no sign: they have that of
     their neighbours. The same holds of a single sample, a zero of the speed; more of them are a standstill.
     """
+    from scipy.optimize import brentq  # takes time to import, and most robots have no dry friction
 
     def of_motor(instant: float) -> float:
         return float(speed(np.array([instant]))[0, motor])

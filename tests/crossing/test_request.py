@@ -12,7 +12,8 @@ import pytest
 import robots
 from framework import Arc, InvalidInput, Line, Spline, plan_crossing, plan_scene
 from framework.cli import arguments
-from framework.cli.parser import OneLineParser, add_motion, add_options, add_path
+from framework.cli.commands import OneLineParser
+from framework.cli.parser import add_motion, add_options, add_path
 from framework.crossing.options import OPTIONS, TYPED
 from framework.crossing.request import Request
 from framework.crossing.saved import plan_document

@@ -1,0 +1,95 @@
+"""The commands in the order of --help, and the parser that lists them without importing one."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.metadata import version
+from typing import Any, NamedTuple, NoReturn
+
+
+class Command(NamedTuple):
+    """The module of `framework.cli` that has a command, and what the list of commands says of it."""
+
+    module: str
+    text: str
+
+
+COMMANDS = {
+    "robots": Command("robots", "list the catalogue"),
+    "check": Command("check", "mobility, rank, redundant rows, masses, closure error, mode"),
+    "convert": Command(
+        "convert",
+        "write our robot file from another dialect: Gepetto's robot.yaml beside robot.urdf, URDF+ <loop>, "
+        "ROS <constraint>, MJCF <equality>; --base LINK: of one part of it, such as a leg",
+    ),
+    "locate": Command("locate", "find the singular points on a path"),
+    "map": Command(
+        "workspace_map", "quantities over the workspace on one working mode, with the singular locus on top"
+    ),
+    "pose": Command(
+        "pose", "all joints of a pose, from its motors or from its platform, in the modes of the reference"
+    ),
+    "plan": Command("plan", "plan a motion through the singular points, with torques and proof"),
+    "fidelity": Command("fidelity", "the least model that is enough for a motion, with its evidence"),
+    "simulate": Command(
+        "simulate", "drive the robot with the planned torques: tracking error, drift, energy"
+    ),
+    "robustness": Command(
+        "robustness", "drive a planned crossing with a controller on many robots that differ from their model"
+    ),
+    "show": Command(
+        "show",
+        "play motions in the browser, side by side; without a motion, move the robot by hand. Ctrl-C ends it",
+    ),
+    "report": Command(
+        "report",
+        "write one HTML page about a plan: scene, figures, law, certificate, parameters, reproduction",
+    ),
+    "export": Command("export", "a robot as MuJoCo's MJCF, or a plan as a trajectory for ros2_control"),
+}
+
+
+class Misuse(Exception):
+    """argparse found the command line wrong."""
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """argparse with errors in one line, and negative numbers with exponents."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)
+        # argparse takes -1e-3 for an option: its pattern for negative numbers knows no exponents
+        self._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+
+    def error(self, message: str) -> NoReturn:
+        raise Misuse(f"{message} (see `{self.prog} --help`)")
+
+
+class _Version(argparse.Action):
+    """--version, looked up when it is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        parser.exit(message=f"crossing {version('parallel-singularity-crossing')}\n")
+
+
+def parser_of(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser of the command that the arguments begin with, or else one that lists all commands.
+
+    Only the module of that command is imported.
+    """
+    parser = OneLineParser(
+        prog="crossing",
+        description="Carry parallel robots through Type 2 singularities with finite motor torques.",
+    )
+    parser.set_defaults(json=False)
+    parser.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=OneLineParser)
+    if arguments and arguments[0] in COMMANDS:
+        import_module(f"framework.cli.{COMMANDS[arguments[0]].module}").add(commands)
+    else:
+        for name, command in COMMANDS.items():
+            commands.add_parser(name, help=command.text)
+    return parser
