@@ -11,7 +11,7 @@ from framework.arrays import Array
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_options, add_path, add_robot, command
 from framework.crossing.durations import optimal_durations, polynomial_durations
-from framework.crossing.feasibility import feasibility_on_path
+from framework.crossing.feasibility import Feasibility, feasibility_on_path
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> Report:
     path = arguments.path(options, robot)
     searched = search_path(robot, path)
     points = searched.points
-    shifts = [_shift(searched, found) for found in points]
+    shifts = [_shift(searched, singular) for singular in points]
     feasible = feasibility_on_path(searched)
     any_duration = arguments.request_of_any_duration(options, robot, path)
     polynomial = polynomial_durations(searched, any_duration.smoothness)
@@ -48,19 +48,8 @@ def run(options: argparse.Namespace) -> Report:
         "robot": robot.name,
         "flexibility": robot.flexibility,
         "singularities": [
-            {
-                "s": found.s,
-                "kind": found.kind,
-                "contact": found.contact,
-                "corank": found.corank,
-                "twist": found.twist.tolist(),
-                "platform": found.platform.tolist(),
-                "slope": found.slope,
-                "resolution": found.resolution,
-                "shift": shift,
-                "condition": None if asked is None else asked.to_dict(),
-            }
-            for found, shift, asked in zip(points, shifts, feasible, strict=True)
+            _singularity(singular, shift, condition)
+            for singular, shift, condition in zip(points, shifts, feasible, strict=True)
         ],
         "durations": {
             "polynomial": None if polynomial is None else polynomial.to_list(),
@@ -70,39 +59,67 @@ def run(options: argparse.Namespace) -> Report:
             {"s": miss.s, "platform": path(miss.s).tolist(), "g": miss.g} for miss in searched.near_misses
         ],
     }
-    axes = ", ".join(robot.axis_names)
     lines = [] if points else [f"{robot.name}: no singularity on the path"]
-    for found, shift, asked in zip(points, shifts, feasible, strict=True):
-        lines.append(
-            f"s = {found.s:.15f}  {found.kind} ({found.contact})  {axes} = {point(found.platform)}  "
-            f"t_s = {twist_text(robot, found.twist)}  dg/ds = {found.slope:.6g}"
-        )
-        if found.resolution is not None:
-            lines.append(
-                f"  two crossings nearer together than {found.resolution:.2g} in s would look the same"
-            )
-        if shift is not None and robot.n_e:
-            moved = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
-            lines.append(f"  springs at rest; ds for each m or rad of deflection: {moved or 'none'}")
-        if asked is not None:
-            lines.append(f"  {asked.sentence}")
+    for singular, shift, condition in zip(points, shifts, feasible, strict=True):
+        lines += _lines(robot, singular, shift, condition)
     if points:
-        lines += [f"  {told.sentence}" for told in (polynomial, optimal) if told is not None]
+        lines += [f"  {durations.sentence}" for durations in (polynomial, optimal) if durations is not None]
     lines += [
-        f"near miss at s = {miss.s:.9f}  {axes} = {point(path(miss.s))}  |g| = {abs(miss.g):.3g}"
+        f"near miss at s = {miss.s:.9f}  {', '.join(robot.axis_names)} = {point(path(miss.s))}  "
+        f"|g| = {abs(miss.g):.3g}"
         for miss in searched.near_misses
     ]
     return document, "\n".join(lines)
 
 
+def _singularity(
+    singular: SingularPoint, shift: dict[str, float] | None, condition: Feasibility | None
+) -> dict[str, Any]:
+    return {
+        "s": singular.s,
+        "kind": singular.kind,
+        "contact": singular.contact,
+        "corank": singular.corank,
+        "twist": singular.twist.tolist(),
+        "platform": singular.platform.tolist(),
+        "slope": singular.slope,
+        "resolution": singular.resolution,
+        "shift": shift,
+        "condition": None if condition is None else condition.to_dict(),
+    }
+
+
+def _lines(
+    robot: ParallelRobot,
+    singular: SingularPoint,
+    shift: dict[str, float] | None,
+    condition: Feasibility | None,
+) -> list[str]:
+    lines = [
+        f"s = {singular.s:.15f}  {singular.kind} ({singular.contact})  {', '.join(robot.axis_names)} = "
+        f"{point(singular.platform)}  t_s = {twist_text(robot, singular.twist)}  "
+        f"dg/ds = {singular.slope:.6g}"
+    ]
+    if singular.resolution is not None:
+        lines.append(
+            f"  two crossings nearer together than {singular.resolution:.2g} in s would look the same"
+        )
+    if shift is not None and robot.n_e:
+        moved = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
+        lines.append(f"  springs at rest; ds for each m or rad of deflection: {moved or 'none'}")
+    if condition is not None:
+        lines.append(f"  {condition.sentence}")
+    return lines
+
+
 def twist_text(robot: ParallelRobot, twist: Array) -> str:
-    """t_s on the platform's axes, with what is 1 of it."""
+    """The twist t_s on the platform's axes, with the unit in which it is normalised."""
     return f"{point(twist)} of unit {'speed' if moves_point(robot, twist) else 'turning rate'}"
 
 
-def _shift(searched: SearchedPath, found: SingularPoint) -> dict[str, float] | None:
+def _shift(searched: SearchedPath, singular: SingularPoint) -> dict[str, float] | None:
     """ds for each m or rad of deflection by spring; None where a deflection does not move the point."""
-    rates = spring_shift(searched.branch, found)
+    rates = spring_shift(searched.branch, singular)
     if np.any(np.isnan(rates)):
         return None
     return dict(zip(searched.branch.robot.elastic_names, map(float, rates), strict=True))

@@ -140,7 +140,7 @@ def _best(plan: CrossingPlan) -> list[str]:
 
 def plan_text(plan: CrossingPlan) -> str:
     """A plan for people."""
-    robot, certificate = plan.robot, plan.certificate
+    robot = plan.robot
     lines = [
         f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law_name(plan.law)} over "
         f"{plan.duration:g} s"
@@ -148,6 +148,17 @@ def plan_text(plan: CrossingPlan) -> str:
     if plan.law.kind != Law.kind:
         lines.append(f"  law               {plan.reason}")
         lines += _best(plan)
+    lines += _crossings(plan)
+    peaks = ", ".join(
+        f"{joint} {value:.6g} {unit}"
+        for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
+    )
+    lines.append(f"  peak torque       {peaks}")
+    return "\n".join([*lines, *_certificate(plan), *_warnings(plan)])
+
+
+def _crossings(plan: CrossingPlan) -> list[str]:
+    robot, lines = plan.robot, []
     for crossing in plan.crossings:
         lines.append(
             f"  crossing          t = {crossing.time:.6g} s at s = {crossing.s:.15f}, "
@@ -158,17 +169,15 @@ def plan_text(plan: CrossingPlan) -> str:
             f's" = {round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of '
             f"its peak"
         )
-    if not plan.crossings:
-        lines.append("  crossing          none")
+    return lines or ["  crossing          none"]
+
+
+def _certificate(plan: CrossingPlan) -> list[str]:
+    robot, certificate = plan.robot, plan.certificate
     settled = ""
     if robot.n_e and plan.geometry == "deformed":
         settled = f", deflections settled to {certificate.change:.1e}"
-    peaks = ", ".join(
-        f"{joint} {value:.6g} {unit}"
-        for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
-    )
-    lines += [
-        f"  peak torque       {peaks}",
+    lines = [
         f"  certificate       tail {certificate.tail:.1e} on {certificate.nodes} nodes, "
         f"{certificate.passes} pass{'es' * (certificate.passes != 1)}{settled}, loops closed to "
         f"{certificate.max_closure_error:.1e}, joints in balance to {certificate.max_residual_torque:.1e} "
@@ -182,22 +191,28 @@ def plan_text(plan: CrossingPlan) -> str:
     if certificate.rounded_gap:
         gap = certificate.rounded_gap
         lines.append(f"  rounded           loops that repeat others stay open by {gap:.1e} m or rad")
+    return lines
+
+
+def _warnings(plan: CrossingPlan) -> list[str]:
+    """What was left out, and what the plan exceeds."""
+    lines = []
     if plan.neglected_friction:
         lines.append(f"  left out          dry friction: {plan.neglected_friction} (joint side)")
     for joint, excess in plan.exceeded.items():
         lines.append(f"  warning           {joint} exceeds its limits: {excess}")
-    if certificate.end_speed > 1e-6:
+    if plan.certificate.end_speed > 1e-6:
         lines.append(
-            f"  warning           the motors start and stop with {certificate.end_speed:.1e} of their "
+            f"  warning           the motors start and stop with {plan.certificate.end_speed:.1e} of their "
             f"largest speed: the springs carry inertia; a higher --smoothness mends it"
         )
-    if not certificate.monotone:
+    if not plan.certificate.monotone:
         s = plan.law(np.linspace(0.0, plan.duration, 2001))
         lines.append(
             f"  warning           the law overshoots its ends (s from {s.min():.6g} to {s.max():.6g}); other "
             f"times or speeds, or a higher --smoothness, avoid it"
         )
-    return "\n".join(lines)
+    return lines
 
 
 def _idle_turns(robot: ParallelRobot) -> str:

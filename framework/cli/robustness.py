@@ -40,6 +40,15 @@ COLUMNS = (
     *("controller", "study_seed", "run", "passed"),
     *("tracking_error", "end_error", "peak_torque", "payload", "why"),
 )
+DIFFERENCES = (  # of the robots from their model: option, default, meaning
+    ("payload", 0.05, "share of the payload, uniform in +-"),
+    ("stiffness", 0.0, "share of each spring's stiffness, uniform in +-"),
+    ("places", 0.0, "[m] standard deviation of each joint's place"),
+    ("friction", 0.0, "Coulomb friction of each motor, share of the peak torque, uniform from 0"),
+    ("delay", 0.0, "[s] from measurement to torque, uniform from 0"),
+    ("noise", 0.0, "[rad, robot lengths] standard deviation of the encoders, joint side"),
+    ("speed-noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
+)
 MAX_RUNS = 1_000_000
 
 
@@ -79,16 +88,12 @@ def add(commands: Any) -> None:
         help="run number K of the study in the folder ROBOT once more, alone",
     )
     parser.set_defaults(parser=parser)
-    spread = parser.add_argument_group("how the robots differ")
-    for name, default, text in (
-        ("payload", 0.05, "share of the payload, uniform in +-"),
-        ("stiffness", 0.0, "share of each spring's stiffness, uniform in +-"),
-        ("places", 0.0, "[m] standard deviation of each joint's place"),
-        ("friction", 0.0, "Coulomb friction of each motor, share of the peak torque, uniform from 0"),
-        ("delay", 0.0, "[s] from measurement to torque, uniform from 0"),
-        ("noise", 0.0, "[rad, robot lengths] standard deviation of the encoders, joint side"),
-        ("speed-noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
-    ):
+    _add_spread(parser.add_argument_group("how the robots differ"))
+    _add_loop(parser.add_argument_group("the control loop"))
+
+
+def _add_spread(spread: argparse._ArgumentGroup) -> None:
+    for name, default, text in DIFFERENCES:
         spread.add_argument(
             f"--{name}",
             dest=f"spread_{name.replace('-', '_')}",
@@ -97,7 +102,9 @@ def add(commands: Any) -> None:
             metavar="X",
             help=f"{text} (default: {default:g})",
         )
-    loop = parser.add_argument_group("the control loop")
+
+
+def _add_loop(loop: argparse._ArgumentGroup) -> None:
     loop.add_argument("--period", type=float, default=1e-3, metavar="T", help="sampling period [s] (1e-3)")
     loop.add_argument("--sensors", choices=SENSORS, default="motors", help="joints with encoders (motors)")
     loop.add_argument(

@@ -49,25 +49,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--quantity", nargs="+", metavar="Q", help=f"of {', '.join(QUANTITIES)} (default: those that apply)"
     )
-    parser.add_argument(
-        "--over", nargs=2, metavar="AXIS", help="two axes of the platform (default: its first translations)"
-    )
-    parser.add_argument(
-        "--at", type=float, nargs="+", metavar="X", help="platform point about which the map lies (reference)"
-    )
-    parser.add_argument(
-        "--window",
-        type=float,
-        nargs=4,
-        metavar="X",
-        help="least and largest value of the first axis, then of the second (default: what is reached)",
-    )
-    parser.add_argument(
-        "--size",
-        type=integer_between(2, MAX_EDGE_POSES),
-        metavar="N",
-        help=f"poses along an edge (default: {EDGE_POSES}, of a study {STUDY_EDGE_POSES})",
-    )
+    _add_window(parser)
     parser.add_argument(
         "--wrench",
         type=float,
@@ -98,6 +80,29 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )
     parser.add_argument("--table", metavar="CSV", help="of the sets of parameters, instead of all of them")
     add_missing_fields(parser)
+
+
+def _add_window(parser: argparse.ArgumentParser) -> None:
+    """Add what says which poses the map shows."""
+    parser.add_argument(
+        "--over", nargs=2, metavar="AXIS", help="two axes of the platform (default: its first translations)"
+    )
+    parser.add_argument(
+        "--at", type=float, nargs="+", metavar="X", help="platform point about which the map lies (reference)"
+    )
+    parser.add_argument(
+        "--window",
+        type=float,
+        nargs=4,
+        metavar="X",
+        help="least and largest value of the first axis, then of the second (default: what is reached)",
+    )
+    parser.add_argument(
+        "--size",
+        type=integer_between(2, MAX_EDGE_POSES),
+        metavar="N",
+        help=f"poses along an edge (default: {EDGE_POSES}, of a study {STUDY_EDGE_POSES})",
+    )
 
 
 def run(options: argparse.Namespace) -> Report:

@@ -53,9 +53,8 @@ def forces_through_singularity(
         wrenches: of the world, (6,) by frame, constant in base axes.
 
     Raises:
-        SingularPose: it is a singularity of another kind; condition (8) does not hold, which carries t_s .
-        W_p
-            as `wrench`; the motion does not cross the locus there; the torques near by cannot be resolved.
+        SingularPose: it is a singularity of another kind; condition (8) does not hold (`wrench` is then
+            t_s . W_p); the motion does not cross the locus there; the torques near by cannot be resolved.
     """
     where = f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[0])}"
     uncontrolled = uncontrolled_motion(robot, closed.linearised)
@@ -88,6 +87,23 @@ def forces_through_singularity(
     instant = _crossing_instant(robot, motion_beside, half, where, closed.x[0])
     crossing = motion_beside(np.array([instant]))
     _check_condition(robot, crossing, forces_of(crossing)[0], where)
+    torques, tail_reached = _interpolated(robot, motion_beside, forces_of, half)
+    if torques is None:
+        raise SingularPose(
+            f"{where} the torques near the Type 2 singularity are not resolved (tail {tail_reached:.2g}): "
+            f"another singularity is very near",
+            platform=closed.x[0],
+        )
+    return torques
+
+
+def _interpolated(
+    robot: ParallelRobot,
+    motion_beside: Callable[[Array], Motion],
+    forces_of: Callable[[Motion], Array],
+    half: float,
+) -> tuple[Forces | None, float]:
+    """Interpolate joint torques through t = 0 on panels of +-`half` [s] and less; and the least tail met."""
     least = np.inf
     for _ in range(MAX_HALVINGS):
         grid = TimeGrid(np.array([-half, half]), PANEL_NODES)
@@ -101,12 +117,8 @@ def forces_through_singularity(
         least = min(least, tail(series))
         if tail(series) <= TORQUE_TAIL:
             value = evaluate(np.zeros(1), series)
-            return Forces(value[:, : robot.n_a], value[:, robot.n_a :])
-    raise SingularPose(
-        f"{where} the torques near the Type 2 singularity are not resolved (tail {least:.2g}): another "
-        f"singularity is very near",
-        platform=closed.x[0],
-    )
+            return Forces(value[:, : robot.n_a], value[:, robot.n_a :]), least
+    return None, least
 
 
 def _half_panel(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:

@@ -28,7 +28,7 @@ from framework.kinematics.tree_model import (
     tree_model,
 )
 from framework.model.bare_urdf import bare_urdf
-from framework.model.description import Coupling, JointDynamics, ParsedRobot, RobotDescription
+from framework.model.description import Coupling, JointDynamics, ParsedRobot, RobotDescription, Spring
 from framework.model.documents import naming, parse_xml
 from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows, locked_directions, loop_rows
 from framework.model.readers.recognise import parse_any
@@ -207,20 +207,7 @@ def columns_of(model: pin.Model, joints: Iterable[str]) -> IntArray:
 def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     description, urdf = parsed.description, parsed.urdf
     springs = description.active_springs(flexibility)
-    moving = bare_urdf(urdf)
-    count_turns(moving)
-    insert_springs(moving, springs)
-    try:
-        model = tree_model(moving, _balls_by_axes(urdf, description))
-    except (ValueError, RuntimeError) as error:
-        raise RobotFileError(
-            f"{description.file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}"
-        ) from None
-    if model.nv > MAX_JOINTS:
-        raise RobotFileError(
-            f"{description.file}: {model.nv} joints that move, springs included; at most {MAX_JOINTS} "
-            f"are taken (pinocchio's working memory grows with their third power)"
-        )
+    model = _sprung_model(parsed, springs)
     model.gravity.linear = np.array(description.gravity)
 
     def acting(what: str) -> Array:
@@ -257,6 +244,23 @@ def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         q_near=q_near,
         length=_length(model, q_near, used),
     )
+
+
+def _sprung_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
+    """Return pinocchio's model of a robot's tree with a joint for each spring."""
+    file, moving = parsed.description.file, bare_urdf(parsed.urdf)
+    count_turns(moving)
+    insert_springs(moving, springs)
+    try:
+        model = tree_model(moving, _balls_by_axes(parsed.urdf, parsed.description))
+    except (ValueError, RuntimeError) as error:
+        raise RobotFileError(f"{file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}") from None
+    if model.nv > MAX_JOINTS:
+        raise RobotFileError(
+            f"{file}: {model.nv} joints that move, springs included; at most {MAX_JOINTS} "
+            f"are taken (pinocchio's working memory grows with their third power)"
+        )
+    return model
 
 
 def _balls_by_axes(urdf: ElementTree.Element, description: RobotDescription) -> list[str]:
