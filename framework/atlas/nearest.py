@@ -28,7 +28,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.proofs.regular_ball import MAX_CELLS, regular_ball
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.type2 import uncontrolled_motion
-from framework.tolerances import ON_LOCUS
+from framework.tolerances import NEWTON_STEP, RANK_LOST
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
 RAYS = {1: 2, 2: 96, 3: 300}  # directions, by the number of platform coordinates
@@ -37,7 +37,6 @@ MAX_STARTS = 8  # the shortest rays that are gone on from
 MAX_FOOT_STEPS = 30  # steps towards a foot point
 MAX_HALVINGS = 45  # of a step along a ray: to rounding
 DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for the slope of g
-MAX_LAST_STEP = 1e-9  # [robot lengths, rad] a step towards the foot that ends the search
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,8 +207,8 @@ def _foot(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
         away = (y - x) / scale
         ahead = x + scale * slope * (slope @ away - g[0]) / size
         move = float(np.linalg.norm((ahead - y) / scale))
-        if move < MAX_LAST_STEP:
-            return Foot(float(np.linalg.norm(away)), y, q) if abs(g[0]) < ON_LOCUS else None
+        if move < NEWTON_STEP:
+            return Foot(float(np.linalg.norm(away)), y, q) if abs(g[0]) < RANK_LOST else None
         ahead = y + min(1.0, RAY_STEP / move) * (ahead - y)
         one = stepped(robot, q[None], y[None], ahead[None], STEP_PARTS)
         if one.reason[0] != PoseReason.REACHED:

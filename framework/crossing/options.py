@@ -16,7 +16,7 @@ from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
-from framework.dynamics.inverse_dynamics import GEOMETRIES, TOLERANCE, check_tolerance
+from framework.dynamics.inverse_dynamics import GEOMETRIES, check_tolerance
 from framework.dynamics.motor_friction import FRICTIONS
 from framework.dynamics.motor_limits import Limit
 from framework.errors import InvalidInput, choose_from
@@ -24,6 +24,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.cone_program import GOALS
 from framework.motion.law import check_duration, is_number
 from framework.motion.path import Path
+from framework.tolerances import TORQUE_TAIL
 
 LAWS = ("auto", "polynomial", "optimal")
 Check = Callable[[str, Any], Any]  # (name, value) -> value in its final form; raises InvalidInput
@@ -165,7 +166,8 @@ class PlanOptions:
         ),
     )
     tolerance: float = field(
-        default=TOLERANCE, metadata=_meaning("tail of the torques that counts as resolved", check=_tolerance)
+        default=TORQUE_TAIL,
+        metadata=_meaning("tail of the torques that counts as resolved", check=_tolerance),
     )
     law: str = field(
         default="auto",

@@ -35,7 +35,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw, check_duration
 from framework.motion.optimal_law import OptimalLaw
 from framework.singularity.points_on_path import search_path
-from framework.tolerances import SAVED_MISMATCH
+from framework.tolerances import FILE_ROUNDING
 
 MAX_DOCUMENT_SIZE = 1_000_000_000  # bytes
 
@@ -233,9 +233,9 @@ def _sizes(condition: Condition8, pace: float) -> dict[str, tuple[float, float]]
 
 
 def _check_number(key: str, stated: Any, now: ArrayLike, size: float) -> None:
-    """Raise InvalidInput unless what the file says is within SAVED_MISMATCH of its size."""
+    """Raise InvalidInput unless what the file says is within FILE_ROUNDING of its size."""
     values = np.array(np.nan if stated is None else stated, dtype=float)
-    if values.shape != np.shape(now) or not np.all(np.abs(values - now) <= SAVED_MISMATCH * size):
+    if values.shape != np.shape(now) or not np.all(np.abs(values - now) <= FILE_ROUNDING * size):
         raise _changed(key, stated, now)
 
 

@@ -23,10 +23,9 @@ from framework.kinematics.tree_model import positions_beyond_limits
 from framework.motion.law import PlannedLaw
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SingularPoint
+from framework.tolerances import SAME_PLACE
 
 PEAK_SAMPLES = 2001  # equidistant instants at which peaks and limits are looked at
-TIMING_ROUNDING = 1e-9  # of the duration, and of the speed: a crossing this near to one asked for is that one
-PLACE_ROUNDING = 1e-9  # in s: an imposed place this near to a singular point is that point
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,9 +224,9 @@ def certified_plan(
 def _timing(measured: float, law: PlannedLaw, timing: Sequence[CrossingTime]) -> CrossingTime:
     """Return when and how fast the law crosses near a measured instant [s]."""
     for intended in timing:
-        if abs(intended.time - measured) < TIMING_ROUNDING * law.duration:
+        if abs(intended.time - measured) < SAME_PLACE * law.duration:
             speed = float(law(intended.time, 1))
-            if abs(intended.speed - speed) < TIMING_ROUNDING * speed:
+            if abs(intended.speed - speed) < SAME_PLACE * speed:
                 return intended
             return intended._replace(speed=speed)
     return CrossingTime(measured, float(law(measured, 1)))
@@ -240,7 +239,7 @@ def _matches(to_cross: PathToCross, crossings: Sequence[SingularityCrossing]) ->
         return list(range(len(points)))  # both in the order of the path; springs may have moved the crossings
     matches: list[int | None] = []
     for crossing in crossings:
-        near = [k for k, one in enumerate(points) if abs(one.s - crossing.s) < PLACE_ROUNDING]
+        near = [k for k, one in enumerate(points) if abs(one.s - crossing.s) < SAME_PLACE]
         matches.append(near[0] if near else None)
     return matches
 

@@ -15,9 +15,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import FramePlatform
-from framework.tolerances import LINE_PITCH
-
-PSEUDOINVERSE_CUTOFF = 1e-9  # over the largest singular value: what a line's moment leaves open
+from framework.tolerances import FILE_ROUNDING, RANK_ROUNDING
 
 
 class ActionLines(NamedTuple):
@@ -52,9 +50,9 @@ def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None
     # place x way = arm, on the axes about which the platform turns: place = -[way]x^+ arm there
     crossing = np.cross(np.eye(3), way[:, :, None, :])  # (F, n_a, 3, 3): row i is e_i x way
     of_place = np.swapaxes(crossing, 2, 3)[:, :, turning, :]
-    to_place = np.linalg.pinv(of_place, rcond=PSEUDOINVERSE_CUTOFF)
+    to_place = np.linalg.pinv(of_place, rcond=RANK_ROUNDING)
     place = np.einsum("fkij,fkj->fki", to_place, arm[:, :, turning])
     missed = np.abs(np.einsum("fkij,fkj->fki", of_place, place) - arm[:, :, turning]).max()
-    if missed > LINE_PITCH * max(robot.length, float(np.abs(arm).max())):
+    if missed > FILE_ROUNDING * max(robot.length, float(np.abs(arm).max())):
         return None
     return ActionLines(place, way)

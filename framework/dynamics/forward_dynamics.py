@@ -25,7 +25,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.ordered_sums import matvec
 from framework.simulation.accelerations import accelerations
 from framework.simulation.equations import EquationsOfMotion
-from framework.tolerances import OPEN_LOOP
+from framework.tolerances import FILE_ROUNDING
 
 
 def forward_dynamics(
@@ -93,7 +93,7 @@ def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
     speeds = v / robot.column_scale
     opening = matvec(scaled(robot, closed.linearised.closures, robot.loops.rotation), speeds)
     left = np.abs(opening).max(axis=1, initial=0.0)
-    wrong = np.flatnonzero(left > OPEN_LOOP * np.abs(speeds).max(axis=1, initial=0.0))
+    wrong = np.flatnonzero(left > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))
     if len(wrong):
         row = f", row {wrong[0]}" if len(v) > 1 else ""
         raise InvalidInput(

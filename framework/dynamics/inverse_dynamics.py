@@ -20,7 +20,7 @@ from framework.dynamics.elasticity import DeflectionSolution, LawChoice, solve_d
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.motor_friction import FRICTIONS, PlannedFriction, motor_friction
 from framework.dynamics.near_misses import unseen_near_miss
-from framework.dynamics.refusals import LOOSEST, not_resolved, not_settled
+from framework.dynamics.refusals import not_resolved, not_settled
 from framework.dynamics.residuals import check_idle_joints, measure_neglected
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.dynamics.singularity_crossings import (
@@ -45,19 +45,21 @@ from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw, PlannedLaw, is_number
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, search_path
-from framework.tolerances import OVERSHOOT
+from framework.tolerances import (
+    CONDITION_RESIDUAL,
+    LOOP_GAP,
+    OVERSHOOT,
+    RESOLVABLE_TAIL,
+    SAME_PLACE,
+    TORQUE_TAIL,
+    WRONG_DERIVATIVE,
+)
 
 GEOMETRIES = ("rigid", "deformed")
-TOLERANCE = 1e-10  # tail of the torques that counts as resolved
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
 FEW = 32  # nodes of a panel that the law itself asks for, tried first
-# |t_s . W_p| at a crossing over the largest sum of its terms:
-PROVED = 1e-11  # no more than this is rounding, and condition (8) holds
 UNSETTLED = 1e-2  # change of the deflections, over the largest one, of which nothing can be told
 STALLED = 0.5  # share of the change of the deflections that a finer grid leaves at least if it is no help
-POLE = 1e-6  # more than this is a pole for sure, resolved or not
-SAME_DERIVATIVE = 1e-4  # of its largest value; differentiating values twice loses up to ten digits
-CLOSED_BETWEEN = 1e-9  # loop equations between the nodes, in lengths of the robot and radians
 
 
 def inverse_dynamics(
@@ -66,7 +68,7 @@ def inverse_dynamics(
     law: MotionLaw,
     *,
     geometry: str | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = TORQUE_TAIL,
     friction: str = FRICTIONS[0],
 ) -> InverseDynamics:
     """Torques for a path under any law that a user brings.
@@ -107,8 +109,8 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
 
 def check_tolerance(tolerance: float) -> None:
     """Raise InvalidInput unless the tolerance tells a resolved torque from a pole."""
-    if not (is_number(tolerance) and 0 < tolerance <= LOOSEST):
-        raise InvalidInput(f"tolerance: must lie in (0, {LOOSEST:g}], got {tolerance!r}")
+    if not (is_number(tolerance) and 0 < tolerance <= RESOLVABLE_TAIL):
+        raise InvalidInput(f"tolerance: must lie in (0, {RESOLVABLE_TAIL:g}], got {tolerance!r}")
 
 
 def resolve(
@@ -126,14 +128,14 @@ def resolve(
     crossings = rigid_crossings(branch, searched.points, law)
     fixed_geometry = geometry == "rigid"
     if fixed_geometry:
-        check_bounded(branch.robot, crossings, PROVED)
+        check_bounded(branch.robot, crossings, CONDITION_RESIDUAL)
     instants = np.array([crossing.time for crossing in crossings])
     start: TimeFunction | None = None
-    at_rest, passes, obstacles, pole = law, 0, 0, POLE
+    at_rest, passes, obstacles, pole = law, 0, 0, RESOLVABLE_TAIL
     changes: list[float] = []
     enough, unseen = np.inf, None
     own_panels = isinstance(law, PlannedLaw) and len(law.edges) > 0
-    regular_at_rest = all(crossing.residual <= PROVED for crossing in crossings)
+    regular_at_rest = all(crossing.residual <= CONDITION_RESIDUAL for crossing in crossings)
     for size in (FEW, *SIZES) if own_panels else SIZES:
         grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law, instants), size)
 
@@ -151,7 +153,7 @@ def resolve(
                 geometry,
                 start,
                 law,
-                tolerance=min(tolerance, TOLERANCE),
+                tolerance=min(tolerance, TORQUE_TAIL),
                 is_fine=is_fine,
             )
         except NotAssembled as failure:
@@ -177,7 +179,7 @@ def resolve(
             start, law = result.deflections, state.law
         if not fixed_geometry:
             crossings = tuple(deformed_crossing(result, crossing) for crossing in crossings)
-            pole = max(POLE, certificate.change)
+            pole = max(RESOLVABLE_TAIL, certificate.change)
         left = max(certificate.tail, certificate.change)
         enough = min(enough, left)
         changes.append(certificate.change)
@@ -186,19 +188,19 @@ def resolve(
                 break
             continue
         result = _with_neglected(branch, state, result)
-        closed = result.certificate.max_closure_error <= CLOSED_BETWEEN * max(branch.robot.length, 1.0)
+        closed = result.certificate.max_closure_error <= LOOP_GAP * max(branch.robot.length, 1.0)
         if left <= tolerance and closed and _law_is_resolved(state.law, grid):
             unseen = unseen_near_miss(searched, state, result)
             if unseen is not None:
                 continue
-            check_bounded(branch.robot, crossings, PROVED)
+            check_bounded(branch.robot, crossings, CONDITION_RESIDUAL)
             check_crossings(branch.robot, state, geometry, crossings)
             held = check_idle_joints(branch, state, result)
             certificate = replace(result.certificate, max_held_torque=held)
             result = replace(result, crossings=crossings, certificate=certificate)
             return replace(result, friction=_planned_friction(result, friction))
     check_bounded(branch.robot, crossings, pole)
-    if state.change > LOOSEST < enough:
+    if state.change > RESOLVABLE_TAIL < enough:
         raise not_settled(branch.robot, state)
     raise not_resolved(searched, result, tolerance, size=grid.size, enough=enough, unseen=unseen)
 
@@ -238,11 +240,11 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
     times = np.linspace(0.0, law.duration, 16 * len(grid.times))
     values = np.asarray(law(grid.times))[:, None]
     through_nodes = grid.fit(values)(times)[:, 0]
-    if np.abs(law(times) - through_nodes).max() > CLOSED_BETWEEN:
+    if np.abs(law(times) - through_nodes).max() > SAME_PLACE:
         return False
     for order, derived in enumerate(grid.differentiate(values), start=1):
         difference = np.abs(np.asarray(law(grid.times, order)) - derived[:, 0]).max()
-        if not difference <= SAME_DERIVATIVE * max(float(np.abs(derived).max()), law.duration**-order):
+        if not difference <= WRONG_DERIVATIVE * max(float(np.abs(derived).max()), law.duration**-order):
             raise InvalidInput(f"law: law(t, {order}) is not the derivative of law(t) of that order")
     return True
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.tolerances import AT_REST
 
 FRICTIONS = ("driven", "none")
 SAMPLES = 1001  # instants at which the speed's sign is looked at; a reversal and back between two is not seen
-STANDSTILL_RATIO = 1e-9  # of the largest motor speed; rounding of speeds is below, and has no sign
 
 
 def motor_friction(robot: ParallelRobot, friction: str) -> Array:
@@ -31,7 +31,7 @@ def motor_friction(robot: ParallelRobot, friction: str) -> Array:
 def signs(speeds: Array) -> Array:
     """Return the signs (T, n_a) of motor speeds (T, n_a), zero where the motor stands still."""
     size = np.abs(speeds)
-    return np.where(size > STANDSTILL_RATIO * size.max(initial=0.0), np.sign(speeds), 0.0)
+    return np.where(size > AT_REST * size.max(initial=0.0), np.sign(speeds), 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,7 @@ from framework.kinematics.loop_matrices import type2_matrix
 from framework.singularity.extrema_of_g import extremum_near
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.rank_deficiency import NearMiss
-
-SEEN = 1e-6  # of the largest torque: the loosest tolerance of a resolved one
+from framework.tolerances import RESOLVABLE_TAIL
 
 
 def unseen_near_miss(
@@ -55,7 +54,7 @@ def _is_seen(
     motion = motion_of_forces(searched.branch, result, times, planned_pose(result, times))
     computed = joint_forces(robot, motion).joint_torque
     known = state.grid.fit(state.forces.joint_torque)(times)
-    allowed = SEEN + turning.rounding / max(abs(turning.g), turning.rounding)
+    allowed = RESOLVABLE_TAIL + turning.rounding / max(abs(turning.g), turning.rounding)
     return bool(np.abs(computed - known).max() <= allowed * np.abs(state.forces.joint_torque).max())
 
 

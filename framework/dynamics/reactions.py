@@ -30,7 +30,7 @@ from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import carriers, scratch_of
 from framework.linalg.ordered_sums import cross, matmul, matvec
-from framework.tolerances import INDETERMINATE_FORCE, REDUNDANT_ROW
+from framework.tolerances import RANK_ROUNDING
 
 
 class AppliedWrench(NamedTuple):
@@ -125,7 +125,7 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     # J' lambda = left by the singular value decomposition of J
     along_rows, sizes, along_columns = np.linalg.svd(jacobian * scale / lengths[:, None])
     count = sizes.shape[1]
-    sound = sizes > REDUNDANT_ROW * sizes.max(axis=1, initial=0.0)[:, None]
+    sound = sizes > RANK_ROUNDING * sizes.max(axis=1, initial=0.0)[:, None]
     parts = matvec(along_columns[:, :count], left * scale)
     parts = np.where(sound, parts / np.where(sound, sizes, 1.0), 0.0)
     free = along_rows.swapaxes(1, 2).copy()
@@ -156,7 +156,7 @@ def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
     """
     rows = np.flatnonzero(robot.rows.coupled)
     reached = np.abs(loops.free[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
-    torque = np.where(reached > INDETERMINATE_FORCE, np.nan, loops.multipliers[:, rows])
+    torque = np.where(reached > RANK_ROUNDING, np.nan, loops.multipliers[:, rows])
     names = [coupling.name for coupling in robot.description.couplings]
     return dict(zip(names, torque.T, strict=True))
 
@@ -216,4 +216,4 @@ def _determinate(robot: ParallelRobot, wrench: Array, moved: Array) -> Array:
     """
     lever = np.repeat([1.0, robot.length], 3)
     reached = np.abs(moved / lever).max(axis=1, initial=0.0) * robot.length
-    return np.where(reached > INDETERMINATE_FORCE, np.nan, wrench)
+    return np.where(reached > RANK_ROUNDING, np.nan, wrench)

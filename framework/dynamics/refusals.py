@@ -14,8 +14,7 @@ from framework.errors import NotConverged
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.rank_deficiency import NearMiss
-
-LOOSEST = 1e-6  # tolerance that still tells a resolved torque from a pole
+from framework.tolerances import RESOLVABLE_TAIL
 
 
 def not_settled(robot: ParallelRobot, state: DeflectionSolution) -> NotConverged:
@@ -67,7 +66,7 @@ def not_resolved(
         first, second = min(pairwise(searched.points), key=lambda pair: pair[1].s - pair[0].s)
         apart = second.s - first.s
         advice = f"is the law smooth? The path is singular at s = {first.s:.9g} and {apart:.2g} farther on"
-    if tolerance < enough < LOOSEST:
+    if tolerance < enough < RESOLVABLE_TAIL:
         advice = f"tolerance {_rounded_up(enough):g} would do; {advice}"
     return NotConverged(
         f"{robot.name}: {what} by {size} nodes a panel: {advice}",

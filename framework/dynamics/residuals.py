@@ -31,7 +31,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import rounded_gap
 from framework.kinematics.tree_model import is_ball
 from framework.motion.path import along
-from framework.tolerances import HELD_IDLE, ROUNDED_LOOP, TORN_LOOP
+from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
 
 
 class Neglected(NamedTuple):
@@ -72,7 +72,7 @@ def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
         NotAssembled: by more than rounding explains.
     """
     gap = rounded_gap(robot, q)
-    if gap > ROUNDED_LOOP * max(robot.length, 1.0):
+    if gap > EXPORT_ROUNDING * max(robot.length, 1.0):
         raise NotAssembled(
             f"{robot.name}: {', '.join(robot.rounded.names)}, which repeat other loop equations but for "
             f"rounding at the reference, open by {gap:.3g} m or rad on the way: this motion tears the loop; "
@@ -171,7 +171,7 @@ def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: 
     instant, k = divmod(int(np.argmax(np.abs(residual[:, dropped]) / scale[dropped])), len(dropped))
     row = dropped[k]
     gap = abs(float(residual[instant, row]))
-    if gap <= TORN_LOOP * scale[row]:
+    if gap <= LOOP_GAP * scale[row]:
         return
     unit = "rad" if robot.rows.rotation[row] else "m"
     raise NotAssembled(

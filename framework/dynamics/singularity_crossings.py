@@ -21,10 +21,10 @@ from framework.motion.path import Path, along
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.root_of_g import root_of_g
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
+from framework.tolerances import STOP_AT_CROSSING
 
 NO_INSTANTS: Array = np.empty(0)
 BESIDE = 0.1  # of a panel: an edge nearer to a crossing than this is a node too near to it
-STANDING = 1e-7  # speed at a crossing over the largest one: no more than that is a stop
 
 
 def panel_edges(path: Path, law: MotionLaw, clear_of: Array = NO_INSTANTS) -> Array:
@@ -98,7 +98,7 @@ def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, at: SingularPoint)
     """t_s . W_p of the undeformed robot when the law takes it through a singular point at time t."""
     speed = float(law(np.array([t]), 1)[0])
     quickest = float(np.abs(law(np.linspace(0, law.duration, 101), 1)).max())
-    if abs(speed) <= STANDING * quickest:
+    if abs(speed) <= STOP_AT_CROSSING * quickest:
         raise NoLaw(
             f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, "
             f"s = {at.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"

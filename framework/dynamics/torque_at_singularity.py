@@ -30,8 +30,9 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, coefficients, evaluate, tail
 from framework.singularity.root_of_g import root_of_g
 from framework.singularity.type2 import UNCROSSABLE, Uncontrolled, uncontrolled_motion
-from framework.tolerances import CONDITION_RESIDUAL, CROSSING_OFFSET, RANK_LOST, TORQUE_TAIL
+from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
 
+MAX_ROOT_OFFSET = 0.01  # of half a panel, from the singular pose to the root of g: one farther off is another
 PANEL_NODES = 24  # an even number, so that none is at its middle
 MAX_JOINT_TRAVEL = 0.05  # [rad, robot lengths] from the middle of the first panel that is tried to its ends
 MAX_HALVINGS = 8  # of the panel, before the torques count as not resolved
@@ -151,7 +152,7 @@ def _crossing_instant(
     either_side = matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half)
     changes = np.prod(np.linalg.slogdet(either_side)[0]) < 0
     held = np.linalg.svd(either_side, compute_uv=False).min() > RANK_LOST
-    if not (root.converged and abs(root.place) <= CROSSING_OFFSET * half and changes and held):
+    if not (root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half and changes and held):
         raise SingularPose(
             f"{where} the motion does not cross the Type 2 singularity but runs along or touches it: torque "
             f"is then a limit that needs more than the jerk; plan the motion",

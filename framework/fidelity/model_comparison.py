@@ -19,10 +19,11 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import RobotDescription
 from framework.model.fidelity_levels import LEVELS, Level, with_bodies
 from framework.simulation import Event, Simulation, simulate
-from framework.tolerances import EQUAL_TORQUES
+from framework.tolerances import TORQUE_TAIL
 
 # Path lengths from the plan, and share of the peak torque, or twice the tolerance if that is more: what is so
 # far off is another motion, and not simulated
+EQUAL_TORQUES = 10 * TORQUE_TAIL  # difference over the peak; levels that see one differ by 1e-7 and more
 MAX_ERROR = 0.1
 METHOD = "stiff"  # quick vibrations that nobody excites cost nothing
 STEP_ERRORS = (1e-3, 1e-5)  # of the tolerance, that a step may leave unresolved, tried in turn

@@ -12,7 +12,7 @@ from framework.errors import NotAssembled, finite_numbers
 from framework.kinematics.closures import loop_equations, scaled, turned_over
 from framework.kinematics.frames import difference, frames_at, integrate
 from framework.kinematics.mechanism import Mechanism, columns_of
-from framework.tolerances import CLOSED_LOOP, REDUNDANT_ROW, REFERENCE_MOVE, SINGULAR_REFERENCE
+from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFERENCE_MOVE
 
 MAX_NEWTON_STEP = 0.5  # [rad or lengths of the robot] that one Newton step may move a joint
 NEARBY_DISTANCE = 0.05  # [rad, lengths] from the reference to where its rank is compared with
@@ -102,7 +102,7 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
         iterations += 1
         loops = loop_equations(rows, frames_at(mechanism, q))
         jacobian = scaled(mechanism, loops.jacobian, rows.rotation)[0][:, free]
-        joint = -np.linalg.lstsq(jacobian, weights * loops.residual[0], rcond=REDUNDANT_ROW)[0]
+        joint = -np.linalg.lstsq(jacobian, weights * loops.residual[0], rcond=RANK_ROUNDING)[0]
         step = np.zeros((1, mechanism.model.nv))
         step[0, free] = joint * min(1.0, MAX_NEWTON_STEP / max(np.abs(joint).max(), NONZERO)) * lengths
         fraction = 1.0
@@ -155,7 +155,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     """
     joints, lengths = mechanism.joints, mechanism.column_scale
     values, right = np.linalg.svd(all_loops_matrix(mechanism, reference)[:, joints])[1:]
-    allowed = right[int(np.sum(values > SINGULAR_REFERENCE * values.max(initial=0.0))) :]
+    allowed = right[int(np.sum(values > BRANCHES_MEET * values.max(initial=0.0))) :]
     random = np.random.default_rng(0)
     found: list[Array] = []
     ways: list[Array] = []

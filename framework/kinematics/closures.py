@@ -26,7 +26,8 @@ from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.kinematics.mechanism import Mechanism
 from framework.linalg.ordered_sums import cross, dot, matmul
 from framework.model.loop_rows import LockedDirections, LoopRows
-from framework.tolerances import TURNED_OVER
+
+TURNED_OVER_DISTANCE = 1.0  # between the ends of unit axes: 0 where loops are closed, else sqrt(2) or more
 
 
 class LoopEquations(NamedTuple):
@@ -179,4 +180,4 @@ def turned_over(mechanism: Mechanism, at: FrameStack) -> str | None:
     """Return the name of a closure whose equations may hold, T = 1, but in a pose that is turned over."""
     directions = mechanism.directions
     lengths = np.linalg.norm(direction_gaps(directions, at)[0], axis=1)
-    return directions.closures[int(np.argmax(lengths))] if np.any(lengths > TURNED_OVER) else None
+    return directions.closures[int(np.argmax(lengths))] if np.any(lengths > TURNED_OVER_DISTANCE) else None

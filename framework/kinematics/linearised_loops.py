@@ -23,7 +23,7 @@ from framework.kinematics.frames import (
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.banded_lu import Factors
 from framework.linalg.ordered_sums import cross
-from framework.tolerances import OPEN_LOOP
+from framework.tolerances import FILE_ROUNDING
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
     q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: what was given may change
     linearised = linearised_at(robot, q, None)
     gaps = np.abs(linearised.loops.residual) / robot.row_lengths
-    if gaps.max(initial=0.0) > OPEN_LOOP:
+    if gaps.max(initial=0.0) > FILE_ROUNDING:
         worst = gaps.max(axis=1).argmax()
         raise InvalidInput(
             f"q{f', row {worst}' if len(q) > 1 else ''}: the loops of {robot.name} are open by "

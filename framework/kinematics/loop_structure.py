@@ -20,7 +20,7 @@ from framework.kinematics.closures import scaled
 from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
-from framework.tolerances import REDUNDANT_ROW, SINGULAR_REFERENCE
+from framework.tolerances import BRANCHES_MEET, RANK_ROUNDING
 
 ODD_SIZE = 0.02  # a loop equation below this share of a unit motion, or above its inverse, is brought to it
 
@@ -104,7 +104,7 @@ def idle_columns(felt: Array, passive: IntArray) -> IntArray:
     if not len(passive):
         return np.empty(0, dtype=np.intp)
     values, right = np.linalg.svd(felt)[1:]
-    rank = int(np.sum(values > REDUNDANT_ROW * max(float(values[0]), 1.0)))
+    rank = int(np.sum(values > RANK_ROUNDING * max(float(values[0]), 1.0)))
     order = _pivots(right[rank:].T) if rank < len(right) else np.empty(0, dtype=np.intp)
     return np.sort(passive[order[: len(passive) - rank]])
 
@@ -117,7 +117,7 @@ def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array)
 
 def _lost_rows(here: Array, nearby: Array) -> IntArray:
     """Find the rows by which the rank of `nearby` exceeds that of `reference`, by pivoting."""
-    rank, now = _rank(nearby), _rank(here, SINGULAR_REFERENCE)
+    rank, now = _rank(nearby), _rank(here, BRANCHES_MEET)
     if now >= rank:
         return np.empty(0, dtype=np.intp)
     kept = _pivots(here)[:now]
@@ -125,7 +125,7 @@ def _lost_rows(here: Array, nearby: Array) -> IntArray:
     return np.sort(_pivots(nearby - nearby @ span @ span.T)[: rank - len(kept)])
 
 
-def _rank(matrix: Array, level: float = REDUNDANT_ROW) -> int:
+def _rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
     """Count singular values above `level` times the largest."""
     values = np.linalg.svd(matrix, compute_uv=False)
     return int(np.sum(values > level * values.max(initial=0.0)))

@@ -10,7 +10,7 @@ import pinocchio as pin
 from framework.arrays import Array
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.tolerances import PLANAR_AXES
+from framework.tolerances import FILE_ROUNDING
 
 
 def joint_poses(robot: ParallelRobot, q: Array) -> Array:
@@ -108,4 +108,4 @@ def planar_normal(robot: ParallelRobot) -> Array | None:
     normal = np.asarray(turns[0])
     aside = np.linalg.norm(np.cross(turns, normal), axis=1).max()
     along = np.abs(slides @ normal).max(initial=0.0)
-    return normal if max(aside, along) < PLANAR_AXES else None
+    return normal if max(aside, along) < FILE_ROUNDING else None

@@ -18,7 +18,9 @@ from framework.kinematics.assembly import Closing, all_loops_matrix, close_refer
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
-from framework.tolerances import ROUNDED_LOOP, ROUNDED_ROW
+from framework.tolerances import EXPORT_ROUNDING
+
+ROUNDED_ROW = 10 * EXPORT_ROUNDING  # singular value over the largest; the catalogue's weakest row has 8e-3
 
 
 class AssembledMechanism(NamedTuple):
@@ -60,7 +62,7 @@ def _without_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
     matrix = all_loops_matrix(mechanism, q)[:, mechanism.joints]
     values = np.linalg.svd(matrix, compute_uv=False)
     rank = int(np.sum(values > ROUNDED_ROW * values.max(initial=0.0)))
-    if gap > ROUNDED_LOOP or rank == len(rows.names):
+    if gap > EXPORT_ROUNDING or rank == len(rows.names):
         return None
     order = qr(matrix.T, mode="r", pivoting=True)[1]
     kept, others = np.sort(order[:rank]), np.sort(order[rank:])

@@ -25,7 +25,7 @@ import pinocchio as pin
 from framework.arrays import Array
 from framework.model.placement import turning
 from framework.model.urdf_elements import SEVERAL
-from framework.tolerances import ON_JOINT_LIMIT
+from framework.tolerances import SAME_PLACE
 
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))
 CENTRE_DISTANCE = 1e-12  # [m] nearer to the ball's centre than this, a centre of mass gives no direction
@@ -180,9 +180,9 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
     for joint, coordinate, lower, upper, unit in limits:
         least, most = float(np.min(q[:, coordinate])), float(np.max(q[:, coordinate]))
         beyond = []
-        if least < lower - ON_JOINT_LIMIT:
+        if least < lower - SAME_PLACE:
             beyond.append(f"{least:.6g} {unit} of {lower:.6g}")
-        if most > upper + ON_JOINT_LIMIT:
+        if most > upper + SAME_PLACE:
             beyond.append(f"{most:.6g} {unit} of {upper:.6g}")
         if beyond:
             found[joint] = "position " + " and ".join(beyond)

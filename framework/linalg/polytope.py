@@ -13,7 +13,7 @@ from itertools import combinations, product
 import numpy as np
 
 from framework.arrays import Array, BoolArray, ReadOnlyArrays
-from framework.tolerances import FLAT_DIRECTION, ON_FACET, VERTEX_RANK
+from framework.tolerances import RANK_ROUNDING, SAME_PLACE
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,20 +32,20 @@ class Polytope(ReadOnlyArrays):
     def contains(self, points: Array) -> BoolArray:
         """Whether points (..., n) are inside, but for rounding."""
         size = np.abs(self.offsets).max(initial=0.0)
-        return np.asarray(np.all(points @ self.normals.T <= self.offsets + ON_FACET * size, axis=-1))
+        return np.asarray(np.all(points @ self.normals.T <= self.offsets + SAME_PLACE * size, axis=-1))
 
     def reach(self, direction: Array) -> tuple[float, float]:
         """Compute the least and the largest t for which t direction (n,) is inside; (nan, nan) if none is."""
         slope = self.normals @ direction
-        steep = np.abs(slope) > FLAT_DIRECTION * np.linalg.norm(direction)
+        steep = np.abs(slope) > RANK_ROUNDING * np.linalg.norm(direction)
         size = np.abs(self.offsets).max(initial=0.0)
-        if np.any(self.offsets[~steep] < -ON_FACET * size):
+        if np.any(self.offsets[~steep] < -SAME_PLACE * size):
             return np.nan, np.nan
         ends = self.offsets[steep] / slope[steep]
         low = float(ends[slope[steep] < 0].max(initial=-np.inf))
         high = float(ends[slope[steep] > 0].min(initial=np.inf))
         if low > high:
-            return (np.nan, np.nan) if low - high > ON_FACET * max(abs(low), abs(high)) else (high, high)
+            return (np.nan, np.nan) if low - high > SAME_PLACE * max(abs(low), abs(high)) else (high, high)
         return low, high
 
     def alone(self) -> Array:
@@ -57,7 +57,7 @@ class Polytope(ReadOnlyArrays):
         if not len(self.vertices):
             return np.tile([-np.inf, np.inf], (self.normals.shape[1], 1))
         found = np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)], axis=1)
-        unbounded = np.abs(self.free).max(axis=0, initial=0.0) > FLAT_DIRECTION
+        unbounded = np.abs(self.free).max(axis=0, initial=0.0) > RANK_ROUNDING
         found[unbounded] = [-np.inf, np.inf]
         return found
 
@@ -66,7 +66,7 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
     """Compute the sums centre (n,) + t_1 g_1 + ... + t_m g_m of generators (m, n), every |t_k| <= 1."""
     n = len(centre)
     _, values, right = np.linalg.svd(generators)
-    rank = int(np.sum(values > FLAT_DIRECTION * values.max(initial=0.0)))
+    rank = int(np.sum(values > RANK_ROUNDING * values.max(initial=0.0)))
     span, across = right[:rank], right[rank:]
     inside = generators @ span.T  # (m, rank)
     directions = [across]
@@ -77,7 +77,7 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
     normals = np.concatenate([np.reshape(part, (-1, n)) for part in directions])
     normals = _distinct(np.concatenate([normals, -normals]))
     width = np.abs(normals @ generators.T).sum(axis=1)
-    across_the_flat = np.abs(normals @ span.T).max(axis=1, initial=0.0) < FLAT_DIRECTION
+    across_the_flat = np.abs(normals @ span.T).max(axis=1, initial=0.0) < RANK_ROUNDING
     width[across_the_flat] = 0.0  # but for rounding
     offsets = normals @ centre + width
     signs = np.array(list(product((-1.0, 1.0), repeat=len(generators))))
@@ -93,17 +93,17 @@ def slabs(rows: Array, limits: Array) -> Polytope:
     normals = np.concatenate([rows[kept], -rows[kept]]) / np.tile(sizes[kept], 2)[:, None]
     offsets = np.tile(limits[kept] / sizes[kept], 2)
     _, values, right = np.linalg.svd(rows)
-    rank = int(np.sum(values > FLAT_DIRECTION * values.max(initial=0.0)))
+    rank = int(np.sum(values > RANK_ROUNDING * values.max(initial=0.0)))
     free, span = right[rank:], right[:rank]
     inside = rows @ span.T
     points = [np.zeros((0, n))]
     for chosen in combinations(range(len(rows)), rank) if rank else ():
         square = inside[list(chosen)]
-        if np.linalg.svd(square, compute_uv=False)[-1] > FLAT_DIRECTION * values[0]:
+        if np.linalg.svd(square, compute_uv=False)[-1] > RANK_ROUNDING * values[0]:
             corners = np.array(list(product((-1.0, 1.0), repeat=rank))) * limits[list(chosen)]
             points.append(np.linalg.solve(square, corners.T).T @ span)
     corners = np.concatenate(points)
-    corners = corners[np.all(np.abs(corners @ rows.T) <= limits * (1 + ON_FACET), axis=1)]
+    corners = corners[np.all(np.abs(corners @ rows.T) <= limits * (1 + SAME_PLACE), axis=1)]
     return Polytope(normals, offsets, _distinct(corners), free)
 
 
@@ -112,7 +112,7 @@ def _normal(rows: Array, n: int) -> Array | None:
     if not len(rows):
         return np.ones(1)
     _, values, right = np.linalg.svd(rows)
-    return None if values[-1] <= FLAT_DIRECTION * values[0] or values[0] == 0.0 else right[n - 1]
+    return None if values[-1] <= RANK_ROUNDING * values[0] or values[0] == 0.0 else right[n - 1]
 
 
 def _distinct(points: Array) -> Array:
@@ -127,6 +127,6 @@ def _distinct(points: Array) -> Array:
 def _extreme(points: Array, normals: Array, offsets: Array) -> Array:
     """Return the vertices among points (k, n), at which the touching half-spaces leave no freedom."""
     size = np.abs(offsets).max(initial=0.0)
-    touching = points @ normals.T >= offsets - ON_FACET * size
+    touching = points @ normals.T >= offsets - SAME_PLACE * size
     n = points.shape[1]
-    return points[[np.linalg.matrix_rank(normals[one], tol=VERTEX_RANK) == n for one in touching]]
+    return points[[np.linalg.matrix_rank(normals[one], tol=RANK_ROUNDING) == n for one in touching]]

@@ -16,8 +16,10 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.locus.locus_equations import Borders, Evaluated, LocusEquations
-from framework.tolerances import CURVE_COSINE, CURVE_OFFSET, NEWTON_STEP
+from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
 
+MAX_CURVE_OFFSET = 0.05  # of a chord, from it to a point on the curve; chords leave the curve by 0.02
+MIN_CURVE_COSINE = 0.7  # of tangents there; curves cross at larger angles as a rule
 MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, lengths]
 MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points a full turn, chords 3e-3 of the radius off
 TURN_SHARE = 0.8  # of that turn at which the next step aims
@@ -28,7 +30,6 @@ MAX_POINTS = 3000  # of a piece
 MAX_SEARCH_STEPS = 25  # Newton steps from a start drawn at random
 MAX_SEARCH_STEP = 0.5  # [rad, lengths] that one of them may move a joint
 MIN_START_DISTANCE = 1e-5  # [rad, lengths]: of nearer starts, all on one curve, the first is followed
-PSEUDO_INVERSE_CUTOFF = 1e-9  # of singular values, over the largest, in the search
 
 
 class Points(NamedTuple):
@@ -90,7 +91,7 @@ def solutions_near(equations: LocusEquations, q: Array) -> Array:
     size = np.full(len(q), np.inf)
     for _ in range(MAX_SEARCH_STEPS):
         now = equations.at(q)
-        change = -(np.linalg.pinv(now.slopes, rcond=PSEUDO_INVERSE_CUTOFF) @ now.values[:, :, None])[:, :, 0]
+        change = -(np.linalg.pinv(now.slopes, rcond=RANK_ROUNDING) @ now.values[:, :, None])[:, :, 0]
         size = np.abs(change).max(axis=1)
         sound = np.isfinite(size)
         q, change, size = q[sound], change[sound], size[sound]
@@ -222,7 +223,7 @@ def _met(
     aside = np.linalg.norm(before - share[:, :, None] * chord, axis=2)
     cosine = ahead.tangent @ starts.tangent.T  # (F, S)
     passed = (along_before > MIN_START_DISTANCE) & (along_behind <= 0) & (length < 2 * step[:, None])
-    passed &= (aside < CURVE_OFFSET * length + MIN_START_DISTANCE) & (np.abs(cosine) > CURVE_COSINE)
+    passed &= (aside < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE) & (np.abs(cosine) > MIN_CURVE_COSINE)
     first = np.argmin(np.where(passed, along_before, np.inf), axis=1)
     each = np.arange(len(first))
     return np.where(passed.any(axis=1), first, -1), np.where(cosine[each, first] > 0, 0, 1)

@@ -14,7 +14,7 @@ from framework.kinematics.modes import leg_determinants
 from framework.locus.curve_tracing import Curve, Points
 from framework.locus.locus_equations import LocusEquations
 from framework.locus.special_points import root_between
-from framework.tolerances import MODE_EDGE
+from framework.tolerances import RANK_ROUNDING
 
 WAY_STEPS = 10  # to a start
 NEWTON_STEPS, MAX_JOINT_STEP = 6, 0.7  # in each of these; [rad, lengths] of one
@@ -47,7 +47,7 @@ class Region:
         inside &= np.abs(off).max(axis=1, initial=0.0) < self.reach
         if self.mode is None:
             return np.asarray(inside)
-        return np.asarray(inside & (self.clearance(q) > -MODE_EDGE))
+        return np.asarray(inside & (self.clearance(q) > -RANK_ROUNDING))
 
     def clearance(self, q: Array) -> Array:
         """Compute the least determinant of a leg (T,) at q (T, nq), negative beyond the working mode."""

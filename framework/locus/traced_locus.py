@@ -22,6 +22,7 @@ from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.modes import leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.locus.curve_tracing import (
+    MAX_CURVE_OFFSET,
     MAX_STEP,
     Curve,
     Points,
@@ -32,8 +33,9 @@ from framework.locus.curve_tracing import (
 from framework.locus.locus_equations import LocusEquations
 from framework.locus.locus_region import Region, drawn, drawn_in_mode
 from framework.locus.special_points import branch_point, branches_at, root_between
-from framework.tolerances import CURVE_OFFSET, RANK_LOST, RESTING_EXTENT
+from framework.tolerances import RANK_LOST
 
+RESTING_EXTENT = 1e-7  # [rad, lengths] of motors or platform along a curve: points are solved to 1e-12
 REGION_REACH = 1.2  # [robot lengths] of the region about the pose
 RANDOM_STARTS = 40
 RANDOM_SEED = 0
@@ -174,7 +176,7 @@ def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
     start, chord, length = start[near], chord[near], length[near]
     share = np.clip(-np.sum(start * chord, axis=1) / length**2, 0.0, 1.0)
     gap = np.linalg.norm(start + share[:, None] * chord, axis=1)
-    return bool((gap < CURVE_OFFSET * length).any())
+    return bool((gap < MAX_CURVE_OFFSET * length).any())
 
 
 def _described(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:

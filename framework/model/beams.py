@@ -36,7 +36,7 @@ from framework.model.placement import inverse, placement
 from framework.model.robot_file_writer import spring_entry
 from framework.model.urdf_writing import joint_element, origin_element
 from framework.model.xml_reading import origin_of
-from framework.tolerances import BEAM_NEAR_MINUS_X, SECTION_AXIS_ALONG_BEAM
+from framework.tolerances import BEAM_NEAR_MINUS_X, FILE_ROUNDING
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
     else:
         given = finite_numbers("y", y, 3)
         across = given - (given @ along) * along
-        if not np.linalg.norm(across) > SECTION_AXIS_ALONG_BEAM * np.linalg.norm(given):
+        if not np.linalg.norm(across) > FILE_ROUNDING * np.linalg.norm(given):
             raise InvalidInput(f"y: needs a direction across the beam, which runs along {point(along)}")
     across = across / np.linalg.norm(across)
     return np.column_stack([along, across, np.cross(along, across)])

@@ -12,7 +12,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import RobotFileError
-from framework.tolerances import INERTIA_ROUNDING, POINT_BODY_GYRATION
+from framework.tolerances import INERTIA_ROUNDING
 
 ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
@@ -22,19 +22,19 @@ def symmetric(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) 
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def check_inertia(where: str, matrix: ArrayLike, mass: float = 0.0) -> None:
+def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> None:
     """Refuse an inertia that no body has; `where` starts the complaint.
 
     Args:
         matrix: (3, 3) [kg m^2] about the centre of mass, symmetric, finite.
-        mass: [kg], which tells what is too small to matter.
+        negligible: [kg m^2] what the body is a point with, if no entry is larger: nothing is asked of it.
 
     Raises:
         RobotFileError: a principal moment is negative, or exceeds the sum of the other two.
     """
     entries = np.asarray(matrix, dtype=float)
     size = float(np.abs(entries).max())
-    if size <= POINT_BODY_GYRATION**2 * mass:
+    if size <= negligible:
         return
     moments = np.linalg.eigvalsh(entries / size)  # without overflow
     rounding = INERTIA_ROUNDING * float(np.abs(moments).max())

@@ -20,6 +20,7 @@ from framework.errors import RobotFileError, choose_from, short
 from framework.model.description import Coupling
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
 from framework.model.xml_reading import attribute, axis_of, numbers, origin_numbers, origin_of, required
+from framework.tolerances import POINT_BODY_GYRATION
 
 MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom
 # Types of joints with several, by the suffixes of their coordinates: metres along and a rotation vector about
@@ -89,8 +90,9 @@ def read_tree(root: ElementTree.Element) -> Tree:
                 raise RobotFileError(
                     f"joint {joint.name!r}: its coordinate {name!r} has the name of another joint"
                 )
+    extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in joints.values()), default=0.0)
     for link in root.findall("link"):
-        check_link(link)
+        check_link(link, extent)
     return Tree(links, joints, _base(links, joints))
 
 
@@ -192,8 +194,8 @@ def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
     return Joint(element, name, kind, ends[0], ends[1], origin, direction)
 
 
-def check_link(link: ElementTree.Element) -> None:
-    """Look at a link's inertia.
+def check_link(link: ElementTree.Element, extent: float) -> None:
+    """Look at a link's inertia; `extent` [m] is the largest distance of joints of its tree.
 
     Raises:
         RobotFileError: a number is missing or not finite, or no body has such an inertia.
@@ -212,7 +214,8 @@ def check_link(link: ElementTree.Element) -> None:
         numbers(f"{where}: <inertia> {key}", attribute(inertia, f"{where}: <inertia>", key), 1)[0]
         for key in ENTRIES
     ]
-    check_inertia(f"{where}: <inertia>", symmetric(*values), kilograms)
+    negligible = kilograms * (POINT_BODY_GYRATION * extent) ** 2
+    check_inertia(f"{where}: <inertia>", symmetric(*values), negligible=negligible)
 
 
 def declared_motors(root: ElementTree.Element) -> list[str]:

@@ -18,7 +18,7 @@ from numpy.polynomial import chebyshev
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, check_order
-from framework.tolerances import INSTANT_SLACK
+from framework.tolerances import SAME_PLACE
 
 MIN_CLENSHAW_POINTS = 400  # from which a step of its recurrence costs less than the cosines it saves
 NOISE_FACTOR = 3.0  # times the largest coefficient of the last eighth: what may be rounding
@@ -113,7 +113,7 @@ class TimeFunction(ReadOnlyArrays):
         check_order(order)
         times = np.asarray(t, dtype=float)
         start, end = self.edges[0], self.edges[-1]
-        slack = INSTANT_SLACK * (end - start)
+        slack = SAME_PLACE * (end - start)
         if not np.all((times >= start - slack) & (times <= end + slack)):
             raise InvalidInput(f"time {t!r} is outside [{start:g}, {end:g}] s")
         flat = times.ravel()

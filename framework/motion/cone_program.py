@@ -18,8 +18,8 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.motion.infeasibility import Infeasible
+from framework.tolerances import INDEPENDENT_CONDITIONS
 
-EQUALITY_RANK = 1e-12  # singular value of normed equalities below which they say nothing new
 GOALS = ("time", "peak_torque", "energy")
 
 
@@ -315,6 +315,6 @@ def eliminate(equalities: Affine) -> tuple[Array, Array]:
     size[size == 0] = 1.0
     matrix, offset = equalities.matrix / size[:, None], equalities.offset / size
     left, values, right = np.linalg.svd(matrix)
-    rank = int(np.count_nonzero(values > EQUALITY_RANK))
+    rank = int(np.count_nonzero(values > INDEPENDENT_CONDITIONS))
     start = -right[:rank].T @ ((left.T @ offset)[:rank] / values[:rank])
     return start, right[rank:].T

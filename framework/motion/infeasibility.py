@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.arrays import Array, IntArray
+from framework.tolerances import MIN_PROOF_REACH
 
 # Largest entry of the unknowns that a proof is to rule out; in units near those of the optimum all are near 1
-MIN_PROOF_REACH = 1e3
 CONE_MARGIN = 1e-12  # of its length, by which a vector may be outside of its cone
 
 

@@ -19,7 +19,7 @@ from numpy.polynomial import chebyshev
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, check_order
 from framework.motion.chebyshev import derivative_matrix, evaluate, extrema, nodes
-from framework.tolerances import INDEPENDENT_CONDITIONS, INSTANT_SLACK
+from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
 
 # Durations [s] whose fourth power and its inverse are far from overflow, with room for all other factors.
 MIN_DURATION, MAX_DURATION = 1e-30, 1e30
@@ -109,7 +109,7 @@ class Law(ReadOnlyArrays):
         check_order(order)
         scale = 2.0 / self.duration
         local = np.asarray(t, dtype=float) * scale - 1.0
-        if not np.all(np.abs(local) <= 1.0 + INSTANT_SLACK):
+        if not np.all(np.abs(local) <= 1.0 + SAME_PLACE):
             raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
         series = self.coefficients
         if order:

@@ -23,13 +23,12 @@ from numpy.polynomial import chebyshev, polynomial
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order
 from framework.motion.chebyshev import TimeFunction, TimeGrid, extrema, nodes
-from framework.tolerances import INSTANT_SLACK
+from framework.tolerances import SAME_PLACE, SLOWNESS_ROUNDING
 
 HIGHEST_SMOOTHNESS = 6  # beyond, the squared speed grows so much at the ends that its digits are lost
 HIGHEST_ORDER = 4  # derivatives of s that an elastic robot's torque needs
 PANEL_NODES = 24  # nodes of a panel of t(sigma)
 SLOWNESS_TAIL = 1e-15  # of the duration, what a panel may lose by the last coefficients of dt/d sigma
-SLOWNESS_ROUNDING = 1e-8  # of the duration, what rounding of z may leave open: torques are resolved to 1e-9
 MAX_PANELS = 1024
 DEGREES_PER_PANEL = 3  # degrees of z for each panel in time
 STRETCH_WIDTH = 0.1  # in sigma, of the stretch about a place where z is resolved more finely
@@ -199,7 +198,7 @@ class OptimalLaw(ReadOnlyArrays):
             InvalidInput: t lies outside [0, duration], or is not finite.
         """
         times = np.asarray(t, dtype=float)
-        if not np.all(np.abs(2.0 * times / self.duration - 1.0) <= 1.0 + INSTANT_SLACK):
+        if not np.all(np.abs(2.0 * times / self.duration - 1.0) <= 1.0 + SAME_PLACE):
             raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
         flat = np.clip(np.atleast_1d(times).ravel(), 0.0, self.duration)
         return _parameter(self, flat.tobytes()).reshape(times.shape)

@@ -18,7 +18,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order, expect_call
-from framework.tolerances import COLLINEAR, REPEATED_POINT
+from framework.tolerances import DEGENERATE_PATH
 
 HIGHEST_ORDER = 4  # derivatives that an elastic robot's torque needs
 NO_KNOTS: Array = read_only(np.empty(0))
@@ -143,7 +143,7 @@ class Arc(PointPath):
         u = chord / length
         bow = longer - (longer @ u) * u
         height = float(np.linalg.norm(bow))
-        if height <= COLLINEAR * np.linalg.norm(longer):
+        if height <= DEGENERATE_PATH * np.linalg.norm(longer):
             raise InvalidInput(f"arc: its three points lie on a line: {points.tolist()}")
         # in the axes u and v of its plane: start (0, 0), via (length, 0), end (longer . u, height)
         v = bow / height
@@ -192,7 +192,7 @@ class Spline(PointPath):
         points = _points(self.points, 2, "spline")
         _hold(self, points=points, n=points.shape[1])
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        if chords.min() < REPEATED_POINT * chords.max():
+        if chords.min() < DEGENERATE_PATH * chords.max():
             k = int(np.argmin(chords))
             raise InvalidInput(
                 f"spline: points {k} and {k + 1} are {chords[k]:.3g} apart, others {chords.max():.3g}: too "

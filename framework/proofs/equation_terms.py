@@ -18,7 +18,7 @@ from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform
 from framework.kinematics.tree_model import is_ball
 from framework.model.loop_rows import LoopRows
-from framework.tolerances import PLANAR_AXES
+from framework.tolerances import FILE_ROUNDING
 
 BASE = -1  # in place of a frame
 
@@ -125,7 +125,7 @@ def planar_axis(robot: ParallelRobot) -> int | None:
         return None
     axis = int(np.argmax(np.abs(normal)))
     aside = np.delete(normal, axis)
-    return axis if np.abs(aside).max() < PLANAR_AXES else None
+    return axis if np.abs(aside).max() < FILE_ROUNDING else None
 
 
 def _kind(loops: LoopRows, row: int) -> str:

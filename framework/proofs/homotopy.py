@@ -21,11 +21,12 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray
 from framework.proofs.quadric_family import ComplexArray, QuadricFamily, is_first
-from framework.tolerances import ENDGAME_EXPONENT_SPREAD, ENDGAME_MIN_EXPONENT, ENDGAME_SIZE
+from framework.tolerances import ENDGAME_MIN_EXPONENT, NEWTON_STEP
 
+MIN_INFINITE_SIZE = 1e3  # [robot lengths] of a path on its way to infinity; no leg is that long
+MAX_EXPONENT_SPREAD = 0.1  # of the largest of them: exponents of successive segments that agree
 FIRST_STEP, MIN_STEP = 0.05, 1e-9  # of the way
 CORRECTIONS = 3  # Newton steps
-MAX_LAST_CORRECTION = 1e-8  # of a point on a path, z of unit size
 STEPS_BEFORE_GROWTH = 4  # that go well before the next is longer
 MAX_SIZE = 1e7  # of z in its chart: beyond, a path is no longer followed in it
 MONODROMY_ROUNDS = 60
@@ -78,7 +79,7 @@ def tracked(
     while len(live):
         h = np.minimum(step[live], 1.0 - t[live])
         ahead, correction = homotopy.advanced(z[live], t[live], h)
-        good = correction < MAX_LAST_CORRECTION
+        good = correction < NEWTON_STEP
         z[live[good]] = ahead[good]
         t[live[good]] += h[good]
         good_steps[live] = np.where(good, good_steps[live] + 1, 0)
@@ -153,8 +154,8 @@ def _endgame(
             continue
         w = np.diff(np.array(logarithms[-AGREEING_EXPONENTS - 1 :]), axis=0) / -np.log(SEGMENT_RATIO)
         least, largest = w.min(axis=0), w.max(axis=0)
-        agree = largest - least < ENDGAME_EXPONENT_SPREAD * largest
-        large = logarithms[-1] > np.log(ENDGAME_SIZE)
+        agree = largest - least < MAX_EXPONENT_SPREAD * largest
+        large = logarithms[-1] > np.log(MIN_INFINITE_SIZE)
         infinite |= live & (least > ENDGAME_MIN_EXPONENT) & agree & large
         finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)
         end[finite], arrived[finite] = tracked(family, far, target, last[finite], rng)

@@ -20,10 +20,9 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray
 from framework.proofs.quadric_family import ComplexArray
-from framework.proofs.rounding import ROUND_UP, gamma
+from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, gamma
 
 MAX_WIDENINGS = 6  # of the radii until the test holds
-WIDENING_RATIO = 1.5
 MIN_RADIUS, MAX_RADIUS = 1e-300, 1e100  # away from underflow and overflow
 RANDOM_CHARTS = 200
 

@@ -22,7 +22,7 @@ from framework.kinematics.placements import planar_normal
 from framework.model.description import Closure
 from framework.proofs.equation_terms import planar_axis
 from framework.proofs.study_quadric import Displacements, functions, planar, spatial, spherical, translations
-from framework.tolerances import LEG_COEFFICIENT_ROUNDING, LEG_CONDITION_RANK
+from framework.tolerances import LEG_COEFFICIENT_ROUNDING, RANK_ROUNDING
 
 SAMPLES = 60  # poses of a leg: three for each of the functions
 MAX_LEGS = 32
@@ -61,14 +61,14 @@ def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
             return None
         table = functions(*poses)[:, group.chosen]
         values, right = np.linalg.svd(table)[1:]
-        rank = int(np.sum(values > LEG_CONDITION_RANK * values[0]))
+        rank = int(np.sum(values > RANK_ROUNDING * values[0]))
         rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * float(values[0] / values[rank - 1]))
         conditions += list(right[rank:])
     rows, K = np.array(conditions).reshape(-1, len(group.chosen)), group.family.equations
     if not len(rows):
         return None
     values, right = np.linalg.svd(rows)[1:]
-    if int(np.sum(values > LEG_CONDITION_RANK * values[0])) < K:
+    if int(np.sum(values > RANK_ROUNDING * values[0])) < K:
         return None
     if len(rows) > K:  # more conditions than freedoms: as many as needed, mixed, and all to be met in the end
         mixed = np.random.default_rng(RANDOM_SEED).standard_normal((K, len(rows))) @ rows

@@ -22,7 +22,7 @@ from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
 from framework.proofs.hessian_bounds import ChainBounds, LeverChain
 from framework.proofs.interval_newton import LinearEnclosure
-from framework.tolerances import CLOSED_POSE_OFFSET, FRAME_ROUNDING
+from framework.tolerances import FRAME_ROUNDING, LOOP_GAP
 
 MAX_JOINTS = 4
 INITIAL_PARTS = 2  # of a whole turn
@@ -54,7 +54,7 @@ def leg_solutions_complete(
     region = _region(equations)
     if region is None:
         return False
-    points = near[np.abs(equations(near, 0.0 * near).values).max(axis=1) < CLOSED_POSE_OFFSET]
+    points = near[np.abs(equations(near, 0.0 * near).values).max(axis=1) < LOOP_GAP]
     period = np.where(slides, np.inf, 2 * np.pi)
     radii = np.array([unique_radius(equations, point) for point in points])
     return has_no_others(equations, region, KnownSolutions(points, radii, period))

@@ -15,14 +15,11 @@ from framework.kinematics.frames import FrameStack, between, frames_at, integrat
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
 STARTS = 24  # for each pose of the platform
 MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # of Newton's method; [rad, lengths] that one may move a joint
-NEARLY_CLOSED_OFFSET = 1e-11  # [rad, lengths] loops that are closed but for a last step
-LOOP_ROUNDING = 1e-13  # of a loop equation, in lengths of all links: a thousand units of rounding
-EQUAL_JOINT_OFFSET = 1e-6  # [rad, lengths] between joints that are one solution
 RANDOM_SEED = 11
-PSEUDO_INVERSE_CUTOFF = 1e-9  # of singular values, over the largest
 MAX_INVERSE_DEFECT = 0.1  # largest row sum of |X M - 1| of an inverse X that a proof uses
 INVERSE_FACTOR = 1.2  # of its norm: more than 1 / (1 - MAX_INVERSE_DEFECT)
 
@@ -85,14 +82,14 @@ def loops_closed(
         size = np.abs(values).max(axis=1)
         if last or not len(q):
             break
-        last = bool((size < NEARLY_CLOSED_OFFSET).all())  # and one step more, to rounding
-        inverse = np.linalg.pinv(slopes[:, :, columns], rcond=PSEUDO_INVERSE_CUTOFF)
+        last = bool((size < LOOP_GAP).all())  # and one step more, to rounding
+        inverse = np.linalg.pinv(slopes[:, :, columns], rcond=RANK_ROUNDING)
         change = -(inverse @ values[:, :, None])[:, :, 0]
         change /= np.maximum(np.abs(change).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
         moved = np.zeros((len(q), robot.model.nv))
         moved[:, columns] = change * robot.column_scale[columns]
         q = integrate(robot, q, moved)
-    return q, np.asarray(size < NEARLY_CLOSED_OFFSET)
+    return q, np.asarray(size < LOOP_GAP)
 
 
 def random_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray | None = None) -> Array:
@@ -142,7 +139,7 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
     shortest = float(robot.loops.length[robot.loops.distance].min(initial=robot.length))
     bend = 8.0 * size**2 * robot.length / shortest / min(float(robot.structure.row_sizes.min()), 1.0)
     beta = INVERSE_FACTOR * float(np.abs(inverse).sum(axis=1).max())
-    return bool(beta**2 * len(matrix) ** 2 * bend * (values + LOOP_ROUNDING * size) <= 0.5)
+    return bool(beta**2 * len(matrix) ** 2 * bend * (values + FRAME_ROUNDING * size) <= 0.5)
 
 
 def distinct_joints(joints: Array) -> list[Array]:
@@ -156,4 +153,4 @@ def distinct_joints(joints: Array) -> list[Array]:
 
 def are_alike(first: Array, second: Array) -> bool:
     """Whether joints are the same, hinges up to whole turns."""
-    return bool(np.abs(np.exp(1j * first) - np.exp(1j * second)).max(initial=0.0) <= EQUAL_JOINT_OFFSET)
+    return bool(np.abs(np.exp(1j * first) - np.exp(1j * second)).max(initial=0.0) <= DISTINCT_SOLUTIONS)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, BoolArray
-from framework.tolerances import DISTINCT_SOLUTIONS, LEG_CONDITION_RANK
+from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 ComplexArray = NDArray[np.complex128]
 
@@ -76,7 +76,7 @@ class QuadricFamily:
             quotients = np.einsum("kij,i,j->k", quadrics[:K], z, z) / (z @ first @ z)
             quadrics[:K] -= quotients[:, None, None] * first
             values = np.linalg.svd(quadrics @ z, compute_uv=False)
-            if values[-1] > LEG_CONDITION_RANK * values[0]:
+            if values[-1] > RANK_ROUNDING * values[0]:
                 return False
         return True
 

@@ -26,7 +26,7 @@ from framework.proofs.derivative_bounds import DerivativeBounds
 from framework.proofs.equation_terms import moving_balls
 from framework.proofs.regular_cells import Cells, CellTest
 from framework.proofs.rounding import ROUND_UP
-from framework.tolerances import CLOSED_POSE_OFFSET
+from framework.tolerances import LOOP_GAP
 
 MAX_CELLS = 20_000
 MAX_WORK = 3e8  # cells times the fourth power of the joints: some seconds
@@ -197,7 +197,7 @@ def _agree(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
         agree &= (ROUND_UP * (np.abs(offset) + point.radii) <= cells.radii[index]).all(axis=1)
     home = (nearest == 0).all(axis=1)
     offset = between(robot, cells.q[home], np.repeat(q[None], np.count_nonzero(home), axis=0))
-    offset = np.abs(offset[:, robot.moving] / scale) + CLOSED_POSE_OFFSET
+    offset = np.abs(offset[:, robot.moving] / scale) + LOOP_GAP
     agree[home] &= (offset <= cells.radii[home]).all(axis=1)
     return np.asarray(agree)
 

@@ -19,10 +19,9 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
-from framework.proofs.rounding import ROUND_UP, gamma, inverses, off_identity, times
+from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, gamma, inverses, off_identity, times
 
 MAX_WIDENINGS = 6  # of the box of joints, until the test holds
-WIDENING_RATIO = 1.1
 MAX_RADIUS = 10.0  # [rad, lengths] of a box of joints
 MIN_RADIUS = 1e-14  # [rad, lengths]
 PERRON_SHIFT = 0.1  # of the largest row sum, added to row sums as weights

@@ -28,7 +28,7 @@ from framework.proofs.interval_newton import (
 )
 from framework.proofs.rounding import ROUND_UP, times
 
-WIDENING_RATIO = 1.5  # the larger box of Krawczyk's test over the box
+TESTED_BOX_RATIO = 1.5  # the box of Krawczyk's test over the box whose points it is about
 WIDENING_CURVATURE = 4.0  # [1/rad] what is added for the curvature of arcs, times the radius squared
 MIN_SIZE_RATIO = 0.01  # of the resolution: an undecided box that is smaller is not cut
 
@@ -149,7 +149,7 @@ class SingularBoxTest:
         axis, is_arc = np.full(boxes.size, NO_AXIS), np.zeros(boxes.size, dtype=bool)
 
         widest = boxes.radii.max(axis=1, keepdims=True, initial=0.0)
-        wider = WIDENING_RATIO * boxes.radii + WIDENING_CURVATURE * widest**2
+        wider = TESTED_BOX_RATIO * boxes.radii + WIDENING_CURVATURE * widest**2
         remainders = derivatives.remainders(wider)
         g = measure_bounds(self.which, derivatives, remainders)
         valid = g.valid  # elsewhere nothing is concluded from g

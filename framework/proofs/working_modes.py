@@ -25,7 +25,7 @@ from framework.kinematics.tree_model import positions_beyond_limits
 from framework.proofs.leg_paving import leg_solutions_complete
 from framework.proofs.passive_joints import are_alike, distinct_joints, is_proved, loops_closed, random_starts
 from framework.proofs.real_displacements import Status
-from framework.tolerances import CLOSED_POSE_OFFSET
+from framework.tolerances import LOOP_GAP
 
 RANDOM_STARTS = 300
 MAX_COMBINATIONS = 512  # of the legs' solutions
@@ -161,9 +161,7 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
     linearised = linearised_at(robot, q, np.repeat(x[None], len(q), axis=0))
     signs, motors = leg_signs(robot, linearised), robot.actuated_coordinates(q)
     turning = np.concatenate([~robot.translations, robot.loops.rotation])
-    closed = (
-        np.abs(linearised.residual / np.where(turning, 1.0, robot.length)).max(axis=1) < CLOSED_POSE_OFFSET
-    )
+    closed = np.abs(linearised.residual / np.where(turning, 1.0, robot.length)).max(axis=1) < LOOP_GAP
     return [
         WorkingMode(
             q=q[k],

@@ -26,7 +26,7 @@ from framework.kinematics.frames import frame_motions
 from framework.linalg.ordered_sums import matmul, matvec
 from framework.simulation.consistent import allowed_motions, balancing_step
 from framework.simulation.equations import EquationsOfMotion, Tangent
-from framework.tolerances import MASSLESS_SHARE, SPRINGS_BALANCED
+from framework.tolerances import RANK_ROUNDING, SPRINGS_BALANCED
 
 
 class Accelerations(NamedTuple):
@@ -67,7 +67,7 @@ def accelerations(
     pushed = np.where(light, 0.0, matvec(across, free - matvec(at.mass, a)))
     a += matvec(basis, np.linalg.solve(inertia, pushed[..., None])[..., 0])
     moved = np.abs(basis * light[:, None] / robot.column_scale[:, None]).max(axis=2, initial=0.0)
-    return Accelerations(a, moved > MASSLESS_SHARE)
+    return Accelerations(a, moved > RANK_ROUNDING)
 
 
 def _check_balance(

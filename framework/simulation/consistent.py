@@ -18,7 +18,7 @@ from framework.kinematics.frames import integrate
 from framework.linalg.ordered_sums import matmul
 from framework.simulation.curvature import loop_curvature
 from framework.simulation.equations import EquationsOfMotion, Tangent
-from framework.tolerances import CONSISTENT_START, MASSLESS_MOTION, UNSPRUNG_MOTION
+from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP
 
 MAX_PASSES = 60
 ROUNDING_STEP = 1e-14  # [rad, lengths] of a Newton step after which none is better
@@ -51,7 +51,7 @@ def allowed_motions(equations: EquationsOfMotion, at: Tangent) -> AllowedMotions
         matmul(crossed * inverse[:, None], left.swapaxes(1, 2))
         / robot.row_lengths[robot.structure.independent]
     )
-    light = values <= MASSLESS_MOTION * largest[:, None]
+    light = values <= EIGENVALUE_ROUNDING * largest[:, None]
     return AllowedMotions(scale * matmul(allowed, vectors), light, scale * back)
 
 
@@ -91,13 +91,13 @@ def consistent_state(equations: EquationsOfMotion, q: Array, v: Array, torque: A
     at = equations.tangent(q[None], rest, rest)
     gaps = np.abs(loop_wrenches(robot.rows, at.frames).residual[0])
     gap = float(gaps.max(initial=0.0))
-    if not np.all(gaps <= CONSISTENT_START * robot.row_lengths):
+    if not np.all(gaps <= LOOP_GAP * robot.row_lengths):
         raise NotAssembled(
             f"{robot.name}: the start is not assembled: a loop stays {gap:.3g} m or rad apart",
             q=q,
             residual=gap,
         )
-    if not size < CONSISTENT_START:
+    if not size < LOOP_GAP:
         raise NotConverged(
             f"{robot.name}: the springs of the massless parts find no balance at the start (last change "
             f"{size:.3g} rad or lengths of the robot)",
@@ -115,7 +115,7 @@ def balancing_step(
     held = light.T @ np.diag(equations.stiffness) @ light
     strength = np.linalg.eigvalsh(held + light.T @ np.diag(equations.damping) @ light)
     stiffest = max(float((equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)), NONZERO)
-    if strength[0] <= UNSPRUNG_MOTION * stiffest:
+    if strength[0] <= EIGENVALUE_ROUNDING * stiffest:
         vector = np.linalg.eigh(held)[1][:, 0]
         moved = np.abs(light @ vector) / equations.robot.column_scale
         joints = [
@@ -128,7 +128,7 @@ def balancing_step(
             f"neither mass nor stiffness, its acceleration would be anything; give these links an "
             f"<inertial>, the rotor an inertia, or a spring"
         )
-    if np.linalg.eigvalsh(held)[0] <= UNSPRUNG_MOTION * stiffest:
+    if np.linalg.eigvalsh(held)[0] <= EIGENVALUE_ROUNDING * stiffest:
         return np.zeros(light.shape[1])  # held by damping alone: it has an initial value, the one given
     slope = held - light.T @ curved @ light
     return -np.linalg.lstsq(slope, light.T @ unbalanced, rcond=None)[0]

@@ -20,7 +20,7 @@ from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.model.description import AXES
 from framework.simulation.equations import EquationsOfMotion
-from framework.tolerances import MASSLESS_JOINT
+from framework.tolerances import RANK_ROUNDING
 
 CONTACT_TYPES = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CONTACT_6D}
 # its defaults give NaN where rows are redundant, as in a planar loop written in 3D
@@ -119,7 +119,7 @@ def _check(equations: EquationsOfMotion) -> None:
     rest = np.zeros((1, robot.model.nv))
     mass = equations.tangent(robot.reference.q[None], rest, rest).mass[0]
     values, vectors = np.linalg.eigh(mass)
-    if values[0] <= MASSLESS_JOINT * values[-1]:
+    if values[0] <= RANK_ROUNDING * values[-1]:
         joint = robot.coordinates.name_of(int(np.argmax(np.abs(vectors[:, 0]))))
         raise InvalidInput(
             f"{robot.name}, {robot.flexibility}: {joint} moves no mass, and pinocchio's contact dynamics "

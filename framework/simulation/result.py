@@ -17,7 +17,7 @@ from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.events import Occurrence
 from framework.simulation.methods import Integration
 from framework.simulation.trajectory import Cubics, Trajectory
-from framework.tolerances import OPEN_LOOP
+from framework.tolerances import FILE_ROUNDING
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -156,7 +156,7 @@ def _gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
     kept = robot.structure.independent
     dropped = np.setdiff1d(np.arange(gaps.shape[1]), kept)
-    torn = gaps[:, dropped] > OPEN_LOOP * robot.row_lengths[dropped] + 10 * gaps[:, kept].max(initial=0.0)
+    torn = gaps[:, dropped] > FILE_ROUNDING * robot.row_lengths[dropped] + 10 * gaps[:, kept].max(initial=0.0)
     if torn.any():
         instant = int(np.argmax(torn.any(axis=1)))
         row = int(dropped[np.argmax(torn[instant])])

@@ -33,8 +33,7 @@ from framework.simulation.events import Event
 from framework.simulation.methods import METHODS, IntegrationTask, Method, MethodSettings
 from framework.simulation.result import Simulation, simulation_result
 from framework.simulation.schemes import State
-from framework.simulation.trajectory import TIME_ROUNDING
-from framework.tolerances import STARTS_AT_REST
+from framework.tolerances import AT_REST, SAME_PLACE
 
 DEFAULT_SAMPLES = 501
 SAMPLE_RANGE = (2, 10_000_000)
@@ -152,7 +151,7 @@ def _duration(given: float | None, planned: PlannedMotion | None) -> float:
             f"duration: must lie in [{DURATION_RANGE[0]:g}, {DURATION_RANGE[1]:g}] s, got {given!r}"
         )
     given = float(given)
-    if planned is not None and given > planned.duration * (1 + TIME_ROUNDING):
+    if planned is not None and given > planned.duration * (1 + SAME_PLACE):
         raise InvalidInput(f"duration: the planned motion ends at {planned.duration:g} s, got {given!r}")
     return given
 
@@ -189,7 +188,7 @@ def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array,
         )
     if len(q) == robot.model.nq:
         return q, v
-    moving = np.abs(v).max(initial=0.0) > STARTS_AT_REST * np.abs(planned.velocity(planned.duration / 2)).max(
+    moving = np.abs(v).max(initial=0.0) > AT_REST * np.abs(planned.velocity(planned.duration / 2)).max(
         initial=0.0
     )
     if moving:

@@ -19,8 +19,9 @@ from framework.simulation.collocation import Collocation, CollocationStep, StepF
 from framework.simulation.consistent import allowed_velocity
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
-from framework.tolerances import BRIDGING_LENIENCY, SIMULATION_STEP
 
+BRIDGING_LENIENCY = 1e3  # times the tolerance, left by a step over a singularity; `unresolved` says it
+MIN_STEP_RATIO = 1e-9  # of the duration: where shorter ones are taken, the simulation is given up
 BRIDGED_SHORTENING = 8.0  # times shorter than the usual step
 BRIDGING_RATIOS = (2.0, 1.4, 0.9)  # of the usual step: what is tried to step over a singularity
 FAILED_STEP_RATIO = 0.25  # of its length is tried next when a step was not solved
@@ -126,7 +127,7 @@ def collocate(
                     continue
                 reason = "the motion is not resolved"
                 control.refused(length, factor, end - time)
-            if control.length < SIMULATION_STEP * duration:
+            if control.length < MIN_STEP_RATIO * duration:
                 raise _given_up(equations, time, control.length, f"and even they fail: {reason}")
 
 

@@ -12,8 +12,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.simulation.collocation import CollocationStep
-
-TIME_ROUNDING = 1e-12  # of the duration: a time that far outside is still inside
+from framework.tolerances import SAME_PLACE
 
 
 class Trajectory(Protocol):
@@ -80,7 +79,7 @@ def _which(edges: Array, t: Array) -> Array:
     Raises:
         InvalidInput: a time lies outside.
     """
-    slack = TIME_ROUNDING * (edges[-1] - edges[0])
+    slack = SAME_PLACE * (edges[-1] - edges[0])
     if not np.all((t >= edges[0] - slack) & (t <= edges[-1] + slack)):
         raise InvalidInput(f"time {t!r} is outside the simulation, [{edges[0]:g}, {edges[-1]:g}] s")
     return np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(edges) - 2)

@@ -24,8 +24,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.motion.path import Line
 from framework.singularity.type2 import singularity_measure, uncontrolled_motion, unit_twist
-from framework.tolerances import NEAR_SINGULAR_RATIO, SINGULAR_RATIO
 
+NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01  # least singular values over those at the reference
 LIMIT_BISECTIONS = 8  # of a way that ends at the limit of a joint: the last 0.4 % of it are not gone
 # How far the platform is moved along t_s to show that it can be [robot lengths], [rad].
 LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1

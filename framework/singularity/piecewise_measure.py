@@ -21,8 +21,9 @@ from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.motion.chebyshev import coefficients, extrema, nodes, real_roots, tail
 from framework.singularity.bordered_system import Border, solve_bordered
-from framework.tolerances import MEASURE_TAIL, MEASURE_TAIL_ROUNDING, MIN_PANEL_WIDTH, RANK_LOST
+from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST
 
+TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a series sums dozens of values
 PANEL_NODES = 24
 MAX_ETA_NORM = 20.0  # larger with a border that has turned away from the null vectors
 CANDIDATE_DEPTH = 1e3  # tails of g that a minimum may be deep and still be looked at
@@ -160,7 +161,7 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
             )
         series = coefficients(solution.g[:, None])
         turned = np.linalg.norm(eta, axis=1).max() > MAX_ETA_NORM
-        if not turned and tail(series) <= max(MEASURE_TAIL, MEASURE_TAIL_ROUNDING / largest):
+        if not turned and tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
             return Panel(start, end, series[:, 0], matrices)
         size, most = size + 1, count_below(middle, WIDER_BORDER_RATIO)
     return None

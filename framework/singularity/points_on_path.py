@@ -26,6 +26,7 @@ from framework.singularity.piecewise_measure import (
     panels,
 )
 from framework.singularity.rank_deficiency import (
+    VANISHING_TOGETHER,
     Contact,
     NearMiss,
     block_slopes,
@@ -34,7 +35,7 @@ from framework.singularity.rank_deficiency import (
 )
 from framework.singularity.root_of_g import slope_of_g, stencil
 from framework.singularity.type2 import sign_along, uncontrolled_motion
-from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST, VANISH_TOGETHER
+from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST
 
 MAX_CONTINUATIONS = 16
 
@@ -170,7 +171,7 @@ def _too_near(passive: Measured, unresolved: Unresolved) -> Exception:
     branch, s = passive.branch, unresolved.s
     linearised = linearised_at(branch.robot, branch.guess(np.array([s])), branch.path(np.array([s])))
     values = np.linalg.svd(passive.matrix(linearised)[0], compute_uv=False)
-    count = int(np.sum(values < VANISH_TOGETHER**passive.power))
+    count = int(np.sum(values < VANISHING_TOGETHER**passive.power))
     if count < 2:
         return unresolved
     what = "the path passes a singularity, or so near to one that it cannot be told from it"

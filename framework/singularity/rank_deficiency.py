@@ -26,17 +26,17 @@ from framework.singularity.piecewise_measure import (
 from framework.singularity.root_of_g import STENCIL, root_of_g
 from framework.tolerances import (
     DISTINCT_EXTREMA,
-    DISTINCT_ROOTS,
-    HALVING_STEP,
     MEASURE_ROUNDING,
     MULTIPLE_ROOT_RADIUS,
     NEAR_MISS,
+    NEWTON_STEP,
     RANK_LOST,
-    ROOT_RESIDUAL,
+    SAME_PLACE,
     TANGENTIAL_SLOPE,
-    VANISH_TOGETHER,
 )
 
+VANISHING_TOGETHER = 1e-3  # singular values that may vanish at one place: G is as wide as there are below
+ROOT_RESIDUAL = 1e-12  # of the largest |g|: a root that flat counts though Newton's method did not converge
 SEARCH_RADIUS = 5e-3  # in s: from a candidate to the place where several singular values vanish
 MAX_ROOT_SHIFT = 1e-3  # of a panel: a root found farther from its candidate is another one
 CONVERGED_STEP = 1e-11  # in s, of the method of Gauss and Newton
@@ -81,14 +81,14 @@ def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
             turning = extremum_near(measured.at, measured.knots, start, size)
             if all(abs(turning.s - sum(stretch) / 2) > DISTINCT_EXTREMA for stretch in stretches):
                 around, stretch = _around(measured, turning, size)
-                single += [contact for contact in around if _is_apart(contact.s, single, DISTINCT_ROOTS)]
+                single += [contact for contact in around if _is_apart(contact.s, single, SAME_PLACE)]
                 stretches += [stretch] if around else []
             continue
         s, depth, _ = root_of_g(measured.at, start, size=size, longest=STENCIL)
         is_root = abs(depth) < residual and abs(s - start) < MAX_ROOT_SHIFT * (panel.end - panel.start)
         # the roots beside an extremum are known, and a root on the edge of two panels is found twice
         new = not any(low <= s <= high for low, high in stretches)
-        new = new and _is_apart(s, single, DISTINCT_ROOTS)
+        new = new and _is_apart(s, single, SAME_PLACE)
         if is_root and new and _vanishes(measured, s, size) and _changes_sign(measured, s, size):
             single.append(Contact(s, "transversal"))
     alone = [contact for contact in single if _is_apart(contact.s, several, MULTIPLE_ROOT_RADIUS)]
@@ -124,7 +124,7 @@ def _is_apart(s: float, places: Sequence[Contact | NearMiss], distance: float) -
 
 def _size(measured: Measured, matrix: Array) -> int:
     """Return the width of the border that a matrix needs."""
-    return max(1, count_below(matrix, VANISH_TOGETHER**measured.power))
+    return max(1, count_below(matrix, VANISHING_TOGETHER**measured.power))
 
 
 def _around(measured: Measured, turning: Extremum, size: int) -> tuple[list[Contact], tuple[float, float]]:
@@ -188,7 +188,7 @@ def _together(measured: Measured, start: float, size: int) -> Contact | None:
     steepness = np.linalg.svd(slope, compute_uv=False) / max(float(np.abs(bend).max()), 1.0)
     kind = "transversal" if steepness[-1] > TANGENTIAL_SLOPE else "tangential"
     # where none has a slope the search comes nearer by halves
-    if steepness[0] < TANGENTIAL_SLOPE or abs(step) > HALVING_STEP:
+    if steepness[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
         s, kind = extremum_near(measured.at, measured.knots, s, size, _common).s, "tangential"
     vanished = count_below(measured.at(np.array([s]))[0], RANK_LOST**measured.power)
     if abs(s - start) > SEARCH_RADIUS or vanished < 2:  # others may be small and stay so

@@ -15,7 +15,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.singularity.bordered_system import Border, solve_bordered
-from framework.tolerances import ROOT_STEP
+from framework.tolerances import NEWTON_STEP
 
 STENCIL = 1e-4  # half the width of the central difference, as a share of the interval of p
 MAX_ITERATIONS = 20
@@ -73,6 +73,6 @@ def root_of_g(
         if not abs(step) < longest:
             break
         place = float(np.clip(place + step, low, high))
-        if abs(step) < ROOT_STEP * (high - low):
+        if abs(step) < NEWTON_STEP * (high - low):
             return Root(place, 0.0, True)
     return Root(place, depth, False)

@@ -37,14 +37,11 @@ from framework.statics.stiffness import (
     compliant_motions,
     require_springs,
 )
-from framework.tolerances import (
-    CORRECTION_RATIO,
-    CORRECTION_ROUNDING,
-    EQUILIBRIUM_STEP,
-    LOAD_STEP,
-    STIFFNESS_ROUNDING,
-)
+from framework.tolerances import EIGENVALUE_ROUNDING, NEWTON_STEP
 
+MAX_CORRECTION_RATIO = 0.1  # of steps after the first, over that one: more may be another equilibrium
+UNCHECKED_CORRECTION = 1e-7  # [rad, lengths] a motion with no room for a fold
+MIN_LOAD_STEP = 2.0**-20  # of the load: what does not bear as little more has lost its stiffness
 MAX_ITERATIONS = 8  # of Newton's method a step of the load
 
 
@@ -98,7 +95,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         here[live[good]], load.share[live[good]] = there[good], share[good]
         step[live] *= np.where(good, 2.0, 0.5)
         soft = live[good][~_is_small(robot, there[good])]
-        ended = ~good & (step[live] < LOAD_STEP)
+        ended = ~good & (step[live] < MIN_LOAD_STEP)
         reason[live[ended]] = np.where(finite[ended], LoadReason.GIVES_WAY, LoadReason.NOT_CONVERGED)
         reason[soft] = LoadReason.TOO_SOFT
         live = live[(load.share[live] < 1.0) & (reason[live] == LoadReason.CARRIED)]
@@ -124,7 +121,7 @@ def _stepped(robot: ParallelRobot, q: Array, load: Load) -> tuple[Array, BoolArr
         sound = np.asarray(np.isfinite(at.H).all(axis=(1, 2)) & np.isfinite(at.slope).all(axis=1))
         finite[live] = sound
         values, vectors = np.linalg.eigh(np.where(sound[:, None, None], at.H, 0.0))
-        on = values[:, 0] > STIFFNESS_ROUNDING * values[:, -1]  # what is no number has become zero
+        on = values[:, 0] > EIGENVALUE_ROUNDING * values[:, -1]  # what is no number has become zero
         values = np.where(on[:, None], values, 1.0)
         move = at.closing - matvec(
             at.null, matvec(vectors, matvec(vectors.swapaxes(1, 2), at.slope) / values)
@@ -132,9 +129,9 @@ def _stepped(robot: ParallelRobot, q: Array, load: Load) -> tuple[Array, BoolArr
         size = np.abs(move).max(axis=1)
         (first if k == 0 else after)[live] += size
         on &= first[live] <= MAX_STEP
-        on &= after[live] <= np.maximum(CORRECTION_RATIO * first[live], CORRECTION_ROUNDING)
-        good[live] = on & (size < EQUILIBRIUM_STEP)
-        on &= size >= EQUILIBRIUM_STEP
+        on &= after[live] <= np.maximum(MAX_CORRECTION_RATIO * first[live], UNCHECKED_CORRECTION)
+        good[live] = on & (size < NEWTON_STEP)
+        on &= size >= NEWTON_STEP
         live, move = live[on], move[on]
         if not len(live):
             break

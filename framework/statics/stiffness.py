@@ -44,7 +44,7 @@ from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import matmul
-from framework.tolerances import EQUILIBRIUM_STEP, MASSLESS_VIBRATION, RIGID_MOTION, STIFFNESS_ROUNDING
+from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP, NEWTON_STEP, RANK_ROUNDING
 
 MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium; quadratic once it is near
 MAX_STEP = 0.1  # [rad, robot lengths] of that method: deflections of springs that mean something are smaller
@@ -234,8 +234,8 @@ def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tu
     size = np.inf
     for _ in range(MAX_NEWTON_STEPS):
         state = balance(robot, q[None], load)
-        if size < EQUILIBRIUM_STEP:
-            if _is_small(robot, q) and state.gap[0] < EQUILIBRIUM_STEP:
+        if size < NEWTON_STEP:
+            if _is_small(robot, q) and state.gap[0] < LOOP_GAP:
                 return q, load
             break
         values, vectors = np.linalg.eigh(state.H[0])
@@ -278,7 +278,7 @@ def _condensed(robot: ParallelRobot, H: Array, X: Array) -> Array:
     """Compute K_x (n, n), the least energy of all motions that move the platform in a given way."""
     scale = robot.platform_scale
     left, values, right = np.linalg.svd(X / scale[:, None])
-    if len(values) < len(X) or values[-1] <= RIGID_MOTION * values[0]:
+    if len(values) < len(X) or values[-1] <= RANK_ROUNDING * values[0]:
         raise InvalidInput(
             f"{robot.name}, {robot.flexibility}: the springs leave the platform rigid along some direction "
             f"while the motors are locked, so it has no stiffness matrix"
@@ -297,8 +297,8 @@ def _inverse(robot: ParallelRobot, K: Array) -> Array:
     """Compute the compliance (n, n), infinite in all entries that a direction without stiffness reaches."""
     scale = robot.platform_scale
     values, vectors = np.linalg.eigh(K * scale * scale[:, None])
-    lost = np.abs(values) <= STIFFNESS_ROUNDING * np.abs(values).max()
-    reached = np.abs(vectors[:, lost]) > RIGID_MOTION
+    lost = np.abs(values) <= EIGENVALUE_ROUNDING * np.abs(values).max()
+    reached = np.abs(vectors[:, lost]) > RANK_ROUNDING
     infinite = (reached[:, None] & reached[None]).any(axis=2)
     compliance = (vectors / np.where(lost, np.inf, values)) @ vectors.T * scale * scale[:, None]
     return np.where(infinite, np.inf, compliance)
@@ -310,10 +310,10 @@ def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     Motions without mass follow the others at once and have no vibration of their own.
     """
     values, vectors = np.linalg.eigh(M)
-    heavy = (values > 0.0) & (values > MASSLESS_VIBRATION * values[-1])
+    heavy = (values > 0.0) & (values > RANK_ROUNDING * values[-1])
     light, massive = vectors[:, ~heavy], vectors[:, heavy] / np.sqrt(values[heavy])
     if light.shape[1] and massive.shape[1]:
         massive = massive - light @ np.linalg.lstsq(light.T @ H @ light, light.T @ H @ massive, rcond=None)[0]
     squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
-    rounding = np.abs(squares) <= STIFFNESS_ROUNDING * np.abs(squares).max(initial=0.0)
+    rounding = np.abs(squares) <= EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)
     return np.where(rounding, 0.0, squares), (massive @ shapes).T

@@ -6,6 +6,7 @@ The witness is a cloud of point masses: its inertia about the centre of mass is 
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from framework.errors import RobotFileError
 from framework.model.inertia import check_inertia
 from framework.model.readers import read_any
 from framework.model.robot_file import read_robot_file
+from framework.model.urdf_elements import check_link
 
 DIALECTS = Path(__file__).parents[1] / "data" / "dialects"
 SAID = {"platform": "left_rod", "axes": ["x", "y"], "motors": ["left_motor", "right_motor"]}
@@ -46,21 +48,21 @@ def printed(matrix, figures):
 def test_what_a_body_has_is_accepted_in_any_axes_and_in_three_figures(size):
     rng = np.random.default_rng(3)
     for _ in range(50):
-        mass, matrix = cloud(rng, np.array(size))
+        _, matrix = cloud(rng, np.array(size))
         turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         for inertia in (matrix, turn @ matrix @ turn.T, printed(turn @ matrix @ turn.T, 3)):
-            check_inertia("body", inertia, mass)
+            check_inertia("body", inertia)
 
 
 def test_two_per_cent_more_than_a_plate_has_is_refused():
-    check_inertia("plate", np.diag([1.0, 2.0, 3.0]), 1.0)
+    check_inertia("plate", np.diag([1.0, 2.0, 3.0]))
     with pytest.raises(RobotFileError, match=r"plate: has the principal moments 1, 2, 3\.06 kg m"):
-        check_inertia("plate", np.diag([1.0, 2.0, 3.06]), 1.0)
+        check_inertia("plate", np.diag([1.0, 2.0, 3.06]))
 
 
 def test_entries_near_the_largest_number_do_not_hide_the_signs():
     with pytest.raises(RobotFileError, match="no body has"):
-        check_inertia("body", 1.7e308 * np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0]]), 1.0)
+        check_inertia("body", 1.7e308 * np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0]]))
 
 
 def element(entries):
@@ -100,6 +102,19 @@ def test_mjcf_refuses_it(tmp_path, key, case):
     file.write_text(text.replace('diaginertia="0 0 0"', f'{key}="{values}"'))
     with pytest.raises(RobotFileError, match=f"body 'left_rod': <inertial> {key}: .*moments {moments} kg"):
         read_any(file, **SAID)
+
+
+@pytest.mark.parametrize("length", [1e-6, 1.0, 1e3])
+def test_what_exporters_leave_of_a_point_is_no_inertia_in_robots_of_any_size(length):
+    def link(gyration):
+        entries = element((0, 0, 0, gyration**2, 0, 0))
+        return ElementTree.fromstring(
+            f'<link name="a"><inertial><mass value="1"/>{entries}</inertial></link>'
+        )
+
+    check_link(link(1e-9 * length), length)
+    with pytest.raises(RobotFileError, match="no body has"):
+        check_link(link(1e-3 * length), length)
 
 
 def test_a_body_on_a_frame_of_the_robot_file_is_no_exception(write_robot):

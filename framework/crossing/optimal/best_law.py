@@ -15,7 +15,6 @@ from framework.arrays import Array, BoolArray, IntArray
 from framework.crossing.optimal.speed_program import (
     DENSE_POINTS_RATIO,
     FIRST_ROW_STRIDE,
-    LIMIT_MARGIN,
     SpeedProgram,
 )
 from framework.errors import InvalidInput
@@ -23,6 +22,7 @@ from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved
 from framework.motion.exact_duration import adjusted, blended, duration_of
 from framework.motion.infeasibility import Infeasible
 from framework.motion.optimal_law import OptimalLaw
+from framework.tolerances import LIMIT_MARGIN
 
 DEGREES = (40, 80)  # of the squared speed; the second where the first has no law
 MAX_CROSSINGS_AT_FIRST_DEGREE = 4  # more are tried with the second degree at once

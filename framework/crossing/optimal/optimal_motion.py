@@ -52,9 +52,9 @@ from framework.motion.exact_duration import adjusted
 from framework.motion.infeasibility import Infeasible
 from framework.motion.law import MotionLaw
 from framework.motion.optimal_law import OptimalLaw
+from framework.tolerances import PEAK_TORQUE_MISMATCH
 
 MAX_PASSES = 8  # of optimising and resolving in turn
-PEAK_TORQUE_MISMATCH = 2e-3  # of the peak of the program from that of the certified motion, over the former
 ROUGHNESS_WEIGHT_GROWTH = 30.0  # factor on the weight, for a law that could not be resolved
 MAX_ROUGHNESS_WEIGHT = 1e-2
 MAX_DEGREE_GAP = 5e-3  # cost above the bound of the degree, over it: more, and a higher degree is tried

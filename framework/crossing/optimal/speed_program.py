@@ -22,13 +22,12 @@ from framework.motion.chebyshev import derivative_matrix, evaluate, nodes
 from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve_cone_program
 from framework.motion.infeasibility import Infeasible
 from framework.motion.optimal_law import Stretch
+from framework.tolerances import LIMIT_MARGIN, MIN_SQUARED_SPEED_RATIO
 
 FIRST_ROW_STRIDE = 2  # the first rows are at every other point
 DENSE_POINTS_RATIO = 6  # points at which limits are checked, over those of the program
-LIMIT_MARGIN = 1e-3  # share of a limit left free at the rows, for what torques reach between them
 # Weight of the coefficients of z, grown with the square of their degree, whatever is to vanish at the ends.
 ROUGHNESS_WEIGHT = 1e-6
-MIN_SQUARED_SPEED_RATIO = 1e-2  # least z, over the mean speed squared
 MAX_UNIT_RATIO = 4.0  # of the optimum to the guessed units, or inverse: beyond, it is solved once more
 
 

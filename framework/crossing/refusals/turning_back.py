@@ -8,7 +8,7 @@ import numpy as np
 
 from framework.errors import NoLaw
 from framework.motion.law import Law
-from framework.tolerances import OVERSHOOT, STANDSTILL
+from framework.tolerances import AT_REST, OVERSHOOT
 
 SAMPLES = 2001  # equidistant instants at which a law is looked at
 ADVICE = "choose other times or speeds, or law optimal"
@@ -38,7 +38,7 @@ def check_advance(law: Law, s: Sequence[float], name: str) -> None:
             )
     rates = law(times, 1)
     inside = (values > 0) & (values < 1)
-    backwards = inside & (rates < -STANDSTILL * np.abs(rates).max())
+    backwards = inside & (rates < -AT_REST * np.abs(rates).max())
     if np.any(backwards):
         k = int(np.argmax(backwards))
         raise NoLaw(f"{refused} runs backwards at t = {times[k]:.4g} s, s = {values[k]:.4g}; {ADVICE}")

@@ -11,7 +11,7 @@ from framework.errors import NoLaw
 from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.points_on_path import SingularPoint
-from framework.tolerances import AT_PATH_END
+from framework.tolerances import SAME_PLACE
 
 
 def check_crossable(branch: Branch, singular: SingularPoint) -> None:
@@ -35,7 +35,7 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
 
 def stops_at(singular: SingularPoint) -> bool:
     """Whether the path starts or ends at a singular point."""
-    return not AT_PATH_END < singular.s < 1.0 - AT_PATH_END
+    return not SAME_PLACE < singular.s < 1.0 - SAME_PLACE
 
 
 def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoint | CrossingPoint]) -> None:

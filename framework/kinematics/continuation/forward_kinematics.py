@@ -34,8 +34,9 @@ from framework.kinematics.loop_matrices import clearance, equation_sizes, indepe
 from framework.kinematics.modes import keeps_assembly_mode
 from framework.kinematics.newton import Linear, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.tolerances import BRANCHES_CROSS, ENDS_AT_TYPE_2, MODES_MEET, RANK_LOST
+from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
 
+TYPE_2_END_RATIO = 0.05  # of the usual least singular value of P: a way that ends below does so at Type 2
 MAX_SINGLE_STEP = 0.05  # [rad, lengths] that the joints may move by in a single step
 
 
@@ -178,11 +179,12 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
     short = np.abs(here.rate / robot.column_scale).max() < MAX_SINGLE_STEP
     way = follow(robot, here, arrive, belongs, end=end, step=1.0 if short else FIRST_STEP_RATIO)
     near = np.array([place.clearance for place in way.places])
-    met = np.flatnonzero((near[1:] < MODES_MEET) & (near[1:] < near[:-1]))  # not where it leads away from one
+    closer = near[1:] < near[:-1]  # not where it leads away from such a place
+    met = np.flatnonzero((near[1:] < BRANCHES_MEET) & closer)
     if not len(met):
         return way
     first = int(met[0]) + 1
-    beyond = np.flatnonzero(near[first:] >= MODES_MEET)
+    beyond = np.flatnonzero(near[first:] >= BRANCHES_MEET)
     last = first + int(near[first : first + beyond[0] if len(beyond) else None].argmin())
     return Way(way.at[: last + 1], way.places[: last + 1])
 
@@ -207,7 +209,7 @@ def _stopped(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembl
     residual = float(np.abs(way.last.linearised.residual[:, robot.n :]).max(initial=0.0))
     largest = max(place.clearance for place in way.places)
     usual = max(largest, float(clearance(robot, linearised_at_reference(robot))[0]))
-    if way.last.clearance > ENDS_AT_TYPE_2 * usual:
+    if way.last.clearance > TYPE_2_END_RATIO * usual:
         where = _on_the_way(robot, way.at[-1], x, q_a)
         return NotAssembled(
             f"{robot.name}: the loops cannot be followed {where}", q=way.q[-1], residual=residual

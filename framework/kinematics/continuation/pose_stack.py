@@ -32,7 +32,7 @@ from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.newton import Linear, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.tolerances import BRANCHES_CROSS, DETERMINANT_LOST, MODES_MEET, RANK_LOST
+from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, DETERMINANT_LOST, RANK_LOST
 
 STEP_COUNT = round(1 / FIRST_STEP_RATIO)
 MAX_STEP_ITERATIONS = 10  # of Newton's method; a step along the tangent that needs more is no good one
@@ -141,7 +141,7 @@ def _lead(robot: ParallelRobot, q: Array, x: Array, turn: Array) -> tuple[dict[s
         sign_there, size_there = _determinants(linearised)
         step = measure(robot, between(robot, predicted, there), rate[live] / STEP_COUNT, ahead / STEP_COUNT)
         kept = step.small & (step.straight | (clear > BRANCHES_CROSS))
-        kept &= clear > MODES_MEET
+        kept &= clear > BRANCHES_MEET
         kept &= (sign_there == sign[live]) & (size_there - size[live] > last)
         live = live[kept]
         q[live], rate[live], share[live] = there[kept], ahead[kept], k / STEP_COUNT

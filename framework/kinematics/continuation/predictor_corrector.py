@@ -16,8 +16,10 @@ from framework.arrays import Array, BoolArray
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.mechanism import Mechanism
-from framework.tolerances import BRANCH_ADVANCE, BRANCH_CORRECTION, BRANCH_STEP, BRANCH_TURN
+from framework.tolerances import BRANCH_CORRECTION, BRANCH_TURN
 
+MIN_STEP_RATIO = 1e-7  # of the way: where shorter steps do not count either, the branch has ended
+MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step: beside a singularity tangents lead far
 FIRST_STEP_RATIO = 1 / 8  # of the way
 END_ROUNDING = 1e-12  # of the way: a place that near to its end is the end
 
@@ -76,7 +78,7 @@ def measure(robot: Mechanism, moved: Array, along: Array, beyond: Array) -> Step
 
 def is_small(correction: Array, advance: Array) -> BoolArray:
     """Whether steps by `advance` (T,) along the tangent needed no more correction (T,) than on one branch."""
-    return (correction <= np.maximum(BRANCH_CORRECTION, 0.25 * advance)) & (advance <= BRANCH_ADVANCE)
+    return (correction <= np.maximum(BRANCH_CORRECTION, 0.25 * advance)) & (advance <= MAX_PREDICTOR_MOVE)
 
 
 def follow(
@@ -105,12 +107,13 @@ def follow(
     while at < 1.0:
         fastest = float(np.abs(here.rate / robot.column_scale).max(initial=0.0))
         step = min(step, 1.0 - at)
-        if step * fastest > BRANCH_ADVANCE:
-            step = 0.99 * BRANCH_ADVANCE / fastest  # rounding is not to make it longer again
-        if step < BRANCH_STEP:
+        if step * fastest > MAX_PREDICTOR_MOVE:
+            step = 0.99 * MAX_PREDICTOR_MOVE / fastest  # rounding is not to make it longer again
+        if step < MIN_STEP_RATIO:
             break
         further = (at + step * k for k in range(2, at_once + 1))
-        near = (s for s in further if s < 1.0 + 0.5 * BRANCH_STEP and (s - at) * fastest < BRANCH_ADVANCE)
+        inside = (s for s in further if s < 1.0 + 0.5 * MIN_STEP_RATIO)
+        near = (s for s in inside if (s - at) * fastest < MAX_PREDICTOR_MOVE)
         ahead = np.array([1.0 if s > 1.0 - END_ROUNDING else s for s in (at + step, *near)])
         predicted, correction = integrate(robot, here.q, here.rate * (ahead - at)[:, None]), np.inf
         for following, there in zip(ahead, arrive(ahead, predicted), strict=False):

@@ -31,9 +31,9 @@ from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.path import Line, Path
 from framework.motion.path_check import check_path
-from framework.tolerances import BRANCHES_CROSS, NEWTON_STEP, RANK_LOST_AHEAD
+from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, NEWTON_STEP
 
-DIRECT_CLOSING_DISTANCE = 1e-6  # [lengths] from the reference: what a file's rounded angles leave
+TYPE_1_END_RATIO = 1e-4  # least singular value of the loop equations, below which Type 1 has ended a way
 KNOT_NEWTON_STEP = 1e-6  # last step to a knot of a branch: guesses between knots are no better
 PLACES_AT_ONCE = 8  # a stack costs little more than one place, and they span the way in first steps
 SHORT_PATH = 1e-4  # [lengths, rad] that a single step may span
@@ -60,7 +60,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     if np.allclose(target, reference.x, rtol=0, atol=PLATFORM_ROUNDING * robot.length):
         return reference
     require_square(robot)
-    if np.abs(target - reference.x).max() < DIRECT_CLOSING_DISTANCE * robot.length:
+    if np.abs(target - reference.x).max() < FILE_ROUNDING * robot.length:
         closed = close_loops(robot, target[None], reference.q[None])
         return Configuration(closed.q[0], target, float(np.abs(closed.linearised.residual).max()), 1)
     segment = Line(reference.x, target)
@@ -167,7 +167,7 @@ def _end_of_reach(
     robot: ParallelRobot, path: Path, s: float, q: Array, linearised: LinearisedLoops, what: str
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
     """Return the error for the end of the way: a stretched or folded leg, or loops that lose their rank."""
-    count = lost_equations(robot, linearised, RANK_LOST_AHEAD)
+    count = lost_equations(robot, linearised, TYPE_1_END_RATIO)
     if count:
         return escaping(robot, s, path(s), count, f"{what} runs into {LOOP_SINGULARITY}")
     joint = weakest_leg(robot, linearised)

@@ -25,8 +25,9 @@ from framework.kinematics.frames import between, integrate
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import solve
-from framework.tolerances import NEWTON_STEP, TURNING_POINT_BEND, TURNING_POINT_SKEW
+from framework.tolerances import NEWTON_STEP
 
+MAX_BEND, MAX_SKEW = 0.1, 0.25  # of the chord and of the parameter's gain: what a parabola may miss
 FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first slope of the slope
 MAX_ARC_LENGTH = 2.0  # [rad, lengths] by all joints together: what lies farther is for a nearer start
 MAX_SECANTS = 12
@@ -108,6 +109,6 @@ def turning_points(
         way = t[:, None] * moved(first)
         bent = between(robot, q, at) - 0.5 * (way + t[:, None] * moved(along))
         bent, length = (np.abs(motion / scale).max(axis=1) for motion in (bent, way))
-        found = closed & (t > 0) & (reached < 1.0) & (bent <= TURNING_POINT_BEND * length)
-        found &= np.abs(reached - share - gain) <= TURNING_POINT_SKEW * gain
+        found = closed & (t > 0) & (reached < 1.0) & (bent <= MAX_BEND * length)
+        found &= np.abs(reached - share - gain) <= MAX_SKEW * gain
     return TurningPoints(found, reached, at, linearised)

@@ -30,7 +30,7 @@ from framework.kinematics.closures import (
 from framework.kinematics.frames import FrameStack, frames_at, integrate
 from framework.kinematics.mechanism import Mechanism
 from framework.model.loop_rows import LockedDirections, LoopRows
-from framework.tolerances import NEARLY_CLOSED
+from framework.tolerances import LOOP_GAP
 
 MAX_STARTS = 32  # a group of loops, at most
 ENOUGH_POSES = 8  # closed poses of a group to choose from
@@ -190,7 +190,7 @@ def _nearest(group: _Group) -> Array:
         u, gap = group.closed_from(group.nearly_closed_from(start))
         if gap < least:
             least, best = gap, u
-        if gap < NEARLY_CLOSED:
+        if gap < LOOP_GAP:
             found.append(np.where(turning & ~limited, np.mod(u + np.pi, 2 * np.pi) - np.pi, u))
             if k == 0 or len(found) == ENOUGH_POSES:
                 break
@@ -208,7 +208,7 @@ def _still_open(group: _Group, u: Array) -> NotAssembled:
     turning = bool(group.rows.rotation[row])
     left = float(gap[row]) * (1.0 if turning else mechanism.length)
     best = f"{group.rows.names[row]} stays {left:.3g} {'rad' if turning else 'm'} apart"
-    if gap[row] < NEARLY_CLOSED:
+    if gap[row] < LOOP_GAP:
         best = f"{turned_over(mechanism, frames_at(mechanism, q[None]))} is turned over"
     return NotAssembled(
         f"{mechanism.name}: the loops do not close: of {MAX_STARTS} starts within the joints' limits none "

@@ -25,7 +25,7 @@ from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
-from framework.tolerances import HELD_IDLE, MODES_MEET
+from framework.tolerances import HELD_IDLE, BRANCHES_MEET
 
 LIGHT_PART_RATIO = 1e-6  # of the heaviest part: lighter, and its unit is doubted
 HEAVY_PART = 1e5  # [kg] likewise
@@ -263,7 +263,7 @@ def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
     if beyond:
         listed = "; ".join(f"{joint}: {position}" for joint, position in beyond.items())
         found.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
-    if modes.smallest_singular_value is not None and modes.smallest_singular_value < MODES_MEET:
+    if modes.smallest_singular_value is not None and modes.smallest_singular_value < BRANCHES_MEET:
         found.append("the reference is itself singular: give one away from the locus")
     return found
 

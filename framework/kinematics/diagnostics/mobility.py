@@ -27,7 +27,7 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
-from framework.tolerances import AXIS_AT_REST, CENTRE_AT_REST
+from framework.tolerances import EXPORT_ROUNDING, FILE_ROUNDING
 
 PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]
 MAX_PROPOSALS = 4
@@ -60,8 +60,8 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
     q = robot.reference.q
     hidden = _hidden_motions(robot, q)
     centres = centres_of_mass(robot, q) @ hidden
-    idle = _pivots(hidden @ _null_space(centres, CENTRE_AT_REST))
-    loose = _pivots(hidden @ _row_space(centres, CENTRE_AT_REST), but=idle)
+    idle = _pivots(hidden @ _null_space(centres, EXPORT_ROUNDING))
+    loose = _pivots(hidden @ _row_space(centres, EXPORT_ROUNDING), but=idle)
     return Mobility(
         _motions(robot, q).shape[1],
         tuple(map(robot.coordinates.name_of, idle)),
@@ -78,7 +78,7 @@ def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     poses = [q, *nearby_configurations(robot, q)]
     twists = [_frame_twists(robot, pose) for pose in poses]
     stuck = min((_stuck(robot, pose) for pose in poses), key=lambda held: held.shape[1])
-    velocities = max(np.linalg.matrix_rank(matrix, tol=AXIS_AT_REST) for matrix in twists)
+    velocities = max(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING) for matrix in twists)
     names = robot.axis_names
     proposals = _proposals(twists, freedoms, robot.axis_names) if velocities == freedoms else ()
     return PlatformAxes(_in_words(stuck, names), _in_words(here, names), int(velocities), proposals)
@@ -157,22 +157,22 @@ def centres_of_mass(robot: Mechanism, q: Array) -> Array:
 def _in_words(stuck: Array, names: tuple[str, ...]) -> str:
     """Return the names of the axes that combinations (n, k) hold still: each alone, or some together."""
     shares = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))
-    alone = [name for name, share in shares.items() if share > 1.0 - AXIS_AT_REST]
+    alone = [name for name, share in shares.items() if share > 1.0 - FILE_ROUNDING]
     if len(alone) == stuck.shape[1]:
         return ", ".join(alone)
     together = " and ".join(
-        name for name, share in shares.items() if AXIS_AT_REST < share <= 1.0 - AXIS_AT_REST
+        name for name, share in shares.items() if FILE_ROUNDING < share <= 1.0 - FILE_ROUNDING
     )
     return ", ".join([*alone, f"{together} independently of each other"])
 
 
-def _null_space(matrix: Array, level: float = AXIS_AT_REST) -> Array:
+def _null_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
     """Compute orthonormal columns (c, k) that a matrix (r, c) takes to less than a level."""
     _, values, right = np.linalg.svd(matrix)
     return np.asarray(right[int(np.sum(values > level)) :].T)
 
 
-def _row_space(matrix: Array, level: float = AXIS_AT_REST) -> Array:
+def _row_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
     """Compute orthonormal columns (c, c - k), the complement of the null space."""
     _, values, right = np.linalg.svd(matrix, full_matrices=False)
     return np.asarray(right[: int(np.sum(values > level))].T)

@@ -36,7 +36,7 @@ from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
 from framework.model.description import AXES, Actuator, Platform, RobotDescription
 from framework.model.readers.missing_fields import Known, Options, Resolved
 from framework.model.readers.urdf_tree import UrdfTree
-from framework.tolerances import AXIS_AT_REST, NEARLY_AT_REST
+from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
 
 MAX_TRIED = 12  # proposals of a platform, at most
 # parts of names that people give to what a robot works with
@@ -177,7 +177,7 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
     model, motors = motions.mechanism.model, [actuator.joint for actuator in description.actuators]
     rates = motions.working[columns_of(model, motors)]
     values, right = np.linalg.svd(rates)[1:]
-    left = motions.working @ right[int(np.sum(values > AXIS_AT_REST)) :].T
+    left = motions.working @ right[int(np.sum(values > FILE_ROUNDING)) :].T
     if not left.shape[1]:
         return
     free = [joint for joint in tree.joints.values() if joint.kind == "floating"]
@@ -217,7 +217,7 @@ def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree)
     for number, frame in enumerate(tree.frames):
         twists = _twists(mechanism, data, frame) @ motions.working  # (6, w)
         by_motor = np.linalg.norm(twists @ rates, axis=0)
-        if not np.all(by_motor > AXIS_AT_REST):
+        if not np.all(by_motor > FILE_ROUNDING):
             continue
         liking = -0.001 * number + (1.0 if any(tool in frame.lower() for tool in NAMES_OF_TOOLS) else 0.0)
         for well, platform in _of_frame(twists, frame, count, tree, motors):
@@ -241,7 +241,7 @@ def _of_frame(
     for axes in combinations(range(6), count):
         least = float(np.linalg.svd(twists[list(axes)], compute_uv=False)[-1])
         turning = sum(axis >= 3 for axis in axes)
-        if least > AXIS_AT_REST and not (turns_about_a_point and turning < count):
+        if least > FILE_ROUNDING and not (turns_about_a_point and turning < count):
             sides = tuple(AXES[axis] for axis in axes)
             orders = [sides, sides[::-1]] if turning == count == 2 else [sides]
             for order in orders:

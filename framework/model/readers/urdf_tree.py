@@ -24,7 +24,7 @@ from framework.model.urdf_elements import (
 )
 from framework.model.urdf_writing import AXIS, joint_element, origin_element
 from framework.model.xml_reading import attribute
-from framework.tolerances import PARALLEL_AXES
+from framework.tolerances import FILE_ROUNDING
 
 MAX_LOOPS = 1000  # in a file
 MAX_FREEDOMS = 1000  # freedoms of the joints in a file
@@ -221,7 +221,7 @@ class UrdfTree:
         axes = [self.axis_at_zero(joint) for joint in (*one, *two)]
         if not axes or any(joint.kind in ("prismatic", *SEVERAL) for joint in (*one, *two)):
             return None
-        if any(np.linalg.norm(axis - axes[0]) > PARALLEL_AXES for axis in axes):
+        if any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
             return None
         common = placement(turning("z", axes[0]))
         frames = []

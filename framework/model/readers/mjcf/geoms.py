@@ -81,12 +81,12 @@ def _given_inertia(settings: CompilerSettings, element: ElementTree.Element, whe
             raise RobotFileError(f"{where}: fullinertia goes without an orientation and diaginertia")
         xx, yy, zz, xy, xz, yz = numbers(f"{where} fullinertia", element.get("fullinertia"), 6)
         matrix = symmetric(xx, yy, zz, xy, xz, yz)
-        check_inertia(f"{where} fullinertia", matrix, mass)
+        check_inertia(f"{where} fullinertia", matrix)
         return _Inertia(mass, where_at[:3, 3], matrix)
     if "diaginertia" not in element.attrib:
         raise RobotFileError(f"{where}: needs diaginertia or fullinertia")
     diagonal = np.diag(numbers(f"{where} diaginertia", element.get("diaginertia"), 3))
-    check_inertia(f"{where} diaginertia", diagonal, mass)
+    check_inertia(f"{where} diaginertia", diagonal)
     turn = where_at[:3, :3]
     return _Inertia(mass, where_at[:3, 3], turn @ diagonal @ turn.T)
 
