@@ -25,7 +25,7 @@ from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
-from framework.tolerances import HELD_IDLE, BRANCHES_MEET
+from framework.tolerances import BRANCHES_MEET, HELD_IDLE
 
 LIGHT_PART_RATIO = 1e-6  # of the heaviest part: lighter, and its unit is doubted
 HEAVY_PART = 1e5  # [kg] likewise
