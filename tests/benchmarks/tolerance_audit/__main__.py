@@ -4,7 +4,7 @@
 plans are held against equations of motion written here. No change may turn a refusal, or a right answer, into
 a wrong answer; what turns an answer into a refusal is listed. Then 100 float constants of the rest, drawn at
 random, times 10 each: no verdict changes. A scene runs again only where it calls a function that looks the
-number up.
+number up. With --state an audit that was interrupted goes on, if no source has changed since.
 """
 
 from __future__ import annotations
@@ -22,10 +22,12 @@ from tqdm import tqdm
 from tests.benchmarks.tolerance_audit import runs
 from tests.benchmarks.tolerance_audit.constants import Change, Constant, all_others, readers, table
 from tests.benchmarks.tolerance_audit.report import HEADER, Audited, audited, row, summary
-from tests.benchmarks.tolerance_audit.runs import Calls, Outcome, Scene
+from tests.benchmarks.tolerance_audit.runs import Calls, Outcome, Run, Scene
+from tests.benchmarks.tolerance_audit.state import Kept
 
 FACTORS = (10.0, 0.1)
 OTHERS, SEED = 100, 19
+NOTHING = Run({}, frozenset(), 0.0)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,15 +37,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--others", type=int, default=OTHERS, metavar="N", help="default: %(default)s")
     parser.add_argument("--every", type=int, default=1, metavar="K", help="every K-th scene only")
     parser.add_argument("--out", type=Path, metavar="FILE", help="where to write the tables, in Markdown")
+    parser.add_argument("--state", type=Path, metavar="FILE", help="where to keep what is done")
     options = parser.parse_args(arguments)
     numbers = [one for one in table() if options.numbers is None or one.name in options.numbers]
     with TemporaryDirectory() as folder, _output(options.out) as write:
-        audit = Audit(Path(folder), options.every)
+        audit = Audit(Path(folder), options.every, Kept(options.state))
         write(audit.introduction())
         changes = [Change(number, factor) for number in numbers for factor in FACTORS]
         of_table = _tabulated(audit.changed(changes), write)
         changes = [Change(number, 10.0) for number in drawn(options.others)]
-        of_others = _tabulated(audit.changed(changes), write, only_changed=True)
+        of_others = _tabulated(audit.changed(changes), write)
         write(summary(of_table, of_others))
         write(f"{audit.seconds / 60:.1f} minutes of processor time.")
     return int(any(one.wrong for one in of_table))
@@ -56,15 +59,13 @@ def _output(file: Path | None) -> Iterator[Callable[[str], None]]:
         yield lambda text: print(text, file=stream, flush=True)
 
 
-def _tabulated(
-    found: Iterable[Audited], write: Callable[[str], None], *, only_changed: bool = False
-) -> list[Audited]:
-    """Write a table, line by line as the audit goes on, and return what it is made of."""
+def _tabulated(found: Iterable[Audited], write: Callable[[str], None]) -> list[Audited]:
+    """Write a table of what changes, line by line as the audit goes on; return all that was found."""
     done = []
     write(f"\n{HEADER}")
     for one in found:
         done.append(one)
-        if one.changed or not only_changed:
+        if one.changed or one.renamed:
             write(row(one))
     return done
 
@@ -79,7 +80,8 @@ def drawn(count: int) -> list[Constant]:
 class Audit:
     """The scenes, what comes of them with nothing changed, and which functions each calls."""
 
-    def __init__(self, folder: Path, every: int) -> None:
+    def __init__(self, folder: Path, every: int, kept: Kept) -> None:
+        self.kept = kept
         runs.preload()
         rigid, elastic = runs.in_a_process(runs.all_scenes, folder)
         self.rigid, self.elastic = rigid[::every], elastic[::every]
@@ -101,12 +103,9 @@ class Audit:
         for change in tqdm(changes, desc="changed", unit="change", leave=False):
             modules = readers(change.constant)
             scenes = [one for one in self.scenes if self._reads(one.name, change.constant, modules)]
-            outcomes: dict[str, Outcome] = {}
-            if scenes:
-                run = runs.in_a_process(runs.planned, scenes, change)
-                outcomes = run.outcomes
-                self.seconds += run.seconds
-            yield audited(change, self.unchanged, outcomes)
+            run = self.kept.run(change, scenes) if scenes else NOTHING
+            self.seconds += run.seconds
+            yield audited(change, self.unchanged, run.outcomes)
 
     def _reads(self, scene: str, constant: Constant, modules: frozenset[str] | None) -> bool:
         """Whether a function that the scene calls may look the constant up."""

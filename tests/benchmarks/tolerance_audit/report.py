@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from tests.benchmarks.tolerance_audit.constants import TABLE, Change
@@ -74,8 +74,10 @@ def row(one: Audited) -> str:
 def summary(of_table: Sequence[Audited], of_others: Sequence[Audited]) -> str:
     """Return the verdict of the audit in a few lines."""
     wrong = sum(len(one.wrong) for one in of_table)
-    unread = sorted({one.change.constant.name for one in of_table if not one.count})
-    numbers = len({one.change.constant.name for one in of_table})
+    unread = _names(one for one in of_table if not one.count)
+    touching = _names(one for one in of_table if one.changed or one.renamed)
+    still = _names(one for one in of_table if one.count) - touching
+    numbers = len(_names(of_table))
     changed = [one for one in of_others if one.changed]
     read = sum(bool(one.count) for one in of_others)
     lines = [
@@ -85,6 +87,12 @@ def summary(of_table: Sequence[Audited], of_others: Sequence[Audited]) -> str:
         f"{len(of_others)} other constants times 10, {read} of them read: {len(changed)} change a verdict, "
         f"{sum(len(one.wrong) for one in of_others)} to a wrong answer.",
     ]
+    if still:
+        lines.append(f"Nothing changes with {', '.join(sorted(still))}.")
     if unread:
-        lines.append(f"Read by none of these scenes: {', '.join(unread)}.")
-    return "\n".join(lines)
+        lines.append(f"Read by none of these scenes: {', '.join(sorted(unread))}.")
+    return "\n\n".join(lines)
+
+
+def _names(audits: Iterable[Audited]) -> set[str]:
+    return {one.change.constant.name for one in audits}
