@@ -18,7 +18,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 
 @dataclass(frozen=True)
 class CatalogueEntry:
-    """One mechanism: where its robot file is, what it is, where it comes from."""
+    """A mechanism of the catalogue: its robot file, its description and its source."""
 
     file: Path
     summary: str

@@ -208,7 +208,7 @@ class SingularPath(NoAnswer):
 
 
 class NoLaw(NoAnswer):
-    """No motion law can pass, or none that advances all the time was found.
+    """No motion law can pass, or none was found that advances all the time.
 
     `proof` is what the first rests on (`framework.crossing.refusals.refusal_proofs`), None where nothing is
     proved.

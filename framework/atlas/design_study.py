@@ -106,25 +106,27 @@ def design_study(
     keeper: ChunkStore | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> DesignStudy:
-    """Maps of all designs, told by area and quantities. Options as for `workspace_map`."""
+    """Map all designs and reduce each map to areas and ranges. Options as for `workspace_map`."""
     count = len(designs.values)
     parts = [
         range(first, min(first + DESIGNS_PER_TASK, count)) for first in range(0, count, DESIGNS_PER_TASK)
     ]
     names = {f"{part.start:07d}-{part.stop:07d}": part for part in parts}
-    found = {} if keeper is None else dict(keeper.found())
-    chunks = {name: found[name] for name, part in names.items() if _fits(found.get(name), part, task)}
+    kept = {} if keeper is None else dict(keeper.found())
+    chunks = {name: kept[name] for name, part in names.items() if _fits(kept.get(name), part, task)}
     progress(sum(len(names[name]) for name in chunks))
     todo = [(name, designs.values[part]) for name, part in names.items() if name not in chunks]
     for (name, _), chunk in completed(partial(map_designs, task), todo, executor):
         chunks[name] = chunk
         if keeper is not None:
             keeper.keep(name, chunk)
-        progress(sum(len(names[one]) for one in chunks))
-    whole = {key: np.concatenate([chunks[name][key] for name in names]) for key in chunks[next(iter(names))]}
-    why = tuple(whole.pop("why").tolist())
+        progress(sum(len(names[finished]) for finished in chunks))
+    columns = {
+        key: np.concatenate([chunks[name][key] for name in names]) for key in chunks[next(iter(names))]
+    }
+    why = tuple(columns.pop("why").tolist())
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
-    return DesignStudy(task, designs, whole, column_units(robot, task), why)
+    return DesignStudy(task, designs, columns, column_units(robot, task), why)
 
 
 def _fits(chunk: Chunk | None, part: range, task: StudyTask) -> bool:
@@ -134,13 +136,13 @@ def _fits(chunk: Chunk | None, part: range, task: StudyTask) -> bool:
 
 
 def map_designs(task: StudyTask, part: tuple[str, Array]) -> dict[str, NDArray[Any]]:
-    """The numbers of some designs, by column, and why some have none."""
+    """Map some designs; return their numbers by column, and the reasons why some have none."""
     rows: list[dict[str, float]] = []
     why: list[str] = []
     for values in part[1]:
         try:
-            found = _mapped(task, dict(zip(task.names, values.tolist(), strict=True)))
-            rows.append(_told(found))
+            workspace = _mapped(task, dict(zip(task.names, values.tolist(), strict=True)))
+            rows.append(_statistics(workspace))
             why.append("")
         except FrameworkError as error:
             rows.append({})
@@ -158,11 +160,13 @@ def column_names(task: StudyTask) -> tuple[str, ...]:
 
 
 def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
-    """Units of the columns."""
+    """Return the units of the columns."""
     edges = {"m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes)}
     area = "m^2" if edges == {"m"} else "rad^2" if edges == {"rad"} else "m rad"
     units = {
-        f"{one.key}_{part}": unit_of(robot, one) for one in chosen(robot, task.keys) for part in STATISTICS
+        f"{quantity.key}_{part}": unit_of(robot, quantity)
+        for quantity in chosen(robot, task.keys)
+        for part in STATISTICS
     }
     return {key: area for key in column_names(task) if key.endswith("area")} | units
 
@@ -177,26 +181,29 @@ def _mapped(task: StudyTask, parameters: Mapping[str, float]) -> WorkspaceMap:
     return workspace_map(robot, window, task.keys)
 
 
-def _told(found: WorkspaceMap) -> dict[str, float]:
-    """Areas of all poses reached, on the reference's side of the locus, and carrying the load; ranges."""
-    away = np.abs(found.window.points() - found.robot.reference.x).max(axis=2)
-    side = found.assembly.flat[np.argmin(np.where(found.reached, away, np.inf))]
-    cell = float(np.prod(found.window.cell))
-    told = {
-        "area": cell * int(found.reached.sum()),
-        "free_area": cell * int((found.reached & (found.assembly == side)).sum()),
+def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
+    """Return areas of poses reached, of those on the reference's side, of those under load; and ranges."""
+    away = np.abs(workspace.window.points() - workspace.robot.reference.x).max(axis=2)
+    side = workspace.assembly.flat[np.argmin(np.where(workspace.reached, away, np.inf))]
+    cell = float(np.prod(workspace.window.cell))
+    columns = {
+        "area": cell * int(workspace.reached.sum()),
+        "free_area": cell * int((workspace.reached & (workspace.assembly == side)).sum()),
     }
-    if found.load is not None:
-        told["carried_area"] = cell * int((found.reached & (found.load == LoadReason.CARRIED)).sum())
-    for one in found.quantities:
-        values = found.values[one.key][found.reached]
+    if workspace.load is not None:
+        columns["carried_area"] = cell * int(
+            (workspace.reached & (workspace.load == LoadReason.CARRIED)).sum()
+        )
+    for quantity in workspace.quantities:
+        values = workspace.values[quantity.key][workspace.reached]
         values = values[np.isfinite(values)]
         if values.size:
             numbers = (values.min(), np.median(values), values.max())
-            told |= {
-                f"{one.key}_{part}": float(value) for part, value in zip(STATISTICS, numbers, strict=True)
+            columns |= {
+                f"{quantity.key}_{part}": float(value)
+                for part, value in zip(STATISTICS, numbers, strict=True)
             }
-    return told
+    return columns
 
 
 # ------------------------------------------------------------------ files
@@ -216,27 +223,27 @@ def study_setup(task: StudyTask, designs: Designs) -> dict[str, Any]:
     }
 
 
-def write_study(found: DesignStudy, folder: Path) -> list[Path]:
+def write_study(study: DesignStudy, folder: Path) -> list[Path]:
     """Write study.json, study.npz and study.csv into a folder; the same study gives the same bytes."""
     files = [folder / DOCUMENT, folder / "study.npz", folder / "study.csv"]
-    document = {**study_setup(found.task, found.designs), "units": dict(found.units)}
+    document = {**study_setup(study.task, study.designs), "units": dict(study.units)}
     files[0].write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    parameters = dict(zip(found.designs.names, found.designs.values.T, strict=True))
-    arrays = {f"parameter_{name}": values for name, values in parameters.items()} | dict(found.columns)
+    parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
+    arrays = {f"parameter_{name}": values for name, values in parameters.items()} | dict(study.columns)
     np.savez_compressed(
         files[1],
         allow_pickle=False,
         setup=np.array(json.dumps(document, sort_keys=True)),
-        why=np.array(found.why, dtype=np.str_),
+        why=np.array(study.why, dtype=np.str_),
         **arrays,
     )
     with open(files[2], "w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([*parameters, *found.columns, "why"])
-        values = np.column_stack([*parameters.values(), *found.columns.values()]).tolist()
+        writer.writerow([*parameters, *study.columns, "why"])
+        values = np.column_stack([*parameters.values(), *study.columns.values()]).tolist()
         writer.writerows(
             [*("" if value != value else value for value in row), why]
-            for row, why in zip(values, found.why, strict=True)
+            for row, why in zip(values, study.why, strict=True)
         )
     return files
 

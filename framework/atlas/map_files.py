@@ -28,12 +28,12 @@ PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
 
 def robot_hash(robot: ParallelRobot) -> str:
     """SHA-256 of the robot file and of the URDF that it leads to."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     file = robot.description.file
     if file.is_file():
-        found.update(file.read_bytes())
-    found.update(robot.description.urdf_text.encode())
-    return found.hexdigest()
+        digest.update(file.read_bytes())
+    digest.update(robot.description.urdf_text.encode())
+    return digest.hexdigest()
 
 
 def package_versions() -> dict[str, str]:
@@ -41,9 +41,9 @@ def package_versions() -> dict[str, str]:
     return {package: version(package) for package in PACKAGES}
 
 
-def map_setup(found: WorkspaceMap) -> dict[str, Any]:
+def map_setup(workspace: WorkspaceMap) -> dict[str, Any]:
     """Return what a map depends on, a document of JSON."""
-    return setup_document(found.robot, found.window, found.quantities)
+    return setup_document(workspace.robot, workspace.window, workspace.quantities)
 
 
 def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Quantity]) -> dict[str, Any]:
@@ -65,89 +65,95 @@ def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Qu
             for k, (name, value) in enumerate(zip(names, window.held, strict=True))
             if k not in window.axes
         },
-        "quantities": [one.key for one in quantities],
-        "wrench": next((one.wrench for one in quantities if one.loaded), None),
+        "quantities": [quantity.key for quantity in quantities],
+        "wrench": next((quantity.wrench for quantity in quantities if quantity.loaded), None),
         "parameters": dict(robot.description.parameters),
         "versions": package_versions(),
     }
 
 
-def map_document(found: WorkspaceMap) -> dict[str, Any]:
+def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
     """Return a summary of a map in numbers, a document of JSON."""
-    document = map_setup(found)
-    document["working_mode"] = found.working_mode
-    document["characteristic_length"] = found.robot.length
-    document["poses"] = found.counts
-    if found.load is not None:
-        document["load"] = found.load_counts
+    document = map_setup(workspace)
+    document["working_mode"] = workspace.working_mode
+    document["characteristic_length"] = workspace.robot.length
+    document["poses"] = workspace.counts
+    if workspace.load is not None:
+        document["load"] = workspace.load_counts
     document["locus"] = {
-        "status": found.locus.sentence,
-        "traced": not found.locus.why_not,
-        "curves": len(found.locus.curves),
-        "sign_changes_of_g": found.locus.sign_changes,
-        "unexplained_sign_changes": found.locus.unexplained.tolist(),
+        "status": workspace.locus.sentence,
+        "traced": not workspace.locus.why_not,
+        "curves": len(workspace.locus.curves),
+        "sign_changes_of_g": workspace.locus.sign_changes,
+        "unexplained_sign_changes": workspace.locus.unexplained.tolist(),
     }
     document["quantities"] = {
-        one.key: {"name": one.name, "unit": unit_of(found.robot, one), **_range(found.values[one.key])}
-        for one in found.quantities
+        quantity.key: {
+            "name": quantity.name,
+            "unit": unit_of(workspace.robot, quantity),
+            **_range(workspace.values[quantity.key]),
+        }
+        for quantity in workspace.quantities
     }
     return document
 
 
-def write_map(found: WorkspaceMap, folder: Path) -> list[Path]:
+def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
     """Write map.json, map.npz and map.csv into a folder."""
     files = [folder / DOCUMENT, folder / "map.npz", folder / "map.csv"]
-    text = json.dumps(map_document(found), indent=2, allow_nan=False)
+    text = json.dumps(map_document(workspace), indent=2, allow_nan=False)
     files[0].write_text(text + "\n", encoding="utf-8")
-    first, second = found.window.spans
+    first, second = workspace.window.spans
     np.savez_compressed(
         files[1],
         allow_pickle=False,
-        setup=np.array(json.dumps(map_setup(found), sort_keys=True)),
+        setup=np.array(json.dumps(map_setup(workspace), sort_keys=True)),
         first=first,
         second=second,
-        q=found.q,
-        reason=found.reason,
-        assembly=found.assembly,
-        **_locus_arrays(found),
-        **({} if found.load is None else {"load": found.load}),
-        **found.values,
+        q=workspace.q,
+        reason=workspace.reason,
+        assembly=workspace.assembly,
+        **_locus_arrays(workspace),
+        **({} if workspace.load is None else {"load": workspace.load}),
+        **workspace.values,
     )
     with open(files[2], "w", encoding="utf-8", newline="") as stream:
-        _write_table(found, stream)
+        _write_table(workspace, stream)
     return files
 
 
-def _locus_arrays(found: WorkspaceMap) -> dict[str, np.ndarray]:
+def _locus_arrays(workspace: WorkspaceMap) -> dict[str, np.ndarray]:
     """The points of all curves (m, ...), and which curve each belongs to."""
-    curves = found.locus.curves
+    curves = workspace.locus.curves
     return {
         "locus": np.concatenate([np.zeros((0, 2)), *(curve.x for curve in curves)]),
-        "locus_q": np.concatenate([np.zeros((0, found.q.shape[2])), *(curve.q for curve in curves)]),
+        "locus_q": np.concatenate([np.zeros((0, workspace.q.shape[2])), *(curve.q for curve in curves)]),
         "locus_curve": np.repeat(np.arange(len(curves)), [len(curve.x) for curve in curves]),
     }
 
 
-def _write_table(found: WorkspaceMap, stream: Any) -> None:
-    names = found.robot.axis_names
-    keys = [one.key for one in found.quantities]
-    columns = [names[k] for k in found.window.axes]
+def _write_table(workspace: WorkspaceMap, stream: Any) -> None:
+    names = workspace.robot.axis_names
+    keys = [quantity.key for quantity in workspace.quantities]
+    columns = [names[k] for k in workspace.window.axes]
     writer = csv.writer(stream, lineterminator="\n")
-    loads = [] if found.load is None else ["load"]
+    loads = [] if workspace.load is None else ["load"]
     writer.writerow([*columns, "reached", "assembly_mode", *loads, *keys])
-    x = found.window.points()[..., list(found.window.axes)].reshape(-1, 2)
+    x = workspace.window.points()[..., list(workspace.window.axes)].reshape(-1, 2)
     words = {int(kind): REASON_WORDS[kind] for kind in PoseReason}
-    why = [words[kind] for kind in found.reason.ravel().tolist()]
-    values = np.stack([found.values[key].ravel() for key in keys], axis=1)
-    load = [_load_word(found, k) for k in range(len(x))]
-    rows = zip(x.tolist(), why, found.assembly.ravel().tolist(), load, values.tolist(), strict=True)
-    writer.writerows([*at, reached, mode or "", *word, *_cells(row)] for at, reached, mode, word, row in rows)
+    why = [words[kind] for kind in workspace.reason.ravel().tolist()]
+    values = np.stack([workspace.values[key].ravel() for key in keys], axis=1)
+    load = [_load_word(workspace, k) for k in range(len(x))]
+    rows = zip(x.tolist(), why, workspace.assembly.ravel().tolist(), load, values.tolist(), strict=True)
+    writer.writerows(
+        [*point, reached, mode or "", *word, *_cells(row)] for point, reached, mode, word, row in rows
+    )
 
 
-def _load_word(found: WorkspaceMap, k: int) -> list[str]:
-    if found.load is None:
+def _load_word(workspace: WorkspaceMap, k: int) -> list[str]:
+    if workspace.load is None:
         return []
-    return [LOAD_WORDS[LoadReason(int(found.load.flat[k]))] if found.reached.flat[k] else ""]
+    return [LOAD_WORDS[LoadReason(int(workspace.load.flat[k]))] if workspace.reached.flat[k] else ""]
 
 
 def _cells(row: list[float]) -> list[float | str]:
@@ -155,11 +161,11 @@ def _cells(row: list[float]) -> list[float | str]:
 
 
 def _range(values: np.ndarray) -> dict[str, float | None]:
-    known = values[np.isfinite(values)]
-    if not known.size:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
         return {"least": None, "median": None, "largest": None}
     return {
-        "least": float(known.min()),
-        "median": float(np.median(known)),
-        "largest": float(known.max()),
+        "least": float(finite.min()),
+        "median": float(np.median(finite)),
+        "largest": float(finite.max()),
     }

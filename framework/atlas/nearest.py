@@ -89,24 +89,24 @@ def nearest_singular_pose(
         )
     if within is not None and not 0 < within < np.inf:
         raise InvalidInput(f"within: needs a positive number, got {within!r}")
-    here = assembled_at(robot, q)
+    centre = assembled_at(robot, q)
     alone = robot.translations.all()
     size = robot.length if alone else 1.0
     reach = 0.5 if within is None else within / size
     unit = "m" if alone else "rad" if not robot.translations.any() else "robot lengths and rad"
     directions = _directions(robot.n)
-    hits = _hits(robot, here.q[0], here.x[0], directions, reach)
-    feet = [_foot(robot, hit, here.x[0]) for hit in hits]
-    feet += [_on_ray(robot, hit, here.x[0]) for hit in hits[:1]]
-    found = [foot for foot in feet if foot is not None and foot.distance <= reach]
-    nearest = min(found, key=lambda foot: foot.distance, default=None)
+    hits = _hits(robot, centre.q[0], centre.x[0], directions, reach)
+    feet = [_foot(robot, hit, centre.x[0]) for hit in hits]
+    feet += [_on_ray(robot, hit, centre.x[0]) for hit in hits[:1]]
+    near = [foot for foot in feet if foot is not None and foot.distance <= reach]
+    nearest = min(near, key=lambda foot: foot.distance, default=None)
     radius = reach if nearest is None else nearest.distance
-    proved = regular_ball(robot, here.q[0], here.x[0], radius, max_cells=max_cells).radius
-    known = (proved * size, unit, reach * size, len(directions))
+    proved = regular_ball(robot, centre.q[0], centre.x[0], radius, max_cells=max_cells).radius
+    reached = (proved * size, unit, reach * size, len(directions))
     if nearest is None:
-        return NearestSingularPose(np.inf, *known, None, None, None)
+        return NearestSingularPose(np.inf, *reached, None, None, None)
     twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], nearest.x[None])).twist
-    return NearestSingularPose(nearest.distance * size, *known, nearest.x, nearest.q, twist)
+    return NearestSingularPose(nearest.distance * size, *reached, nearest.x, nearest.q, twist)
 
 
 class Hit(NamedTuple):
@@ -151,23 +151,23 @@ def _hits(robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: fl
     ways = directions * robot.platform_scale
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
     live = np.arange(len(ways))
-    at = np.repeat(q[None], len(ways), axis=0)
+    start_q = np.repeat(q[None], len(ways), axis=0)
     before = _sign(robot, q[None], x[None])[0]
-    found: list[Hit] = []
+    hits: list[Hit] = []
     for k in range(count):
         start, end = (x + ways[live] * (reach * step / count) for step in (k, k + 1))
-        step = stepped(robot, at[live], start, end, STEP_PARTS)
+        step = stepped(robot, start_q[live], start, end, STEP_PARTS)
         reached = step.reason == PoseReason.REACHED
-        live, start, end, there = live[reached], start[reached], end[reached], step.q[reached]
+        live, start, end, end_q = live[reached], start[reached], end[reached], step.q[reached]
         if not len(live):
             break
-        met = _sign(robot, there, end) != before
-        found += [Hit(*one) for one in zip(at[live[met]], start[met], end[met], strict=True)]
-        at[live] = there
-        live = live[~met]
-        if len(found) >= MAX_STARTS or not len(live):
+        crossed = _sign(robot, end_q, end) != before
+        hits += [Hit(*one) for one in zip(start_q[live[crossed]], start[crossed], end[crossed], strict=True)]
+        start_q[live] = end_q
+        live = live[~crossed]
+        if len(hits) >= MAX_STARTS or not len(live):
             break
-    return found[:MAX_STARTS]
+    return hits[:MAX_STARTS]
 
 
 def _on_ray(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:

@@ -163,14 +163,14 @@ def chosen(
                 f"quantity {name}: it is told against a unit force, and the platform of {robot.name} "
                 f"only turns"
             )
-    found = tuple(QUANTITIES[name] for name in dict.fromkeys(names))
+    quantities_chosen = tuple(QUANTITIES[name] for name in dict.fromkeys(names))
     if wrench is None:
-        return found
-    if not any(one.loaded for one in found):
+        return quantities_chosen
+    if not any(one.loaded for one in quantities_chosen):
         loaded = [one.key for one in QUANTITIES.values() if one.loaded]
         raise InvalidInput(f"wrench: counts for {' and '.join(loaded)} alone")
     given = tuple(given_wrench(robot, wrench).tolist())
-    return tuple(replace(one, wrench=given) if one.loaded else one for one in found)
+    return tuple(replace(one, wrench=given) if one.loaded else one for one in quantities_chosen)
 
 
 def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
@@ -190,13 +190,13 @@ def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
 def quantity_values(
     robot: ParallelRobot, quantities: Sequence[Quantity], q: Array, linearised: LinearisedLoops
 ) -> dict[str, Array]:
-    """Values (T,) by the quantity's key at assembled configurations q (T, nq).
+    """Compute values (T,) by the quantity's key at assembled configurations q (T, nq).
 
-    With a quantity under load also what becomes of each pose under it, `LoadReason`, as "load".
+    With a quantity under load also the `LoadReason` of each configuration, under the key "load".
     """
-    loaded = [one for one in quantities if one.loaded]
+    loaded = [quantity for quantity in quantities if quantity.loaded]
     wrench = np.array(loaded[0].wrench) if loaded and loaded[0].wrench is not None else None
     poses = Poses(robot, q, linearised, wrench)
     with np.errstate(all="ignore"):  # infinite at Type 2
-        found = {quantity.key: np.asarray(quantity.of(poses), dtype=float) for quantity in quantities}
-    return found | ({"load": poses.loaded.reason} if loaded else {})
+        values = {quantity.key: np.asarray(quantity.of(poses), dtype=float) for quantity in quantities}
+    return values | ({"load": poses.loaded.reason} if loaded else {})

@@ -33,7 +33,7 @@ DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
 class PoseReason(IntEnum):
-    """Why a pose has no value. Of several neighbours the one that came nearest counts."""
+    """The reason why a pose has no value. Of several neighbours the one that came nearest counts."""
 
     REACHED = 0
     NO_NEIGHBOUR = 1  # no neighbour of it is reached
@@ -77,19 +77,19 @@ def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8
 
 
 def _fill(
-    robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], wanted: BoolArray, parts: int
+    robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], unfilled: BoolArray, parts: int
 ) -> None:
     """`fill_grid` on one lattice (views of the whole), wave by wave."""
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)
     while True:
-        known = np.isfinite(q[..., 0])
+        filled = np.isfinite(q[..., 0])
         targets = np.zeros(reason.shape, dtype=bool)
         sources = np.zeros((*reason.shape, 2), dtype=np.intp)
         for k, (down, right) in enumerate(DIRECTIONS):
-            there = _shifted(known, down, right) & wanted & ~known & untried[k] & ~targets
-            untried[k] &= ~there
-            targets |= there
-            sources[there] = np.argwhere(there) - (down, right)
+            reachable = _shifted(filled, down, right) & unfilled & ~filled & untried[k] & ~targets
+            untried[k] &= ~reachable
+            targets |= reachable
+            sources[reachable] = np.argwhere(reachable) - (down, right)
         if not targets.any():
             return
         to, (i, j) = np.nonzero(targets), sources[targets].T
@@ -99,13 +99,13 @@ def _fill(
         reason[to] = np.where(reached, PoseReason.REACHED, np.maximum(reason[to], step.reason))
 
 
-def _shifted(known: BoolArray, down: int, right: int) -> BoolArray:
+def _shifted(mask: BoolArray, down: int, right: int) -> BoolArray:
     """Whether the neighbour at -(down, right) is known."""
-    found = np.zeros_like(known)
+    shifted = np.zeros_like(mask)
     inner = tuple(slice(max(k, 0), min(k, 0) or None) for k in (down, right))
     outer = tuple(slice(max(-k, 0), min(-k, 0) or None) for k in (down, right))
-    found[inner] = known[outer]
-    return found
+    shifted[inner] = mask[outer]
+    return shifted
 
 
 def stepped(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:

@@ -76,6 +76,6 @@ def map_axes(robot: ParallelRobot, names: tuple[str, str] | None = None) -> tupl
     return int(order[0]), int(order[1])
 
 
-def held_coordinates(robot: ParallelRobot, at: ArrayLike | None) -> Array:
+def held_coordinates(robot: ParallelRobot, point: ArrayLike | None) -> Array:
     """The point about which a map lies: `at` (n,), the reference by default."""
-    return robot.reference.x if at is None else finite_numbers("at", at, robot.n)
+    return robot.reference.x if point is None else finite_numbers("at", point, robot.n)

@@ -143,21 +143,21 @@ def workspace_map(
     expect_robot(robot)
     require_square(robot)
     started = time.perf_counter()
-    wanted = chosen(robot, quantities, wrench)
+    quantities_chosen = chosen(robot, quantities, wrench)
     window = surveyed(robot) if window is None else window
-    whole = _filled(robot, window, wanted, executor, keeper, progress)
-    _join_bands(robot, window.points(), wanted, whole)
+    grids = _filled(robot, window, quantities_chosen, executor, keeper, progress)
+    _join_bands(robot, window.points(), quantities_chosen, grids)
     reference = linearised_at(robot, robot.reference.q[None], robot.reference.x[None])
     return WorkspaceMap(
         robot=robot,
         window=window,
-        quantities=wanted,
-        values={quantity.key: whole[quantity.key] for quantity in wanted},
-        q=whole["q"],
-        reason=whole["reason"],
+        quantities=quantities_chosen,
+        values={quantity.key: grids[quantity.key] for quantity in quantities_chosen},
+        q=grids["q"],
+        reason=grids["reason"],
         working_mode=int(mode_signs(robot, reference)[0][0]),
-        assembly=whole["assembly"],
-        load=whole.get("load"),
+        assembly=grids["assembly"],
+        load=grids.get("load"),
         seconds=time.perf_counter() - started,
     )
 
@@ -221,11 +221,11 @@ def surveyed(
     over, held = map_axes(robot, axes), held_coordinates(robot, at)
     half = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(over)]
     about = held[list(over)]
-    whole = Window(over, about - half, about + half, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), held)
-    reached = np.argwhere(_seeded(robot, whole, 1)[1] == PoseReason.REACHED)
+    survey = Window(over, about - half, about + half, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), held)
+    reached = np.argwhere(_seeded(robot, survey, 1)[1] == PoseReason.REACHED)
     low, high = reached.min(axis=0) - SURVEY_MARGIN, reached.max(axis=0) + SURVEY_MARGIN
-    lower, upper = whole.lower + low * whole.cell, whole.lower + high * whole.cell
-    lower, upper = np.maximum(lower, whole.lower), np.minimum(upper, whole.upper)
+    lower, upper = survey.lower + low * survey.cell, survey.lower + high * survey.cell
+    lower, upper = np.maximum(lower, survey.lower), np.minimum(upper, survey.upper)
     return Window(over, lower, upper, (size, size), held)
 
 
@@ -322,20 +322,20 @@ def _evaluated(
 
 
 def _join_bands(
-    robot: ParallelRobot, x: Array, quantities: tuple[Quantity, ...], whole: dict[str, NDArray]
+    robot: ParallelRobot, x: Array, quantities: tuple[Quantity, ...], grids: dict[str, NDArray]
 ) -> None:
     """Reach what only a step across the border of two bands reaches, in place."""
-    reason, before = whole["reason"], whole["reason"] == PoseReason.REACHED
+    reason, before = grids["reason"], grids["reason"] == PoseReason.REACHED
     border = np.zeros_like(before)
     for first in range(BAND_ROWS, len(x), BAND_ROWS):
         border[first - 1] = ~before[first - 1] & before[first]
         border[first] = ~before[first] & before[first - 1]
-    for wanted in (border, ~before):  # the others only if a border has let something in
-        reason[wanted & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR
-        fill_grid(robot, x, whole["q"], reason, np.array([1]))
+    for unfilled in (border, ~before):  # the others only if a border has let something in
+        reason[unfilled & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR
+        fill_grid(robot, x, grids["q"], reason, np.array([1]))
         if not (reason[border] == PoseReason.REACHED).any():
             return
     i, j = np.nonzero((reason == PoseReason.REACHED) & ~before)
-    chunk = _evaluated(robot, x[i, j][None], quantities, whole["q"][i, j][None], reason[i, j][None])
+    chunk = _evaluated(robot, x[i, j][None], quantities, grids["q"][i, j][None], reason[i, j][None])
     for key, values in chunk.items():
-        whole[key][i, j] = values[0]
+        grids[key][i, j] = values[0]

@@ -37,10 +37,10 @@ def take_kept_level(options: argparse.Namespace) -> KeptLevel | None:
         return None
     if options.scene is None:
         raise InvalidInput("--flexibility auto: is kept by a scene of the robot file; give --scene")
-    other = [key for key in _typed(options) if key != "keep_limits"]
-    if other:
+    overridden = [key for key in _typed(options) if key != "keep_limits"]
+    if overridden:
         raise InvalidInput(
-            f"{TYPED[other[0]].flag}: the rung of --flexibility auto was found for the motion of the "
+            f"{TYPED[overridden[0]].flag}: the rung of --flexibility auto was found for the motion of the "
             f"scene as it is in the robot file; leave one of them out"
         )
     description = parsed(options).description
@@ -57,24 +57,24 @@ def load(options: argparse.Namespace) -> ParallelRobot:
 def load_mechanism(options: argparse.Namespace) -> Mechanism:
     """The mechanism, with the springs of --flexibility where the command has it; warns if there are none."""
     flexibility = getattr(options, "flexibility", "rigid")
-    found = Mechanism.from_file(
+    mechanism = Mechanism.from_file(
         robot_file(options.robot), flexibility=flexibility, **_missing_fields(options)
     )
-    if found.flexibility != flexibility:
+    if mechanism.flexibility != flexibility:
         options.warnings.append(
-            f"{found.name} has no springs of its own for --flexibility {flexibility}: taken as "
-            f"{found.flexibility}"
+            f"{mechanism.name} has no springs of its own for --flexibility {flexibility}: taken as "
+            f"{mechanism.flexibility}"
         )
-    return found
+    return mechanism
 
 
 def parsed(options: argparse.Namespace, *, propose: Propose | None = None) -> ParsedRobot:
-    """What the robot file says, or a file of a foreign dialect and what the options add to it."""
+    """Read a robot file, or a file of a foreign dialect completed by the options."""
     return parse_any(robot_file(options.robot), propose=propose, **_missing_fields(options))
 
 
 def _missing_fields(options: argparse.Namespace) -> dict[str, Any]:
-    """What the options say that a foreign file does not."""
+    """Return what the options add to a foreign file, as keyword arguments of `parse_any`."""
     return {
         "platform": getattr(options, "platform", None),
         "axes": getattr(options, "axes", None),
@@ -87,13 +87,13 @@ def _missing_fields(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _locked(items: Sequence[str]) -> Iterator[tuple[str, float | None]]:
-    """Joints out of JOINT or JOINT=VALUE."""
+    """Parse joints, as JOINT or JOINT=VALUE."""
     for item in items:
         yield from _joint_values("--lock", [item]) if "=" in item else [(item, None)]
 
 
 def _joint_values(option: str, items: Sequence[str]) -> Iterator[tuple[str, float]]:
-    """Joint values out of JOINT=VALUE."""
+    """Parse joint values, as JOINT=VALUE."""
     for item in items:
         name, equals, value = item.rpartition("=")
         try:
@@ -106,7 +106,7 @@ def _joint_values(option: str, items: Sequence[str]) -> Iterator[tuple[str, floa
 
 
 def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
-    """The path of --scene, or the line of --from and --to."""
+    """Return the path of --scene, or the line of --from and --to."""
     ends = (options.start, options.end)
     if options.scene is not None:
         if any(end is not None for end in ends):
@@ -125,7 +125,7 @@ def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
 
 
 def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
-    """What the options ask for; what is typed overrides what the scene says."""
+    """Return the request of the options; an option that is typed overrides the scene's."""
     typed = _typed(options)
     along = path(options, robot)
     if options.scene is not None:
@@ -136,27 +136,27 @@ def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
 
 
 def path_and_motion(options: argparse.Namespace, robot: ParallelRobot) -> tuple[Path | str, dict[str, Any]]:
-    """The name of the scene or the path, and what has been typed of the motion."""
+    """Return the name of the scene or the path, and the options of the motion that were typed."""
     along, typed = path(options, robot), _typed(options)
     return along if options.scene is None else options.scene, typed
 
 
 def request_of_any_duration(options: argparse.Namespace, robot: ParallelRobot, along: Path) -> Request:
-    """What the options ask for along a path, whatever its duration."""
+    """Return the request of the options along a path; the duration is 1 s where none is typed."""
     return Request.of(robot, along, **{"duration": 1.0, **_typed(options)})
 
 
 def _typed(options: argparse.Namespace) -> dict[str, Any]:
-    """What of the motion has been typed."""
-    given = vars(options)
-    typed = {key: given[key] for key in TYPED if given.get(key) is not None}
+    """Return the options of the motion that were typed."""
+    values = vars(options)
+    typed = {key: values[key] for key in TYPED if values.get(key) is not None}
     if "margin" in typed:
         typed["margin"] = share("--margin", typed["margin"])
     return typed
 
 
 def share(name: str, text: str) -> float:
-    """A share out of 10% or 0.1."""
+    """Parse a share, as 10% or 0.1."""
     try:
         return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
     except ValueError:

@@ -23,37 +23,37 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """What `check_robot` finds."""
-    found = check_robot(arguments.load_mechanism(options))
-    if not found.assembled:
+    """Examine a robot and report its mobility, its masses, its pose and advice."""
+    diagnosis = check_robot(arguments.load_mechanism(options))
+    if not diagnosis.assembled:
         options.refusal = NotAssembled(
-            f"{found.robot}: the loops do not close near the reference that is given; they do at the pose "
-            f"that is printed as reference",
-            q=np.array(list(found.reference.values())),
-            residual=found.gap_at_reference,
+            f"{diagnosis.robot}: the loops do not close near the reference that is given; they do at the "
+            f"pose that is printed as reference",
+            q=np.array(list(diagnosis.reference.values())),
+            residual=diagnosis.gap_at_reference,
         )
-    rank = f"{found.rank} of {found.loop_equations} loop equations independent"
-    if found.redundant_rows:
-        rank += f"; redundant: {', '.join(found.redundant_rows)}"
-    idle = f", {len(found.idle_joints)} of them idle" if found.idle_joints else ""
+    rank = f"{diagnosis.rank} of {diagnosis.loop_equations} loop equations independent"
+    if diagnosis.redundant_rows:
+        rank += f"; redundant: {', '.join(diagnosis.redundant_rows)}"
+    idle = f", {len(diagnosis.idle_joints)} of them idle" if diagnosis.idle_joints else ""
+    square, smallest = "square" if diagnosis.square else "NOT square", diagnosis.smallest_singular_value
     lines = [
-        f"{found.robot}, {found.flexibility}",
-        f"  platform          {', '.join(found.platform_axes)} at {point(found.platform)}",
-        f"  actuated joints   {', '.join(found.actuators)}",
-        f"  passive joints    {', '.join(found.passive_joints)}",
-        f"  idle joints       {', '.join(found.idle_joints) or 'none'}",
-        f"  springs           {', '.join(found.springs) or 'none'}",
-        f"  mobility          {found.mobility}{idle}; A is {'square' if found.square else 'NOT square'}",
-        f"  closures          {rank}; closed to {found.closure_error:.1e}",
-        f"  mass              {found.mass:g} kg; without mass of their own: "
-        f"{', '.join(found.massless_joints) or 'none'}",
+        f"{diagnosis.robot}, {diagnosis.flexibility}",
+        f"  platform          {', '.join(diagnosis.platform_axes)} at {point(diagnosis.platform)}",
+        f"  actuated joints   {', '.join(diagnosis.actuators)}",
+        f"  passive joints    {', '.join(diagnosis.passive_joints)}",
+        f"  idle joints       {', '.join(diagnosis.idle_joints) or 'none'}",
+        f"  springs           {', '.join(diagnosis.springs) or 'none'}",
+        f"  mobility          {diagnosis.mobility}{idle}; A is {square}",
+        f"  closures          {rank}; closed to {diagnosis.closure_error:.1e}",
+        f"  mass              {diagnosis.mass:g} kg; without mass of their own: "
+        f"{', '.join(diagnosis.massless_joints) or 'none'}",
         "  reference         {"
-        + ", ".join(f"{joint}: {value:.6g}" for joint, value in found.reference.items())
+        + ", ".join(f"{joint}: {value:.6g}" for joint, value in diagnosis.reference.items())
         + "}",
-        f"  mode              working {found.working_mode:+d} (changes at Type 1), assembly "
-        f"{found.assembly_mode:+d} (changes at Type 2); smallest singular value of the passive "
-        f"joints' loop equations "
-        f"{'unknown' if found.smallest_singular_value is None else f'{found.smallest_singular_value:.3g}'}",
-        *(f"  note              {advice}" for advice in found.advice),
+        f"  mode              working {diagnosis.working_mode:+d} (changes at Type 1), assembly "
+        f"{diagnosis.assembly_mode:+d} (changes at Type 2); smallest singular value of the passive "
+        f"joints' loop equations {'unknown' if smallest is None else f'{smallest:.3g}'}",
+        *(f"  note              {advice}" for advice in diagnosis.advice),
     ]
-    return asdict(found), "\n".join(lines)
+    return asdict(diagnosis), "\n".join(lines)

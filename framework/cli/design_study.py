@@ -32,7 +32,7 @@ NOT_FOR_STUDIES = ("scene", "at", "nearest", "wrench", "platform", "axes", "moto
 
 
 def report_design_study(options: argparse.Namespace) -> Report:
-    """One study, told and written."""
+    """Map each design of a study, report the results and write them."""
     for key in NOT_FOR_STUDIES:
         if getattr(options, key) is not None:
             raise InvalidInput(f"--{key}: not for a study, whose robots have references of their own")
@@ -47,7 +47,7 @@ def report_design_study(options: argparse.Namespace) -> Report:
         axes=(robot.axis_names[axes[0]], robot.axis_names[axes[1]]),
         window=None if options.window is None else finite_window(options),
         size=options.size or STUDY_EDGE_POSES,
-        keys=tuple(one.key for one in chosen(robot, options.quantity)),
+        keys=tuple(quantity.key for quantity in chosen(robot, options.quantity)),
     )
 
     def computed(kept: KeptChunks | None) -> DesignStudy:
@@ -58,27 +58,27 @@ def report_design_study(options: argparse.Namespace) -> Report:
             return design_study(task, designs, executor=executor, keeper=kept, progress=progress)
 
     if options.out is None:
-        return _told(computed(None), robot.name)
+        return _report(computed(None), robot.name)
     out = Path(options.out)
     kept = KeptChunks.of(out, study_setup(task, designs))
     with written_together(out, document=DOCUMENT) as folder:
         try:
-            found = computed(kept)
+            study = computed(kept)
         except KeyboardInterrupt as stop:
             count = len(kept.found())
             words = [f"{count} chunks are kept in {out}, and the same command goes on from them"]
             raise type(stop)(*words[: bool(count)]) from None
-        write_study(found, folder)
-        _draw(found, folder)
+        write_study(study, folder)
+        _draw(study, folder)
     forget(out)
-    document, text = _told(found, robot.name)
+    document, text = _report(study, robot.name)
     return document, f"{text}\n  written to        {options.out}"
 
 
-def _draw(found: DesignStudy, folder: Path) -> None:
+def _draw(study: DesignStudy, folder: Path) -> None:
     from framework.show.design_study import save_study_figure
 
-    save_study_figure(found, folder)
+    save_study_figure(study, folder)
 
 
 def finite_window(options: argparse.Namespace) -> tuple[float, ...]:
@@ -88,45 +88,45 @@ def finite_window(options: argparse.Namespace) -> tuple[float, ...]:
     return tuple(options.window)
 
 
-def _told(found: DesignStudy, robot: str) -> Report:
-    count = len(found.why)
-    refused = sum(bool(why) for why in found.why)
-    shown = {key: found.columns[key] for key in ("area", "free_area", *_medians(found))}
-    heads = [*found.designs.names, *(f"{key} [{found.units[key]}]" for key in shown)]
+def _report(study: DesignStudy, robot: str) -> Report:
+    count = len(study.why)
+    refused = sum(bool(why) for why in study.why)
+    shown = {key: study.columns[key] for key in ("area", "free_area", *_medians(study))}
+    heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in shown)]
     lines = [
-        f"{robot}: {count} designs, {task_size(found)} poses each, {refused} make no robot",
+        f"{robot}: {count} designs, {task_size(study)} poses each, {refused} make no robot",
         "  " + "  ".join(heads),
     ]
     for k in range(min(count, MAX_PRINTED_DESIGNS)):
-        numbers = [*found.designs.values[k], *(values[k] for values in shown.values())]
-        told = [f"{value:.4g}".ljust(len(head)) for value, head in zip(numbers, heads, strict=True)]
-        if found.why[k]:
-            told[len(found.designs.names) :] = [found.why[k]]
-        lines.append("  " + "  ".join(told).rstrip())
+        numbers = [*study.designs.values[k], *(values[k] for values in shown.values())]
+        cells = [f"{value:.4g}".ljust(len(head)) for value, head in zip(numbers, heads, strict=True)]
+        if study.why[k]:
+            cells[len(study.designs.names) :] = [study.why[k]]
+        lines.append("  " + "  ".join(cells).rstrip())
     if count > MAX_PRINTED_DESIGNS:
         lines.append(f"  and {count - MAX_PRINTED_DESIGNS} more; --out or --json keeps all")
     document = {
         "robot": robot,
         "designs": [
             {
-                "parameters": dict(zip(found.designs.names, values.tolist(), strict=True)),
-                **{key: _number(column[k]) for key, column in found.columns.items()},
-                "why": found.why[k],
+                "parameters": dict(zip(study.designs.names, values.tolist(), strict=True)),
+                **{key: _number(column[k]) for key, column in study.columns.items()},
+                "why": study.why[k],
             }
-            for k, values in enumerate(found.designs.values)
+            for k, values in enumerate(study.designs.values)
         ],
-        "units": dict(found.units),
+        "units": dict(study.units),
     }
     return document, "\n".join(lines)
 
 
-def task_size(found: DesignStudy) -> str:
+def task_size(study: DesignStudy) -> str:
     """The poses of one map."""
-    return f"{found.task.size} x {found.task.size}"
+    return f"{study.task.size} x {study.task.size}"
 
 
-def _medians(found: DesignStudy) -> list[str]:
-    return [key for key in found.columns if key.endswith("_median")]
+def _medians(study: DesignStudy) -> list[str]:
+    return [key for key in study.columns if key.endswith("_median")]
 
 
 def _number(value: float) -> float | None:

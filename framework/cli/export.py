@@ -59,11 +59,11 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput(f"--out: {options.program} is written to {valid}, got {options.out!r}")
     lines: list[str] = []
     if options.program == "mjcf":
-        if any(given is not None for given in (options.scene, options.samples, options.side)):
+        if any(option is not None for option in (options.scene, options.samples, options.side)):
             raise InvalidInput("--scene, --samples, --side: a MuJoCo model has no motion; leave them out")
         saved = is_plan_folder(options.robot)
         robot = arguments.planned(options).robot if saved else arguments.load(options)
-        text, what = mjcf_text(robot), "a MuJoCo model with its loops"
+        text, description = mjcf_text(robot), "a MuJoCo model with its loops"
         lines.append(f"  {START}")
         if left_out := ranges_left_out(robot):
             lines.append(f"  without the ranges of {', '.join(left_out)}: the reference is outside")
@@ -78,7 +78,7 @@ def run(options: argparse.Namespace) -> Report:
             text = json.dumps(message, indent=2) + "\n"
         else:
             text = f"# {side_told(plan, side)}\n" + yaml.safe_dump(message, sort_keys=False)
-        what = f"a joint trajectory of {len(message['points'])} points over {plan.duration:g} s"
+        description = f"a joint trajectory of {len(message['points'])} points over {plan.duration:g} s"
         lines.append(f"  {side_told(plan, side)}")
     write_file(file, text, option="--out")
     document = {
@@ -87,4 +87,6 @@ def run(options: argparse.Namespace) -> Report:
         "format": options.program,
         "file": str(file),
     }
-    return document, "\n".join([f"{robot.name}, {robot.flexibility}: {what}, written to {file}", *lines])
+    return document, "\n".join(
+        [f"{robot.name}, {robot.flexibility}: {description}, written to {file}", *lines]
+    )

@@ -25,13 +25,13 @@ REPORTED_GROWTH = 2.0  # times as far as by itself: worth a line
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    more = (
+    details = (
         "Each rung of the ladder, from kinematics to the inertia of the elastic motion, plans the motion; "
         "its torques drive the full elastic simulation, without feedback. Enough is what keeps platform (of "
         "the path's length) and torques (of the highest rung's peak) within the tolerance. Put the printed "
         "line into the scene, and `crossing plan --flexibility auto` uses it."
     )
-    parser = command(commands, "fidelity", run, more)
+    parser = command(commands, "fidelity", run, details)
     add_robot(parser)
     add_path(parser)
     parser.add_argument(
@@ -76,24 +76,24 @@ def _studied(options: argparse.Namespace) -> tuple[FidelityStudy, dict[str, Any]
 
 def fidelity_text(study: FidelityStudy) -> str:
     """A study for people."""
-    plan, found = study.highest, study.enough
+    plan, enough = study.highest, study.enough
     lines = [
         f"{study.robot.name}: {len(study.levels)} rungs judged to {_percent(study.tolerance)} of the path, "
         f"{study.length:.4g} m in {plan.duration:g} s, and of the peak torque; {study.seconds:.2g} s",
         "  " + _columns("rung", "plan", "torque", "platform", "law", "deflection", "foretold", "by"),
         *(_row(study, comparison) for comparison in study.levels),
     ]
-    at = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
-    lines.append(f"  crossing          {f's = {at}' if at else 'none'}")
+    places = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
+    lines.append(f"  crossing          {f's = {places}' if places else 'none'}")
     if study.indicators.growth >= REPORTED_GROWTH:
         lines.append(
             f"  growth            what is off grows {study.indicators.growth:.2g} times: weight and torques "
             f"carry the platform away, and nothing corrects them"
         )
-    if found is not None:
-        torque, platform = (_where(study, errors) for errors in (found.torque_error, found.platform_error))
+    if enough is not None:
+        torque, platform = (_where(study, errors) for errors in (enough.torque_error, enough.platform_error))
         lines += [
-            f"  enough            {found.level.name}: torques off by {torque}, platform by {platform}",
+            f"  enough            {enough.level.name}: torques off by {torque}, platform by {platform}",
             f"  foretold          {study.indicated.level.name}, by the indicators alone",
         ]
     return "\n".join(lines)
@@ -109,19 +109,19 @@ def _columns(*cells: str) -> str:
 
 
 def _row(study: FidelityStudy, comparison: Comparison) -> str:
-    """One rung as a line of the table, and what else is to be said of it below."""
+    """Return the line of the table for one rung, and remarks on it for below the table."""
     name, law, spring = comparison.level.name, study.law_difference(comparison), comparison.deflection
     foretold = _percent(study.indicators.error[name])
     motion = ["-"] * 4
     if comparison.plan is not None:
         bent = "-" if spring is None else f"{spring[0]} {spring[1]:.2g}"
-        own = "same" if law <= SAME_LAW_DIFFERENCE else f"{law:.1e}"
-        motion = [f"{1e3 * comparison.plan.seconds:.0f} ms", _percent(comparison.torque), own, bent]
-    plan, torque, own, bent = motion
+        difference = "same" if law <= SAME_LAW_DIFFERENCE else f"{law:.1e}"
+        motion = [f"{1e3 * comparison.plan.seconds:.0f} ms", _percent(comparison.torque), difference, bent]
+    plan, torque, difference, bent = motion
     words = study.indicators.words[name]
     notes = [f"the torques of {comparison.same_as}"] if comparison.same_as else []
     notes += [comparison.reason] if comparison.reason else []
-    row = _columns(name, plan, torque, _percent(comparison.platform), own, bent, foretold, words)
+    row = _columns(name, plan, torque, _percent(comparison.platform), difference, bent, foretold, words)
     return "\n".join(f"  {line}" for line in (row, *(f"{'':18s}{note}" for note in notes)))
 
 

@@ -21,12 +21,12 @@ from framework.singularity.type2 import moves_point
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    more = (
+    details = (
         "With --flexibility: the singular points of the undeformed robot, springs at rest, and the rate at "
         "which each deflection moves them along the path. How far the springs give, and so where the "
         "deformed robot is singular, depends on the motion: crossing plan tells."
     )
-    parser = command(commands, "locate", run, more)
+    parser = command(commands, "locate", run, details)
     add_robot(parser)
     add_path(parser)
     add_flexibility(parser)
@@ -34,7 +34,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """The singular points in the order of the path."""
+    """Report the singular points in the order of the path."""
     robot = arguments.load(options)
     path = arguments.path(options, robot)
     searched = search_path(robot, path)

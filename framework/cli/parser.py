@@ -47,7 +47,7 @@ def add_robot(parser: argparse.ArgumentParser, text: str = "catalogue name, or p
 
 
 def add_missing_fields(parser: argparse.ArgumentParser) -> None:
-    """What a file of a foreign dialect may leave out."""
+    """Add the options for what a file of a foreign dialect may leave out."""
     group = parser.add_argument_group("what the file does not say, or says otherwise")
     group.add_argument("--platform", metavar="FRAME", help="frame of the platform")
     group.add_argument("--axes", nargs="+", metavar="AXIS", help="its axes, of x y z rx ry rz")

@@ -84,21 +84,21 @@ def run(options: argparse.Namespace) -> Report:
     if out is None and options.raw:
         return report_raw(options, robot, request, None)
     if out is None:
-        plan, more, told = _planned(robot, request, kept, bend=options.bend)
-        return plan_document(plan) | more, plan_text(plan) + told
+        plan, entries, lines = _planned(robot, request, kept, bend=options.bend)
+        return plan_document(plan) | entries, plan_text(plan) + lines
     with written_together(out, document="raw.json" if options.raw else FILE) as folder:
         if options.raw:
             return report_raw(options, robot, request, folder)
         from framework.show.plots import save_figures
 
-        plan, more, told = _planned(robot, request, kept, bend=options.bend)
-        document = plan_document(plan, out) | more
+        plan, entries, lines = _planned(robot, request, kept, bend=options.bend)
+        document = plan_document(plan, out) | entries
         (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
         motion = plan.samples(options.samples)
         (folder / MOTION_FILE).write_text(motion.as_csv(), encoding="utf-8")
         (folder / f"{MOTION_FILE}-metadata.json").write_text(motion.metadata(MOTION_FILE), encoding="utf-8")
         save_figures(plan, folder)
-    return document, f"{plan_text(plan)}{told}\n  written to        {out}"
+    return document, f"{plan_text(plan)}{lines}\n  written to        {out}"
 
 
 def _planned(
@@ -106,25 +106,29 @@ def _planned(
 ) -> tuple[CrossingPlan, dict[str, Any], str]:
     """The plan; for machines and people the rung that a scene keeps, or how far --bend has bent its path."""
     if kept is not None:
-        told = f"{kept.level} is enough for {100 * kept.tolerance:g} %, as the scene keeps"
+        sentence = f"{kept.level} is enough for {100 * kept.tolerance:g} %, as the scene keeps"
         document = {"fidelity": {"rung": kept.level, "tolerance": kept.tolerance}}
-        return plan_request(robot, request), document, f"\n  fidelity          {told}"
+        return plan_request(robot, request), document, f"\n  fidelity          {sentence}"
     if not bend:
         return plan_request(robot, request), {}, ""
-    found = plan_request_with_modified_path(robot, request)
-    far = f"{1e3 * found.moved:.3g} mm" + (f" and {found.turned:.3g} rad" if found.turned else "")
-    told = f"by at most {far}, {100 * found.share:.2g} % of its length, its ends kept; a spline now"
-    line = f"\n  path bent         {told if found.share else 'not at all: it needs none'}"
-    return found.plan, {"bend": {"moved": found.moved, "turned": found.turned, "share": found.share}}, line
+    modified = plan_request_with_modified_path(robot, request)
+    far = f"{1e3 * modified.moved:.3g} mm" + (f" and {modified.turned:.3g} rad" if modified.turned else "")
+    sentence = f"by at most {far}, {100 * modified.share:.2g} % of its length, its ends kept; a spline now"
+    line = f"\n  path bent         {sentence if modified.share else 'not at all: it needs none'}"
+    return (
+        modified.plan,
+        {"bend": {"moved": modified.moved, "turned": modified.turned, "share": modified.share}},
+        line,
+    )
 
 
 def law_name(law: PlannedLaw) -> str:
-    """A law by its kind and degree."""
+    """Return the kind and degree of a law, in words."""
     return f"law of degree {law.degree}" if law.kind == Law.kind else f"{law.kind} law"
 
 
 def _best(plan: CrossingPlan) -> list[str]:
-    """How far an optimal law may be from the best there is, as far as that can be estimated."""
+    """Return a line on how far an optimal law is from an estimate of the best."""
     try:
         best = estimated_best(plan)
     except NotConverged as unknown:
@@ -139,7 +143,7 @@ def _best(plan: CrossingPlan) -> list[str]:
 
 
 def plan_text(plan: CrossingPlan) -> str:
-    """A plan for people."""
+    """Return the report on a plan, in words."""
     robot = plan.robot
     lines = [
         f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law_name(plan.law)} over "
@@ -195,7 +199,7 @@ def _certificate(plan: CrossingPlan) -> list[str]:
 
 
 def _warnings(plan: CrossingPlan) -> list[str]:
-    """What was left out, and what the plan exceeds."""
+    """Return lines on effects left out, limits exceeded and a law that overshoots."""
     lines = []
     if plan.neglected_friction:
         lines.append(f"  left out          dry friction: {plan.neglected_friction} (joint side)")

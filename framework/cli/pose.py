@@ -52,13 +52,15 @@ def run(options: argparse.Namespace) -> Report:
     if (options.motor_joints is None) == (options.point is None):
         raise InvalidInput("give either --motors or --platform")
     robot = arguments.load(options)
-    given = options.motor_joints
+    motor_joints = options.motor_joints
     if options.every and (options.torque_limit or options.speed_limit):
         raise InvalidInput("--all: lists poses alone; --torque-limit and --speed-limit are for a single pose")
     if options.every:
-        return _working(robot, options.point) if given is None else _assembly(robot, given)
-    closed = assemble(robot, options.point) if given is None else forward_kinematics(robot, given)
-    pose, found = describe_pose(robot, closed.q), classify(robot, closed.q)
+        return _working(robot, options.point) if motor_joints is None else _assembly(robot, motor_joints)
+    closed = (
+        assemble(robot, options.point) if motor_joints is None else forward_kinematics(robot, motor_joints)
+    )
+    pose, classification = describe_pose(robot, closed.q), classify(robot, closed.q)
     limits = _limits(robot, closed.q, options)
     lines = [
         f"{pose.robot}, {pose.flexibility}",
@@ -67,24 +69,27 @@ def run(options: argparse.Namespace) -> Report:
         f"  motor angles      {_listed(pose.motor_angles)} (motor side)",
         f"  joints            {_listed(pose.joints)}",
         f"  mode              working {pose.working_mode:+d}, assembly {pose.assembly_mode:+d}",
-        f"  singularity       {found.sentence}",
+        f"  singularity       {classification.sentence}",
         *(
             f"  t_s               {_listed(dict(zip(robot.axis_names, twist, strict=True)), 6)}"
-            for twist in found.twists
+            for twist in classification.twists
         ),
-        f"  distances         g {found.g:.3g}, sigma_A {found.sigma_A:.3g} (length {found.length:.3g} m)"
-        + _angles(robot, found),
-        *_worst_torques(robot, found),
+        f"  distances         g {classification.g:.3g}, sigma_A {classification.sigma_A:.3g} "
+        f"(length {classification.length:.3g} m)" + _angles(robot, classification),
+        *_worst_torques(robot, classification),
         *_limits_in_words(robot, limits),
         f"  closures          closed to {pose.closure_error:.1e} m or rad",
-        *(f"  warning           {joint} exceeds its limits: {what}" for joint, what in pose.exceeded.items()),
+        *(
+            f"  warning           {joint} exceeds its limits: {excess}"
+            for joint, excess in pose.exceeded.items()
+        ),
     ]
-    document = asdict(pose) | {"singularity": _document(found), "limits": _limits_document(limits)}
+    document = asdict(pose) | {"singularity": _document(classification), "limits": _limits_document(limits)}
     return document, "\n".join(lines)
 
 
 def _limits(robot: ParallelRobot, q: Array, options: argparse.Namespace) -> PlatformLimits | None:
-    """What the motors' limits leave to the platform; None where it does not determine the motors."""
+    """Compute the platform's limits; None where the platform does not determine the motors."""
     try:
         return platform_limits(robot, q, torque_limit=options.torque_limit, speed_limit=options.speed_limit)
     except NotAssembled:
@@ -92,8 +97,8 @@ def _limits(robot: ParallelRobot, q: Array, options: argparse.Namespace) -> Plat
 
 
 def _limits_in_words(robot: ParallelRobot, limits: PlatformLimits | None) -> list[str]:
-    """Lines about the motors' limits, where they have some."""
-    found = []
+    """Return lines on the platform's limits; none where no motor has one."""
+    lines = []
     units = [("N", "m/s") if moves else ("N m", "rad/s") for moves in robot.translations]
     for k, (name, polytope) in enumerate(limits.polytopes.items() if limits else ()):
         ranges = (
@@ -101,14 +106,14 @@ def _limits_in_words(robot: ParallelRobot, limits: PlatformLimits | None) -> lis
             for axis, (low, high), unit in zip(robot.axis_names, polytope.alone(), units, strict=True)
         )
         alone = ", each alone" if robot.n > 1 else ""
-        found.append(f"  {name + ' limits':<17} {', '.join(ranges)}{alone}")
-    if found:
-        found.append(f"  {'':<17} of the motors in this pose; rigid, without contact, the weight held")
-    return found
+        lines.append(f"  {name + ' limits':<17} {', '.join(ranges)}{alone}")
+    if lines:
+        lines.append(f"  {'':<17} of the motors in this pose; rigid, without contact, the weight held")
+    return lines
 
 
 def _limits_document(limits: PlatformLimits | None) -> dict[str, Any]:
-    """Ranges and polytopes in JSON, on the platform's coordinates."""
+    """Return ranges and polytopes on the platform's coordinates, for JSON."""
     return {
         name: {
             "alone": _finite(polytope.alone()),
@@ -122,19 +127,19 @@ def _limits_document(limits: PlatformLimits | None) -> dict[str, Any]:
 
 
 def _assembly(robot: ParallelRobot, motors: list[float]) -> Report:
-    """All poses for these motors."""
-    found = assembly_modes(robot, motors)
-    lines, modes = [f"{robot.name}, {robot.flexibility}", f"  assembly modes    {found.sentence}"], []
-    for mode in found.modes:
+    """Report all poses for these motor angles."""
+    assembly = assembly_modes(robot, motors)
+    lines, modes = [f"{robot.name}, {robot.flexibility}", f"  assembly modes    {assembly.sentence}"], []
+    for mode in assembly.modes:
         pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
         lines.append(f"  platform          {_listed(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
         modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _document(kind)})
     about = {
-        "complete": found.complete,
-        "status": found.status,
-        "bound": found.bound,
-        "paths": None if found.count is None else asdict(found.count),
-        "method": found.method,
+        "complete": assembly.complete,
+        "status": assembly.status,
+        "bound": assembly.bound,
+        "paths": None if assembly.count is None else asdict(assembly.count),
+        "method": assembly.method,
         "modes": modes,
     }
     return {"robot": robot.name, "flexibility": robot.flexibility, "assembly_modes": about}, "\n".join(lines)
@@ -142,20 +147,20 @@ def _assembly(robot: ParallelRobot, motors: list[float]) -> Report:
 
 def _working(robot: ParallelRobot, point: list[float]) -> Report:
     """All solutions of the inverse kinematics for this platform."""
-    found = working_modes(robot, point)
-    lines, modes = [f"{robot.name}, {robot.flexibility}", f"  working modes     {found.sentence}"], []
-    for mode in found.modes:
+    working = working_modes(robot, point)
+    lines, modes = [f"{robot.name}, {robot.flexibility}", f"  working modes     {working.sentence}"], []
+    for mode in working.modes:
         pose = describe_pose(robot, mode.q)
         signs = "".join("+" if sign > 0 else "-" for sign in mode.signs)
         beyond = "" if mode.within_limits else "; beyond the joints' limits"
         lines.append(f"  {signs:17s} {_listed(pose.motor_joints)}{beyond}")
         modes.append(asdict(pose) | {"signs": mode.signs.tolist(), "proved": mode.proved})
     about = {
-        "complete": found.status == "proved",
-        "status": found.status,
-        "solutions": list(found.solutions),
-        "legs": [list(leg) for leg in found.legs],
-        "proved_legs": list(found.proved_legs),
+        "complete": working.status == "proved",
+        "status": working.status,
+        "solutions": list(working.solutions),
+        "legs": [list(leg) for leg in working.legs],
+        "proved_legs": list(working.proved_legs),
     }
     document = {
         "robot": robot.name,
@@ -165,13 +170,13 @@ def _working(robot: ParallelRobot, point: list[float]) -> Report:
     return document, "\n".join(lines)
 
 
-def _document(found: Classification) -> dict[str, Any]:
+def _document(classification: Classification) -> dict[str, Any]:
     """A classification in JSON: null for what is undefined, or has no bound at a Type 2 singularity."""
-    given = {
+    document = {
         name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in vars(found).items()
+        for name, value in vars(classification).items()
     }
-    return {"regular": found.regular} | {name: _finite(value) for name, value in given.items()}
+    return {"regular": classification.regular} | {name: _finite(value) for name, value in document.items()}
 
 
 def _finite(value: Any) -> Any:
@@ -182,22 +187,22 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def _angles(robot: ParallelRobot, found: Classification) -> str:
+def _angles(robot: ParallelRobot, classification: Classification) -> str:
     """The transmission angles, where they are defined."""
-    if not np.isfinite(found.transmission_angle).all():
+    if not np.isfinite(classification.transmission_angle).all():
         return ""
-    degrees = np.rad2deg(found.transmission_angle)
+    degrees = np.rad2deg(classification.transmission_angle)
     return ", transmission " + _listed(dict(zip(robot.actuator_names, degrees, strict=True)), 4) + " degrees"
 
 
-def _worst_torques(robot: ParallelRobot, found: Classification) -> list[str]:
+def _worst_torques(robot: ParallelRobot, classification: Classification) -> list[str]:
     """The line about the worst torques per newton; none for a platform that only turns."""
-    if np.isnan(found.torque_norm):
+    if np.isnan(classification.torque_norm):
         return []
     units = " or ".join(sorted({f"{unit}/N" for unit in robot.torque_units}))
     return [
-        f"  worst torque      {found.motor_torque_largest:.3g} {units} of one motor, norm "
-        f"{found.motor_torque_norm:.3g} (motor side), to hold a unit force in any direction"
+        f"  worst torque      {classification.motor_torque_largest:.3g} {units} of one motor, norm "
+        f"{classification.motor_torque_norm:.3g} (motor side), to hold a unit force in any direction"
     ]
 
 

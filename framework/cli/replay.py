@@ -59,7 +59,7 @@ def replayed(options: argparse.Namespace) -> Report:
 
 
 def _failures(run: Run, seed: list[int]) -> list[dict[str, Any]]:
-    """What the study would have written of a run."""
+    """Return the entry of a run among the study's failures, as robustness.json has it."""
     if run.passed[0]:
         return []
     return [{"seed": seed, "why": run.why[0], "tracking_error": float(run.tracking_error[0])}]
@@ -67,7 +67,11 @@ def _failures(run: Run, seed: list[int]) -> list[dict[str, Any]]:
 
 def _text(document: dict[str, Any]) -> str:
     then, now = document["versions"]["then"], document["versions"]["now"]
-    others = [f"{what} {then.get(what)} then, {now[what]} now" for what in now if then.get(what) != now[what]]
+    others = [
+        f"{library} {then.get(library)} then, {now[library]} now"
+        for library in now
+        if then.get(library) != now[library]
+    ]
     held = "as in the study"
     if not document["as_written"]:
         held = f"otherwise than in the study, with {', '.join(others) or 'the same versions'}"

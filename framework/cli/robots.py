@@ -17,7 +17,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """One row for each entry of the catalogue."""
+    """List the catalogue, one row for each entry."""
     rows: list[dict[str, Any]] = []
     figures: dict[str, Any]
     for name, entry in catalogue().items():
@@ -26,9 +26,9 @@ def run(options: argparse.Namespace) -> Report:
         except MissingPackage as missing:  # its URDF is somebody else's, and not here
             figures = {"needs": missing.package}
         else:
-            description, found = robot.description, check_robot(robot)
+            description, diagnosis = robot.description, check_robot(robot)
             figures = {
-                "degrees_of_freedom": found.mobility - len(found.idle_joints),
+                "degrees_of_freedom": diagnosis.mobility - len(diagnosis.idle_joints),
                 "loops": len(description.closures),
                 "springs": len(description.springs),
                 "scenes": list(description.scenes),

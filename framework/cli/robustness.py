@@ -124,7 +124,7 @@ def _add_loop(loop: argparse._ArgumentGroup) -> None:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """One study for each controller, on the same robots; or one run of such a study once more."""
+    """Do one study for each controller on the same robots, or repeat one run of a study."""
     if options.replay is not None:
         return replayed(options)
     spread = Spread(
@@ -143,7 +143,7 @@ def run(options: argparse.Namespace) -> Report:
         arguments.planned(options), period=options.period, loop=loop, spread=spread, seed=options.seed
     )
     if options.out is None:
-        return _told(setup, _studies(options, setup, {}), None)
+        return _report(setup, _studies(options, setup, {}), None)
     out = FilePath(options.out)
     kept = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
     with written_together(out, document=FILE) as folder:  # hours of work want a place to go to
@@ -151,7 +151,7 @@ def run(options: argparse.Namespace) -> Report:
             studies = _studies(options, setup, kept)
         except KeyboardInterrupt as stop:
             raise type(stop)(*_what_is_kept(options, kept)) from None
-        document, text = _told(setup, studies, out)
+        document, text = _report(setup, studies, out)
         _write(setup, studies, document, folder)
     forget(out)
     return document, f"{text}\n  written to        {options.out}"
@@ -162,7 +162,7 @@ def _names(options: argparse.Namespace) -> list[str]:
     return list(dict.fromkeys(options.controller or ["feedforward"]))
 
 
-def _told(setup: StudySetup, studies: list[Study], folder: FilePath | None) -> Report:
+def _report(setup: StudySetup, studies: list[Study], folder: FilePath | None) -> Report:
     robot = setup.plan.robot.name
     document = {
         "robot": robot,
@@ -174,7 +174,7 @@ def _told(setup: StudySetup, studies: list[Study], folder: FilePath | None) -> R
 
 
 def _what_is_kept(options: argparse.Namespace, kept: dict[str, KeptRuns]) -> list[str]:
-    """What to say of a study that is stopped."""
+    """Return the message on a study that is interrupted: the runs that are kept."""
     count = sum(len(chunk) for place in kept.values() for chunk, _ in place.found())
     if not count:
         return []
@@ -236,8 +236,8 @@ def _document(study: Study) -> dict[str, Any]:
 
 
 def _quantiles(values: np.ndarray) -> dict[str, float]:
-    median, most, largest = np.quantile(values, [0.5, 0.95, 1.0])
-    return {"median": float(median), "95 %": float(most), "largest": float(largest)}
+    median, nearly_all, largest = np.quantile(values, [0.5, 0.95, 1.0])
+    return {"median": float(median), "95 %": float(nearly_all), "largest": float(largest)}
 
 
 def _text(robot: str, studies: list[Study]) -> str:

@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: bool) -> Report:
-    """What was filmed and where it is; `chosen` if nobody said which scene."""
+    """Report which scene was written to a file; `chosen` if it was not asked for by name."""
     from framework.show.captions import parts, said
 
     path = FilePath(file)
@@ -80,10 +80,10 @@ def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: boo
     text = f"{said(films[0].robot.name)}, {scenes}: written to {path} ({size / 1e6:.2f} MB)"
     if chosen:
         text = f"no scene given: filmed {films[0].name}\n{text}"
-    told = [
+    lines = [
         {"name": film.name, "flexibility": film.robot.flexibility, "proved": film.proved} for film in films
     ]
-    return {"file": str(path), "bytes": size, "films": told}, text
+    return {"file": str(path), "bytes": size, "films": lines}, text
 
 
 def _films(options: argparse.Namespace) -> list[Film]:
@@ -107,13 +107,13 @@ def _films(options: argparse.Namespace) -> list[Film]:
 def _film(options: argparse.Namespace, robot: ParallelRobot, scene: str | None) -> Film:
     from framework.show.film import film_motion
 
-    one = argparse.Namespace(**{**vars(options), "scene": scene})
+    scene_options = argparse.Namespace(**{**vars(options), "scene": scene})
     name = "" if scene is None else f"Scene {scene}"
-    return film_motion(robot, arguments.request(one, robot), name=name)
+    return film_motion(robot, arguments.request(scene_options, robot), name=name)
 
 
 def _telling_film(options: argparse.Namespace) -> Film:
-    """For a file without sliders: the first scene that crosses, or else the first that moves."""
+    """Film the first scene that crosses, or else the first that moves: for a file without sliders."""
     robot = arguments.load(options)
     first: Film | None = None
     refusal: NoAnswer | None = None
@@ -135,7 +135,7 @@ def _served(options: argparse.Namespace, page: str, robot: ParallelRobot | None)
     from framework.show.jogging import move_by_hand
     from framework.show.server import PageServer
 
-    server = PageServer(page, None if robot is None else lambda given: move_by_hand(robot, given))
+    server = PageServer(page, None if robot is None else lambda message: move_by_hand(robot, message))
     # with --json, stdout is for the one object at the end
     tell(f"{server.address}  (Ctrl-C ends)", aside=options.json)
     if not options.no_open:

@@ -83,7 +83,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 
 def _add_window(parser: argparse.ArgumentParser) -> None:
-    """Add what says which poses the map shows."""
+    """Add the options for the poses of the map."""
     parser.add_argument(
         "--over", nargs=2, metavar="AXIS", help="two axes of the platform (default: its first translations)"
     )
@@ -106,7 +106,7 @@ def _add_window(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """One map, told and written."""
+    """Compute a map, report it and write it."""
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     if options.study:
@@ -119,28 +119,30 @@ def run(options: argparse.Namespace) -> Report:
     window = _window(options, robot, path)
     margin = _margin(options, robot)
     if options.out is None:
-        return _told(_mapped(options, robot, window, quantities, None), margin)
+        return _report(_mapped(options, robot, window, quantities, None), margin)
     out = FilePath(options.out)
     kept = KeptChunks.of(out, setup_document(robot, window, quantities))
     with written_together(out, document=DOCUMENT) as folder:  # long work wants a place to go to
         try:
-            found = _mapped(options, robot, window, quantities, kept)
+            workspace = _mapped(options, robot, window, quantities, kept)
         except KeyboardInterrupt as stop:
             raise type(stop)(*_what_is_kept(options, kept)) from None
-        _write(found, path, folder)
+        _write(workspace, path, folder)
     forget(out)
-    document, text = _told(found, margin)
+    document, text = _report(workspace, margin)
     return document, f"{text}\n  written to        {options.out}"
 
 
 def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None) -> Window:
     axes = None if options.over is None else tuple(options.over)
-    at = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
+    centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or EDGE_POSES
     if options.window is None:
-        return surveyed(robot, axes=axes, at=at, size=size)
-    given = np.array(finite_window(options))
-    return Window(map_axes(robot, axes), given[::2], given[1::2], (size, size), held_coordinates(robot, at))
+        return surveyed(robot, axes=axes, at=centre, size=size)
+    bounds = np.array(finite_window(options))
+    return Window(
+        map_axes(robot, axes), bounds[::2], bounds[1::2], (size, size), held_coordinates(robot, centre)
+    )
 
 
 def _mapped(
@@ -157,7 +159,7 @@ def _mapped(
         return workspace_map(
             robot,
             window,
-            [one.key for one in quantities],
+            [quantity.key for quantity in quantities],
             wrench=options.wrench,
             executor=executor,
             keeper=kept,
@@ -166,20 +168,20 @@ def _mapped(
 
 
 def _what_is_kept(options: argparse.Namespace, kept: KeptChunks) -> list[str]:
-    """What to say of a map that is stopped."""
+    """Return the message on a map that is interrupted: the rows that are kept."""
     count = len(kept.found())
     return (
         [f"{count} bands are kept in {options.out}, and the same command goes on from them"] if count else []
     )
 
 
-def _write(found: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
+def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
     from framework.show.map import save_map_figures
     from framework.show.map_page import map_page
 
-    write_map(found, folder)
-    save_map_figures(found, folder, path=path)
-    (folder / "map.html").write_text(map_page(found, path=path), encoding="utf-8")
+    write_map(workspace, folder)
+    save_map_figures(workspace, folder, path=path)
+    (folder / "map.html").write_text(map_page(workspace, path=path), encoding="utf-8")
 
 
 def _margin(options: argparse.Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
@@ -188,35 +190,35 @@ def _margin(options: argparse.Namespace, robot: ParallelRobot) -> NearestSingula
     return nearest_singular_pose(robot, assemble(robot, options.nearest).q)
 
 
-def _told(found: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
-    document = {**map_document(found), "seconds": found.seconds}
-    robot, window = found.robot, found.window
+def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
+    document = {**map_document(workspace), "seconds": workspace.seconds}
+    robot, window = workspace.robot, workspace.window
     names = [robot.axis_names[k] for k in window.axes]
     spans = ", ".join(
         f"{name} = {low:.4g} .. {high:.4g}"
         for name, low, high in zip(names, window.lower, window.upper, strict=True)
     )
-    lines = [f"{robot.name}: {window.shape[0]} x {window.shape[1]} poses, {spans}, {found.seconds:.2f} s"]
-    lines += [f"  {why:40s}  {count}" for why, count in found.counts.items() if count]
-    lines += [f"  under load: {why:52s}  {count}" for why, count in found.load_counts.items() if count]
-    lines.append(f"  locus: {found.locus.sentence}, {found.locus.seconds:.2f} s")
+    lines = [f"{robot.name}: {window.shape[0]} x {window.shape[1]} poses, {spans}, {workspace.seconds:.2f} s"]
+    lines += [f"  {why:40s}  {count}" for why, count in workspace.counts.items() if count]
+    lines += [f"  under load: {why:52s}  {count}" for why, count in workspace.load_counts.items() if count]
+    lines.append(f"  locus: {workspace.locus.sentence}, {workspace.locus.seconds:.2f} s")
     lines.append(f"  {'':56s}  least       median      largest")
-    for one in found.quantities:
-        told = document["quantities"][one.key]
-        numbers = [told[key] for key in ("least", "median", "largest")]
+    for quantity in workspace.quantities:
+        entry = document["quantities"][quantity.key]
+        numbers = [entry[key] for key in ("least", "median", "largest")]
         shown = "  ".join(f"{'-' if value is None else format(value, '.3g'):10s}" for value in numbers)
-        lines.append(f"  {f'{one.name}  [{unit_of(robot, one)}]':56s}  {shown}".rstrip())
+        lines.append(f"  {f'{quantity.name}  [{unit_of(robot, quantity)}]':56s}  {shown}".rstrip())
     if margin is not None:
         lines.append(f"  nearest singular pose: {margin.status}")
-        known = margin.x is not None and margin.twist is not None
+        located = margin.x is not None and margin.twist is not None
         if margin.x is not None and margin.twist is not None:
-            at = ", ".join(
+            place = ", ".join(
                 f"{name} = {value + 0.0:.6g}" for name, value in zip(robot.axis_names, margin.x, strict=True)
             )
-            lines.append(f"    at {at}; t_s {point(margin.twist)}")
+            lines.append(f"    at {place}; t_s {point(margin.twist)}")
         document["nearest_singular_pose"] = {
             "status": margin.status,
-            "distance": margin.distance if known else None,
+            "distance": margin.distance if located else None,
             "at_least": margin.at_least,
             "unit": margin.unit,
             "within": margin.within,

@@ -79,7 +79,7 @@ class ComputedTorque:
 
 
 class _Motion(NamedTuple):
-    """Of R runs, with the Jacobian of their loop equations."""
+    """The motions of R runs, with the Jacobian of their loop equations."""
 
     q: Array  # (R, nq)
     v: Array  # (R, nv)

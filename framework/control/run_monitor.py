@@ -85,11 +85,11 @@ class RunMonitor:
         )
         self.places.append(np.where(self.alive[:, None], x, np.nan))
 
-    def end(self, time: float, which: NDArray[np.bool_]) -> None:
+    def end(self, time: float, runs: NDArray[np.bool_]) -> None:
         """End the runs of which (R,) says so, those that are not over yet."""
-        for run in np.flatnonzero(self.alive & which):
+        for run in np.flatnonzero(self.alive & runs):
             self.why[run] = f"lost at t = {time:.4g} s"
-        self.alive = self.alive & ~which
+        self.alive = self.alive & ~runs
 
     def act(self, torque: Array, *, record: bool) -> None:
         """Take note of the torques (R, n_a) of one sampling period; keep them all to `record` them."""

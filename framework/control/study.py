@@ -130,18 +130,18 @@ def run_study(
     return _joined(in_order, name, spread, seed, time.perf_counter() - started)
 
 
-def _joined(every: Sequence[Run], controller: str, spread: Spread, seed: int, seconds: float) -> Study:
+def _joined(chunks: Sequence[Run], controller: str, spread: Spread, seed: int, seconds: float) -> Study:
     """Join the runs of all chunks into one study."""
     return Study(
         controller=controller,
         spread=spread,
         seed=seed,
-        passed=np.concatenate([run.passed for run in every]),
-        why=tuple(reason for run in every for reason in run.why),
-        tracking_error=np.concatenate([run.tracking_error for run in every]),
-        end_error=np.concatenate([run.end_error for run in every]),
-        peak_torque=np.concatenate([run.peak_torque for run in every]),
-        payload=np.concatenate([run.payload for run in every]),
+        passed=np.concatenate([run.passed for run in chunks]),
+        why=tuple(reason for run in chunks for reason in run.why),
+        tracking_error=np.concatenate([run.tracking_error for run in chunks]),
+        end_error=np.concatenate([run.end_error for run in chunks]),
+        peak_torque=np.concatenate([run.peak_torque for run in chunks]),
+        payload=np.concatenate([run.payload for run in chunks]),
         seconds=seconds,
     )
 

@@ -64,7 +64,7 @@ class StudySetup:
         return run_closed_loop(self.controller(controller), self.loop, self.spread, [variation], record=True)
 
     def to_dict(self, folder: Path | None = None) -> dict[str, Any]:
-        """As robustness.json in this folder has it, with the versions of what computes."""
+        """Return the set-up as robustness.json in this folder has it, with the versions of libraries."""
         return {
             "seed": self.seed,
             "period": self.period,

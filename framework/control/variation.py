@@ -37,7 +37,7 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class Variation:
-    """One robot out of the spread; reproduced by its seed."""
+    """The differences of one robot drawn from the spread; its seed reproduces them."""
 
     seed: tuple[int, int]  # of the study, number of the run
     payload: float  # factor on the platform body's inertia
@@ -85,8 +85,8 @@ def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     model = robot.model.copy()
     frame = model.frames[robot.frames[0]]
     joint = frame.parentJoint
-    own = frame.inertia
-    payload = frame.placement.act(own) if own.mass > 0 else model.inertias[joint]
+    inertia = frame.inertia
+    payload = frame.placement.act(inertia) if inertia.mass > 0 else model.inertias[joint]
     model.inertias[joint] = _scaled(model.inertias[joint], payload, variation.payload)
     for k, place in enumerate(variation.shifts):
         placement = model.jointPlacements[k + 1]

@@ -60,7 +60,7 @@ class Deflection(NamedTuple):
 
 
 class CrossingPoint(NamedTuple):
-    """Where the (deflected) robot is singular on its path, and what holds there."""
+    """A singular point of the (deflected) robot on its path."""
 
     s: float
     kind: str
@@ -72,7 +72,7 @@ class CrossingPoint(NamedTuple):
 
 
 def crossing_point(
-    branch: Branch, at: SingularPoint, deflection: Deflection | None, near: float
+    branch: Branch, singular: SingularPoint, deflection: Deflection | None, near: float
 ) -> CrossingPoint:
     """The singular point of the path; with a deflection, the one it has moved to,
     found from path coordinate `near`.
@@ -81,8 +81,10 @@ def crossing_point(
         NoLaw: the deflected robot has no singular point near.
     """
     if deflection is None or not len(deflection.value):
-        touches = at.contact == "tangential"
-        return CrossingPoint(at.s, at.kind, at.twist, at.motion, at.q, at.corank, touches)
+        touches = singular.contact == "tangential"
+        return CrossingPoint(
+            singular.s, singular.kind, singular.twist, singular.motion, singular.q, singular.corank, touches
+        )
     robot = branch.robot
     bent = np.zeros((1, robot.model.nv))
     bent[:, robot.elastic] = deflection.value
@@ -93,9 +95,9 @@ def crossing_point(
         if before is None:
             guess = integrate(robot, branch.guess(s), np.repeat(bent, len(s), axis=0))
         else:
-            at, last = before
-            tangent = difference(robot, last.q[0], last.q[2:]) / (at[2] - at[0])
-            guess = integrate(robot, last.q[1], (s - at[1])[:, None] * tangent)
+            singular, last = before
+            tangent = difference(robot, last.q[0], last.q[2:]) / (singular[2] - singular[0])
+            guess = integrate(robot, last.q[1], (s - singular[1])[:, None] * tangent)
         return close_loops(robot, branch.path(s), guess)
 
     def passive(s: Array) -> Array:
@@ -103,11 +105,11 @@ def crossing_point(
         before = s, closed(s)
         return type2_matrix(robot, before[1].linearised)
 
-    found = root_of_g(passive, near)
-    if found.converged:
-        return _oriented(branch, found.place, closed(np.array([found.place])))
+    root = root_of_g(passive, near)
+    if root.converged:
+        return _oriented(branch, root.place, closed(np.array([root.place])))
     raise NoLaw(
-        f"{robot.name}: the deflected robot has no singular point near s = {at.s:.6g}; the deflections "
+        f"{robot.name}: the deflected robot has no singular point near s = {singular.s:.6g}; the deflections "
         f"are too large for the path to cross the locus there"
     )
 
@@ -119,29 +121,33 @@ def imposed_point(branch: Branch, s: float) -> CrossingPoint:
 
 def _oriented(branch: Branch, s: float, closed: ClosedStack) -> CrossingPoint:
     """The uncontrolled motion there, its twist pointing along the path."""
-    found = uncontrolled_motion(branch.robot, closed.linearised)
-    sign = sign_along(found.twist, branch.robot.platform.path_twist(branch.path, s))
-    return CrossingPoint(s, found.kind, sign * found.twist, sign * found.motion, closed.q[0])
+    uncontrolled = uncontrolled_motion(branch.robot, closed.linearised)
+    sign = sign_along(uncontrolled.twist, branch.robot.platform.path_twist(branch.path, s))
+    return CrossingPoint(
+        s, uncontrolled.kind, sign * uncontrolled.twist, sign * uncontrolled.motion, closed.q[0]
+    )
 
 
-def condition_at(branch: Branch, here: CrossingPoint, deflection: Deflection | None) -> Condition8:
+def condition_at(branch: Branch, place: CrossingPoint, deflection: Deflection | None) -> Condition8:
     """Coefficients of condition (8) at a crossing point.
 
     Raises:
         NoLaw: the path's tangent leaves t_s . W_p untouched by s", so no law can meet the condition.
         NotConverged: the same, but only with these deflections.
     """
-    return effective(branch, here, coefficients_at(branch, here, deflection), deflection)
+    return effective(branch, place, coefficients_at(branch, place, deflection), deflection)
 
 
 def effective(
-    branch: Branch, here: CrossingPoint, condition: Condition8, deflection: Deflection | None
+    branch: Branch, place: CrossingPoint, condition: Condition8, deflection: Deflection | None
 ) -> Condition8:
     """The condition of `coefficients_at`, if s" can meet it; raises as `condition_at`."""
     robot = branch.robot
     if condition.holds_anyway or condition.alpha != 0.0:
         return condition
-    where = f"{robot.name}: at s = {here.s:.6g}, {', '.join(robot.axis_names)} = {point(branch.path(here.s))}"
+    where = (
+        f"{robot.name}: at s = {place.s:.6g}, {', '.join(robot.axis_names)} = {point(branch.path(place.s))}"
+    )
     if deflection is not None and robot.n_e:
         raise NotConverged(
             f'{where} s" has no effect on t_s . W_p once the robot deflects: with these deflections the path '
@@ -154,7 +160,7 @@ def effective(
     )
 
 
-def coefficients_at(branch: Branch, here: CrossingPoint, deflection: Deflection | None) -> Condition8:
+def coefficients_at(branch: Branch, place: CrossingPoint, deflection: Deflection | None) -> Condition8:
     """Coefficients of condition (8) at a crossing point.
 
     Inertial forces alone, at s" = 1, at s' = 1 and of the deflections, are alpha, beta and a share of gamma;
@@ -162,12 +168,12 @@ def coefficients_at(branch: Branch, here: CrossingPoint, deflection: Deflection 
     of the deflections: the half difference at +s' and -s', where both move the joints equally fast.
     """
     robot = branch.robot
-    motion = _at_speeds(branch, here, [0.0, 1.0], [1.0, 0.0])
-    alpha, beta = inertial_forces(robot, motion) * here.motion  # (nv,) terms of sums
-    gamma = static_forces(robot, here.q[None])[0] * here.motion
+    motion = _at_speeds(branch, place, [0.0, 1.0], [1.0, 0.0])
+    alpha, beta = inertial_forces(robot, motion) * place.motion  # (nv,) terms of sums
+    gamma = static_forces(robot, place.q[None])[0] * place.motion
     rate = float(np.abs(motion.v[1] / robot.column_scale).max())
-    sizes = bounds_of_terms(branch, here, rate)
-    delta = robot.joint_damping * motion.v[1] * here.motion
+    sizes = bounds_of_terms(branch, place, rate)
+    delta = robot.joint_damping * motion.v[1] * place.motion
     terms = np.array([alpha, beta, gamma, delta])
     values, sizes = terms.sum(axis=1), np.maximum(sizes, np.abs(terms).sum(axis=1))
     if deflection is not None and robot.n_e:
@@ -176,12 +182,12 @@ def coefficients_at(branch: Branch, here: CrossingPoint, deflection: Deflection 
         still = np.zeros_like(deflection.rate)
         rates = np.array([deflection.rate, deflection.rate, deflection.rate])
         accelerations = np.array([deflection.acceleration, still, still])
-        motion = _at_speeds(branch, here, [0.0, pace, -pace], [0.0, 0.0, 0.0], rates, accelerations)
-        own, forth, back = inertial_forces(robot, motion) * here.motion
-        own += robot.joint_damping * motion.v[0] * here.motion
+        motion = _at_speeds(branch, place, [0.0, pace, -pace], [0.0, 0.0, 0.0], rates, accelerations)
+        at_rest, forth, back = inertial_forces(robot, motion) * place.motion
+        at_rest += robot.joint_damping * motion.v[0] * place.motion
         across = 0.5 * (forth - back) / pace
-        values[2:] += own.sum(), across.sum()
-        sizes[2:] += np.abs(own).sum(), np.abs(across).sum()
+        values[2:] += at_rest.sum(), across.sum()
+        sizes[2:] += np.abs(at_rest).sum(), np.abs(across).sum()
         if abs(values[0]) > NO_HOLD * sizes[0]:
             return Condition8(*map(float, values))  # what stiff springs add is little, and no rounding
     return Condition8(*map(float, without_rounding(values, sizes, 0)))
@@ -193,8 +199,8 @@ def without_rounding(values: Array, sizes: Array, alpha: int) -> Array:
     return np.where(np.abs(values) > rounding * sizes, values, 0.0)
 
 
-def bounds_of_terms(branch: Branch, here: CrossingPoint, rate: float) -> Array:
-    """What the terms of alpha, beta, gamma and delta may be, (4,), where they cancel before they are seen.
+def bounds_of_terms(branch: Branch, place: CrossingPoint, rate: float) -> Array:
+    """Bound the terms of alpha, beta, gamma and delta, (4,), where they cancel before they are summed.
 
     On massless legs the forces of a payload do: they are none on the joints, but rounding. So the mass of all
     bodies is taken to move as the platform does and, for beta, as joints of the robot's length do at their
@@ -204,20 +210,20 @@ def bounds_of_terms(branch: Branch, here: CrossingPoint, rate: float) -> Array:
     lengths = np.where(robot.translations, 1.0, robot.length)
     tangent, escape = (
         float(np.abs(twist * lengths).max())
-        for twist in (robot.platform.path_twist(branch.path, here.s), here.twist)
+        for twist in (robot.platform.path_twist(branch.path, place.s), place.twist)
     )
     weight = float(np.linalg.norm(robot.model.gravity.linear))
     return robot.mass * escape * np.array([tangent, robot.length * rate**2, weight, 0.0])
 
 
 def _at_speeds(
-    branch: Branch, here: CrossingPoint, speeds: list[float], accelerations: list[float], *elastic: Array
+    branch: Branch, place: CrossingPoint, speeds: list[float], accelerations: list[float], *elastic: Array
 ) -> Motion:
     """The motion at a crossing point for some s' and s", with rates and accelerations (T, n_e) of springs."""
     robot, count = branch.robot, len(speeds)
-    q = np.repeat(here.q[None], count, axis=0)
-    x = np.repeat(branch.path(here.s)[None], count, axis=0)
+    q = np.repeat(place.q[None], count, axis=0)
+    x = np.repeat(branch.path(place.s)[None], count, axis=0)
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
-    s = [np.full(count, here.s), np.array(speeds), np.array(accelerations)]
+    s = [np.full(count, place.s), np.array(speeds), np.array(accelerations)]
     _, dx, ddx = along(branch.path, s)
     return motion_at(robot, closed, dx, ddx, *elastic)

@@ -39,10 +39,12 @@ class PathToCross:
 
     @cached_property
     def at_rest(self) -> list[tuple[CrossingPoint, Condition8]]:
-        """For every crossing point that of the undeformed robot, and condition (8) there."""
+        """The crossing points of the undeformed robot, each with its condition (8)."""
         places = [
-            crossing_point(self.branch, one, None, one.s) if isinstance(one, SingularPoint) else one
-            for one in self.crossing_points
+            crossing_point(self.branch, target, None, target.s)
+            if isinstance(target, SingularPoint)
+            else target
+            for target in self.crossing_points
         ]
         return [(place, coefficients_at(self.branch, place, None)) for place in places]
 
@@ -61,16 +63,16 @@ def _crossing_points(
     branch: Branch, points: tuple[SingularPoint, ...], request: Request
 ) -> list[SingularPoint | CrossingPoint]:
     """Return the points where condition (8) is to hold; refuse what no law can cross."""
-    times, speeds, at = request.times, request.speeds, request.at
-    if at is not None:
-        chosen: list[SingularPoint | CrossingPoint] = [imposed_point(branch, s) for s in at]
-        what = f"{len(at)} imposed by `at`"
+    times, speeds, imposed = request.times, request.speeds, request.at
+    if imposed is not None:
+        chosen: list[SingularPoint | CrossingPoint] = [imposed_point(branch, s) for s in imposed]
+        places = f"{len(imposed)} imposed by `at`"
     else:
         chosen = [*points]
-        what = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
+        places = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
         if points:
-            what += " at s = " + ", ".join(f"{one.s:.6g}" for one in points)
-    if times is not None and len(times) == 0 and at is None:
+            places += " at s = " + ", ".join(f"{point.s:.6g}" for point in points)
+    if times is not None and len(times) == 0 and imposed is None:
         if speeds:
             raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
         return []
@@ -78,8 +80,8 @@ def _crossing_points(
         if values is not None and len(values) != len(chosen):
             raise InvalidInput(
                 f"{name}: got {len(values)} ({', '.join(f'{value:g}' for value in values)}), but there "
-                f"{'is' if len(chosen) == 1 else 'are'} {what}"
+                f"{'is' if len(chosen) == 1 else 'are'} {places}"
             )
-    for singular in points if at is None else ():
+    for singular in points if imposed is None else ():
         check_crossable(branch, singular)
     return chosen

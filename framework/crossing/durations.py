@@ -44,21 +44,21 @@ INSTANTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(120) + 0.5) / 120)  # of t/T, w
 class PolynomialDurations(NamedTuple):
     """The shortest and the longest duration [s] found at which one polynomial always advances.
 
-    0 and infinity where nothing bounds them, and the other way round where none was one.
+    0 and infinity where nothing bounds them; infinity and 0 where no duration was found.
     """
 
     shortest: float
     longest: float
 
     def to_list(self) -> list[float | None] | None:
-        """As `locate --json` has it; null where none was found, and where nothing bounds the longest."""
+        """Return the entry of `locate --json`; null where none was found, and for no bound."""
         if not self.longest:
             return None
         return [self.shortest, self.longest if np.isfinite(self.longest) else None]
 
     @property
     def sentence(self) -> str:
-        """In one line."""
+        """The durations, in one line."""
         if not self.longest:
             return "no duration was found at which one polynomial advances"
         if np.isinf(self.longest) and not self.shortest:
@@ -81,12 +81,12 @@ class OptimalDurations(NamedTuple):
     refusal: str = ""
 
     def to_list(self) -> list[float | None] | None:
-        """As `locate --json` has it; null where there is no law, and in place of the longest."""
+        """Return the entry of `locate --json`; null where there is no law, and in place of the longest."""
         return None if self.shortest is None else [self.shortest, None]
 
     @property
     def sentence(self) -> str:
-        """In one line."""
+        """The durations, in one line."""
         if self.shortest is None:
             return f"within the limits no law of free shape was found ({self.refusal})"
         if not self.shortest:
@@ -104,9 +104,13 @@ def polynomial_durations(searched: SearchedPath, smoothness: int) -> PolynomialD
     too long.
     """
     conditions = _crossable(searched)
-    if conditions is None or len(conditions) > MAX_CROSSINGS or any(one.damped for one in conditions):
+    if (
+        conditions is None
+        or len(conditions) > MAX_CROSSINGS
+        or any(feasibility.damped for feasibility in conditions)
+    ):
         return None
-    if any(one.orthogonal and not one.condition.holds_anyway for one in conditions):
+    if any(feasibility.orthogonal and not feasibility.condition.holds_anyway for feasibility in conditions):
         return None
     return _searched_durations(conditions, smoothness)
 
@@ -135,11 +139,12 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
 
 def _crossable(searched: SearchedPath) -> list[Feasibility] | None:
     """Return what condition (8) asks at each singular point; None if no law can cross one of them."""
-    conditions = [one for one in feasibility_on_path(searched) if one is not None]
+    conditions = [feasibility for feasibility in feasibility_on_path(searched) if feasibility is not None]
     touched = any(singular.contact == "tangential" for singular in searched.points)
     ends = any(stops_at(singular) for singular in searched.points)
     hopeless = any(
-        one.orthogonal and not one.condition.holds_anyway and one.steady_speed is None for one in conditions
+        feasibility.orthogonal and not feasibility.condition.holds_anyway and feasibility.steady_speed is None
+        for feasibility in conditions
     )
     return None if len(conditions) < len(searched.points) or touched or ends or hopeless else conditions
 
@@ -148,9 +153,9 @@ def _searched_durations(conditions: Sequence[Feasibility], smoothness: int) -> P
     """Search the shortest and the longest duration [s], over times and speeds of the crossings."""
     from scipy.optimize import minimize
 
-    paces = [one.pace for one in conditions if one.pace is not None]
+    paces = [feasibility.pace for feasibility in conditions if feasibility.pace is not None]
     unit = min(paces, default=1.0)
-    places = np.array([one.s for one in conditions])
+    places = np.array([feasibility.s for feasibility in conditions])
     shortest, longest = np.inf, 0.0
 
     def longer(free: Array) -> float:
@@ -196,22 +201,24 @@ def _advancing(
     for weight in (0.0, unit**2):
         inner = [
             Condition(float(t), order, value)
-            for one, t, v in zip(conditions, times, speeds, strict=True)
-            for order, value in enumerate((one.s, float(v), _acceleration(one, float(v), weight)))
+            for feasibility, t, v in zip(conditions, times, speeds, strict=True)
+            for order, value in enumerate(
+                (feasibility.s, float(v), _acceleration(feasibility, float(v), weight))
+            )
         ]
         laws.append(Law.rest_to_rest(1.0, smoothness, inner)(INSTANTS, 1))
-    plain, more = laws[0], laws[1] - laws[0]  # s' T without weight, and what the weight adds at T = unit
-    up, down = more > 0, more < 0
+    plain, by_weight = laws[0], laws[1] - laws[0]  # s' T without weight, and what the weight adds at T = unit
+    up, down = by_weight > 0, by_weight < 0
     if np.any(plain[~up & ~down] <= 0):
         return np.inf, 0.0
-    low = np.max(-plain[up] / more[up], initial=0.0)
-    high = np.min(plain[down] / -more[down], initial=np.inf)
+    low = np.max(-plain[up] / by_weight[up], initial=0.0)
+    high = np.min(plain[down] / -by_weight[down], initial=np.inf)
     return float(np.sqrt(low)), float(np.sqrt(max(high, 0.0)))
 
 
-def _acceleration(one: Feasibility, speed: float, squared_duration: float) -> float:
+def _acceleration(feasibility: Feasibility, speed: float, squared_duration: float) -> float:
     """Return s" T^2 that condition (8) asks for at s' T, where it asks for any."""
-    if one.condition.holds_anyway:
+    if feasibility.condition.holds_anyway:
         return 0.0
-    weight = 0.0 if one.weightless else one.constant
-    return one.per_squared_speed * speed**2 + weight * squared_duration
+    weight = 0.0 if feasibility.weightless else feasibility.constant
+    return feasibility.per_squared_speed * speed**2 + weight * squared_duration

@@ -49,12 +49,12 @@ class Feasibility:
 
     @property
     def per_squared_speed(self) -> float:
-        """What s'^2 adds to it, [-]; not a number where s" has no effect."""
+        """The s" asked for by s'^2, over s'^2 [-]; not a number where s" has no effect."""
         return np.nan if self.orthogonal else 0.0 - self.condition.beta / self.condition.alpha
 
     @property
     def per_speed(self) -> float:
-        """What s' adds to it [1/s]; not a number where s" has no effect."""
+        """The s" asked for by s', over s' [1/s]; not a number where s" has no effect."""
         return np.nan if self.orthogonal else 0.0 - self.condition.delta / self.condition.alpha
 
     @property
@@ -86,7 +86,7 @@ class Feasibility:
         return float(np.sqrt(2.0 / abs(self.constant)))
 
     def to_dict(self) -> dict[str, Any]:
-        """As `locate --json` has it; what does not exist is null."""
+        """Return the entry of `locate --json`; what does not exist is null."""
         return {
             "alpha": self.condition.alpha,
             "beta": self.condition.beta,

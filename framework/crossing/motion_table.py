@@ -37,7 +37,7 @@ class MotionTable(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """What stands in the first line."""
+        """The names of the columns."""
         return [column.name for column in self.columns]
 
     def as_csv(self) -> str:
@@ -116,14 +116,14 @@ def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
     )
 
 
-def _group(prefix: str, things: Iterable[tuple[str, str]], order: int, what: str) -> list[Column]:
-    return [Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", what) for name, unit in things]
+def _group(prefix: str, things: Iterable[tuple[str, str]], order: int, description: str) -> list[Column]:
+    return [Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", description) for name, unit in things]
 
 
-def _rates(prefix: str, things: Sequence[tuple[str, str]], what: str) -> list[Column]:
+def _rates(prefix: str, things: Sequence[tuple[str, str]], description: str) -> list[Column]:
     return [
-        *_group(f"{prefix}_velocity", things, 1, f"time derivative {what}"),
-        *_group(f"{prefix}_acceleration", things, 2, f"second time derivative {what}"),
+        *_group(f"{prefix}_velocity", things, 1, f"time derivative {description}"),
+        *_group(f"{prefix}_acceleration", things, 2, f"second time derivative {description}"),
     ]
 
 

@@ -1,4 +1,4 @@
-"""The options of a plan, each declared once: what it means, what may be value, how it is typed.
+"""The options of a plan, each declared once: its meaning, its valid values, its form on the command line.
 
 Made from this one declaration: the record that is planned (`request.Request`), the signature and the help of
 `plan_crossing` and its like (`takes_options`), the options of the command line (`TYPED`), the part of a scene
@@ -31,7 +31,7 @@ Check = Callable[[str, Any], Any]  # (name, value) -> value in its final form; r
 
 
 class Option(NamedTuple):
-    """What one option means, and how it is checked and typed."""
+    """The meaning of an option, its check and its form on the command line."""
 
     name: str
     summary: str  # with its unit; the help on the command line
@@ -41,12 +41,12 @@ class Option(NamedTuple):
 
     @property
     def flag(self) -> str:
-        """As it is typed on a command line."""
+        """The option as it is typed on a command line."""
         return "--" + self.name.replace("_", "-")
 
     @property
     def documentation(self) -> str:
-        """As it stands in a docstring."""
+        """The paragraph on the option in a docstring."""
         return textwrap.fill(
             f"{self.name}: {self.summary}{self.details}.",
             width=104,
@@ -55,7 +55,7 @@ class Option(NamedTuple):
         )
 
 
-# ------------------------------------------------------------------ what may be value
+# ------------------------------------------------------------------ what may be a value
 
 
 def _seconds(name: str, value: Any) -> float:
@@ -67,9 +67,9 @@ def _numbers(name: str, value: Any) -> tuple[float, ...]:
     """Return a list of finite numbers as a tuple."""
     if isinstance(value, str) or np.ndim(value) == 0:
         raise InvalidInput(f"{name}: needs a list of numbers, got {value!r}")
-    for one in value:
-        if not is_number(one):
-            raise InvalidInput(f"{name}: must be finite numbers, got {one!r}")
+    for number in value:
+        if not is_number(number):
+            raise InvalidInput(f"{name}: must be finite numbers, got {number!r}")
     return tuple(map(float, value))
 
 
@@ -261,15 +261,22 @@ def _with_parameters_of(
     """Return the decorator of functions of a robot, a path and, by keyword, any of these options."""
 
     def decorator(function: Callable[..., R]) -> Callable[Concatenate[ParallelRobot, Path, P], R]:
-        own = inspect.signature(function)
-        positional = [one for one in own.parameters.values() if one.kind is not one.VAR_KEYWORD]
+        signature = inspect.signature(function)
+        positional = [
+            parameter
+            for parameter in signature.parameters.values()
+            if parameter.kind is not parameter.VAR_KEYWORD
+        ]
         named = [
             inspect.Parameter(
-                one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=one.type
+                parameter.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=parameter.default,
+                annotation=parameter.type,
             )
-            for one in fields(PlanOptions)
+            for parameter in fields(PlanOptions)
         ]
-        function.__signature__ = own.replace(parameters=[*positional, *named])  # type: ignore[attr-defined]
+        function.__signature__ = signature.replace(parameters=[*positional, *named])  # type: ignore[attr-defined]
         listed = "\n".join(option.documentation for option in OPTIONS.values())
         function.__doc__ = (inspect.getdoc(function) or "").replace("    {options}", listed)
         return function

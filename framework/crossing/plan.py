@@ -121,7 +121,7 @@ def _best(work: _Work) -> CrossingPlan:
 
 
 class _Work(NamedTuple):
-    """What planning with either law needs to know."""
+    """The input of planning with either law."""
 
     to_cross: PathToCross
     request: Request
@@ -129,7 +129,7 @@ class _Work(NamedTuple):
 
 
 def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
-    """The plan with the polynomial law, and how well that advances."""
+    """Plan with the polynomial law; return the plan and `Law.advance` of its law."""
     to_cross, request, started = work
     dynamics, law, timing, conditions = polynomial_motion(to_cross, request)
     advance = law.advance(request.smoothness)

@@ -54,23 +54,23 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
     ) -> list[tuple[CrossingPoint, Condition8]]:
         if deflections is None or request.geometry != "deformed":
             return _at_rest(to_cross)
-        found = []
+        crossings_found = []
         for target, crossing_time in zip(to_cross.crossing_points, choice, strict=True):
-            here = Deflection(*(deflections(crossing_time.time, order) for order in range(3)))
+            deflection = Deflection(*(deflections(crossing_time.time, order) for order in range(3)))
             if isinstance(target, SingularPoint):
                 near = target.s if before is None else float(before(crossing_time.time))
-                place = crossing_point(branch, target, here, near)
+                place = crossing_point(branch, target, deflection, near)
             else:
                 place = target
-            found.append((place, condition_at(branch, place, here)))
-        return found
+            crossings_found.append((place, condition_at(branch, place, deflection)))
+        return crossings_found
 
     def choose_law(deflections: TimeFunction | None, before: MotionLaw | None) -> Law:
-        met = crossings(deflections, before)
-        law = _law(met, choice, request)
+        conditions_met = crossings(deflections, before)
+        law = _law(conditions_met, choice, request)
         if before is None:
             check_advance(law, [point.s for point in points], robot.name)
-        chosen.append((law, [condition for _, condition in met]))
+        chosen.append((law, [condition for _, condition in conditions_met]))
         return law
 
     chosen: list[tuple[Law, list[Condition8]]] = []
@@ -81,9 +81,9 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
         tolerance=request.tolerance,
         friction=request.friction,
     )
-    law, conditions = next(one for one in reversed(chosen) if one[0] is dynamics.law)
+    law, conditions = next(choice_made for choice_made in reversed(chosen) if choice_made[0] is dynamics.law)
     if len(chosen) > 1:  # else it is the first law, which has been checked
-        check_advance(law, [found.s for found in dynamics.crossings], robot.name)
+        check_advance(law, [crossing.s for crossing in dynamics.crossings], robot.name)
     return PolynomialMotion(dynamics, law, choice, conditions)
 
 
@@ -116,7 +116,10 @@ def _law(
     try:
         return Law.rest_to_rest(duration, request.smoothness, inner)
     except InvalidInput as problem:
-        through = ", ".join(f"t = {one.time:g} s (s' = {one.speed:g} 1/s)" for one in crossing_times)
+        through = ", ".join(
+            f"t = {crossing_time.time:g} s (s' = {crossing_time.speed:g} 1/s)"
+            for crossing_time in crossing_times
+        )
         raise InvalidInput(
             f"times: no polynomial over {duration:g} s through {through or 'the ends'} could be computed: "
             f"{problem}; {OF_A_SCENE}"
@@ -126,7 +129,7 @@ def _law(
 def _inner(
     crossings: list[tuple[CrossingPoint, Condition8]], crossing_times: Sequence[CrossingTime]
 ) -> list[Condition]:
-    """What the law has to meet at the crossings: s, s' and the s" that condition (8) asks for."""
+    """Return the conditions on the law at the crossings: s, s' and the s" of condition (8)."""
     return [
         Condition(crossing_time.time, order, value)
         for (place, condition), crossing_time in zip(crossings, crossing_times, strict=True)
@@ -137,7 +140,7 @@ def _inner(
 
 
 def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ...]:
-    """Times and speeds of the crossings on the undeformed robot, those left open chosen."""
+    """Return times and speeds of the crossings of the undeformed robot; choose those left open."""
     duration = request.fixed_duration
     if not to_cross.crossing_points:
         return ()

@@ -83,7 +83,7 @@ class Request(PlanOptions):
 
     @property
     def goal(self) -> str:
-        """What an optimal law is to be best at."""
+        """The goal of an optimal law."""
         return "peak_torque" if self.optimize is None else self.optimize
 
     @property

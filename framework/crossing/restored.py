@@ -152,8 +152,8 @@ def _robot(saved: dict[str, Any], file: FilePath, named: str | FilePath | None) 
     """Return the robot in the file that is named anew, or else in the one that the plan says."""
     if named is not None:
         return ParallelRobot.from_file(robot_file_of(str(named)), flexibility=saved["flexibility"])
-    known, stated = catalogue(), str(saved["robot_file"])
-    place = known[stated].file if stated in known else file.parent / stated
+    entries, stated = catalogue(), str(saved["robot_file"])
+    place = entries[stated].file if stated in entries else file.parent / stated
     if not os.path.exists(place):
         raise RobotFileError(
             f"{file}: robot_file: there is no {place}; if it has moved, name it again (--robot-file, or "
@@ -165,10 +165,10 @@ def _robot(saved: dict[str, Any], file: FilePath, named: str | FilePath | None) 
 def _request(robot: ParallelRobot, saved: dict[str, Any]) -> Request:
     rest = dict(saved)
     ((kind, points),) = rest.pop("path").items()
-    known = [field.name for field in fields(Request) if field.name != "path"]
+    keys = [field.name for field in fields(Request) if field.name != "path"]
     for key in rest:
-        if key not in known:
-            raise InvalidInput(f"request: {choose_from('key', key, known)}")
+        if key not in keys:
+            raise InvalidInput(f"request: {choose_from('key', key, keys)}")
     return Request.of(robot, path_of(kind, points), **rest)
 
 
@@ -212,15 +212,15 @@ def _check_same(saved: dict[str, Any], plan: CrossingPlan) -> None:
         if stated["kind"] != crossing.kind:
             raise _changed(f"{where}.kind", stated["kind"], crossing.kind)
         for key, size in sizes.items():
-            now = getattr(crossing, key)
-            _check_number(f"{where}.{key}", stated[key], now, max(size, abs(now)))
+            computed = getattr(crossing, key)
+            _check_number(f"{where}.{key}", stated[key], computed, max(size, abs(computed)))
         _check_number(f"{where}.twist", stated["twist"], crossing.twist, 1.0)
         _check_number(f"{where}.platform", stated["platform"], crossing.platform, plan.robot.length)
         if (stated["condition"] is None) != (crossing.condition is None):
             raise _changed(f"{where}.condition", stated["condition"], crossing.condition)
         if crossing.condition is not None:
-            for key, (now, size) in _sizes(crossing.condition, pace).items():
-                _check_number(f"{where}.condition.{key}", stated["condition"][key], now, size)
+            for key, (computed, size) in _sizes(crossing.condition, pace).items():
+                _check_number(f"{where}.condition.{key}", stated["condition"][key], computed, size)
     if saved["certificate"]["monotone"] is not plan.certificate.monotone:
         raise _changed("certificate.monotone", saved["certificate"]["monotone"], plan.certificate.monotone)
 
@@ -232,14 +232,15 @@ def _sizes(condition: Condition8, pace: float) -> dict[str, tuple[float, float]]
     return {key: (value, largest / rates[key]) for key, value in condition._asdict().items()}
 
 
-def _check_number(key: str, stated: Any, now: ArrayLike, size: float) -> None:
+def _check_number(key: str, stated: Any, computed: ArrayLike, size: float) -> None:
     """Raise InvalidInput unless what the file says is within FILE_ROUNDING of its size."""
     values = np.array(np.nan if stated is None else stated, dtype=float)
-    if values.shape != np.shape(now) or not np.all(np.abs(values - now) <= FILE_ROUNDING * size):
-        raise _changed(key, stated, now)
+    if values.shape != np.shape(computed) or not np.all(np.abs(values - computed) <= FILE_ROUNDING * size):
+        raise _changed(key, stated, computed)
 
 
-def _changed(key: str, stated: object, now: object) -> InvalidInput:
+def _changed(key: str, stated: object, computed: object) -> InvalidInput:
     return InvalidInput(
-        f"{key}: the file says {stated}, the robot now needs {now}: the robot has changed since; plan again"
+        f"{key}: the file says {stated}, the robot now needs {computed}: the robot has changed since; plan "
+        f"again"
     )

@@ -30,7 +30,7 @@ PEAK_SAMPLES = 2001  # equidistant instants at which peaks and limits are looked
 
 @dataclass(frozen=True, eq=False)
 class Crossing(ReadOnlyArrays):
-    """One way through a Type 2 singularity, measured on the finished motion.
+    """A crossing of a Type 2 singularity, measured on the finished motion.
 
     The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`. `condition` holds the
     coefficients of condition (8) there where the law was made to meet it, None when nothing was asked and
@@ -50,7 +50,7 @@ class Crossing(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Optimality(ReadOnlyArrays):
-    """What an optimal law was made best at, and what its torques were measured against, (n_a,) [N m]."""
+    """The specification of an optimal law, and the torques (n_a,) [N m] that its peak is relative to."""
 
     specification: Specification
     reference: Array
@@ -235,11 +235,11 @@ def _timing(measured: float, law: PlannedLaw, timing: Sequence[CrossingTime]) ->
 def _matches(to_cross: PathToCross, crossings: Sequence[SingularityCrossing]) -> list[int | None]:
     """Return which crossing point each crossing is; None where condition (8) was not asked for."""
     points = to_cross.crossing_points
-    if len(points) == len(crossings) and all(isinstance(one, SingularPoint) for one in points):
+    if len(points) == len(crossings) and all(isinstance(target, SingularPoint) for target in points):
         return list(range(len(points)))  # both in the order of the path; springs may have moved the crossings
     matches: list[int | None] = []
     for crossing in crossings:
-        near = [k for k, one in enumerate(points) if abs(one.s - crossing.s) < SAME_PLACE]
+        near = [k for k, target in enumerate(points) if abs(target.s - crossing.s) < SAME_PLACE]
         matches.append(near[0] if near else None)
     return matches
 

@@ -65,8 +65,8 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
     """
     chosen = scene(robot, name)
     stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}
-    wanted = [options.get(key) for key in ("optimize", "longest", "torque_limit", "speed_limit", "margin")]
-    if options.get("law") == "optimal" or any(value is not None for value in wanted):
+    bounding = [options.get(key) for key in ("optimize", "longest", "torque_limit", "speed_limit", "margin")]
+    if options.get("law") == "optimal" or any(value is not None for value in bounding):
         stated.update(times=None, speeds=None)
     if options.get("optimize") == "time" or options.get("longest") is not None:
         stated.update(duration=None)

@@ -16,7 +16,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 
 @dataclass(frozen=True, eq=False)
 class Specification(ReadOnlyArrays):
-    """What a law is to be best at, and within which limits.
+    """The goal of an optimal law, and its limits.
 
     goal: "time", "peak_torque": the largest torque over its limit, or "energy": the integral of the sum of
         (torque over limit)^2. There motors without a limit are weighed with the largest of the others, or,
@@ -45,7 +45,7 @@ class Specification(ReadOnlyArrays):
 
     @property
     def limited_motors(self) -> BoolArray:
-        """Which torques (n_a,) have a limit."""
+        """A mask (n_a,) of the motors whose torque has a limit."""
         return np.isfinite(self.torque_limit)
 
     @property

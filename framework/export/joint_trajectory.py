@@ -50,7 +50,7 @@ def joint_trajectory(plan: CrossingPlan, *, samples: int = DEFAULT, side: str = 
     gear = robot.gear_ratio if side == "joint" else np.ones(robot.n_a)
     position, velocity, acceleration = (plan.motor_angle(times, order) / gear for order in range(3))
     effort = plan.torque(times) * gear
-    frame_id = next(name for name, said in FRAME_IDS.items() if said == (side, robot.n_e > 0))
+    frame_id = next(name for name, meaning in FRAME_IDS.items() if meaning == (side, robot.n_e > 0))
     columns = (position, velocity, acceleration, effort)
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame_id},
@@ -72,5 +72,5 @@ def side_told(plan: CrossingPlan, side: str = "joint") -> str:
 
 def _duration(seconds: float) -> dict[str, int]:
     """builtin_interfaces/Duration."""
-    whole, rest = divmod(round(float(seconds) * NANOSECONDS), NANOSECONDS)
-    return {"sec": whole, "nanosec": rest}
+    seconds_part, rest = divmod(round(float(seconds) * NANOSECONDS), NANOSECONDS)
+    return {"sec": seconds_part, "nanosec": rest}

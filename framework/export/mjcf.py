@@ -71,8 +71,8 @@ def qpos_of(model: pin.Model, q: Array) -> Array:
     qpos = q.copy()
     for joint in model.joints[1:]:
         if is_ball(joint):
-            own = slice(joint.idx_q, joint.idx_q + 4)
-            qpos[own] = np.roll(q[own], 1)
+            place = slice(joint.idx_q, joint.idx_q + 4)
+            qpos[place] = np.roll(q[place], 1)
     return qpos
 
 
@@ -82,7 +82,7 @@ def ranges_left_out(robot: ParallelRobot) -> tuple[str, ...]:
 
 
 def _add_motors(robot: ParallelRobot, root: ElementTree.Element) -> None:
-    """One for each motor, whose control is its torque [N m] on the motor side."""
+    """Add an actuator for each motor; its control is the torque [N m] on the motor side."""
     actuator = ElementTree.SubElement(root, "actuator")
     speeds = ElementTree.Element("custom")
     for motor in robot.description.actuators:
@@ -157,9 +157,9 @@ def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[Ele
     axes = equality_axes(robot)
 
     def site(name: str, frame: str, offset: Array) -> None:
-        at = robot.model.frames[frames[frame]]
-        placed = at.placement * pin.SE3(np.eye(3), offset)
-        ElementTree.SubElement(bodies[at.parentJoint], "site", {"name": name} | _placed(placed))
+        frame_at = robot.model.frames[frames[frame]]
+        placed = frame_at.placement * pin.SE3(np.eye(3), offset)
+        ElementTree.SubElement(bodies[frame_at.parentJoint], "site", {"name": name} | _placed(placed))
 
     equality = ElementTree.SubElement(root, "equality")
     hard = {"solref": f"{2 * STEP!r} 1", "solimp": HARD}

@@ -31,32 +31,32 @@ CLOSED = 1e-10  # [rad, robot lengths]: the square of DEFLECTED, by which a free
 
 
 def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
-    """By closure the axes that its equalities lock, one of OFF_ORIGIN.
+    """Return the axes that the equalities of each closure lock; a value is one of OFF_ORIGIN.
 
     Raises:
         InvalidInput: a closure that none of them says; names it, and the axes along which the robot moves.
     """
     closures, poses = robot.description.closures, None
-    found = {}
+    locked = {}
     for closure in closures:
         if closure.axes in OFF_ORIGIN:
-            found[closure.name] = closure.axes
+            locked[closure.name] = closure.axes
             continue
         poses = _configurations_beside(robot) if poses is None else poses
-        found[closure.name] = _more_locked(robot, closure, poses)
-    return found
+        locked[closure.name] = _more_locked(robot, closure, poses)
+    return locked
 
 
 def _more_locked(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
     """The first kind that locks a closure's axes, and others that are closed at configurations (K, nq)."""
     lacking = dict[tuple[str, ...], float]()
-    at, names = frames_at(robot, poses), frame_names(robot)
+    placements, names = frames_at(robot, poses), frame_names(robot)
     for axes in OFF_ORIGIN:
         if not set(closure.axes) <= set(axes):
             continue
         rows = loop_rows([replace(closure, axes=axes)], names)
         lengths = np.where(rows.rotation, 1.0, robot.length)
-        gap = float((np.abs(loop_equations(rows, at).residual) / lengths).max(initial=0.0))
+        gap = float((np.abs(loop_equations(rows, placements).residual) / lengths).max(initial=0.0))
         if gap <= CLOSED:
             return axes
         lacking[axes] = gap

@@ -40,7 +40,7 @@ SAMPLES = 65  # equidistant instants at which bodies and vibrations are looked a
 
 
 class Indicators(NamedTuple):
-    """For each level what it leaves out, and the indicator that says so."""
+    """The error of each level as its indicators estimate it, and the indicators in words."""
 
     error: Mapping[str, float]
     words: Mapping[str, str]
@@ -93,8 +93,8 @@ def _accumulated(out: Mapping[str, float], words: Mapping[str, str], growth: flo
     for name in reversed(names):
         largest = max(largest, 0.0 if name == names[-1] else _times(growth, out.get(name, np.inf)))
         error[name] = largest
-    every = {name: words.get(name, "") for name in names}
-    return Indicators({name: error[name] for name in names}, every, growth)
+    sentences = {name: words.get(name, "") for name in names}
+    return Indicators({name: error[name] for name in names}, sentences, growth)
 
 
 def _times(growth: float, error: float) -> float:
@@ -114,25 +114,25 @@ class _Shares(NamedTuple):
 def _shares(rigid: CrossingPlan, payload: CrossingPlan | None) -> _Shares:
     motion = rigid.dynamics.motion(np.linspace(0.0, rigid.duration, SAMPLES))
     robot = rigid.robot
-    whole = platform_wrench(robot, motion)
+    full = platform_wrench(robot, motion)
     size = robot.platform_scale  # moments: a force times the robot's length
 
     def largest(wrench: Array) -> float:
         return float(np.abs(wrench * size).max())
 
-    all_of_it = max(largest(whole.asked), np.finfo(float).tiny)
+    all_of_it = max(largest(full.asked), np.finfo(float).tiny)
     legs = 1.0
     if payload is not None:
-        legs = largest(whole.asked - platform_wrench(payload.robot, motion).asked) / all_of_it
+        legs = largest(full.asked - platform_wrench(payload.robot, motion).asked) / all_of_it
     still = replace(motion, v=np.zeros_like(motion.v), a=np.zeros_like(motion.a))
     weight = platform_wrench(robot, still).asked
     t = np.linspace(0.0, rigid.duration, 1001)
     pushing = 0.5 * rigid.duration**2 * float(np.abs(rigid.law(t, 2)).max())
-    moving = max(largest(whole.asked - weight), np.finfo(float).tiny)
+    moving = max(largest(full.asked - weight), np.finfo(float).tiny)
     return _Shares(
-        bodies=largest(whole.asked - whole.rotors) / all_of_it,
+        bodies=largest(full.asked - full.rotors) / all_of_it,
         legs=legs,
-        rotors=largest(whole.rotors) / all_of_it,
+        rotors=largest(full.rotors) / all_of_it,
         drift=max(1.0, pushing * largest(weight) / moving),
     )
 

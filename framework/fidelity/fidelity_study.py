@@ -64,12 +64,12 @@ class FidelityStudy(ReadOnlyArrays):
     @cached_property
     def enough(self) -> Comparison | None:
         """The least level that is enough; None if none is, not even the highest."""
-        return next((one for one in self.levels if self.is_enough(one)), None)
+        return next((level for level in self.levels if self.is_enough(level)), None)
 
     @cached_property
     def indicated(self) -> Comparison:
-        """What the indicators alone would choose; of levels with the same torques the lowest."""
-        by_name = {one.level.name: one for one in self.levels}
+        """The level that the indicators alone would choose; of levels with the same torques the lowest."""
+        by_name = {level.level.name: level for level in self.levels}
         chosen = by_name[self.indicators.chosen(self.tolerance)]
         return by_name[chosen.same_as] if chosen.same_as else chosen
 
@@ -82,20 +82,20 @@ class FidelityStudy(ReadOnlyArrays):
 
     def place(self, errors: Array) -> float | None:
         """Return where on the path (s) errors (T,) are largest; None where there are none beyond rounding."""
-        known = np.nan_to_num(errors)
-        if known.max() <= ERROR_ROUNDING:
+        finite = np.nan_to_num(errors)
+        if finite.max() <= ERROR_ROUNDING:
             return None
-        return float(self.highest.law(self.times[np.argmax(known)]))
+        return float(self.highest.law(self.times[np.argmax(finite)]))
 
     @property
     def kept(self) -> dict[str, Any] | None:
-        """What a scene of the robot file keeps of this study, its `fidelity`; None if no level is enough."""
+        """The entry `fidelity` of a scene in the robot file; None if no level is enough."""
         enough = self.enough
         return None if enough is None else {"rung": enough.level.name, "tolerance": self.tolerance}
 
     @property
     def refusal(self) -> NoAnswer | None:
-        """Why no model is accurate enough; None if one is."""
+        """The error that says why no model is accurate enough; None if one is."""
         if self.enough is not None:
             return None
         top = self.levels[-1]
@@ -114,7 +114,7 @@ class FidelityStudy(ReadOnlyArrays):
             "duration": self.highest.duration,
             "path_length": self.length,
             "peak_torque": self.highest.peak_torque,
-            "crossings": [{"s": at.s, "time": at.time} for at in self.highest.crossings],
+            "crossings": [{"s": crossing.s, "time": crossing.time} for crossing in self.highest.crossings],
             "enough": None if self.enough is None else self.enough.level.name,
             "foretold": self.indicated.level.name,
             "growth": _finite(self.indicators.growth),

@@ -37,7 +37,7 @@ NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # of the duration: more instants, w
 
 @dataclass(frozen=True, eq=False)
 class Comparison(ReadOnlyArrays):
-    """One level: its plan, and what its torques do in the highest model.
+    """One level: its plan, and the errors of its torques in the highest model.
 
     torque_error, platform_error: at the study's instants (T,): the difference from the highest level's
         torques over their peak, and the distance of the platform from the level's own plan over the path's
@@ -160,14 +160,14 @@ class HighestLevel:
             request = replace(request, times=times, speeds=speeds or None)
         return plan_request(model, request)
 
-    def _torque_error(self, plan: CrossingPlan, other: CrossingPlan) -> Array:
+    def _torque_error(self, plan: CrossingPlan, reference: CrossingPlan) -> Array:
         """Return how far torques of two plans differ (T,), over the peak, each at rest after its end.
 
         Dry friction is the same in both, and left out: it jumps a little earlier in one than in the other.
         """
         torques = [
             one.dynamics.torque_without_friction(np.minimum(self.times, one.duration))
-            for one in (plan, other)
+            for one in (plan, reference)
         ]
         return np.asarray((np.abs(torques[0] - torques[1]) / self.peak).max(axis=1))
 
@@ -228,8 +228,8 @@ class HighestLevel:
 
 def model_of(description: RobotDescription, level: Level) -> ParallelRobot:
     """Return the robot as a level sees it: other masses and springs, and no other solver."""
-    seen = with_bodies(description, level.bodies)
-    robot = ParallelRobot.from_description(seen, flexibility=level.flexibility)
+    simplified = with_bodies(description, level.bodies)
+    robot = ParallelRobot.from_description(simplified, flexibility=level.flexibility)
     return robot if level.elastic_inertia else replace(robot, elastic_inertia=False)
 
 
@@ -237,6 +237,6 @@ def adds_nothing(description: RobotDescription, level: Level, below: Level) -> b
     """Whether a robot has nothing of what a level takes into account beyond the one below it."""
     if level.bodies != below.bodies:
         return False
-    springs = [description.active_springs(one.flexibility) for one in (level, below)]
+    springs = [description.active_springs(compared.flexibility) for compared in (level, below)]
     elastic = (level.geometry, level.elastic_inertia) != (below.geometry, below.elastic_inertia)
     return springs[0] == springs[1] and not (elastic and springs[0])

@@ -48,7 +48,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
         "locus": drawn_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
         "free_motors": motors_are_free(robot),
         "sliders": _sliders(robot, pose_at(robot, reference.q)),
-        "start": _told(robot, pose_at(robot, reference.q)),
+        "start": _document(robot, pose_at(robot, reference.q)),
     }
 
 
@@ -63,7 +63,7 @@ def move_by_hand(robot: ParallelRobot, asked: dict[str, Any]) -> dict[str, Any]:
     try:
         q, part = np.array(asked["q"], dtype=float), asked["part"]
         if part == "drag":
-            return _told(robot, drag_platform(robot, q, np.array(asked["place"], dtype=float)))
+            return _document(robot, drag_platform(robot, q, np.array(asked["place"], dtype=float)))
         index, value = int(asked["index"]), float(asked["value"])
     except (KeyError, TypeError, OverflowError):
         raise InvalidInput("a movement needs q, part, and index and value or place") from None
@@ -74,7 +74,7 @@ def move_by_hand(robot: ParallelRobot, asked: dict[str, Any]) -> dict[str, Any]:
     if part not in ("platform", "motor"):
         raise InvalidInput(f"part: needs platform, motor or drag, got {part!r}")
     pose = (move_platform if part == "platform" else move_motor)(robot, q, index, value)
-    return _told(robot, pose)
+    return _document(robot, pose)
 
 
 def _words(pose: JoggedPose) -> str:
@@ -143,11 +143,11 @@ def _wobble(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any] | None:
         "poses": floats(poses),
         "places": floats(places),
         "count": len(places),
-        "words": _told_loose(robot, loose),
+        "words": _loose_sentence(robot, loose),
     }
 
 
-def _told_loose(robot: ParallelRobot, loose: LooseMotion) -> str:
+def _loose_sentence(robot: ParallelRobot, loose: LooseMotion) -> str:
     """How far the platform moves, and how little the motors do."""
     slides = robot.sliding[robot.actuated]
     moved = [f"{1e3 * loose.shift:.3g} mm"] * (loose.shift > 0) + [f"{loose.turn:.2g} rad"] * (loose.turn > 0)
@@ -162,7 +162,7 @@ def _told_loose(robot: ParallelRobot, loose: LooseMotion) -> str:
     )
 
 
-def _told(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
+def _document(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
     poses = joint_poses(robot, pose.q[None])
     twist = platform_twists(robot, pose.q[None], pose.twist[None])[0]
     return _hold(robot, pose) | {

@@ -110,7 +110,7 @@ class Drive:
                 f"torque: needs a plan, a result of inverse_dynamics, torque(t) or torque(t, q, v), got "
                 f"{type(source).__name__}"
             )
-        asked = _asked(source)
+        asked = _arguments(source)
         if asked not in (1, 3):
             raise InvalidInput(f"torque: takes (t) or (t, q, v), this one asks for {asked} arguments")
 
@@ -130,7 +130,7 @@ class Drive:
         return Drive(robot, stacked, asked == 3, tuple(sorted(map(float, breaks))))
 
 
-def _asked(function: Callable[..., Any]) -> int:
+def _arguments(function: Callable[..., Any]) -> int:
     """Count the required arguments of a callable; 0 for a builtin without a signature."""
     try:
         parameters = signature(function).parameters.values()

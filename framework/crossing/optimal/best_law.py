@@ -69,15 +69,15 @@ def off_limits(program: SpeedProgram) -> tuple[float | None, float | None]:
         torque=np.where(specification.limited_motors, program.units.torque, np.inf)
     )
     gentle = (
-        _found(replace(program, specification=free, units=units))
+        _best_of(replace(program, specification=free, units=units))
         if specification.limited and specification.most is not None
         else None
     )
-    quick = _found(replace(program, specification=quickest)) if specification.limited else None
+    quick = _best_of(replace(program, specification=quickest)) if specification.limited else None
     return (None if gentle is None else gentle.peak, None if quick is None else quick.law.duration)
 
 
-def _found(program: SpeedProgram) -> Best | None:
+def _best_of(program: SpeedProgram) -> Best | None:
     best = best_law(program)
     return best if isinstance(best, Best) else None
 
@@ -148,7 +148,7 @@ def _with_rows_where_exceeded(
         return None
     return replace(
         cones,
-        torque=_both(cones.torque, program.torque_rows(program.between[over])),
+        torque=_stacked(cones.torque, program.torque_rows(program.between[over])),
         bounded=np.append(cones.bounded, np.tile(program.specification.limited_motors, len(over))),
         positive=np.concatenate([cones.positive, program.speeds_between[low]]),
     )
@@ -197,8 +197,10 @@ def _lasting(program: SpeedProgram, cones: ConeProgram, quick: Optimum) -> Array
     raise InvalidInput("no law of this degree advances all the time and takes so long")
 
 
-def _both(one: Affine, two: Affine) -> Affine:
-    return Affine(np.concatenate([one.matrix, two.matrix]), np.concatenate([one.offset, two.offset]))
+def _stacked(first: Affine, second: Affine) -> Affine:
+    return Affine(
+        np.concatenate([first.matrix, second.matrix]), np.concatenate([first.offset, second.offset])
+    )
 
 
 def _scaled(rows: Affine, units: Array) -> Affine:

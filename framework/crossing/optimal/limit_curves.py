@@ -26,7 +26,7 @@ BESIDE = np.geomspace(1e-5, 0.05, 25)  # of the duration, instants beside a cros
 TOLERANCE = 1e-9  # of a limit, by which a corner of the region may exceed it
 
 
-class Asked(NamedTuple):
+class MotorDemand(NamedTuple):
     """Torques constant + per_speed s' + per_z s'^2 + per_u s" of the motors at T places, each (T, n_a)."""
 
     constant: Array
@@ -53,44 +53,44 @@ class LimitCurves(NamedTuple):
 
 
 def limit_curves(plan: CrossingPlan) -> LimitCurves:
-    """The curves of a plan, for the limits of its optimal law, and for its own peak torque without limits."""
+    """Compute the curves of a plan, for its limits, or for its own peak torque where it has none."""
     torque_limit, speed_limit = _limits(plan)
     times = _instants(plan)
     s, speed, acceleration = (plan.law(times, order) for order in range(3))
     s = np.clip(s, 0.0, 1.0)
-    asked = _asked(plan, s)
-    lowest, highest = _accelerations(asked, speed, torque_limit)
+    required = _motor_demand(plan, s)
+    lowest, highest = _accelerations(required, speed, torque_limit)
     return LimitCurves(
         s,
         speed,
         acceleration,
-        highest_speed(asked, torque_limit, speed_limit),
+        highest_speed(required, torque_limit, speed_limit),
         lowest,
         highest,
         torque_limit,
     )
 
 
-def _asked(plan: CrossingPlan, s: Array) -> Asked:
-    """What the undeformed robot of a plan asks at s (T,), with its damping and the friction planned with."""
+def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
+    """Compute torques and speeds of the undeformed robot at s (T,), with damping and the planned friction."""
     branch, robot = track_path(plan.robot, plan.path), plan.robot
     undamped = demand(branch, Smoothstep(0), s, None, "rigid")
     constant, per_z, per_u = undamped.torque
     per_speed = np.zeros_like(constant)
     if robot.is_damped:  # demand has the tangent of sqrt(z) at z = 1, (1 + z) / 2
-        damped = demand(branch, Smoothstep(0), s, None, "rigid", lambda at: np.ones(len(at)))
+        damped = demand(branch, Smoothstep(0), s, None, "rigid", lambda sigma: np.ones(len(sigma)))
         per_speed = 2.0 * (damped.torque.constant - constant)
     friction = undamped.friction(motor_friction(robot, plan.request.friction))
-    return Asked(constant + friction, per_speed, per_z, per_u, undamped.speed)
+    return MotorDemand(constant + friction, per_speed, per_z, per_u, undamped.speed)
 
 
 def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
     """Limits (n_a,) of torque [N m] and speed [rad/s]."""
-    own = np.full(plan.robot.n_a, max(plan.peak_torque.values()))
+    unlimited = np.full(plan.robot.n_a, max(plan.peak_torque.values()))
     if plan.optimality is None:
-        return own, np.full(plan.robot.n_a, np.inf)
+        return unlimited, np.full(plan.robot.n_a, np.inf)
     specification = plan.optimality.specification
-    return (specification.torque_limit if specification.limited else own), specification.speed_limit
+    return (specification.torque_limit if specification.limited else unlimited), specification.speed_limit
 
 
 def _instants(plan: CrossingPlan) -> Array:
@@ -103,18 +103,18 @@ def _instants(plan: CrossingPlan) -> Array:
     return np.unique(times)
 
 
-def _accelerations(asked: Asked, speed: Array, limit: Array) -> tuple[Array, Array]:
+def _accelerations(required: MotorDemand, speed: Array, limit: Array) -> tuple[Array, Array]:
     """The least and the largest s" (T,) that the motors allow at these s' (T,)."""
-    constant, per_speed, per_z, per_u, _ = asked
+    constant, per_speed, per_z, per_u, _ = required
     at_zero = constant + (per_speed + per_z * speed[:, None]) * speed[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.sort(np.stack([(-limit - at_zero) / per_u, (limit - at_zero) / per_u]), axis=0)
     return np.nanmax(ends[0], axis=1), np.nanmin(ends[1], axis=1)
 
 
-def highest_speed(asked: Asked, torque_limit: Array, speed_limit: Array) -> Array:
+def highest_speed(required: MotorDemand, torque_limit: Array, speed_limit: Array) -> Array:
     """The largest s' (T,) at which some s" keeps all limits: a corner of their region."""
-    constant, per_speed, per_z, per_u, motor_speed = asked
+    constant, per_speed, per_z, per_u, motor_speed = required
     limited = np.isfinite(torque_limit)
     # rows (T, m, 3) of (s', s'^2, s") and right-hand sides (T, m), each for both signs of a torque
     rows = np.stack([per_speed, per_z, per_u], axis=-1)[:, limited] / torque_limit[limited, None]
@@ -134,7 +134,7 @@ def highest_speed(asked: Asked, torque_limit: Array, speed_limit: Array) -> Arra
 
 
 def _corners(rows: Array, bound: Array) -> list[Array]:
-    """Where two edges meet, rows (T, 2, 3) and right-hand sides (T, 2): two times (s', s'^2, s") (T, 3).
+    """Intersect two edges, rows (T, 2, 3) and right-hand sides (T, 2): twice (s', s'^2, s") (T, 3).
 
     Without s" there remains a s'^2 + b s' = c. Not a number where the edges do not meet.
     """

@@ -49,18 +49,18 @@ def estimated_best(plan: CrossingPlan, cells: int = CELLS) -> float | None:
     specification = plan.optimality.specification
     branch = track_path(plan.robot, plan.path)
     points = locate_singularities(plan.robot, plan.path, branch=branch)
-    places = [crossing_point(branch, at, None, at.s) for at in points]
+    places = [crossing_point(branch, singular, None, singular.s) for singular in points]
     edges = _edges(np.array([place.s for place in places]), cells)
     torque = np.where(specification.limited_motors, specification.torque_limit, plan.optimality.reference)
     before = _speed_of(plan) if plan.robot.is_damped else None
     best = np.inf
     for _ in range(MAX_TANGENTS):
         on_path = _on_path(branch, places, edges, before)
-        found, units = _solved(on_path, edges, plan, specification, torque)
-        size = found.duration * units.time if specification.goal == "time" else found.peak
+        optimum, units = _solved(on_path, edges, plan, specification, torque)
+        size = optimum.duration * units.time if specification.goal == "time" else optimum.peak
         if before is None or abs(size / best - 1.0) <= SETTLED:
             break
-        best, before = size, _speed_between(edges, found.y * units.time**-2)
+        best, before = size, _speed_between(edges, optimum.y * units.time**-2)
     else:
         raise NotConverged(
             f"{plan.robot.name}: no estimate of the best law: damping does not settle", residual=np.inf
@@ -80,13 +80,13 @@ def _solved(
     """
     for factor in AGAIN:
         units = Units(factor * plan.duration, torque)
-        most = None if specification.most is None else specification.most / units.time
-        found = solve_cone_program(
-            _program(on_path, edges, specification, units), specification.goal, longest=most
+        longest = None if specification.most is None else specification.most / units.time
+        optimum = solve_cone_program(
+            _program(on_path, edges, specification, units), specification.goal, longest=longest
         )
-        if isinstance(found, Optimum):
-            return found, units
-    why = found.status if isinstance(found, Unsolved) else "its limits contradict each other"
+        if isinstance(optimum, Optimum):
+            return optimum, units
+    why = optimum.status if isinstance(optimum, Unsolved) else "its limits contradict each other"
     raise NotConverged(f"{plan.robot.name}: no estimate of the best law found ({why})", residual=np.inf)
 
 
@@ -107,8 +107,8 @@ def _speed_between(edges: Array, inner: Array) -> SquaredSpeed:
 
 def _at_rest(branch: Branch, friction: Array) -> Array:
     """The larger torque (n_a,) [N m] of both ends, where a smooth law leaves gravity and dry friction."""
-    asked = demand(branch, Smoothstep(2), np.array([0.0, 1.0]), None, "rigid")
-    return np.asarray(np.abs(asked.torque.constant + asked.friction(friction)).max(axis=0))
+    demanded = demand(branch, Smoothstep(2), np.array([0.0, 1.0]), None, "rigid")
+    return np.asarray(np.abs(demanded.torque.constant + demanded.friction(friction)).max(axis=0))
 
 
 def _edges(crossings: Array, cells: int) -> Array:
@@ -123,16 +123,16 @@ def _edges(crossings: Array, cells: int) -> Array:
 def _on_path(
     branch: Branch, places: Sequence[CrossingPoint], edges: Array, before: SquaredSpeed | None
 ) -> OnPath:
-    """What the robot asks in the middle of the cells (where a crossing is, a hair beside it)."""
+    """Compute torques, speeds and condition (8) in the middle of the cells, or beside a crossing there."""
     middle = 0.5 * (edges[1:] + edges[:-1])
-    found = [crossing_rows(branch, Smoothstep(0), place, None, before) for place in places]
+    conditions = [crossing_rows(branch, Smoothstep(0), place, None, before) for place in places]
     # u' is not in these unknowns: without its rows the bound is lower, and still one
-    rows = [(sigma, row) for sigma, several in found for row in several if row[3] == 0.0]
+    rows = [(sigma, row) for sigma, several in conditions for row in several if row[3] == 0.0]
     crossings = np.array([sigma for sigma, _ in rows])
     for s in crossings:
         middle = np.where(np.abs(middle - s) < 1e-9, s + 1e-6, middle)
-    asked = demand(branch, Smoothstep(0), middle, None, "rigid", before)
-    return OnPath(middle, asked, crossings, np.array([row for _, row in rows]).reshape(-1, 4))
+    demanded = demand(branch, Smoothstep(0), middle, None, "rigid", before)
+    return OnPath(middle, demanded, crossings, np.array([row for _, row in rows]).reshape(-1, 4))
 
 
 def _program(on_path: OnPath, edges: Array, specification: Specification, units: Units) -> ConeProgram:
@@ -144,24 +144,24 @@ def _program(on_path: OnPath, edges: Array, specification: Specification, units:
     scale = units.time**-2
     torque = on_path.demand.torque
     constant = torque.constant + on_path.demand.friction(specification.friction)
-    at = [int(np.searchsorted(edges, s)) - 1 for s in on_path.crossings]
-    own = np.setdiff1d(np.arange(cells), at)  # in a crossing's cell condition (8) stands instead
-    by_z, by_u = (values[own, :, None] for values in (torque.per_z, torque.per_u))
-    matrix = scale * (by_z * mean[own, None] + by_u * slope[own, None])
+    crossed = [int(np.searchsorted(edges, s)) - 1 for s in on_path.crossings]
+    smooth = np.setdiff1d(np.arange(cells), crossed)  # in a crossing's cell condition (8) stands instead
+    by_z, by_u = (values[smooth, :, None] for values in (torque.per_z, torque.per_u))
+    matrix = scale * (by_z * mean[smooth, None] + by_u * slope[smooth, None])
     limited = np.isfinite(specification.speed_limit)
     squared = scale * (on_path.demand.speed[:, limited] / specification.speed_limit[limited]) ** 2
-    asked, per_z, per_u, _ = on_path.conditions.T[:, :, None]
+    required, per_z, per_u, _ = on_path.conditions.T[:, :, None]
     return ConeProgram(
         speeds=np.eye(n),
         average=mean,
         weights=width,
         positive=np.empty((0, n)),
         torque=Affine(
-            (matrix / units.torque[:, None]).reshape(-1, n), (constant[own] / units.torque).ravel()
+            (matrix / units.torque[:, None]).reshape(-1, n), (constant[smooth] / units.torque).ravel()
         ),
-        bounded=np.tile(specification.limited_motors, len(own)),
+        bounded=np.tile(specification.limited_motors, len(smooth)),
         below_one=(squared[:, :, None] * mean[:, None]).reshape(-1, n),
         power=Affine(np.empty((0, n)), np.empty(0)),
-        equalities=Affine(scale * (per_z * mean[at] + per_u * slope[at]), asked[:, 0]),
+        equalities=Affine(scale * (per_z * mean[crossed] + per_u * slope[crossed]), required[:, 0]),
         roughness=np.zeros((1, n)),
     )

@@ -22,7 +22,7 @@ from framework.tolerances import NO_HOLD
 
 
 class Task(NamedTuple):
-    """Where a law is to pass, and what it is to be best at."""
+    """The crossing points of a law, its request, and the goal and limits that it is optimised for."""
 
     to_cross: PathToCross
     request: Request
@@ -44,7 +44,7 @@ class Task(NamedTuple):
 
     @property
     def targets(self) -> Sequence[SingularPoint | CrossingPoint]:
-        """Where condition (8) is to hold."""
+        """The points at which condition (8) is to hold."""
         return self.to_cross.crossing_points
 
     @property
@@ -61,18 +61,18 @@ def crossing_places(
     task: Task, deflections: Deflections | None, before: Sequence[CrossingPoint] | None
 ) -> list[CrossingPoint]:
     """The crossing points of the robot with these deflections; `before` are points near them."""
-    found = []
+    places = []
     for k, target in enumerate(task.targets):
         if not isinstance(target, SingularPoint):
-            found.append(target)
+            places.append(target)
             continue
         near = target.s if before is None else before[k].s
         deflection = None
         if deflections is not None and task.geometry == "deformed":
-            at = deflections(task.phi.inverse(np.array([near])))[0]
-            deflection = Deflection(at, 0 * at, 0 * at)
-        found.append(crossing_point(task.branch, target, deflection, near))
-    return found
+            start = deflections(task.phi.inverse(np.array([near])))[0]
+            deflection = Deflection(start, 0 * start, 0 * start)
+        places.append(crossing_point(task.branch, target, deflection, near))
+    return places
 
 
 def conditions_at(
@@ -81,16 +81,16 @@ def conditions_at(
     deflections: Deflections | None,
     before: SquaredSpeed | None = None,
 ) -> tuple[Array, Array]:
-    """sigma (k,) and rows (k, 4) of all conditions on z and u: (8) at each place, and the speeds asked."""
+    """Return sigma (k,) and rows (k, 4) of all conditions on z and u: (8) at each place, and given speeds."""
     carrying = deflections if task.geometry == "deformed" else None
-    found = [crossing_rows(task.branch, task.phi, place, carrying, before) for place in places]
-    at = [sigma for sigma, rows in found for _ in rows]
-    conditions = [row for _, rows in found for row in rows]
+    stacks = [crossing_rows(task.branch, task.phi, place, carrying, before) for place in places]
+    sigmas = [sigma for sigma, rows in stacks for _ in rows]
+    conditions = [row for _, rows in stacks for row in rows]
     for place, speed in zip(places, task.speeds or (), strict=bool(task.speeds)):
         sigma = float(task.phi.inverse(place.s))
-        at.append(sigma)
+        sigmas.append(sigma)
         conditions.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))
-    return np.array(at), np.array(conditions).reshape(-1, 4)
+    return np.array(sigmas), np.array(conditions).reshape(-1, 4)
 
 
 def check_speeds(task: Task, places: Sequence[CrossingPoint]) -> None:
@@ -124,9 +124,9 @@ def _check_common_speed(task: Task, place: CrossingPoint, rows: Array) -> None:
     size = np.abs(rows).max()
     left, values, right = np.linalg.svd(rows[:, 1:3])
     rank = int(np.sum(values > NO_HOLD * size))
-    asked = -left.T @ rows[:, 0]
-    solution = right[:rank].T @ (asked[:rank] / values[:rank])
-    met = np.abs(asked[rank:]).max(initial=0.0) <= NO_HOLD * size
+    required = -left.T @ rows[:, 0]
+    solution = right[:rank].T @ (required[:rank] / values[:rank])
+    met = np.abs(required[rank:]).max(initial=0.0) <= NO_HOLD * size
     if not met or (rank == 2 and not solution[0] > 0.0):
         raise escaping(
             task.branch.robot,

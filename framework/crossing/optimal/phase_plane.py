@@ -85,7 +85,7 @@ class AffineInSpeed(NamedTuple):
 
 
 class Demand(NamedTuple):
-    """What the motors must give at points sigma (M,)."""
+    """The torques and speeds asked of the motors at points sigma (M,)."""
 
     torque: AffineInSpeed  # (M, n_a) [N m], motor side
     speed: Array  # (M, n_a) [rad], motor side: over d sigma/dt
@@ -119,8 +119,8 @@ def demand(
     forces = _linearised_forces(robot, carrying, sigma, before)
     torque = motor_torque(robot, deflected, balanced_forces(robot, carrying.linearised, forces).joint_torque)
     speed = deflected.v[len(sigma) : 2 * len(sigma), robot.actuated] * robot.gear_ratio
-    asked = AffineInSpeed(*torque.reshape(3, len(sigma), -1))
-    return Demand(asked, np.abs(speed), _direction(branch, phi(sigma), deflected))
+    affine = AffineInSpeed(*torque.reshape(3, len(sigma), -1))
+    return Demand(affine, np.abs(speed), _direction(branch, phi(sigma), deflected))
 
 
 def _direction(branch: Branch, s: Array, three: Motion) -> Array | None:
@@ -158,7 +158,7 @@ def _linearised_forces(
 def crossing_rows(
     branch: Branch,
     phi: Smoothstep,
-    at: CrossingPoint,
+    place: CrossingPoint,
     deflections: Deflections | None,
     before: SquaredSpeed | None = None,
 ) -> tuple[float, Array]:
@@ -167,14 +167,14 @@ def crossing_rows(
     The first row is t_s . W_p. What is not beyond rounding is zero: all of it on a straight path orthogonal
     to t_s, and the share of u on a bent one.
     """
-    sigma, row = _wrench_row(branch, phi, at, deflections, before)
-    if at.corank == 1 and not at.touches:
+    sigma, row = _wrench_row(branch, phi, place, deflections, before)
+    if place.corank == 1 and not place.touches:
         return sigma, np.append(row, 0.0)[None]
-    return sigma, _rows_about(branch, phi, sigma, at, before)
+    return sigma, _rows_about(branch, phi, sigma, place, before)
 
 
 def _rows_about(
-    branch: Branch, phi: Smoothstep, sigma: float, at: CrossingPoint, before: SquaredSpeed | None
+    branch: Branch, phi: Smoothstep, sigma: float, place: CrossingPoint, before: SquaredSpeed | None
 ) -> Array:
     """The conditions of all motions that escape the undeformed robot; at a touch also their derivatives.
 
@@ -184,7 +184,7 @@ def _rows_about(
     points = np.append(sigma + half * nodes(NODES), sigma)
     closed = close_loops(robot, branch.path(phi(points)), branch.guess(phi(points)))
     matrices = type2_matrix(robot, closed.linearised)
-    eta = solve_bordered(matrices, Border.of(matrices[-1], at.corank)).eta
+    eta = solve_bordered(matrices, Border.of(matrices[-1], place.corank)).eta
     escaping = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
     motion = _three_motions(branch, phi, points, None, closed)
     forces = _linearised_forces(robot, motion, points, before)
@@ -192,11 +192,11 @@ def _rows_about(
     values = np.moveaxis(parts.sum(axis=3), 0, 2)  # (M, corank, 3)
     size = np.abs(parts).sum(axis=3).max(axis=(0, 1))[:, None]
     rows = np.pad(values[-1], ((0, 0), (0, 1)))
-    if at.corank > 1:  # symmetric robots ask the same of the law more than once
+    if place.corank > 1:  # symmetric robots ask the same of the law more than once
         share, right = np.linalg.svd(rows)[1:]
         rows = (share[:, None] * right[: len(share)])[share > NO_HOLD * size.max()]
         size = size.max()
-    if at.touches:
+    if place.touches:
         series = coefficients(values[:-1].reshape(NODES, -1))
         slopes = evaluate(np.zeros(1), derivative_matrix(NODES) @ series).reshape(-1, 3) / half
         slopes[:, 2] += 2.0 * rows[:, 1]
@@ -208,20 +208,20 @@ def _rows_about(
 def _wrench_row(
     branch: Branch,
     phi: Smoothstep,
-    at: CrossingPoint,
+    place: CrossingPoint,
     deflections: Deflections | None,
     before: SquaredSpeed | None,
 ) -> tuple[float, Array]:
     """sigma of a crossing, and t_s . W_p there as (constant, per z, per u)."""
     robot = branch.robot
-    sigma, q, x = phi.inverse(np.array([at.s])), at.q[None], branch.path(np.array([at.s]))
+    sigma, q, x = phi.inverse(np.array([place.s])), place.q[None], branch.path(np.array([place.s]))
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
     motion = _three_motions(branch, phi, sigma, deflections, closed)
-    parts = _linearised_forces(robot, motion, sigma, before) * at.motion
+    parts = _linearised_forces(robot, motion, sigma, before) * place.motion
     row = parts.sum(axis=1)
     slope, bend = (float(phi(sigma, order)[0]) for order in (1, 2))
     rate = float(np.abs(motion.v[1] / robot.column_scale).max()) / slope
-    alpha, beta, gamma, _ = bounds_of_terms(branch, at, rate)
+    alpha, beta, gamma, _ = bounds_of_terms(branch, place, rate)
     least = np.array([gamma, slope**2 * beta + abs(bend) * alpha, slope * alpha])
     size = np.maximum(np.abs(parts).sum(axis=1), least)
     return float(sigma[0]), without_rounding(row, size, 2)

@@ -32,7 +32,7 @@ MAX_UNIT_RATIO = 4.0  # of the optimum to the guessed units, or inverse: beyond,
 
 
 class OnPath(NamedTuple):
-    """What the robot asks on its path."""
+    """Torques, speeds and conditions (8) along the path, in terms of z and u."""
 
     sigma: Array  # (M,) Chebyshev points of `stretch`, none of them on a crossing
     demand: Demand  # at `sigma`
@@ -42,7 +42,7 @@ class OnPath(NamedTuple):
 
 
 class Units(NamedTuple):
-    """What the program measures times [s] and torques (n_a,) [N m] in: their limits, if they have one."""
+    """The units of time [s] and torques (n_a,) [N m] of the program: their limits, if they have one."""
 
     time: float
     torque: Array
@@ -69,7 +69,7 @@ class Basis(NamedTuple):
 
     @staticmethod
     def at(sigma: Array, degree: int, stretch: Stretch) -> Basis:
-        """Of the Chebyshev series of this degree in xi(sigma)."""
+        """Return the basis of Chebyshev polynomials up to this degree in xi(sigma)."""
         values = np.asarray(chebyshev.chebvander(stretch(sigma), degree), dtype=float)
         slope = 0.5 * stretch(sigma, 1)[:, None]
         return Basis(values, slope * (values @ derivative_matrix(degree + 1)))  # u = z'/2
@@ -119,7 +119,7 @@ class SpeedProgram:
 
     @cached_property
     def scale(self) -> float:
-        """What the coefficients are multiplied with to be a z [1/s^2]."""
+        """The unit of z [1/s^2]: the factor from the program's coefficients to those of z."""
         return self.units.time**-2
 
     @cached_property
@@ -191,8 +191,8 @@ class SpeedProgram:
 
     def solved(self, cones: ConeProgram) -> Optimum | Infeasible | Unsolved:
         """Return the optimum of these cones, or why there is none."""
-        most = self.specification.most
-        longest = None if most is None else most / self.units.time
+        longest_allowed = self.specification.most
+        longest = None if longest_allowed is None else longest_allowed / self.units.time
         return solve_cone_program(cones, self.specification.goal, longest=longest)
 
 

@@ -16,7 +16,9 @@ def explained(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw
     And with the durations of laws of the kinds that it did not refuse.
     """
     sentences = [str(refusal)]
-    sentences += [one.sentence for one in feasibility_on_path(searched) if one is not None]
+    sentences += [
+        feasibility.sentence for feasibility in feasibility_on_path(searched) if feasibility is not None
+    ]
     polynomial = polynomial_durations(searched, request.smoothness)
     if polynomial is not None:
         sentences.append(polynomial.sentence)

@@ -45,7 +45,7 @@ from framework.singularity.points_on_path import search_path
 
 
 class Reason(NamedTuple):
-    """Why there is no plan: what does not hold, the error that says so, and what decides it."""
+    """A reason to refuse a plan: what does not hold, the error raised, and the functions that decide it."""
 
     why: str
     error: type[NoAnswer]

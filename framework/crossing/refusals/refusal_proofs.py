@@ -24,7 +24,7 @@ class UnmetCondition:
 
 @dataclass(frozen=True)
 class HoldingTorque:
-    """At rest at an end of the path, s = 0 or 1, `joint` must hold more than its limit.
+    """The motor at `joint` must hold more than its limit at rest, at the end s = 0 or 1 of the path.
 
     torque, limit: motor side [N m], or [N] of a motor that slides.
     """
@@ -37,7 +37,7 @@ class HoldingTorque:
 
 @dataclass(frozen=True, eq=False)
 class NoAdmissibleSpeed:
-    """No squared speed of this degree keeps all limits: Farkas' lemma, with how far the limits are off.
+    """A proof by Farkas' lemma that no squared speed of this degree keeps all limits.
 
     A thousandth of the limits is kept free, and a hundredth of the squared mean speed is never fallen below
     where that was looked at (`LIMIT_MARGIN` and `MIN_SQUARED_SPEED_RATIO` of `speed_program`).
@@ -55,12 +55,12 @@ class NoAdmissibleSpeed:
 
     @property
     def contradiction(self) -> tuple[float, float]:
-        """How far the combination is from 0 = A' q, and from 0 <= b' q: rounding, and well below zero."""
+        """The residual of A' q = 0 (rounding), and b' q (well below zero), of the combination q."""
         return self.infeasible.contradiction
 
     @property
     def sentence(self) -> str:
-        """What would have to change."""
+        """The least peak and the least duration that are possible, in words."""
         parts = []
         if self.least_peak is not None:
             parts.append(f"the least peak of torque is {self.least_peak:.4g} times the limits")

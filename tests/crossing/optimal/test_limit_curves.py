@@ -8,7 +8,7 @@ from scipy.optimize import linprog
 
 import robots
 from framework import Line, plan_crossing
-from framework.crossing.optimal.limit_curves import Asked, highest_speed, limit_curves
+from framework.crossing.optimal.limit_curves import MotorDemand, highest_speed, limit_curves
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 
@@ -24,8 +24,8 @@ def test_the_highest_speed_is_that_of_a_linear_program(motors):
     constant, per_z, per_u = rng.normal(size=(3, 40, motors)) * np.array([0.9, 1.0, 3.0])[:, None, None]
     speed, most = rng.uniform(0.5, 1.0, (40, motors)), 2.5
     limit = rng.uniform(1.0, 2.0, motors)
-    asked = Asked(constant, 0.0 * constant, per_z, per_u, speed)
-    found = highest_speed(asked, limit, np.full(motors, most))
+    demand = MotorDemand(constant, 0.0 * constant, per_z, per_u, speed)
+    found = highest_speed(demand, limit, np.full(motors, most))
     refused = 0
     for k, value in enumerate(found):
         rows = np.stack([per_z[k], per_u[k]], axis=1)
@@ -47,8 +47,8 @@ def test_the_highest_speed_with_damping_is_that_of_a_scan(motors):
     rng = np.random.default_rng(10 + motors)
     constant, per_speed, per_z, per_u = rng.normal(size=(4, 60, motors)) * [[[0.3]], [[0.5]], [[1]], [[3]]]
     limit = rng.uniform(1.0, 2.0, motors)
-    asked = Asked(constant, per_speed, per_z, per_u, np.ones_like(constant))
-    found = highest_speed(asked, limit, np.full(motors, np.inf))
+    demand = MotorDemand(constant, per_speed, per_z, per_u, np.ones_like(constant))
+    found = highest_speed(demand, limit, np.full(motors, np.inf))
     speeds = np.linspace(0.0, 50.0, 100001)
     for k, value in enumerate(found):
         rest = constant[k] + np.outer(speeds, per_speed[k]) + np.outer(speeds**2, per_z[k])
@@ -62,8 +62,8 @@ def test_the_highest_speed_with_damping_is_that_of_a_scan(motors):
 
 
 def test_without_limits_nothing_bounds_the_speed():
-    asked = Asked(*np.ones((5, 5, 2)))
-    assert np.all(np.isinf(highest_speed(asked, np.full(2, np.inf), np.full(2, np.inf))))
+    demand = MotorDemand(*np.ones((5, 5, 2)))
+    assert np.all(np.isinf(highest_speed(demand, np.full(2, np.inf), np.full(2, np.inf))))
 
 
 def test_the_quickest_law_stays_in_the_range_and_goes_along_its_edge(quickest):
