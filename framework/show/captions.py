@@ -1,4 +1,4 @@
-"""What is said about a film: sentences for people, drawn from its facts and from nothing else."""
+"""Sentences about a film: they state its facts, and nothing else."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ NEGLIGIBLE_SHARE = 1e-3  # of a force or an acceleration in its largest value: l
 
 
 def said(name: str) -> str:
-    """A name as it is read: five_bar is five bar."""
+    """Return a name as it is read: five_bar is five bar."""
     return name.replace("_", " ")
 
 
 def plan_name(plan: CrossingPlan, folder: str) -> str:
-    """The scene that a saved plan is, as `show --scene` calls it; the plan's folder where it is none."""
+    """Return the scene of a saved plan, as `show --scene` calls it; its folder where it is of none."""
     request = plan.request
     asked_for = (request.path, request.duration, request.times, request.speeds, request.at)
     for name, scene in plan.robot.description.scenes.items():
@@ -30,23 +30,23 @@ def plan_name(plan: CrossingPlan, folder: str) -> str:
 
 
 def asked(robot: ParallelRobot) -> str:
-    """What t_s . W_p is: a force along t_s, or a torque about it where the platform only turns."""
+    """Return the words for t_s . W_p: a force along t_s, or a torque about it if the platform only turns."""
     return "force along" if np.any(robot.translations) else "torque about"
 
 
 def unit(robot: ParallelRobot) -> str:
-    """The unit of t_s . W_p."""
+    """Return the unit of t_s . W_p."""
     return "N" if np.any(robot.translations) else "N m"
 
 
 def stated(robot: ParallelRobot, limit: Array) -> str:
-    """Motors by their torque limits (n_a,), in words."""
+    """Describe motors by their torque limits (n_a,)."""
     alike = np.ptp(limit) == 0 and len(set(robot.torque_units)) == 1
     return f"motors of {limit[0]:.3g} {robot.torque_units[0]}" if alike else "motors at their limits"
 
 
 def subtitle(film: Film) -> str:
-    """The film in a few words."""
+    """Describe the film in a few words."""
     if not len(film.robot.passive):
         return "every joint has a motor: no Type 2 singularity"
     if not film.instants:
@@ -59,7 +59,7 @@ def subtitle(film: Film) -> str:
 
 
 def film_summary(film: Film) -> str:
-    """What happens, in a few sentences."""
+    """Describe the motion at its singular instants in a few sentences."""
     if not film.instants:
         held = "This motion meets no Type 2 singularity: the motors hold the platform all the way."
         return f"{held} {_peak(film)}"
@@ -79,20 +79,20 @@ def film_summary(film: Film) -> str:
 
 
 def why(robot: ParallelRobot) -> str:
-    """Why this robot is singular where it is, if the catalogue tells; only of the catalogue's own file."""
+    """Return the catalogue's reason for a robot's singularities; empty for other robots."""
     entry = catalogue().get(robot.name)
     return entry.why if entry is not None and entry.file == robot.description.file else ""
 
 
 def catalogue_entry(robot: ParallelRobot) -> str:
-    """What the catalogue says of its own robot, and where that comes from."""
+    """Return the catalogue's summary of a robot and its source; empty for other robots."""
     entry = catalogue().get(robot.name)
-    known = entry is not None and entry.file == robot.description.file
-    return f"{entry.summary}. Source: {entry.source}." if entry is not None and known else ""
+    of_catalogue = entry is not None and entry.file == robot.description.file
+    return f"{entry.summary}. Source: {entry.source}." if entry is not None and of_catalogue else ""
 
 
 def how(film: Film, instant: FilmInstant) -> str:
-    """How a proven motion comes to ask for nothing along t_s at a singular instant."""
+    """Explain why a proven motion asks for nothing along t_s at a singular instant."""
     if film.plan is None:
         return ""
     if coasts(film, instant):
@@ -111,12 +111,12 @@ def how(film: Film, instant: FilmInstant) -> str:
 def coasts(film: Film, instant: FilmInstant) -> bool:
     """Whether neither force nor acceleration along the path is asked for at that instant."""
     speeding = np.abs(film.law(film.time, 2)).max()
-    there = abs(float(film.law(np.array([instant.time]), 2)[0]))
-    return _share(film, instant) < NEGLIGIBLE_SHARE and there < NEGLIGIBLE_SHARE * speeding
+    acceleration = abs(float(film.law(np.array([instant.time]), 2)[0]))
+    return _share(film, instant) < NEGLIGIBLE_SHARE and acceleration < NEGLIGIBLE_SHARE * speeding
 
 
 def proof(film: Film) -> str:
-    """What is proven of a plan's torque, and how."""
+    """Return what is proven of a plan's torque, and by which number."""
     if film.plan is None:
         return ""
     certificate = film.plan.certificate
@@ -128,7 +128,7 @@ def proof(film: Film) -> str:
 
 
 def parts(film: Film) -> str:
-    """With which flexibility a film was computed."""
+    """Return the flexibility with which a film was computed, in words."""
     plan, robot = film.plan, film.robot
     if not robot.n_e or plan is None:
         return "rigid parts"
@@ -137,8 +137,8 @@ def parts(film: Film) -> str:
 
 def _peak(film: Film) -> str:
     peaks = np.abs(film.torque).max(axis=0)
-    most = int(np.argmax(peaks))
-    return f"Peak torque {peaks[most]:.3g} {film.robot.torque_units[most]} ({parts(film)})."
+    strongest = int(np.argmax(peaks))
+    return f"Peak torque {peaks[strongest]:.3g} {film.robot.torque_units[strongest]} ({parts(film)})."
 
 
 def _share(film: Film, instant: FilmInstant) -> float:

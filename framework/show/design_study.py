@@ -29,60 +29,62 @@ PALETTE = "cividis"
 MAX_LABEL_CHARACTERS = 24  # characters of a line beside a row
 
 
-def plot_study(found: DesignStudy) -> Axes:
-    """Areas, and medians of quantities with their least and largest values, over each parameter.
+def plot_study(study: DesignStudy) -> Axes:
+    """Plot areas, and medians of quantities with their least and largest values, over each parameter.
 
     A design has one colour in all cells. One that makes no robot is a cross below its parameters.
     """
-    names, values = found.designs.names, found.designs.values
-    rows = [*(key for key in AREAS if key in found.columns), *found.task.keys]
+    names, values = study.designs.names, study.designs.values
+    rows = [*(key for key in AREAS if key in study.columns), *study.task.keys]
     size = (CELL_SIZE * len(names) + 1.6, CELL_SIZE * len(rows) + 0.4)
     drawing = Figure(figsize=size, layout="constrained")
     axes = drawing.subplots(len(rows), len(names), sharex="col", sharey="row", squeeze=False)
-    coloured = found.columns[COLORING_QUANTITY]
-    known = coloured[np.isfinite(coloured)]
-    norm = Normalize(known.min(), known.max()) if known.size else Normalize(0.0, 1.0)
+    coloured = study.columns[COLORING_QUANTITY]
+    finite = coloured[np.isfinite(coloured)]
+    norm = Normalize(finite.min(), finite.max()) if finite.size else Normalize(0.0, 1.0)
     for row, key in zip(axes, rows, strict=True):
         for k, ax in enumerate(row):
-            marks = _draw(found, key, values[:, k], ax, norm)
-        row[0].set_ylabel("\n".join([*wrap(_name(key), MAX_LABEL_CHARACTERS), f"[{_unit(found, key)}]"]))
+            marks = _draw(study, key, values[:, k], ax, norm)
+        row[0].set_ylabel("\n".join([*wrap(_name(key), MAX_LABEL_CHARACTERS), f"[{_unit(study, key)}]"]))
     for ax, name in zip(axes[-1], names, strict=True):
         ax.set_xlabel(name)
-    refused = np.array([bool(why) for why in found.why])
-    for ax, at in zip(axes[-1], values.T, strict=True):
+    refused = np.array([bool(why) for why in study.why])
+    for ax, places in zip(axes[-1], values.T, strict=True):
         below = {"transform": ax.get_xaxis_transform(), "clip_on": False}
-        ax.plot(at[refused], np.full(refused.sum(), 0.03), "x", color=ALARM, markersize=4, **below)
+        ax.plot(places[refused], np.full(refused.sum(), 0.03), "x", color=ALARM, markersize=4, **below)
     bar = drawing.colorbar(marks, ax=axes, pad=0.02, aspect=40)
-    bar.set_label(f"colour: {AREAS[COLORING_QUANTITY]}  [{_unit(found, COLORING_QUANTITY)}]")
-    told = f", {refused.sum()} of them make no robot (crosses)" if refused.any() else ""
-    head = f"{len(refused)} designs{told}\ndots: medians over the map, lines: least to largest"
+    bar.set_label(f"colour: {AREAS[COLORING_QUANTITY]}  [{_unit(study, COLORING_QUANTITY)}]")
+    refusals = f", {refused.sum()} of them make no robot (crosses)" if refused.any() else ""
+    head = f"{len(refused)} designs{refusals}\ndots: medians over the map, lines: least to largest"
     drawing.suptitle(head, fontsize=8, x=0.02, ha="left")
     first: Axes = axes[0, 0]
     return first
 
 
-def _draw(found: DesignStudy, key: str, at: Array, ax: Axes, norm: Normalize) -> PathCollection:
-    """One cell: its marks."""
-    middle = found.columns[key if key in AREAS else f"{key}_median"]
+def _draw(study: DesignStudy, key: str, places: Array, ax: Axes, norm: Normalize) -> PathCollection:
+    """Draw the marks of one cell."""
+    middle = study.columns[key if key in AREAS else f"{key}_median"]
     if key not in AREAS:
-        least, largest = found.columns[f"{key}_least"], found.columns[f"{key}_largest"]
-        ax.vlines(at, least, largest, color="#9aa4af", linewidth=0.8)
+        least, largest = study.columns[f"{key}_least"], study.columns[f"{key}_largest"]
+        ax.vlines(places, least, largest, color="#9aa4af", linewidth=0.8)
         if QUANTITIES[key].decades and np.nanmin(least, initial=np.inf) > 0:
             ax.set_yscale("log")
-    return ax.scatter(at, middle, s=12, zorder=3, c=found.columns[COLORING_QUANTITY], cmap=PALETTE, norm=norm)
+    return ax.scatter(
+        places, middle, s=12, zorder=3, c=study.columns[COLORING_QUANTITY], cmap=PALETTE, norm=norm
+    )
 
 
 def _name(key: str) -> str:
     return AREAS[key] if key in AREAS else QUANTITIES[key].name
 
 
-def _unit(found: DesignStudy, key: str) -> str:
-    return found.units[key if key in AREAS else f"{key}_median"].replace("^2", "\u00b2")
+def _unit(study: DesignStudy, key: str) -> str:
+    return study.units[key if key in AREAS else f"{key}_median"].replace("^2", "\u00b2")
 
 
-def save_study_figure(found: DesignStudy, folder: Path) -> list[Path]:
+def save_study_figure(study: DesignStudy, folder: Path) -> list[Path]:
     """Write study.pdf and study.png into a folder."""
-    return save(partial(plot_study, found), folder / "study")
+    return save(partial(plot_study, study), folder / "study")
 
 
 __all__ = ["plot_study", "save_study_figure"]

@@ -23,7 +23,7 @@ LIGHT_DIRECTION = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
 
 
 def draw_robot(robot: ParallelRobot, q: Any = None, ax: Axes | None = None) -> Axes:
-    """The bodies and motors of a robot at q (nq,) or an assembled pose, its reference when None.
+    """Draw the bodies and motors of a robot at q (nq,) or an assembled pose, its reference when None.
 
     On new axes when `ax` is None. Planar robots lie flat on the paper, the axes are the base's [m]. Others
     are seen from a corner, without axes; `framework.show.sight.projection` tells where a point lies.
@@ -53,13 +53,13 @@ def draw_robot(robot: ParallelRobot, q: Any = None, ax: Axes | None = None) -> A
 
 
 def _named(direction: Array) -> str:
-    """The axis of the base that is nearest to a direction."""
+    """Return the axis of the base that is nearest to a direction."""
     axis = int(np.argmax(np.abs(direction)))
     return ("" if direction[axis] > 0 else "−") + "xyz"[axis]
 
 
 def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, Array, Array]]:
-    """Depth, outline (m, 2) and colour (4,) of what is seen of a shape on a joint at a pose (7,)."""
+    """Return depth, outline (m, 2) and colour (4,) of the visible faces of a shape on a joint at a pose (7,)."""
 
     def placed(local: Array) -> Array:
         points = local @ shape.placement[:3, :3].T + shape.placement[:3, 3]
@@ -91,12 +91,12 @@ def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, A
 
 
 def hull(points: Array) -> Array:
-    """The convex hull of points (m, 2) of a plane, counter-clockwise, by Andrew's monotone chain."""
+    """Compute the convex hull of points (m, 2) of a plane, counter-clockwise, by Andrew's monotone chain."""
     ordered = points[np.lexsort((points[:, 1], points[:, 0]))]
     halves = []
-    for way in (ordered, ordered[::-1]):
+    for direction in (ordered, ordered[::-1]):
         chain: list[Array] = []
-        for point in way:
+        for point in direction:
             while len(chain) > 1 and not _turns_left(chain[-2], chain[-1], point):
                 chain.pop()
             chain.append(point)

@@ -12,7 +12,7 @@ from framework.show.style import ALARM, CROSSING, figure, line_style
 
 
 def plot_fidelity(study: FidelityStudy, axes: Sequence[Axes] | None = None) -> Axes:
-    """Torque error over the peak and platform error over the path's length along s, one curve a level.
+    """Plot torque error over the peak and platform error over the path's length along s, one curve a level.
 
     Levels with the torques of a lower one, and those without a plan, have no curve.
     """

@@ -1,4 +1,4 @@
-"""A motion sampled for the screen: where every joint is, what the motors give, how near the singularity is.
+"""A motion sampled for the screen: poses, torques, and the distance from the singularity.
 
 A proven plan and an unproved law (the torques sampled as they come) make the same film; only the first may
 claim finite torques, and `proved` says which it is.
@@ -78,28 +78,28 @@ def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Fi
     Raises:
         As `plan_crossing`, but no UnboundedTorque.
     """
-    found = plan_or_sample(robot, request, samples=FILM_FRAMES)
-    if isinstance(found, CrossingPlan):
-        return film_plan(found, name=name)
-    raw = found.samples
+    motion = plan_or_sample(robot, request, samples=FILM_FRAMES)
+    if isinstance(motion, CrossingPlan):
+        return film_plan(motion, name=name)
+    raw = motion.samples
     return _film(
-        found.robot,
+        motion.robot,
         raw.motion,
         name=name,
         path=request.path,
-        law=found.law,
+        law=motion.law,
         plan=None,
-        refusal=found.reason,
+        refusal=motion.reason,
         time=raw.time,
         torque=raw.torque,
         deflection=raw.deflection,
-        instants=_instants(found.crossings),
+        instants=_instants(motion.crossings),
         drawn_rigid=robot.n_e > 0,
     )
 
 
 def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
-    """The film of a proven plan; each crossing is a frame of its own."""
+    """Film a proven plan; each crossing is a frame of its own."""
     times = _frame_times(plan.duration, [crossing.time for crossing in plan.dynamics.crossings])
     motion = plan.dynamics.motion(times)
     return _film(
@@ -118,7 +118,7 @@ def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
 
 
 def _film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
-    """A film of F instants of a motion with what is measured along it."""
+    """Film F instants of a motion, with the quantities along it."""
     curves = wrench_curves(robot, motion)
     return Film(
         robot=robot,
@@ -133,11 +133,13 @@ def _film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
 
 
 def _instants(crossings: Sequence[SingularityCrossing]) -> tuple[FilmInstant, ...]:
-    return tuple(FilmInstant(found.time, found.s, found.platform, found.wrench) for found in crossings)
+    return tuple(
+        FilmInstant(crossing.time, crossing.s, crossing.platform, crossing.wrench) for crossing in crossings
+    )
 
 
 def _frame_times(duration: float, instants: list[float]) -> Array:
-    """Equidistant frames, the nearest of them moved onto each instant."""
+    """Return equidistant frames, the nearest of them moved onto each instant."""
     times = np.linspace(0.0, duration, FILM_FRAMES)
     for instant in instants:
         times[np.argmin(np.abs(times - instant))] = instant

@@ -1,4 +1,4 @@
-"""The eye of the needle: what the motors can give along t_s, and what a motion asks for there.
+"""The eye of the needle: the force along t_s that motors can give, and the force that a motion needs.
 
 The band that the motors reach closes to a point at the singular instant, whatever their limit: a motion
 passes only through that point, t_s . W = 0, condition (8) of Briot and Arakelian 2010.
@@ -29,7 +29,7 @@ ASSUMED_LIMIT_RATIO = 1.5  # over the plan's largest torque, where a motor of th
 def plot_eye(
     plan: CrossingPlan, ax: Axes | None = None, *, crossing: int = 0, torque_limit: ArrayLike | None = None
 ) -> Axes:
-    """Force along t_s near one crossing: the band that the motors reach, and what the plan asks for.
+    """Plot the force along t_s near one crossing: the band that the motors reach, and the plan's demand.
 
     Args:
         crossing: which one of `plan.crossings`.
@@ -41,13 +41,13 @@ def plot_eye(
     """
     if not 0 <= crossing < len(plan.crossings):
         raise InvalidInput(f"crossing: the plan has {len(plan.crossings)}, got {crossing!r}")
-    at = plan.crossings[crossing]
+    crossed = plan.crossings[crossing]
     all_times = np.linspace(0.0, plan.duration, TIME_SAMPLES)
     limit = shown_limit(plan.robot, plan.torque(all_times), torque_limit)
-    times = at.time + SHOWN_DURATION_SHARE * plan.duration * np.linspace(-1.0, 1.0, TIME_SAMPLES)
+    times = crossed.time + SHOWN_DURATION_SHARE * plan.duration * np.linspace(-1.0, 1.0, TIME_SAMPLES)
     times = times[(times >= 0.0) & (times <= plan.duration)]
     wrench = platform_wrench(plan.robot, plan.dynamics.motion(times))
-    return draw_eye(plan.robot, times - at.time, wrench, at.twist, limit, ax)
+    return draw_eye(plan.robot, times - crossed.time, wrench, crossed.twist, limit, ax)
 
 
 def draw_eye(
@@ -58,16 +58,16 @@ def draw_eye(
     limit: Array,
     ax: Axes | None = None,
 ) -> Axes:
-    """The band and the curve over `time` (T,) from the singular instant [s], for motor limits (n_a,)."""
+    """Draw band and curve over `time` (T,) from the singular instant [s], for motor limits (n_a,)."""
     ax = figure()[1][0] if ax is None else ax
-    asked, reach = wrench.along(twist), wrench.reach(twist, limit)
-    top = 1.6 * max(float(np.abs(asked).max()), 1e-300)
+    demand, reach = wrench.along(twist), wrench.reach(twist, limit)
+    top = 1.6 * max(float(np.abs(demand).max()), 1e-300)
     unit = "N" if np.any(twist[robot.platform.translations]) else "N m"
-    given = f"what {stated(robot, limit)} can give"
-    ax.fill_between(time, -reach, reach, color=COLORS[4], alpha=0.3, linewidth=0, label=given)
-    ax.plot(time, asked, color=COLORS[1], label="what the motion asks for")
+    supply = f"what {stated(robot, limit)} can give"
+    ax.fill_between(time, -reach, reach, color=COLORS[4], alpha=0.3, linewidth=0, label=supply)
+    ax.plot(time, demand, color=COLORS[1], label="what the motion asks for")
     ax.axvline(0.0, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
-    ax.plot([0.0], [np.interp(0.0, time, asked)], "o", color=CROSSING, markersize=4, zorder=3)
+    ax.plot([0.0], [np.interp(0.0, time, demand)], "o", color=CROSSING, markersize=4, zorder=3)
     ax.set_ylim(-top, top)
     ax.set_xlim(time[0], time[-1])
     ax.set_xlabel("time from the singular instant  [s]")
@@ -77,7 +77,7 @@ def draw_eye(
 
 
 def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Axes:
-    """Motions along one path in one eye: over s, the band of the motors is the same for all of them.
+    """Plot motions along one path in one eye: over s, the band of the motors is the same for all of them.
 
     Args:
         films: of one robot and one path with a singular instant each.
@@ -113,15 +113,23 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     high = min(1.0, first.instants[0].s + SHOWN_PATH_SHARE)
     top = 0.0
     for film in films:
-        way, asked, there = film.law(film.time), film.motors.along(twist), film.instants[0].s
+        s_of_film, demand, s_singular = film.law(film.time), film.motors.along(twist), film.instants[0].s
         color, verdict = (GOOD, "threads the eye") if film.proved else (ALARM, "misses the eye")
-        ax.plot(way, asked, color=color, linewidth=1.6, label=f"{film.name or 'the motion'} asks: {verdict}")
-        ax.plot([there], [np.interp(there, way, asked)], "o", color=color, markersize=5, zorder=4)
-        top = max(top, float(np.abs(asked[(low <= way) & (way <= high)]).max()))
+        ax.plot(
+            s_of_film,
+            demand,
+            color=color,
+            linewidth=1.6,
+            label=f"{film.name or 'the motion'} asks: {verdict}",
+        )
+        ax.plot(
+            [s_singular], [np.interp(s_singular, s_of_film, demand)], "o", color=color, markersize=5, zorder=4
+        )
+        top = max(top, float(np.abs(demand[(low <= s_of_film) & (s_of_film <= high)]).max()))
     ax.axvline(first.instants[0].s, color=LOCUS, linewidth=0.8, linestyle=(0, (4, 3)))
     ax.set_xlim(low, high)
     ax.set_ylim(-1.25 * top, 1.25 * top)
-    ax.set_xlabel("way along the path  $s$  (dashed: singular)")
+    ax.set_xlabel("position on the path  $s$  (dashed: singular)")
     turn = not np.any(twist[first.robot.platform.translations])
     ax.set_ylabel(
         rf"{'torque about' if turn else 'force along'} $\mathbf{{t}}_s$  [{'N m' if turn else 'N'}]"
@@ -131,7 +139,7 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
 
 
 def eye_twist(films: Sequence[Film]) -> Array:
-    """t_s (n,) at the singular instant of the first of these films, with which all are looked at."""
+    """Return t_s (n,) at the singular instant of the first film; all films are projected on it."""
     first = films[0]
     return np.asarray(first.t_s[int(np.argmin(np.abs(first.time - first.instants[0].time)))])
 
@@ -139,18 +147,18 @@ def eye_twist(films: Sequence[Film]) -> Array:
 _COMPARED_S = np.linspace(0.0, 1.0, 7)
 
 
-def shown_limit(robot: ParallelRobot, torque: Array, given: ArrayLike | None) -> Array:
-    """Torque limits (n_a,) [N m] of a picture; `torque` (T, n_a) is what the motion takes.
+def shown_limit(robot: ParallelRobot, torque: Array, torque_limit: ArrayLike | None) -> Array:
+    """Return the torque limits (n_a,) [N m] of a picture, of a motion with torques `torque` (T, n_a).
 
     Raises:
         InvalidInput: the given limits are not positive finite numbers, one or one a motor.
     """
-    if given is not None:
-        one_a_motor = given if np.ndim(given) else np.full(robot.n_a, given)
+    if torque_limit is not None:
+        one_a_motor = torque_limit if np.ndim(torque_limit) else np.full(robot.n_a, torque_limit)
         limit = finite_numbers("torque_limit", np.asarray(one_a_motor), robot.n_a)
         if np.any(limit <= 0):
             raise InvalidInput(f"torque_limit: must be greater than zero, got {limit.tolist()}")
         return limit
-    own = [motor.torque_limit for motor in robot.description.actuators]
+    in_file = [motor.torque_limit for motor in robot.description.actuators]
     largest = ASSUMED_LIMIT_RATIO * float(np.abs(torque[np.isfinite(torque)]).max(initial=0.0)) or 1.0
-    return np.array([largest if limit is None else limit for limit in own])
+    return np.array([largest if limit is None else limit for limit in in_file])

@@ -1,4 +1,4 @@
-"""What the motors can give, as something to draw: all their forces together.
+"""The set of forces that the motors can give together, as a figure.
 
 Within torque limits the sums of the rows of G (framework.dynamics.platform_wrench) fill a polygon or a
 parallelepiped, which is flat across t_s at a Type 2 singularity.
@@ -14,7 +14,7 @@ from framework.kinematics.platform import FramePlatform
 
 
 def drawn_sides(robot: ParallelRobot, motor_speed: Array, limit: Array) -> Array | None:
-    """Edges (F, n_a, 3) of what motors within limits (n_a,) give: their forces, or torques, at full torque.
+    """Compute the edges (F, n_a, 3) of that set: each motor's force or torque at its limit (n_a,).
 
     From G (F, n_a, n). None where that is no figure of the plane or of space: one motor, or forces together
     with torques.
@@ -25,7 +25,7 @@ def drawn_sides(robot: ParallelRobot, motor_speed: Array, limit: Array) -> Array
 
 
 def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
-    """Forces, or torques on a platform that only turns, (..., 3) on base axes of wrenches (..., n)."""
+    """Return the forces (..., 3) of wrenches (..., n) on base axes, or torques if the platform only turns."""
     assert isinstance(robot.platform, FramePlatform)
     vectors = np.zeros((*wrenches.shape[:-1], 3))
     vectors[..., robot.platform.axes % 3] = wrenches
@@ -33,7 +33,7 @@ def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
 
 
 def why_no_figure(robot: ParallelRobot) -> str | None:
-    """Why the forces of the motors are not drawn as one figure; None where they are, or are one number."""
+    """Return why the motors' forces are not drawn as one figure; None where they are, or are one number."""
     platform, kinds = robot.platform, len(set(robot.translations.tolist()))
     if robot.n == 1:
         return None

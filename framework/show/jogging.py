@@ -1,4 +1,4 @@
-"""What the page asks and gets while a robot is moved by hand."""
+"""The answers to the page on which a robot is moved by hand."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ HELD_WRENCH = 10.0  # [N, or N m on a platform that only turns] along t_s, that 
 
 
 def hand_document(robot: ParallelRobot) -> dict[str, Any]:
-    """All that the page needs to show a robot at its reference, with sliders."""
+    """Return the page's document of a robot at its reference, with sliders."""
     reference = robot.reference
     poses = joint_poses(robot, reference.q[None])
     platform = platform_positions(robot, poses)
@@ -52,7 +52,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
     }
 
 
-def move_by_hand(robot: ParallelRobot, asked: dict[str, Any]) -> dict[str, Any]:
+def move_by_hand(robot: ParallelRobot, movement: dict[str, Any]) -> dict[str, Any]:
     """Answer one movement: {q, part, index, value} of a slider, {q, part, place} of the platform dragged.
 
     `part` is platform or motor, or drag, with a `place` [m] of the platform's origin in the base.
@@ -61,10 +61,10 @@ def move_by_hand(robot: ParallelRobot, asked: dict[str, Any]) -> dict[str, Any]:
         InvalidInput: what is asked cannot be right.
     """
     try:
-        q, part = np.array(asked["q"], dtype=float), asked["part"]
+        q, part = np.array(movement["q"], dtype=float), movement["part"]
         if part == "drag":
-            return _document(robot, drag_platform(robot, q, np.array(asked["place"], dtype=float)))
-        index, value = int(asked["index"]), float(asked["value"])
+            return _document(robot, drag_platform(robot, q, np.array(movement["place"], dtype=float)))
+        index, value = int(movement["index"]), float(movement["value"])
     except (KeyError, TypeError, OverflowError):
         raise InvalidInput("a movement needs q, part, and index and value or place") from None
     except ValueError as error:
@@ -78,7 +78,7 @@ def move_by_hand(robot: ParallelRobot, asked: dict[str, Any]) -> dict[str, Any]:
 
 
 def _words(pose: JoggedPose) -> str:
-    """A pose in a sentence or two, the first of them short."""
+    """Describe a pose in a sentence or two, the first of them short."""
     where = {"near": "Near", "singular": "On"}.get(pose.level)
     if where is None:
         return "The motors hold the platform. Lead it to where g is 0: the purple curve, where one is drawn."
@@ -86,15 +86,15 @@ def _words(pose: JoggedPose) -> str:
         how = "nearly stretched or folded" if pose.level == "near" else "stretched or folded"
         return f"A leg is {how}. It is {where.lower()} its end, a Type 1 singularity, and follows no further."
     if pose.kind == "type_2":
-        told = (
+        sentence = (
             "The arrow is the motion of the platform that the motors hold least."
             if pose.level == "near"
             else "Motors that are locked do not resist a small motion along the arrow."
         )
-        return f"{where} a Type 2 singularity. {told}"
+        return f"{where} a Type 2 singularity. {sentence}"
     name, meaning = CLASSES[pose.kind]
-    there = "There" if pose.level == "near" else "Here"
-    return f"{where} a {name}. {there} {meaning}."
+    adverb = "There" if pose.level == "near" else "Here"
+    return f"{where} a {name}. {adverb} {meaning}."
 
 
 def _has_lines(robot: ParallelRobot) -> bool:
@@ -107,7 +107,7 @@ def _has_lines(robot: ParallelRobot) -> bool:
 
 
 def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
-    """What the motors can give: torques against a push along t_s, all forces together, the line of each.
+    """Return the motors' torques against a push along t_s, their forces together, and the line of each.
 
     A platform that both shifts and turns has no push of one unit: it gets none.
     """
@@ -131,7 +131,7 @@ def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
 
 
 def _wobble(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any] | None:
-    """How the platform moves along t_s with its loops closed, on the locus; and how little the motors do."""
+    """Return the platform's motion along t_s on the locus, its loops closed, and the motors' share of it."""
     if pose.kind != "type_2" or pose.level != "singular":
         return None
     loose = loose_motion(robot, pose)
@@ -148,7 +148,7 @@ def _wobble(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any] | None:
 
 
 def _loose_sentence(robot: ParallelRobot, loose: LooseMotion) -> str:
-    """How far the platform moves, and how little the motors do."""
+    """Describe how far the platform moves while the motors all but rest."""
     slides = robot.sliding[robot.actuated]
     moved = [f"{1e3 * loose.shift:.3g} mm"] * (loose.shift > 0) + [f"{loose.turn:.2g} rad"] * (loose.turn > 0)
     motors = [
@@ -184,13 +184,13 @@ def _document(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
 
 
 def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[dict[str, Any]]]:
-    """Names, units and ranges: about a robot's length to either side, or what a turn allows."""
+    """Return names, units and ranges of the sliders: about a robot's length, or a turn's range."""
 
     def slider(name: str, unit: str, value: float, reach: float) -> dict[str, Any]:
         return {"name": name, "unit": unit, "low": value - reach, "high": value + reach}
 
-    whole = np.sum(~robot.translations) > 1  # a rotation vector ends at half a turn
-    turns: list[float] = [1.5 if whole else np.pi] * robot.n
+    turns_freely = np.sum(~robot.translations) > 1  # a rotation vector ends at half a turn
+    turns: list[float] = [1.5 if turns_freely else np.pi] * robot.n
     platform = [
         slider(name, "m" if moves else "rad", value, 0.8 * robot.length if moves else turn)
         for name, moves, value, turn in zip(robot.axis_names, robot.translations, start.x, turns, strict=True)

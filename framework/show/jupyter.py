@@ -21,7 +21,7 @@ from framework.show.style import styled
 
 
 def robot_picture(robot: ParallelRobot) -> bytes:
-    """A robot at its reference, as PNG."""
+    """Draw a robot at its reference, as PNG."""
     with styled():
         drawn: Axes = draw_robot(robot)
         drawn.set_title(robot.name.replace("_", " "), loc="left")
@@ -33,12 +33,12 @@ def robot_picture(robot: ParallelRobot) -> bytes:
 
 
 def plan_picture(plan: CrossingPlan) -> bytes:
-    """A plan as one picture, as PNG."""
+    """Draw a plan as one picture, as PNG."""
     return film_picture([film_plan(plan)], "png")
 
 
 def load_ipython_extension(ipython: Any) -> None:
-    """Called by `%load_ext`: robots and plans at the end of a cell are shown as pictures."""
+    """Show robots and plans at the end of a cell as pictures; `%load_ext` calls this."""
     formatter = ipython.display_formatter.formatters["image/png"]
     formatter.for_type(ParallelRobot, robot_picture)
     formatter.for_type(CrossingPlan, plan_picture)

@@ -1,4 +1,4 @@
-"""Figures over the workspace and over the methods: where the robot is singular, and what accuracy costs."""
+"""Figures of the singular locus, and of seconds over error of several methods."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from framework.show.style import COLORS, CROSSING, LOCUS, figure, line_style
 
 
 def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes | None = None) -> Axes:
-    """The singular locus over the plane in which the platform moves, with the path of a plan.
+    """Plot the singular locus over the plane in which the platform moves, with the path of a plan.
 
     The working mode is that of the reference, springs at rest.
 
@@ -28,26 +28,26 @@ def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes 
         NotAssembled: the loops do not close at the reference.
     """
     reference = assemble(robot)
-    found = locus_curves(robot, reference.q, reference.x)
-    if found is None:
+    locus = locus_curves(robot, reference.q, reference.x)
+    if locus is None:
         raise InvalidInput(
             f"{robot.name}: a map needs a platform with two translations and a motor for each of its axes, "
             f"it has {', '.join(robot.axis_names)} and {robot.n_a} motors"
         )
     ax = figure(height=3.2)[1][0] if ax is None else ax
-    for k, curve in enumerate(found.curves):
+    for k, curve in enumerate(locus.curves):
         ax.plot(*curve.T, color=LOCUS, linewidth=1.4, label="singular locus" if k == 0 else None)
     if plan is not None:
-        way = plan.path(np.linspace(0.0, 1.0, 201))[:, list(found.axes)]
-        ax.plot(*way.T, label="path", **line_style(0))
-        ax.plot(*way[0], "o", color=COLORS[0], markersize=3)
+        line = plan.path(np.linspace(0.0, 1.0, 201))[:, list(locus.axes)]
+        ax.plot(*line.T, label="path", **line_style(0))
+        ax.plot(*line[0], "o", color=COLORS[0], markersize=3)
         for crossing in plan.crossings:
-            ax.plot(*crossing.platform[list(found.axes)], "o", color=CROSSING, markersize=4, zorder=3)
+            ax.plot(*crossing.platform[list(locus.axes)], "o", color=CROSSING, markersize=4, zorder=3)
     else:
-        ax.plot(*reference.x[list(found.axes)], "+", color=CROSSING, markersize=6, label="reference")
+        ax.plot(*reference.x[list(locus.axes)], "+", color=CROSSING, markersize=6, label="reference")
     ax.set_aspect("equal")
-    ax.set_xlabel(f"{robot.axis_names[found.axes[0]]}  [m]")
-    ax.set_ylabel(f"{robot.axis_names[found.axes[1]]}  [m]")
+    ax.set_xlabel(f"{robot.axis_names[locus.axes[0]]}  [m]")
+    ax.set_ylabel(f"{robot.axis_names[locus.axes[1]]}  [m]")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return ax
 
@@ -55,7 +55,7 @@ def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes 
 def plot_motor_locus(
     locus: TracedLocus, change: AssemblyModeChange | None = None, ax: Axes | None = None
 ) -> Axes:
-    """The locus in the space of the two free motors, its cusps, and a way of the motors around one of them.
+    """Plot the locus in the space of two free motors, its cusps, and a path of the motors around one.
 
     Raises:
         InvalidInput: the locus was traced in coordinates of the platform.
@@ -72,11 +72,11 @@ def plot_motor_locus(
         label = "cusp" if k == 0 else None
         ax.plot(*cusp.motors[free], "o", color=CROSSING, markersize=4, zorder=3, label=label)
     if change is not None:
-        way = change.motors[:, free]
-        ax.plot(*way.T, label="to another mode", **line_style(0))
-        ax.plot(*way[0], "o", color=COLORS[0], markersize=3)
-        ax.set_xlim(*_about(way[:, 0]))
-        ax.set_ylim(*_about(way[:, 1]))
+        line = change.motors[:, free]
+        ax.plot(*line.T, label="to another mode", **line_style(0))
+        ax.plot(*line[0], "o", color=COLORS[0], markersize=3)
+        ax.set_xlim(*_about(line[:, 0]))
+        ax.set_ylim(*_about(line[:, 1]))
     units = ["m" if slides else "rad" for slides in robot.sliding[robot.actuated[free]]]
     ax.set_xlabel(f"{locus.free[0]}  [{units[0]}]")
     ax.set_ylabel(f"{locus.free[1]}  [{units[1]}]")
@@ -85,7 +85,7 @@ def plot_motor_locus(
 
 
 def _about(values: Array) -> tuple[float, float]:
-    """A range of an axis in which a way is seen with what is around it."""
+    """Return the range of an axis that holds a path and a margin around it."""
     middle, half = 0.5 * (values.min() + values.max()), 2.0 * max(float(np.ptp(values)), 1e-6)
     return float(middle - half), float(middle + half)
 
@@ -96,18 +96,18 @@ def plot_work_precision(
     *,
     ours: str = "ours",
 ) -> Axes:
-    """Seconds over error, one curve a method: down and to the left is better.
+    """Plot seconds over error, one curve a method: down and to the left is better.
 
     `curves` holds (seconds, error [m]) of each setting. Methods whose name starts with `ours` are drawn bold.
     """
     ax = figure(height=3.4)[1][0] if ax is None else ax
     for k, (label, points) in enumerate(curves.items()):
-        found = np.array([point for point in points if np.all(np.isfinite(point)) and point[1] > 0])
-        if not len(found):
+        finite = np.array([point for point in points if np.all(np.isfinite(point)) and point[1] > 0])
+        if not len(finite):
             continue
         bold = label.startswith(ours)
         style = {**line_style(k), "linewidth": 1.8 if bold else 0.9}
-        ax.plot(found[:, 1], found[:, 0], marker="o" if bold else ".", markersize=3, label=label, **style)
+        ax.plot(finite[:, 1], finite[:, 0], marker="o" if bold else ".", markersize=3, label=label, **style)
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.invert_xaxis()

@@ -35,37 +35,39 @@ LEFT, RIGHT, BELOW, ABOVE, BAR = 0.55, 0.65, 0.45, 0.15, 0.25  # [in] about it
 LINE, CHARACTERS, ENTRIES = 0.15, 60, 2  # above: a line's height [in], characters of one, keys in one
 
 
-def quantity_of(found: WorkspaceMap, key: str) -> Quantity:
-    """The quantity of a map by its key."""
-    return next(one for one in found.quantities if one.key == key)
+def quantity_of(workspace: WorkspaceMap, key: str) -> Quantity:
+    """Return the quantity of a map by its key."""
+    return next(quantity for quantity in workspace.quantities if quantity.key == key)
 
 
-def colours(found: WorkspaceMap, key: str) -> tuple[Colormap, Normalize]:
-    """Colours of a quantity: bright is good; g has one colour on either side of the locus."""
-    quantity, values = quantity_of(found, key), found.values[key]
-    known = values[np.isfinite(values)]
+def colours(workspace: WorkspaceMap, key: str) -> tuple[Colormap, Normalize]:
+    """Return the colours of a quantity: bright is good; g has one colour on either side of the locus."""
+    quantity, values = quantity_of(workspace, key), workspace.values[key]
+    finite = values[np.isfinite(values)]
     if quantity.signed:
-        most = float(np.percentile(np.abs(known), COLOR_PERCENTILES[1])) if known.size else 1.0
-        return colormaps[DIVERGING], Normalize(-most, most)
+        largest = float(np.percentile(np.abs(finite), COLOR_PERCENTILES[1])) if finite.size else 1.0
+        return colormaps[DIVERGING], Normalize(-largest, largest)
     palette = colormaps[SEQUENTIAL if quantity.large_is_good else f"{SEQUENTIAL}_r"]
     if quantity.decades:
-        known = known[known > 0]
-    low, high = np.percentile(known, COLOR_PERCENTILES) if known.size else (0.1, 1.0)
+        finite = finite[finite > 0]
+    low, high = np.percentile(finite, COLOR_PERCENTILES) if finite.size else (0.1, 1.0)
     high = high if high > low else low + max(abs(low), 1e-12) * 1e-6
     return palette, LogNorm(low, high) if quantity.decades else Normalize(min(low, 0.0), high)
 
 
 def plot_map(
-    found: WorkspaceMap, key: str = "g", ax: Axes | None = None, *, path: Path | None = None
+    workspace: WorkspaceMap, key: str = "g", ax: Axes | None = None, *, path: Path | None = None
 ) -> Axes:
-    """One quantity of a map, with the singular locus and a path on top."""
-    quantity, robot = quantity_of(found, key), found.robot
-    lost = not_carried(found, quantity)
-    header = _header(found, quantity, entries=2 + sum(map(bool, _about_locus(found))) + int(lost.any()))
-    ax, scale = _axes(found, header) if ax is None else (ax, None)
-    palette, norm = colours(found, key)
-    values = found.values[key]
-    edges = [cell_edges(span) for span in found.window.spans]
+    """Plot one quantity of a map, with the singular locus and a path on top."""
+    quantity, robot = quantity_of(workspace, key), workspace.robot
+    lost = not_carried(workspace, quantity)
+    header = _header(
+        workspace, quantity, entries=2 + sum(map(bool, _about_locus(workspace))) + int(lost.any())
+    )
+    ax, scale = _axes(workspace, header) if ax is None else (ax, None)
+    palette, norm = colours(workspace, key)
+    values = workspace.values[key]
+    edges = [cell_edges(span) for span in workspace.window.spans]
     ax.set_facecolor(UNREACHED)
     if lost.any():
         shade = np.ma.masked_where(~lost, lost)
@@ -73,41 +75,41 @@ def plot_map(
     mesh = ax.pcolormesh(
         *edges, np.ma.masked_invalid(values).T, cmap=palette, norm=norm, rasterized=True, linewidth=0
     )
-    known = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)]
     below, above = (
-        bool(known.size) and known.min() < norm.vmin,
-        bool(known.size) and known.max() > norm.vmax,
+        bool(finite.size) and finite.min() < norm.vmin,
+        bool(finite.size) and finite.max() > norm.vmax,
     )
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
     beside = {"ax": ax, "pad": 0.03} if scale is None else {"cax": scale}
     bar = ax.figure.colorbar(mesh, extend=extend[below, above], **beside)
     bar.set_label(f"[{unit_of(robot, quantity)}]")
     halo = [withStroke(linewidth=2.8, foreground="white")]
-    for k, curve in enumerate(found.locus.curves):
+    for k, curve in enumerate(workspace.locus.curves):
         label = "singular locus (Type 2)" if k == 0 else None
         ax.plot(*curve.x.T, color=LOCUS, linewidth=1.4, path_effects=halo, label=label)
-    if len(found.locus.unexplained):
-        ax.plot(*found.locus.unexplained.T, "x", color=LOCUS, markersize=3, label=UNEXPLAINED)
-    if found.locus.why_not:
+    if len(workspace.locus.unexplained):
+        ax.plot(*workspace.locus.unexplained.T, "x", color=LOCUS, markersize=3, label=UNEXPLAINED)
+    if workspace.locus.why_not:
         ax.plot([], [], " ", label=NOT_TRACED)
-    axes = list(found.window.axes)
+    axes = list(workspace.window.axes)
     if path is not None:
-        way = path(np.linspace(0.0, 1.0, PATH_SAMPLES))[:, axes]
-        label = "path" if lies_in(found, path) else "path, projected"
-        ax.plot(*way.T, color=PATH, linewidth=1.6, linestyle="--", path_effects=halo, label=label)
-        ax.plot(*way[0], "o", color=PATH, markersize=4, markeredgecolor="white", markeredgewidth=0.8)
+        line = path(np.linspace(0.0, 1.0, PATH_SAMPLES))[:, axes]
+        label = "path" if lies_in(workspace, path) else "path, projected"
+        ax.plot(*line.T, color=PATH, linewidth=1.6, linestyle="--", path_effects=halo, label=label)
+        ax.plot(*line[0], "o", color=PATH, markersize=4, markeredgecolor="white", markeredgewidth=0.8)
     else:
         start = robot.reference.x[axes]
         ax.plot(*start, "P", color="black", markeredgecolor="white", markersize=6, label="reference")
     if lost.any():
         ax.plot([], [], "s", color=NOT_CARRIED, label=f"load not carried: {lost.sum()} poses")
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor="#9aa4af", label="not reached")
-    _frame(found, header, ax)
+    _frame(workspace, header, ax)
     return ax
 
 
 class _Header(NamedTuple):
-    """What stands above a map."""
+    """The title and the legend above a map."""
 
     name: list[str]  # lines
     title: list[str]
@@ -119,60 +121,60 @@ class _Header(NamedTuple):
         return LINE * (len(self.name) + len(self.title) + self.rows) + ABOVE
 
 
-def _header(found: WorkspaceMap, quantity: Quantity, entries: int) -> _Header:
-    name, below = (wrap(text, CHARACTERS) for text in (quantity.name, title(found)))
+def _header(workspace: WorkspaceMap, quantity: Quantity, entries: int) -> _Header:
+    name, below = (wrap(text, CHARACTERS) for text in (quantity.name, title(workspace)))
     return _Header(name, below, -(-entries // ENTRIES))
 
 
-def _about_locus(found: WorkspaceMap) -> tuple[int, int, str]:
-    """What there is to say of the locus: how many curves, signs without one, and why it is not traced."""
-    return len(found.locus.curves), len(found.locus.unexplained), found.locus.why_not
+def _about_locus(workspace: WorkspaceMap) -> tuple[int, int, str]:
+    """Return how many curves the locus has, how many signs have none, and why it is not traced."""
+    return len(workspace.locus.curves), len(workspace.locus.unexplained), workspace.locus.why_not
 
 
-def not_carried(found: WorkspaceMap, quantity: Quantity) -> BoolArray:
-    """Poses (I, J) that are reached, and have no value because the load is not carried there."""
-    if found.load is None or not quantity.loaded:
-        return np.zeros(found.reason.shape, dtype=bool)
-    return found.reached & (found.load != LoadReason.CARRIED)
+def not_carried(workspace: WorkspaceMap, quantity: Quantity) -> BoolArray:
+    """Return a mask (I, J) of poses that are reached but do not carry the load."""
+    if workspace.load is None or not quantity.loaded:
+        return np.zeros(workspace.reason.shape, dtype=bool)
+    return workspace.reached & (workspace.load != LoadReason.CARRIED)
 
 
-def _axes(found: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
-    """Axes for the window, to scale, and beside them for the colours, on a figure of their size."""
+def _axes(workspace: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
+    """Make axes for the window, to scale, and for the colours, on a figure of their size."""
     wide, high = 1.0, 0.8
-    if is_to_scale(found):
-        wide, high = found.window.upper - found.window.lower
+    if is_to_scale(workspace):
+        wide, high = workspace.window.upper - workspace.window.lower
     width, height = MAX_WINDOW_EDGE * np.array([wide, high]) / max(wide, high)
-    whole = np.array([max(LEFT + width + BAR + RIGHT, COLUMN_WIDTH), BELOW + height + header.height])
-    drawing = Figure(figsize=tuple(whole))
+    inches = np.array([max(LEFT + width + BAR + RIGHT, COLUMN_WIDTH), BELOW + height + header.height])
+    drawing = Figure(figsize=tuple(inches))
 
     def placed(left: float, across: float) -> Axes:
-        corner, size = np.array([left, BELOW]) / whole, np.array([across, height]) / whole
+        corner, size = np.array([left, BELOW]) / inches, np.array([across, height]) / inches
         return drawing.add_axes((*corner, *size))
 
     return placed(LEFT, width), placed(LEFT + width + 0.5 * BAR, 0.5 * BAR)
 
 
-def lies_in(found: WorkspaceMap, path: Path) -> bool:
+def lies_in(workspace: WorkspaceMap, path: Path) -> bool:
     """Whether a path keeps the coordinates that the map holds."""
-    apart = np.abs(path(np.linspace(0.0, 1.0, PATH_SAMPLES)) - found.window.held)
-    return bool(np.delete(apart, found.window.axes, axis=1).max(initial=0.0) < 1e-9)
+    apart = np.abs(path(np.linspace(0.0, 1.0, PATH_SAMPLES)) - workspace.window.held)
+    return bool(np.delete(apart, workspace.window.axes, axis=1).max(initial=0.0) < 1e-9)
 
 
-def is_to_scale(found: WorkspaceMap) -> bool:
+def is_to_scale(workspace: WorkspaceMap) -> bool:
     """Whether both axes have one unit."""
-    lengths = found.robot.translations[list(found.window.axes)]
+    lengths = workspace.robot.translations[list(workspace.window.axes)]
     return bool(lengths.all() or not lengths.any())
 
 
-def _frame(found: WorkspaceMap, header: _Header, ax: Axes) -> None:
-    robot, axes = found.robot, found.window.axes
-    wide, high = found.window.upper - found.window.lower
+def _frame(workspace: WorkspaceMap, header: _Header, ax: Axes) -> None:
+    robot, axes = workspace.robot, workspace.window.axes
+    wide, high = workspace.window.upper - workspace.window.lower
     ax.grid(False)
-    if is_to_scale(found):
+    if is_to_scale(workspace):
         ax.set_aspect("equal")
         ax.locator_params(axis="x", nbins=int(np.clip(9 * wide / high, 2, 9)))
-    ax.set_xlim(*cell_edges(found.window.spans[0])[[0, -1]])
-    ax.set_ylim(*cell_edges(found.window.spans[1])[[0, -1]])
+    ax.set_xlim(*cell_edges(workspace.window.spans[0])[[0, -1]])
+    ax.set_ylim(*cell_edges(workspace.window.spans[1])[[0, -1]])
     for set_label, k in ((ax.set_xlabel, axes[0]), (ax.set_ylabel, axes[1])):
         set_label(f"{robot.axis_names[k]}  [{'m' if robot.translations[k] else 'rad'}]")
     aside = ax.transAxes + ScaledTranslation(-LEFT + 0.1, 0.0, ax.figure.dpi_scale_trans)
@@ -188,17 +190,17 @@ def _frame(found: WorkspaceMap, header: _Header, ax: Axes) -> None:
     low = LINE * header.rows + 0.3 * ABOVE
     high = low + LINE * len(header.title)
     for lines, above, colour in ((header.name, high, "black"), (header.title, low, "#5c6876")):
-        at: dict[str, Any] = {"xycoords": aside, "textcoords": "offset points", "va": "bottom"}
-        ax.annotate("\n".join(lines), (0.0, 1.0), (0, 72 * above), color=colour, **at)
+        annotation: dict[str, Any] = {"xycoords": aside, "textcoords": "offset points", "va": "bottom"}
+        ax.annotate("\n".join(lines), (0.0, 1.0), (0, 72 * above), color=colour, **annotation)
 
 
-def title(found: WorkspaceMap) -> str:
-    """The robot, the mode that the map shows, and what is held."""
-    robot, axes = found.robot, found.window.axes
+def title(workspace: WorkspaceMap) -> str:
+    """Return the title: the robot, the mode that the map shows, and the coordinates that are held."""
+    robot, axes = workspace.robot, workspace.window.axes
     held = [
         f"{name}\u00a0=\u00a0{round(value, 9) + 0.0:.4g}\u00a0{'m' if slides else 'rad'}"
         for k, (name, value, slides) in enumerate(
-            zip(robot.axis_names, found.window.held, robot.translations, strict=True)
+            zip(robot.axis_names, workspace.window.held, robot.translations, strict=True)
         )
         if k not in axes
     ]
@@ -209,17 +211,21 @@ def title(found: WorkspaceMap) -> str:
 
 
 def cell_edges(span: Array) -> Array:
-    """Edges of the cells around equal steps."""
+    """Return the edges of the cells around equal steps."""
     half = 0.5 * (span[1] - span[0])
     return np.append(span - half, span[-1] + half)
 
 
-def save_map_figures(found: WorkspaceMap, folder: FilePath, *, path: Path | None = None) -> list[FilePath]:
+def save_map_figures(
+    workspace: WorkspaceMap, folder: FilePath, *, path: Path | None = None
+) -> list[FilePath]:
     """Write a PDF and a PNG of each quantity into a folder: map_g.pdf and so on."""
     return [
         file
-        for one in found.quantities
-        for file in save(partial(plot_map, found, one.key, path=path), folder / f"map_{one.key}")
+        for quantity in workspace.quantities
+        for file in save(
+            partial(plot_map, workspace, quantity.key, path=path), folder / f"map_{quantity.key}"
+        )
     ]
 
 

@@ -38,13 +38,13 @@ LEAD = (
 ON_LOCUS = "On the purple locus (Type 2) the motors do not hold the platform:"
 
 
-def map_page(found: WorkspaceMap, *, path: Path | None = None) -> str:
-    """The page, HTML."""
-    document = json.dumps(_document(found, path), allow_nan=False).replace("<", "\\u003c")
+def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
+    """Return the page as HTML."""
+    document = json.dumps(_document(workspace, path), allow_nan=False).replace("<", "\\u003c")
     return Template(_asset("map.html")).substitute(
-        title=html.escape(title(found)),
+        title=html.escape(title(workspace)),
         lead=html.escape(
-            f"{LEAD} {ON_LOCUS if found.locus.curves else 'Singular locus:'} {found.locus.sentence}."
+            f"{LEAD} {ON_LOCUS if workspace.locus.curves else 'Singular locus:'} {workspace.locus.sentence}."
         ),
         style=_asset("map.css"),
         document=document,
@@ -52,22 +52,22 @@ def map_page(found: WorkspaceMap, *, path: Path | None = None) -> str:
     )
 
 
-def _document(found: WorkspaceMap, path: Path | None) -> dict[str, Any]:
-    robot, window = found.robot, found.window
-    curves = [_curve(curve.x, LOCUS, 2.0, []) for curve in found.locus.curves]
+def _document(workspace: WorkspaceMap, path: Path | None) -> dict[str, Any]:
+    robot, window = workspace.robot, workspace.window
+    curves = [_curve(curve.x, LOCUS, 2.0, []) for curve in workspace.locus.curves]
     legend: list[tuple[str, str, bool]] = [("singular locus (Type 2)", LOCUS, False)] if curves else []
-    if len(found.locus.unexplained):
+    if len(workspace.locus.unexplained):
         legend.append((UNEXPLAINED, LOCUS, False))
     if path is not None:
-        way = path(np.linspace(0.0, 1.0, PATH_SAMPLES))[:, list(window.axes)]
-        curves.append(_curve(way, PATH, 2.5, [7, 4]))
-        where = "" if lies_in(found, path) else ", projected"
+        line = path(np.linspace(0.0, 1.0, PATH_SAMPLES))[:, list(window.axes)]
+        curves.append(_curve(line, PATH, 2.5, [7, 4]))
+        where = "" if lies_in(workspace, path) else ", projected"
         legend.append((f"path, from the dot on{where}", PATH, False))
-        mark = way[0]
+        mark = line[0]
     else:
         mark = robot.reference.x[list(window.axes)]
-    if found.load is not None:
-        lost = int(found.reached.sum()) - found.load_counts[LOAD_WORDS[LoadReason.CARRIED]]
+    if workspace.load is not None:
+        lost = int(workspace.reached.sum()) - workspace.load_counts[LOAD_WORDS[LoadReason.CARRIED]]
         legend.append((f"load not carried: {lost} poses", NOT_CARRIED, True))
     legend.append(("not reached", UNREACHED, True))
     units = ["m" if slides else "rad" for slides in robot.translations]
@@ -76,34 +76,34 @@ def _document(found: WorkspaceMap, path: Path | None) -> dict[str, Any]:
         "axes": [f"{robot.axis_names[k]} [{units[k]}]" for k in window.axes],
         "spans": [span.tolist() for span in window.spans],
         "edges": [cell_edges(span)[[0, -1]].tolist() for span in window.spans],
-        "to_scale": is_to_scale(found),
-        "quantities": [_quantity(found, one) for one in found.quantities],
-        "reason": _packed(found.reason.astype(np.uint8)),
+        "to_scale": is_to_scale(workspace),
+        "quantities": [_quantity(workspace, quantity) for quantity in workspace.quantities],
+        "reason": _packed(workspace.reason.astype(np.uint8)),
         "reasons": [REASON_WORDS[kind] for kind in PoseReason],
-        "assembly": _packed(found.assembly.astype(np.int8).view(np.uint8)),
+        "assembly": _packed(workspace.assembly.astype(np.int8).view(np.uint8)),
         "has_sides": robot.n_a == robot.n and len(robot.passive) > 0,
-        "load": None if found.load is None else _packed(found.load),
+        "load": None if workspace.load is None else _packed(workspace.load),
         "loads": [LOAD_WORDS[kind] for kind in LoadReason],
         "unreached": _rgb(UNREACHED),
         "not_carried": _rgb(NOT_CARRIED),
         "curves": curves,
         "marks": [np.round(mark, 9).tolist()],
-        "crosses": np.round(found.locus.unexplained, 9).tolist(),
+        "crosses": np.round(workspace.locus.unexplained, 9).tolist(),
         "legend": legend,
     }
 
 
-def _quantity(found: WorkspaceMap, one: Quantity) -> dict[str, Any]:
-    palette, norm = colours(found, one.key)
+def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> dict[str, Any]:
+    palette, norm = colours(workspace, quantity.key)
     shades = np.round(255 * palette(np.linspace(0.0, 1.0, COLOR_LEVELS))[:, :3]).astype(int)
     return {
-        "key": one.key,
-        "name": one.name,
-        "unit": unit_of(found.robot, one),
-        "values": _packed(found.values[one.key].astype("<f4")),
+        "key": quantity.key,
+        "name": quantity.name,
+        "unit": unit_of(workspace.robot, quantity),
+        "values": _packed(workspace.values[quantity.key].astype("<f4")),
         "range": [float(norm.vmin or 0.0), float(norm.vmax or 0.0)],
-        "decades": one.decades,
-        "loaded": one.loaded,
+        "decades": quantity.decades,
+        "loaded": quantity.loaded,
         "colours": shades.tolist(),
     }
 

@@ -1,4 +1,4 @@
-"""Where the motors are drawn: drums on turning joints and on legs that stretch, blocks on rails."""
+"""The motors as shapes: drums on turning joints and on legs that stretch, blocks on rails."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DRUM_OFFSET = 1.2  # from the foot of a leg that stretches to the middle of its 
 
 
 def motor_shapes(robot: ParallelRobot, shapes: list[Shape] | None = None, size: float = 0.0) -> list[Shape]:
-    """One solid for each motor, on its node; `shapes` are the bodies and `size` the radius of the picture."""
+    """Return a solid for each motor, on its node; `shapes` are the bodies, `size` the picture's radius."""
     shapes = body_shapes(robot) if shapes is None else shapes
     size = size or 0.7 * robot.length
     axes = [joint_axis(robot, int(column)) for column in robot.actuated]
@@ -40,14 +40,14 @@ def motor_shapes(robot: ParallelRobot, shapes: list[Shape] | None = None, size: 
 
 
 def placed(place: Array, axis: Array) -> Array:
-    """A placement (4, 4) with z along `axis`."""
+    """Return a placement (4, 4) with z along `axis`."""
     placement = np.eye(4)
     placement[:3, :3], placement[:3, 3] = turned_onto(axis), place
     return placement
 
 
 def _drum_on_leg(node: int, foot: Array, axis: Array, shapes: list[Shape], size: float) -> Shape:
-    """The drum about the tube of a leg that stretches, near its foot: wider than the tube."""
+    """Return the drum about the tube of a leg that stretches, near its foot: wider than the tube."""
     tube = max((shape.size[0] for shape in shapes if shape.kind == "cylinder"), default=0.0)
     radius = max(0.6 * MOTOR_RADIUS * size, 1.5 * tube)
     length = 3.0 * radius
@@ -57,7 +57,7 @@ def _drum_on_leg(node: int, foot: Array, axis: Array, shapes: list[Shape], size:
 
 
 def _housing(place: Array, axis: Array, shapes: list[Shape], size: float) -> tuple[Array, float]:
-    """Place and radius of a motor whose axis meets others: about the farthest cylinder on it of its node."""
+    """Return place and radius of a motor whose axis meets others: its node's farthest cylinder on it."""
     farthest, radius = 0.0, MOTOR_RADIUS * size
     for shape in shapes:
         offset = shape.placement[:3, 3] - place

@@ -30,7 +30,7 @@ PICTURE_KINDS = ("png", "svg", "pdf", "gif")
 
 
 def film_picture(films: Sequence[Film], kind: str) -> bytes:
-    """The robot, and beside it the eye of the needle or, without a crossing, its torques.
+    """Draw the robot, and beside it the eye of the needle or, without a crossing, its torques.
 
     Args:
         films: of one robot; several go along one path, through a singularity.
@@ -55,7 +55,7 @@ def _still(films: Sequence[Film], kind: str) -> bytes:
 
 
 def _gif(films: Sequence[Film]) -> bytes:
-    """It stands for two seconds at the singular instants."""
+    """Draw an animated GIF, which stands still for two seconds at the singular instants."""
     film = _shown(films)
     instants = [int(np.argmin(np.abs(film.time - instant.time))) for instant in film.instants]
     spread = np.linspace(0, len(film.time) - 1, GIF_FRAMES).astype(int)
@@ -87,7 +87,7 @@ def _gif(films: Sequence[Film]) -> bytes:
 
 
 def _shown(films: Sequence[Film]) -> Film:
-    """The film whose robot is drawn: the first that is proven."""
+    """Return the film whose robot is drawn: the first that is proven."""
     return next((film for film in films if film.proved), films[0])
 
 
@@ -95,13 +95,13 @@ Mark = Callable[[float], None]  # moves what marks an instant [s] on a curve
 
 
 def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[Mark]]:
-    """Room for the robot on the left; on the right the eye, or the torques of a motion without a crossing."""
+    """Make axes for the robot, and beside it for the eye, or for torques of a motion without crossing."""
     drawing = Figure(figsize=(8.4, 3.6), layout="constrained")
     left, right = drawing.subplots(1, 2, width_ratios=(1.0, 1.1))
     film = _shown(films)
     if film.instants:
         plot_eyes(films, stated_limit(film, films), right)
-        return drawing, left, [_dot(one, eye_twist(films), right) for one in films]
+        return drawing, left, [_dot(other_film, eye_twist(films), right) for other_film in films]
     for k, (name, torque) in enumerate(zip(film.robot.actuator_names, film.torque.T, strict=True)):
         right.plot(film.time, torque, label=said(name), **line_style(k))
     torque_axes(right, film.robot)
@@ -110,15 +110,15 @@ def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[Mark]]:
 
 
 def _dot(film: Film, twist: Array, ax: Axes) -> Mark:
-    """A dot on a curve of the eye; it stays where an unproved motion ends."""
-    way, asked = film.law(film.time), film.motors.along(twist)
+    """Draw a dot on a curve of the eye; it stays where an unproved motion ends."""
+    s, demand = film.law(film.time), film.motors.along(twist)
     end = np.inf if film.proved else film.instants[0].time
     (dot,) = ax.plot(
         [], [], "o", color=GOOD if film.proved else ALARM, markersize=7, markeredgecolor="white", zorder=5
     )
 
     def move(t: float) -> None:
-        at = min(t, end)
-        dot.set_data([np.interp(at, film.time, way)], [np.interp(at, film.time, asked)])
+        instant = min(t, end)
+        dot.set_data([np.interp(instant, film.time, s)], [np.interp(instant, film.time, demand)])
 
     return move

@@ -50,23 +50,23 @@ HAND_LEAD = (
 
 
 def film_page(films: Sequence[Film]) -> str:
-    """The page, HTML, that plays films side by side."""
+    """Return the page, HTML, that plays films side by side."""
     names = " and ".join(dict.fromkeys(said(film.robot.name) for film in films))
     return _scene_page(film_documents(films), names, FILM_LEAD)
 
 
 def hand_page(robot: ParallelRobot) -> str:
-    """The page, HTML, with sliders that ask `move_by_hand` behind it."""
+    """Return the page, HTML, with sliders that ask `move_by_hand`."""
     return _scene_page([hand_document(robot)], said(robot.name), HAND_LEAD)
 
 
 def scene_part(heading: str, lead: str) -> str:
-    """The part of a page in which the scene is drawn; `heading` is plain text, `lead` is HTML."""
+    """Return the part of a page in which the scene is drawn; `heading` is plain text, `lead` is HTML."""
     return Template(_asset("scene.html")).substitute(heading=html.escape(heading), lead=lead)
 
 
 def whole_page(title: str, body: str, documents: Sequence[dict[str, Any]]) -> str:
-    """A page with this body and the scripts that fill its scene from the documents."""
+    """Return a page with this body and the scripts that fill its scene from the documents."""
     viewer, licences = _viewer()
     return Template(_asset("page.html")).substitute(
         title=html.escape(title),
@@ -90,13 +90,13 @@ def _asset(name: str) -> str:
 
 @cache
 def _viewer() -> tuple[str, str]:
-    """MeshCat's JavaScript and the licences of what is in it."""
-    found = find_spec("meshcat")
-    if found is None or found.origin is None:
+    """Return MeshCat's JavaScript and the licences of what is in it."""
+    package = find_spec("meshcat")
+    if package is None or package.origin is None:
         raise MissingPackage(
             "the viewer is part of meshcat, which is not installed: pip install meshcat", package="meshcat"
         )
-    viewer = Path(found.origin).parent / "viewer"
+    viewer = Path(package.origin).parent / "viewer"
     texts = [viewer / "LICENSE", viewer / "dist" / "main.min.js.LICENSE.txt"]
     licences = "\n\n".join(text.read_text(encoding="utf-8") for text in texts if text.is_file())
     return (viewer / "dist" / "main.min.js").read_text(encoding="utf-8"), licences

@@ -19,7 +19,7 @@ TIME_SAMPLES = 601
 def plot_phase_plane(
     plan: CrossingPlan, axes: Sequence[Axes] | None = None, *, beside: CrossingPlan | None = None
 ) -> list[Axes]:
-    """s' and s" over s, on two axes: the plan's law, and the range that the limits of its motors leave.
+    """Plot s' and s" over s, on two axes: the plan's law, and the range that its motors' limits leave.
 
     The range of s" is that at the plan's own s'; it closes to a point at each crossing, condition (8).
 

@@ -26,7 +26,7 @@ MAX_LEGEND_CURVES = 4  # curves, among which a legend finds room
 
 
 def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axes]:
-    """s(t) and its first two derivatives, on three axes."""
+    """Plot s(t) and its first two derivatives, on three axes."""
     axes = figure(3, height=1.25)[1] if axes is None else list(axes)
     times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
     labels = ("$s$", r"$\dot s$  [1/s]", r"$\ddot s$  [1/s$^2$]")
@@ -44,7 +44,7 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
 
 
 def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """Torque of each motor over time."""
+    """Plot the torque of each motor over time."""
     ax = figure()[1][0] if ax is None else ax
     times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
     for k, (joint, torque) in enumerate(zip(plan.robot.actuator_names, plan.torque(times).T, strict=True)):
@@ -60,7 +60,7 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 
 
 def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """The singularity measure g along the path, of the robot at rest and as it deflects."""
+    """Plot the singularity measure g along the path, of the robot at rest and as it deflects."""
     ax = figure()[1][0] if ax is None else ax
     robot = plan.robot
     s = np.linspace(0.0, 1.0, CURVE_SAMPLES)
@@ -111,7 +111,7 @@ def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
 
 
 def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """t_s . W_p over time: it has to vanish where g does."""
+    """Plot t_s . W_p over time: it has to vanish where g does."""
     ax = figure()[1][0] if ax is None else ax
     times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
     _, wrench = wrench_along(plan.dynamics, times)
@@ -132,7 +132,7 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 def plot_raw_torques(
     raw: FiniteDifferenceTorques, robot: ParallelRobot, poles: Sequence[float], ax: Axes | None = None
 ) -> Axes:
-    """Torques of a raw sampling [N m], with the instants (poles) at which they are unbounded [s]."""
+    """Plot torques of a raw sampling [N m], with the instants (poles) at which they are unbounded [s]."""
     ax = figure()[1][0] if ax is None else ax
     for k, (joint, torque) in enumerate(zip(robot.actuator_names, raw.torque.T, strict=True)):
         ax.plot(raw.time, torque, label=joint.replace("_", " "), **line_style(k))
@@ -187,11 +187,11 @@ def torque_axes(ax: Axes, robot: ParallelRobot) -> None:
 
 
 def _time_axis(plan: CrossingPlan, ax: Axes) -> None:
-    """Time, with what the dashed lines are, and the dotted ones of limits."""
+    """Label the axis of time, with the meaning of dashed lines, and of dotted ones (limits)."""
     limited = plan.optimality is not None and np.isfinite(plan.optimality.specification.torque_limit).any()
     dotted = ", dotted: torque limit" if limited and ax.get_ylabel().startswith("motor torque") else ""
-    told = f"   (dashed: singular{dotted})" if plan.crossings else ""
-    ax.set_xlabel(f"time  [s]{told}")
+    legend = f"   (dashed: singular{dotted})" if plan.crossings else ""
+    ax.set_xlabel(f"time  [s]{legend}")
 
 
 def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:

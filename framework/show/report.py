@@ -25,7 +25,7 @@ PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
 
 
 def report_page(plan: CrossingPlan, *, name: str = "", planned: Mapping[str, float] | None = None) -> str:
-    """The report of a plan, HTML, complete in one file.
+    """Return the report of a plan, HTML, complete in one file.
 
     Args:
         name: what stands above the scene.
@@ -64,12 +64,12 @@ def _section(title: str, content: str) -> str:
 
 
 def _marked(text: str) -> str:
-    """A plain text as HTML, with the indices of t_s and W_p."""
+    """Return a plain text as HTML, with the indices of t_s and W_p."""
     return re.sub(r"\b(t|W)_([sp])\b", r"\1<sub>\2</sub>", html.escape(text))
 
 
 def _table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
-    """A table of plain texts."""
+    """Return a table of plain texts as HTML."""
     lines = []
     if head:
         lines.append("<tr>" + "".join(f"<th>{_marked(cell)}</th>" for cell in head) + "</tr>")
@@ -126,10 +126,10 @@ def _crossings(plan: CrossingPlan, film: Film) -> str:
 
 
 def _with_units(robot: ParallelRobot) -> str:
-    """The platform's coordinates with their units: x, y [m], rz [rad]."""
+    """Return the platform's coordinates with their units: x, y [m], rz [rad]."""
     groups = {"m": robot.platform.translations, "rad": ~robot.platform.translations}
     named = {
-        unit: ", ".join(name for name, there in zip(robot.axis_names, chosen, strict=True) if there)
+        unit: ", ".join(name for name, has_unit in zip(robot.axis_names, chosen, strict=True) if has_unit)
         for unit, chosen in groups.items()
     }
     return ", ".join(f"{names} [{unit}]" for unit, names in named.items() if names)
@@ -138,11 +138,11 @@ def _with_units(robot: ParallelRobot) -> str:
 def _law(plan: CrossingPlan) -> str:
     values = ",\n ".join(repr(float(value)) for value in plan.law.coefficients)
     if plan.optimality is not None:
-        asked = plan.optimality.specification
+        specification = plan.optimality.specification
         return (
             f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1). It was optimised for "
-            f"{said(asked.goal)} with degree {plan.law.degree}: s = φ(σ), φ′ proportional to "
-            f"(σ (1 − σ))<sup>{asked.smoothness}</sup>, φ(1) = 1, and (dσ/dt)² = Σ c<sub>k</sub> "
+            f"{said(specification.goal)} with degree {plan.law.degree}: s = φ(σ), φ′ proportional to "
+            f"(σ (1 − σ))<sup>{specification.smoothness}</sup>, φ(1) = 1, and (dσ/dt)² = Σ c<sub>k</sub> "
             f"T<sub>k</sub>(2 σ − 1) with Chebyshev polynomials T<sub>k</sub>; it takes {plan.duration:g} s. "
             f"c<sub>k</sub>:</p><pre>[{values}]</pre>"
         )
@@ -210,16 +210,16 @@ _CERTIFIED = (
 
 
 def _both_certificates(plan: CrossingPlan, planned: Mapping[str, float] | None) -> str:
-    """The certificate's numbers as plan.json has them, and as they were computed anew from its law."""
+    """Return the certificate's numbers in plan.json beside those computed again from its law."""
     if planned is None:
         return ""
-    anew = asdict(plan.certificate)
+    recomputed = asdict(plan.certificate)
     rows = [
         (
             text,
             *(
                 f"{numbers[key]:g}" if key == "nodes" else f"{numbers[key]:.1e}"
-                for numbers in (planned, anew)
+                for numbers in (planned, recomputed)
             ),
         )
         for key, text in _CERTIFIED
@@ -228,13 +228,18 @@ def _both_certificates(plan: CrossingPlan, planned: Mapping[str, float] | None) 
 
 
 def _condition(crossing: Crossing) -> str:
-    """Condition (8) at a crossing, in numbers."""
-    asked = crossing.condition
-    if asked is None:
+    """Return condition (8) at a crossing, in numbers."""
+    condition = crossing.condition
+    if condition is None:
         return f"At t = {crossing.time:.6g} s nothing was asked of the law; condition (8) holds all the same."
-    if asked.holds_anyway:
+    if condition.holds_anyway:
         return f"At t = {crossing.time:.6g} s condition (8) holds whatever s′ and s″ are."
-    terms = (("s″", asked.alpha), ("s′²", asked.beta), ("s′", asked.delta), ("1", asked.gamma))
+    terms = (
+        ("s″", condition.alpha),
+        ("s′²", condition.beta),
+        ("s′", condition.delta),
+        ("1", condition.gamma),
+    )
     listed = ", ".join(f"{value:.6g} of {name}" for name, value in terms)
     return (
         f"The law was made to meet condition (8) at t = {crossing.time:.6g} s: t_s · W_p is the sum of these "

@@ -22,7 +22,7 @@ Drawing = tuple[str, Callable[[], Axes]]  # its caption, and who draws it
 
 
 def figures_with_captions(plan: CrossingPlan, film: Film, marked: Callable[[str], str]) -> str:
-    """The figures as HTML; `marked` makes HTML of a plain text."""
+    """Return the figures as HTML; `marked` makes HTML of a plain text."""
     figures = []
     for number, (caption, draw) in enumerate(_drawings(plan, film), 1):
         picture = io.BytesIO()
@@ -37,7 +37,7 @@ def figures_with_captions(plan: CrossingPlan, film: Film, marked: Callable[[str]
 
 
 def _own(plan: CrossingPlan) -> str:
-    """Why the curve of the eye is larger or smaller than that of t_s . W_p, where it is."""
+    """Explain why the curve of the eye differs from that of t_s . W_p, where it does."""
     if not np.any(plan.robot.rotor_inertia):
         return ""
     return (
@@ -57,22 +57,27 @@ def _drawings(plan: CrossingPlan, film: Film) -> list[Drawing]:
         )
     ]
     if plan.crossings:
-        told = "The eye of the needle: at the singular instant the motors give nothing along t_s."
-        drawn.append((f"{told} The motion asks for nothing there.{_own(plan)}", lambda: plot_eye(plan)))
+        sentence = "The eye of the needle: at the singular instant the motors give nothing along t_s."
+        drawn.append((f"{sentence} The motion asks for nothing there.{_own(plan)}", lambda: plot_eye(plan)))
     drawn += [
         (f"Motor torques, with {parts(film)}.{dashed}", lambda: plots.plot_torques(plan)),
         (f"The law s(t) and its derivatives.{dashed}", lambda: plots.plot_law(plan)[0]),
     ]
     if len(plan.robot.passive):
-        met = ": 0 at the singular instants, condition (8)" if plan.crossings else ""
+        vanishes = ": 0 at the singular instants, condition (8)" if plan.crossings else ""
         drawn += [
             (
                 "Measure of singularity along the path, 0 where singular.",
                 lambda: plots.plot_singularity(plan),
             ),
-            (f"The {asked(plan.robot)} t_s that the motion asks for{met}.", lambda: plots.plot_wrench(plan)),
+            (
+                f"The {asked(plan.robot)} t_s that the motion asks for{vanishes}.",
+                lambda: plots.plot_wrench(plan),
+            ),
         ]
     if plan.optimality is not None:
-        told = "The phase plane: speed and acceleration along the path, and what the motors' limits allow."
-        drawn.append((told, lambda: plots.plot_phase_plane(plan)[0]))
+        sentence = (
+            "The phase plane: speed and acceleration along the path, and what the motors' limits allow."
+        )
+        drawn.append((sentence, lambda: plots.plot_phase_plane(plan)[0]))
     return drawn

@@ -1,4 +1,4 @@
-"""How to have a plan again: the command line, or the call, that asks for the same."""
+"""The command line, or the call, that makes a plan again."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ONLY_CALLED = ("at", "tolerance")  # what `plan_crossing` can be told and a comm
 
 
 def command_line(plan: CrossingPlan, folder: str) -> str | None:
-    """The `crossing plan` that asks for the same and writes it into a folder; None where there is none."""
+    """Return the `crossing plan` that makes the same plan into a folder; None if there is none."""
     typed = {key: value for key, value in given_options(plan).items() if key not in ONLY_CALLED}
     motion = _path_options(plan, typed)
     if motion is None:
@@ -30,7 +30,7 @@ def command_line(plan: CrossingPlan, folder: str) -> str | None:
 
 
 def python_call(plan: CrossingPlan) -> str:
-    """The call of `plan_crossing` that asks for the same."""
+    """Return the call of `plan_crossing` that makes the same plan."""
     file = str(plan.robot.description.file)
     robot = f"ParallelRobot.from_file({file!r}, flexibility={plan.robot.flexibility!r})"
     options = [f"{key}={value!r}" for key, value in given_options(plan).items()]
@@ -38,36 +38,36 @@ def python_call(plan: CrossingPlan) -> str:
 
 
 def given_options(plan: CrossingPlan) -> dict[str, Any]:
-    """What was asked for beside the path, as options of `plan_crossing`; what nobody asked for left out.
+    """Return the options of `plan_crossing` beside the path that differ from their defaults.
 
     What depends on the robot if it is left out is always told.
     """
-    told = ("smoothness", "geometry") if plan.robot.n_e else ("smoothness",)
-    found = {}
+    always = ("smoothness", "geometry") if plan.robot.n_e else ("smoothness",)
+    options = {}
     for field in fields(Request):
         value = getattr(plan.request, field.name)
-        if field.name != "path" and (field.name in told or value != field.default):
-            found[field.name] = value
-    return found
+        if field.name != "path" and (field.name in always or value != field.default):
+            options[field.name] = value
+    return options
 
 
 def _path_options(plan: CrossingPlan, typed: dict[str, Any]) -> list[str] | None:
-    """The path as options: a line by its ends, any other, or imposed places, by a scene that has them."""
+    """Return the path as options: a line by its ends, others and imposed places by a scene that has them."""
     path = plan.path
     if isinstance(path, Line) and Request.of(plan.robot, path, **typed) == plan.request:
         return [f"--from {_listed(path.start)}", f"--to {_listed(path.end)}"]
     for name in plan.robot.description.scenes:
         try:
-            asked = scene_request(plan.robot, name, **typed)
+            of_scene = scene_request(plan.robot, name, **typed)
         except InvalidInput:  # the options do not go with this scene
             continue
-        if asked == plan.request:
+        if of_scene == plan.request:
             return [f"--scene {shlex.quote(name)}"]
     return None
 
 
 def _typed(key: str, value: Any) -> str:
-    """One option of the command line."""
+    """Return one option as it is typed on the command line."""
     option = f"--{key.replace('_', '-')}"
     if value is True:
         return option

@@ -20,7 +20,7 @@ DRAWN_LIMIT_RATIO = 2.0  # limits beyond so many times the largest torque are to
 def plot_robustness(
     studies: Sequence[Study], axes: Sequence[Axes] | None = None, *, loop: ControlLoop | None = None
 ) -> Axes:
-    """Share of the runs that stay below a tracking error, and below a peak torque; one curve a controller.
+    """Plot the share of runs below a tracking error, and below a peak torque; one curve a controller.
 
     `loop`: what the runs had in common; errors within its tolerance are shaded, its torque limits are lines.
     """
@@ -52,7 +52,7 @@ def plot_robustness(
 
 
 def _draw_bounds(axes: Sequence[Axes], loop: ControlLoop) -> None:
-    """Within which errors a run passes, and what its motors may give at most."""
+    """Draw the errors within which a run passes, and the limits of its motors."""
     errors, torques = axes
     low, high = errors.get_xlim()
     high = max(high, 1.5 * loop.tolerance)
@@ -71,5 +71,5 @@ def _draw_bounds(axes: Sequence[Axes], loop: ControlLoop) -> None:
     if len(near):
         torques.text(near[0], 0.5, "torque limit", color=ALARM, transform=within, **note)
     elif len(limits):  # far off: no place for it in the picture
-        told = f"torque limit: {limits[0]:.3g} N m, off to the right"
-        torques.text(0.98, 0.04, told, color=ALARM, fontsize=7, ha="right", transform=torques.transAxes)
+        label = f"torque limit: {limits[0]:.3g} N m, off to the right"
+        torques.text(0.98, 0.04, label, color=ALARM, fontsize=7, ha="right", transform=torques.transAxes)

@@ -46,30 +46,32 @@ CurvesAbout = Callable[[Film, int, Array], LocusCurves | None]
 
 
 def floats(values: ArrayLike) -> str:
-    """An array for the page."""
+    """Encode an array for the page."""
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
 
 
 def film_documents(films: Sequence[Film]) -> list[dict[str, Any]]:
-    """All that the page needs to play films side by side; those of one robot share its locus."""
+    """Return the page's documents of films side by side; films of one robot share its locus."""
     traced: list[tuple[RobotDescription, LocusCurves]] = []
 
     def curves_about(film: Film, frame: int, over: Array) -> LocusCurves | None:
         for description, curves in traced:
             if description == film.robot.description and curves.serves(over):
                 return curves
-        found = locus_curves(film.robot, film.q[frame], film.x[frame])
-        if found is not None:
-            traced.append((film.robot.description, found))
-        return found
+        locus = locus_curves(film.robot, film.q[frame], film.x[frame])
+        if locus is not None:
+            traced.append((film.robot.description, locus))
+        return locus
 
     return [_film_document(film, curves_about, stated_limit(film, films)) for film in films]
 
 
 def stated_limit(film: Film, films: Sequence[Film]) -> Array:
-    """Torque limits (n_a,) that a film's motors are shown with: alike for all films of one robot."""
-    alike = [other for other in films if other.robot.actuator_names == film.robot.actuator_names]
-    proved = [np.abs(other.torque).max(axis=0) for other in alike if other.proved]
+    """Return the torque limits (n_a,) of a film's picture: the same for all films of one robot."""
+    alike = [
+        other_film for other_film in films if other_film.robot.actuator_names == film.robot.actuator_names
+    ]
+    proved = [np.abs(other_film.torque).max(axis=0) for other_film in alike if other_film.proved]
     usual = np.array(proved) if proved else np.full((1, film.robot.n_a), _torque_limit(film))
     return shown_limit(film.robot, usual, None)
 
@@ -125,7 +127,7 @@ def _film_document(film: Film, curves_about: CurvesAbout, limit: Array) -> dict[
 
 
 def drawn_robot(robot: ParallelRobot, poses: Array) -> dict[str, Any]:
-    """What does not depend on the motion, and where to look from."""
+    """Return the entries that do not depend on the motion, and the view."""
     shapes = body_shapes(robot)
     view = _view(robot, _points_in_sight(robot, shapes, poses))
     return {
@@ -146,7 +148,7 @@ def _integers(values: Any) -> str:
 
 
 def _columns(placement: Array) -> list[float]:
-    """A placement (4, 4), column after column."""
+    """Return a placement (4, 4), column after column."""
     return [float(value) for value in placement.T.ravel().round(9)]
 
 
@@ -172,7 +174,7 @@ def _motors(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[dict
 
 
 def _springs(film: Film, size: float) -> dict[str, Any] | None:
-    """Where the coils are, and the factor, of 1, 2 or 5 times a power of ten, by which deflections grow."""
+    """Return the places of the coils, and the factor, 1, 2 or 5 times a power of ten, of deflections."""
     robot = film.robot
     if not robot.n_e:
         return None
@@ -204,19 +206,19 @@ def _springs(film: Film, size: float) -> dict[str, Any] | None:
 
 
 def _round_down(value: float) -> float:
-    """The nearest of 1, 2, 5 times a power of ten below."""
+    """Return the nearest of 1, 2, 5 times a power of ten below."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(max(part for part in (1.0, 2.0, 5.0) if part * power <= value * (1 + 1e-9)) * power)
 
 
 def _arrows(six: Array) -> dict[str, Any]:
-    """Linear and angular parts (F, 3) of twists or wrenches (F, 6), with their largest sizes."""
+    """Return linear and angular parts (F, 3) of twists or wrenches (F, 6), with their largest sizes."""
     largest = [float(np.linalg.norm(part, axis=1).max()) for part in (six[:, :3], six[:, 3:])]
     return {"linear": floats(six[:, :3]), "angular": floats(six[:, 3:]), "largest": largest}
 
 
 def _polytope(film: Film, limit: Array) -> dict[str, Any] | None:
-    """The forces that motors within limits (n_a,) can give, or the torques of a platform that only turns.
+    """Return the forces that motors within limits (n_a,) can give, or torques if the platform only turns.
 
     Around `center` (F, 3) the sums of plus or minus the `sides` (F, n_a, 3), one of each motor.
     """
@@ -229,7 +231,7 @@ def _polytope(film: Film, limit: Array) -> dict[str, Any] | None:
 
 
 def _action_lines(film: Film) -> dict[str, Any] | None:
-    """The lines of action of the motors, of a film that becomes singular."""
+    """Return the motors' lines of action, of a film that becomes singular."""
     lines = action_lines(film.robot, film.motors.motor_speed) if film.instants else None
     if lines is None:
         return None
@@ -237,7 +239,7 @@ def _action_lines(film: Film) -> dict[str, Any] | None:
 
 
 def _torque_limit(film: Film) -> float:
-    """Largest torque to draw: all of a proven one, and of an unproved one what it is without its poles."""
+    """Return the largest torque to draw: of an unproved motion without its poles."""
     size = np.abs(film.torque).max(axis=1)
     size = np.where(np.isfinite(size), size, np.inf)
     if film.proved:
@@ -251,7 +253,7 @@ def _nearest(places: Array, times: Array, instant: float) -> list[float]:
 
 
 def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> dict[str, Any] | None:
-    """What can be drawn of the locus where the film comes nearest to it."""
+    """Return the drawing of the locus where the film comes nearest to it."""
     if np.isnan(film.g).any():
         return None
     nearest = int(np.argmin(np.abs(film.g)))
@@ -262,19 +264,19 @@ def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> dict[str, 
             return {"kind": "patch", "count": len(patch), "points": floats(patch)}
     held = not film.robot.platform.is_point  # other coordinates take part: the locus is that of one instant
     frame = nearest if held else 0
-    found = curves_about(film, frame, film.x[frame : frame + 1] if held else film.x)
-    return drawn_locus(film.robot, found, platform)
+    curves = curves_about(film, frame, film.x[frame : frame + 1] if held else film.x)
+    return drawn_locus(film.robot, curves, platform)
 
 
 def locus_lines(
-    robot: ParallelRobot, found: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
+    robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
 ) -> list[Array]:
-    """Curves (m, 3) of the locus within `beside` lengths of the robot from places (F, 3) of the platform."""
-    if found is None:
+    """Return curves (m, 3) of the locus within `beside` robot lengths of places (F, 3) of the platform."""
+    if curves is None:
         return []
     world = robot.platform.along
     pieces = []
-    for curve in found.curves:
+    for curve in curves.curves:
         line = np.repeat(platform[:1], len(curve), axis=0)
         line[:, world] = curve
         near = np.linalg.norm(line[:, None] - platform[None, ::20], axis=2).min(axis=1)
@@ -287,16 +289,16 @@ def locus_lines(
 
 
 def drawn_locus(
-    robot: ParallelRobot, found: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
+    robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
 ) -> dict[str, Any] | None:
-    """These curves for the page."""
-    pieces = [floats(line) for line in locus_lines(robot, found, platform, beside=beside)]
+    """Encode these curves for the page."""
+    pieces = [floats(line) for line in locus_lines(robot, curves, platform, beside=beside)]
     whole = robot.platform.is_point
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
 
 
 def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) -> Array:
-    """All places (m, 3) that a picture has to hold: of the joints at all times, of the bodies at some."""
+    """Return all places (m, 3) that a picture has to hold: of joints at all times, of bodies at some."""
     points = [frame_positions(robot, poses)]
     for pose in poses[[0, len(poses) // 2, -1]]:
         for shape in shapes:
@@ -307,7 +309,7 @@ def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) ->
 
 
 def _view(robot: ParallelRobot, points: Array) -> dict[str, Any]:
-    """Centre and size of what is to be seen, and where to look from."""
+    """Return centre and radius of the picture, and the direction of sight."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
     toward, flat = seen_from(robot)

@@ -45,7 +45,7 @@ class PageServer(ThreadingHTTPServer):
 
 @contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """Within, SIGINT and SIGTERM raise KeyboardInterrupt: for a server they are the way to end well."""
+    """Let SIGINT and SIGTERM raise KeyboardInterrupt within the block: a server ends by them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -85,15 +85,15 @@ class _Handler(BaseHTTPRequestHandler):
             size = int(self.headers.get("Content-Length", ""))
             if not 0 <= size <= MAX_REQUEST_BYTES:
                 raise InvalidInput(f"a request has at most {MAX_REQUEST_BYTES} bytes")
-            asked = json.loads(self.rfile.read(size))
-            if not isinstance(asked, dict):
+            message = json.loads(self.rfile.read(size))
+            if not isinstance(message, dict):
                 raise InvalidInput("a request is one JSON object")
             with self.server.one_at_a_time:
-                found = answer(asked)
+                reply = answer(message)
         except (ValueError, RecursionError, NoAnswer) as error:  # InvalidInput is a ValueError
             self._send_json(400, {"error": str(error)})
         else:
-            self._send_json(200, found)
+            self._send_json(200, reply)
 
     def _is_ours(self) -> bool:
         hosts = [f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")]

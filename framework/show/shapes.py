@@ -1,4 +1,4 @@
-"""What a robot looks like on the screen: the visuals of its URDF, and plain sticks where it shows nothing."""
+"""The shapes of a robot on the screen: the visuals of its URDF, and plain sticks where it has none."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MESH_CELLS = 40  # a mesh is thinned to this many cells along its diagonal
 
 
 def body_shapes(robot: ParallelRobot) -> list[Shape]:
-    """The visuals of the URDF, their meshes thinned, and sticks for the bodies that have none."""
+    """Return the visuals of the URDF, their meshes thinned, and sticks for the bodies that have none."""
     shapes = []
     for shape in read_visuals(robot.description, robot.model):
         if shape.vertices is not None and shape.faces is not None:
@@ -27,7 +27,7 @@ def body_shapes(robot: ParallelRobot) -> list[Shape]:
 
 
 def thinned(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
-    """A mesh with the vertices of each cell of a grid drawn together into their mean."""
+    """Return a mesh in which the vertices of each cell of a grid are merged into their mean."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     cell = max(float(np.linalg.norm(high - low)) / MESH_CELLS, 1e-12)
     keys, inverse = np.unique(np.floor((vertices - low) / cell).astype(np.int64), axis=0, return_inverse=True)
@@ -41,7 +41,7 @@ def thinned(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
 
 
 def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
-    """Cylinders from joint to joint and spheres at the joints, for bodies without visuals."""
+    """Return cylinders from joint to joint and spheres at the joints, for bodies without visuals."""
     model = robot.model
     radius = STICK_RADIUS * robot.length
     shapes = []
@@ -66,7 +66,7 @@ def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
 
 
 def turned_onto(axis: Array) -> Array:
-    """A rotation matrix (3, 3) whose third column points along `axis` (3,)."""
+    """Return a rotation matrix (3, 3) whose third column points along `axis` (3,)."""
     third = axis / np.linalg.norm(axis)
     aside = np.eye(3)[int(np.argmin(np.abs(third)))]
     first = np.cross(aside, third)

@@ -1,4 +1,4 @@
-"""From where a robot is looked at: planar ones from the normal of their plane, others from a corner."""
+"""The direction of sight on a robot: planar ones along the normal of their plane, others from a corner."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FLAT_VIEW_SLOPE = np.tan(np.radians(10.0))  # planar robots on a page: bodies st
 
 
 def seen_from(robot: ParallelRobot, *, flat: bool = False) -> tuple[Array, bool]:
-    """The direction (3,) from the robot to the eye, and whether the robot is planar.
+    """Return the direction (3,) from the robot to the viewer, and whether the robot is planar.
 
     `flat`: planar robots exactly flat-on.
     """
@@ -29,19 +29,19 @@ def seen_from(robot: ParallelRobot, *, flat: bool = False) -> tuple[Array, bool]
 
 
 class Projection(NamedTuple):
-    """Points of space onto the paper, without perspective: lengths across the sight stay as they are [m]."""
+    """The projection of points of space onto the paper, without perspective [m]."""
 
     right: Array  # (3,)
     up: Array  # (3,)
     ahead: Array  # (3,) from the eye
 
     def __call__(self, points: Array) -> Array:
-        """Places (..., 2) of points (..., 3)."""
+        """Return the places (..., 2) of points (..., 3)."""
         return np.asarray(points @ np.stack([self.right, self.up], axis=1))
 
 
 def projection(robot: ParallelRobot) -> Projection:
-    """Flat-on for planar robots, so that the axes of a figure are those of the base [m]."""
+    """Return the projection of a robot; flat-on for planar ones, whose figures have the base's axes [m]."""
     toward, _ = seen_from(robot, flat=True)
     upright = np.array([0.0, 1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
     right = np.cross(upright, toward)

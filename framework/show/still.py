@@ -37,7 +37,7 @@ def plot_still(
     locus: Sequence[Array] | None = None,
     alone: bool = False,
 ) -> Axes:
-    """A film at one of its frames, at its first singular instant when None, else halfway.
+    """Draw a film at one of its frames: when None at its first singular instant, or else halfway.
 
     Args:
         limit: torque limits (n_a,); a platform that moves in a plane then gets the polygons of the forces
@@ -48,20 +48,24 @@ def plot_still(
     robot, k = film.robot, telling_frame(film) if frame is None else frame
     ax = draw_robot(robot, film.q[k], ax)
     onto, platform = projection(robot), platform_positions(robot, joint_poses(robot, film.q))
-    way, here = onto(platform), platform[k]
+    path_line, place = onto(platform), platform[k]
     for piece, line in enumerate(locus_of(film) if locus is None else locus):
         label = None if piece else "singular locus"
         ax.plot(*onto(line).T, color=LOCUS, linewidth=1.4, zorder=2, label=label)
     ax.plot(
-        *way.T, color=PATH, linewidth=1.4, zorder=3, label="path" if np.ptp(way, axis=0).max() > 0 else None
+        *path_line.T,
+        color=PATH,
+        linewidth=1.4,
+        zorder=3,
+        label="path" if np.ptp(path_line, axis=0).max() > 0 else None,
     )
     for instant in film.instants:
-        at = way[int(np.argmin(np.abs(film.time - instant.time)))]
-        ax.plot(*at, "o", color=LOCUS if film.proved else ALARM, markersize=4, zorder=6)
+        mark = path_line[int(np.argmin(np.abs(film.time - instant.time)))]
+        ax.plot(*mark, "o", color=LOCUS if film.proved else ALARM, markersize=4, zorder=6)
     if limit is not None and robot.n == 2 and robot.platform.is_point:
-        _polygons(film, ax, way, limit, [k] if alone else None)
+        _polygons(film, ax, path_line, limit, [k] if alone else None)
     if film.instants and k == telling_frame(film) and len(robot.platform.sliding):
-        _action_lines(film, ax, k, here, onto)
+        _action_lines(film, ax, k, place, onto)
     reach = min(robot.length, 0.8 * float(np.ptp(ax.get_xlim())))
     twist = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
     arrows = (
@@ -74,25 +78,27 @@ def plot_still(
         largest = np.linalg.norm(part, axis=1).max()
         if largest > 0 and not np.isnan(film.g).any():
             tip = part[k] * size * reach / (np.linalg.norm(part[k]) or 1.0 if both else largest)
-            _arrow(ax, onto(here), onto(tip), color, both, label)
+            _arrow(ax, onto(place), onto(tip), color, both, label)
     ax.autoscale_view()
     legend_above(ax, 3, fontsize=6)
     return ax
 
 
-def _action_lines(film: Film, ax: Axes, k: int, here: Array, onto: Projection) -> None:
-    """The lines along which the motors' forces act at frame k, dotted."""
+def _action_lines(film: Film, ax: Axes, k: int, origin: Array, onto: Projection) -> None:
+    """Draw the lines along which the motors' forces act at frame k, dotted."""
     lines = action_lines(film.robot, film.motors.motor_speed[k : k + 1])
     if lines is None:
         return
-    for motor, (place, way) in enumerate(zip(lines.place[0], lines.way[0], strict=True)):
-        ends = here + place + HALF_LINE_OF_ACTION * film.robot.length * np.array([[-1.0], [1.0]]) * way
+    for motor, (place, direction) in enumerate(zip(lines.place[0], lines.way[0], strict=True)):
+        ends = (
+            origin + place + HALF_LINE_OF_ACTION * film.robot.length * np.array([[-1.0], [1.0]]) * direction
+        )
         label = None if motor else "lines of the motors' forces"
         ax.plot(*onto(ends).T, color=GIVEN, linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=3.2, label=label)
 
 
 def locus_of(film: Film) -> list[Array]:
-    """Curves (m, 3) of the locus, of a platform that moves in a plane."""
+    """Return the curves (m, 3) of the locus, of a platform that moves in a plane."""
     robot = film.robot
     if np.isnan(film.g).any() or not robot.platform.is_point:
         return []
@@ -101,14 +107,14 @@ def locus_of(film: Film) -> list[Array]:
 
 
 def telling_frame(film: Film) -> int:
-    """The frame of the first singular instant, else the one in the middle."""
+    """Return the frame of the first singular instant, or else the one in the middle."""
     if not film.instants:
         return len(film.time) // 2
     return int(np.argmin(np.abs(film.time - film.instants[0].time)))
 
 
-def _arrow(ax: Axes, at: Array, way: Array, color: str, both: bool, label: str) -> None:
-    if np.linalg.norm(way) > 0.02 * np.ptp(ax.get_xlim()):
+def _arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: str) -> None:
+    if np.linalg.norm(arrow) > 0.02 * np.ptp(ax.get_xlim()):
         style = {
             "arrowstyle": "<|-|>" if both else "-|>",
             "color": color,
@@ -116,18 +122,22 @@ def _arrow(ax: Axes, at: Array, way: Array, color: str, both: bool, label: str) 
             "shrinkA": 0,
             "shrinkB": 0,
         }
-        ax.annotate("", tuple(at + way), tuple(at - way if both else at), arrowprops=style, zorder=7)
-        ax.plot(*np.stack([at + way, at - way if both else at], axis=1), alpha=0)  # so that it is in sight
+        ax.annotate(
+            "", tuple(foot + arrow), tuple(foot - arrow if both else foot), arrowprops=style, zorder=7
+        )
+        ax.plot(
+            *np.stack([foot + arrow, foot - arrow if both else foot], axis=1), alpha=0
+        )  # so that it is in sight
         ax.plot([], [], color=color, linewidth=1.2, label=label)
 
 
-def _polygons(film: Film, ax: Axes, way: Array, limit: Array, frames: Sequence[int] | None) -> None:
+def _polygons(film: Film, ax: Axes, line: Array, limit: Array, frames: Sequence[int] | None) -> None:
     vertices = film.motors.vertices(limit)  # (F, c, 2)
     scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()
     if frames is None:
         spread = np.linspace(0, len(film.time) - 1, FORCE_POLYGONS).astype(int)
         frames = [int(k) for k in np.unique(np.append(spread, telling_frame(film)))]
     for k in frames:
-        corners = way[k] + scale * hull(vertices[k])
+        corners = line[k] + scale * hull(vertices[k])
         ax.add_patch(Polygon(corners, facecolor=GIVEN, alpha=0.18, zorder=3.5))
         ax.add_patch(Polygon(corners, fill=False, edgecolor=GIVEN, linewidth=0.8, zorder=3.6))

@@ -51,20 +51,20 @@ def styled() -> Iterator[None]:
 
 
 def figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure one journal column wide with `rows` axes, `height` [in] each; `shared`: over one abscissa."""
+    """Make a figure one journal column wide of `rows` axes, `height` [in] each; `shared`: one abscissa."""
     drawing = Figure(figsize=(COLUMN_WIDTH, height * rows), layout="constrained")
     axes = drawing.subplots(rows, 1, sharex=shared, squeeze=False)[:, 0]
     return drawing, list(axes)
 
 
 def legend_above(ax: Axes, columns: int = 1, **options: Any) -> None:
-    """The legend over the axes, where it hides no curve; none where nothing has a label."""
+    """Put the legend over the axes, where it hides no curve; none where nothing has a label."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=columns, **options)
 
 
 def line_style(k: int) -> dict[str, Any]:
-    """Colour and dash of the k-th curve: either of them tells it from the others."""
+    """Return colour and dash of the k-th curve: either of them tells it from the others."""
     return {"color": COLORS[k % len(COLORS)], "linestyle": DASHES[k % len(DASHES)]}
 
 
