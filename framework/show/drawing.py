@@ -59,7 +59,7 @@ def _named(direction: Array) -> str:
 
 
 def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, Array, Array]]:
-    """Return depth, outline (m, 2) and colour (4,) of the visible faces of a shape on a joint at a pose (7,)."""
+    """Return depth, outline (m, 2) and colour (4,) of a shape's visible faces, its joint at a pose (7,)."""
 
     def placed(local: Array) -> Array:
         points = local @ shape.placement[:3, :3].T + shape.placement[:3, 3]
