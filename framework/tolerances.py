@@ -39,10 +39,10 @@ off by what a spring deflects; at 1e-7 files with six digits are refused, or the
 """
 
 EXPORT_ROUNDING = 1e-4
-"""The same of exported drawings: loops that stay open, centres of mass off their axis [robot lengths].
+"""The same of exported drawings: loops that stay open [robot lengths].
 
-A tenth of a millimetre in a metre; wrong lengths leave 1e-2. At 1e-3 a millimetre passes as rounding, and
-rods with a small tool as idle; at 1e-5 drawings in millimetres are refused.
+A tenth of a millimetre in a metre; wrong lengths leave 1e-2. At 1e-3 a millimetre passes as rounding; at 1e-5
+drawings in millimetres are refused.
 """
 
 SAME_PLACE = 1e-9
@@ -111,10 +111,10 @@ Motor torques are off by that order. Files have 1e-8 to 1e-5 there; a pendulum o
 """
 
 NEARLY_AT_REST = 0.01
-"""Rate [robot lengths a radian] of a freedom's centres of mass or point that `convert` proposes as idle.
+"""Rate [robot lengths a radian] of centres of mass: slower, and a freedom is idle, or proposed as such.
 
 A plan measures what holding it costs (`HELD_IDLE`), so that no wrong torque comes of it. At 0.1 freedoms of
-digit_like are taken for idle, at 1e-3 the rod of talos_like for a freedom without a motor: both are refused.
+digit_like are taken for idle, at 1e-3 the rods of talos_like and of Digit's toes for freedoms without motors.
 """
 
 REFERENCE_MOVE = 0.2

@@ -23,7 +23,7 @@ COMMANDS = {
     "convert": Command(
         "convert",
         "write our robot file from another dialect: Gepetto's robot.yaml beside robot.urdf, URDF+ <loop>, "
-        "ROS <constraint>, MJCF <equality>; --base LINK: of one part of it, such as a leg",
+        "ROS <constraint>, <loop_joint>, MJCF <equality>; --base LINK: of one part of it, such as a leg",
     ),
     "locate": Command("locate", "find the singular points on a path"),
     "map": Command(

@@ -50,10 +50,11 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _dry_friction(parsed: ParsedRobot) -> str:
-    """Return each size of dry friction with its unit and the joints that have it, as text."""
+    """Return each size of dry friction of joints without a motor, its unit and the joints, as text."""
     slides = {joint.get("name") for joint in parsed.urdf.findall("joint") if joint.get("type") == "prismatic"}
     joints = defaultdict[str, list[str]](list)
+    driven = {actuator.joint for actuator in parsed.description.actuators}  # theirs is planned with
     for name, acting in parsed.description.joints.items():
-        if acting.friction:
+        if acting.friction and name not in driven:
             joints[f"{acting.friction:g} {'N' if name in slides else 'N m'}"].append(name)
     return "; ".join(f"{', '.join(names)} {size} each" for size, names in joints.items())

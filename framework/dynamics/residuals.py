@@ -121,7 +121,11 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
         k for k in range(1, model.njoints) if 0 <= column - model.joints[k].idx_v < model.joints[k].nv
     )
     if not is_ball(model.joints[joint]):
-        return "lock it (`locked`, `convert --lock`), give it a motor, or leave out the inertia behind it"
+        name = robot.coordinates.name_of(column)
+        return (
+            f"lock it (locked: {{{name}: VALUE}} in a robot file, --lock {name} of `crossing convert`), give "
+            f"it a motor, or leave out the inertia behind it"
+        )
     frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
     child = next(
         link for link in model.frames if link.parentJoint == joint and link.type == pin.FrameType.BODY

@@ -27,7 +27,7 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
-from framework.tolerances import EXPORT_ROUNDING, FILE_ROUNDING
+from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
 
 PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]
 MAX_PROPOSALS = 4
@@ -60,8 +60,8 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
     q = robot.reference.q
     hidden = _hidden_motions(robot, q)
     centres = centres_of_mass(robot, q) @ hidden
-    idle = _pivots(hidden @ _null_space(centres, EXPORT_ROUNDING))
-    loose = _pivots(hidden @ _row_space(centres, EXPORT_ROUNDING), but=idle)
+    idle = _pivots(hidden @ _null_space(centres, NEARLY_AT_REST))
+    loose = _pivots(hidden @ _row_space(centres, NEARLY_AT_REST), but=idle)
     return Mobility(
         _motions(robot, q).shape[1],
         tuple(map(robot.coordinates.name_of, idle)),

@@ -87,7 +87,7 @@ def _proposed(known: Known) -> Resolved:
     """Complete the description as `propose` does, without holding more joints."""
     tree = known.tree
     description = replace(known.description, urdf_text=ElementTree.tostring(tree.root, encoding="unicode"))
-    motions, remarks = _closed(description)
+    motions, remarks = _closed_and_driven(description)
     if not motions.working.shape[1]:
         raise RobotFileError("the loops leave no freedom that moves a mass: hold fewer joints")
     mechanism = motions.mechanism
@@ -107,8 +107,44 @@ def _proposed(known: Known) -> Resolved:
             return Resolved(replace(description, platform=platform), tuple(remarks))
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(a.joint for a in description.actuators)} along "
-        f"{motions.working.shape[1]} axes; give --platform and --axes, or hold joints by --lock"
+        f"{motions.working.shape[1]} axes; give --platform and --axes, {_part(description, tree)}or hold "
+        f"joints ({_to_hold(motions, _idle(motions), description, tree) or '--lock'})"
     )
+
+
+def _part(description: RobotDescription, tree: UrdfTree) -> str:
+    """The option that takes one branch of a robot with loops of its own, such as a leg; empty without any."""
+    motors = [tree.path_to_base(tree.joints[a.joint].child) for a in description.actuators]
+    loops = [
+        [tree.path_to_base(tree.link_of(frame)) for frame in closure.frames]
+        for closure in description.closures
+    ]
+    for joint in sorted(tree.joints.values(), key=lambda joint: len(tree.path_to_base(joint.child))):
+        within = {sum(joint in path for path in ends) for ends in loops}
+        driven = sum(joint in path for path in motors)
+        if 1 < driven < len(motors) and within == {0, 2}:
+            return f"take a part of the robot (such as --base {joint.child}), "
+    return ""
+
+
+def _closed_and_driven(description: RobotDescription) -> tuple[_Motions, list[str]]:
+    """As `_closed`; within the joints' limits where the motors do not drive the robot at that pose."""
+    motions, remarks = _closed(description)
+    if not description.actuators or not _undriven(motions, description).shape[1]:
+        return motions, remarks
+    try:
+        pose = find_closed_pose(motions.mechanism)
+        reference = motions.mechanism.reference_values(pose.q)
+        within, more = _closed(replace(description, reference=reference))
+    except NotAssembled:
+        return motions, remarks
+    if _undriven(within, description).shape[1]:
+        return motions, remarks
+    remark = (
+        f"reference: the nearest closed pose within the joints' limits, {pose.joint} {pose.moved} from the "
+        f"file's, in which the motors do not drive the robot"
+    )
+    return within, [remark, *more]
 
 
 def _closed(description: RobotDescription) -> tuple[_Motions, list[str]]:
@@ -172,12 +208,36 @@ def _motors(motions: _Motions, tree: UrdfTree, likely: Sequence[str]) -> list[st
     return chosen
 
 
+def _undriven(motions: _Motions, description: RobotDescription) -> Array:
+    """Compute the working motions (nv, k) that no motor determines."""
+    motors = [actuator.joint for actuator in description.actuators]
+    values, right = np.linalg.svd(motions.working[columns_of(motions.mechanism.model, motors)])[1:]
+    return np.asarray(motions.working @ right[int(np.sum(values > FILE_ROUNDING)) :].T)
+
+
+def _idle(motions: _Motions) -> Array:
+    """Compute the motions (nv, k) that are none of the working ones: idle, or nearly."""
+    right = np.linalg.svd(motions.working.T @ motions.basis)[2]
+    return np.asarray(motions.basis @ right[motions.working.shape[1] :].T)
+
+
+def _to_hold(motions: _Motions, left: Array, description: RobotDescription, tree: UrdfTree) -> str:
+    """The option that holds motions (nv, k), by joints with springs if there are, else far from the base."""
+    motors = [actuator.joint for actuator in description.actuators]
+    springs = [name for name, acting in description.joints.items() if acting.stiffness]
+    names = [name for name in dict.fromkeys([*springs, *reversed(tree.movable)]) if name in tree.movable]
+    held: list[str] = []
+    rows = np.empty((0, left.shape[1]))
+    for name in names:
+        more = np.concatenate([rows, left[columns_of(motions.mechanism.model, [name])]])
+        if name not in motors and np.linalg.matrix_rank(more, tol=PROPOSED_AXES_CLEARANCE) > len(rows):
+            held, rows = [*held, name], more
+    return f"such as --lock {' '.join(held)}" if held and len(held) == left.shape[1] else ""
+
+
 def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> None:
     """Refuse a mechanism with motions that no motor determines, and say what would hold them."""
-    model, motors = motions.mechanism.model, [actuator.joint for actuator in description.actuators]
-    rates = motions.working[columns_of(model, motors)]
-    values, right = np.linalg.svd(rates)[1:]
-    left = motions.working @ right[int(np.sum(values > FILE_ROUNDING)) :].T
+    motors, left = [actuator.joint for actuator in description.actuators], _undriven(motions, description)
     if not left.shape[1]:
         return
     free = [joint for joint in tree.joints.values() if joint.kind == "floating"]
@@ -186,19 +246,11 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
             f"{free[0].child!r} is free and no motor drives it; take a part of the robot by --base LINK, "
             f"such as --base {free[0].child}, or hold it by --lock {free[0].name}"
         )
-    springs = [name for name, acting in description.joints.items() if acting.stiffness]
-    names = [name for name in dict.fromkeys([*springs, *reversed(tree.movable)]) if name in tree.movable]
-    held: list[str] = []
-    rows = np.empty((0, left.shape[1]))
-    for name in names:
-        more = np.concatenate([rows, left[columns_of(model, [name])]])
-        if name not in motors and np.linalg.matrix_rank(more, tol=PROPOSED_AXES_CLEARANCE) > len(rows):
-            held, rows = [*held, name], more
-    does = f"--lock {' '.join(held)}" if len(held) == left.shape[1] else "--lock or --motors"
     raise RobotFileError(
         f"{motions.working.shape[1]} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
         f"({', '.join(motors)}): nothing says "
-        f"how {left.shape[1]} of them go; hold joints (such as {does}), or name more motors"
+        f"how {left.shape[1]} of them go; hold joints "
+        f"({_to_hold(motions, left, description, tree) or 'such as --lock or --motors'}), or name more motors"
     )
 
 

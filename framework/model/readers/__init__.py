@@ -6,6 +6,7 @@ Dialects
     onshape             frames `closing_NAME_1` and `closing_NAME_2`
     gepetto             a YAML of loops beside a URDF
     ros_constraint      `<constraint>` in a URDF
+    loop_joint          `<loop_joint>` in a URDF
     urdf_plus           `<loop>` and `<coupling>` in a URDF
     mjcf/               MuJoCo's models
     sdf                 SDFormat: recognised, and refused

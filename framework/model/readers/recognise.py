@@ -14,7 +14,7 @@ from framework.input import read_text
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.parameters import with_parameters
-from framework.model.readers import gepetto, onshape, ros_constraint, urdf_plus
+from framework.model.readers import gepetto, loop_joint, onshape, ros_constraint, urdf_plus
 from framework.model.readers.missing_fields import Known, Options, Propose, checked_reference, resolve
 from framework.model.readers.mjcf.reader import read_mjcf
 from framework.model.readers.ros_constraint import read_ros_constraint
@@ -28,6 +28,7 @@ DIALECTS = {
     "gepetto": "the pair robot.urdf + robot.yaml of Extended URDF (key closed_loop)",
     "urdf+": "URDF with <loop> and <coupling>",
     "ros": "URDF with <constraint> (urdfdom pull request 264)",
+    "loop_joint": "URDF with <loop_joint> (Isaac Sim)",
     "mjcf": "MuJoCo's XML with <equality>",
     "onshape": "URDF of onshape-to-robot with frames closing_NAME_1 and closing_NAME_2",
 }
@@ -117,19 +118,26 @@ def _dialect_of_xml(root: ElementTree.Element) -> str:
         return "mjcf"
     if root.tag != "robot":
         raise RobotFileError(f"unknown dialect: {choose_from('root element', root.tag, ('robot', 'mujoco'))}")
-    plus = any(root.find(tag) is not None for tag in urdf_plus.ELEMENTS)
-    ros = any(root.find(tag) is not None for tag in ros_constraint.ELEMENTS)
-    if plus and ros:
-        raise RobotFileError("mixes two dialects: <loop> or <coupling> (URDF+) with <constraint> (ROS)")
-    if plus or ros:
-        return "urdf+" if plus else "ros"
+    elements = {
+        "urdf+": urdf_plus.ELEMENTS,
+        "ros": ros_constraint.ELEMENTS,
+        "loop_joint": loop_joint.ELEMENTS,
+    }
+    mixed = [dialect for dialect, tags in elements.items() if any(root.find(tag) is not None for tag in tags)]
+    if len(mixed) > 1:
+        texts = " with ".join(
+            " or ".join(f"<{tag}>" for tag in elements[dialect]) + f" ({dialect})" for dialect in mixed
+        )
+        raise RobotFileError(f"mixes dialects: {texts}")
+    if mixed:
+        return mixed[0]
     if onshape.has_closing_frames(root):
         return "onshape"
     UrdfTree(root)  # a mistyped element is the likelier complaint
     raise RobotFileError(
-        "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, links closing_X_1 "
-        "and closing_X_2 of onshape-to-robot) or in a YAML file beside it (ours, or Gepetto's with "
-        "closed_loop), and give that file"
+        "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, <loop_joint> of "
+        "Isaac Sim, links closing_X_1 and closing_X_2 of onshape-to-robot) or in a YAML file beside it "
+        "(ours, or Gepetto's with closed_loop), and give that file"
     )
 
 
@@ -150,6 +158,7 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
     root = parse_xml(text)
     read = {
         "mjcf": read_mjcf,
+        "loop_joint": loop_joint.read_loop_joints,
         "urdf+": read_urdf_plus,
         "ros": read_ros_constraint,
         "onshape": onshape.read_onshape,
@@ -164,12 +173,18 @@ def _from_yaml(path: Path, text: str, options: Options, given: Mapping[str, floa
     dialect = _dialect_of_yaml(content)
     if dialect == "robot file":
         return _own(parse_robot(path, content, parameters), options)
-    urdf = path.with_suffix(".urdf")
+    urdf = _urdf_beside(path)
     try:
         tree = UrdfTree(parse_xml(read_text(urdf, f"{urdf}: cannot read it", error=RobotFileError)))
     except RobotFileError as error:
         raise RobotFileError(f"{urdf.name}: {str(error).removeprefix(f'{urdf}: ')}") from None
     return gepetto.read_pair(path, content, tree, options)._replace(dialect=dialect)
+
+
+def _urdf_beside(path: Path) -> Path:
+    """The URDF of Gepetto's YAML: by its name, else the only one in its folder."""
+    urdf, others = path.with_suffix(".urdf"), list(path.parent.glob("*.urdf"))
+    return others[0] if len(others) == 1 and not os.path.isfile(urdf) else urdf
 
 
 def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:

@@ -88,7 +88,7 @@ def test_a_biped_of_cassies_build_has_22_freedoms(tmp_path):
 
 
 def test_a_rod_whose_centre_of_mass_is_off_its_axis_is_not_idle(tmp_path):
-    found = mobility_of(biped(tmp_path, off=1e-3))
+    found = mobility_of(biped(tmp_path, off=0.03))
     assert (found.freedoms, found.idle, len(found.loose)) == (22, (), 6)
 
 

@@ -33,6 +33,7 @@ FIVE_BARS = {
         {"platform": "tip_predecessor", "motors": ["left_motor", "right_motor"], **AXES},
     ),
     "ros": (DATA / "five_bar_ros.urdf", {"platform": "tip_parent", "reference": POSE, **AXES}),
+    "loop_joint": (DATA / "five_bar_loop_joint.urdf", {"platform": "tip", "reference": POSE, **AXES}),
     "onshape": (
         DATA / "five_bar_onshape.urdf",
         {"platform": "closing_tip_1", "reference": POSE, "motors": ["left_motor", "right_motor"], **AXES},

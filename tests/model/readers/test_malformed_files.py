@@ -26,6 +26,7 @@ GOOD = {
     "pair": DATA / "gepetto" / "robot.urdf",
     "plus": DATA / "five_bar_plus.urdf",
     "ros": DATA / "five_bar_ros.urdf",
+    "loop_joint": DATA / "five_bar_loop_joint.urdf",
     "sites": DATA / "five_bar_sites.xml",
     "anchor": DATA / "five_bar_anchor.xml",
     "own": robots.CATALOGUE["five_bar"].file,
@@ -166,7 +167,17 @@ CHANGES = [
         "</coupling></robot>",
         "<ratio>: needs finite numbers, got 'x'",
     ),
-    ("plus", "</robot>", '<constraint name="c" type="fixed"/></robot>', "mixes two dialects"),
+    ("plus", "</robot>", '<constraint name="c" type="fixed"/></robot>', "mixes dialects: <loop> or"),
+    # Isaac Sim's loop joints
+    ("loop_joint", 'type="spherical"', 'type="planar"', "loop_joint 'loop': unknown type 'planar'"),
+    ("loop_joint", 'type="spherical"', 'type="revolute"', "loop_joint 'loop': <axis> is missing"),
+    (
+        "loop_joint",
+        '<link1 link="right_rod"',
+        '<link3 link="right_rod"',
+        "unknown element 'link3'",
+    ),
+    ("loop_joint", 'link1 link="right_rod"', 'link1 link="rod"', "unknown link 'rod'"),
     # the proposal for ROS
     ("ros", 'type="spherical"', 'type="ball"', "constraint 'tip': unknown type 'ball'"),
     ("ros", 'type="spherical"', "", "constraint 'tip': attribute 'type' is missing"),

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
 
-from framework import ParallelRobot
+from framework import ParallelRobot, check_robot
 from framework.errors import RobotFileError
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.readers.recognise import parse_any
@@ -45,3 +46,94 @@ def test_a_five_bar_is_proposed_whole(name):
     robot = ParallelRobot.from_description(parsed.description)
     assert set(robot.actuator_names) == {"left_motor", "right_motor"}
     assert robot.axis_names == ("x", "y")
+
+
+FIVE_BAR = (DATA / "five_bar_sites.xml").read_text()
+
+
+def proposed(folder: Path, text: str, **options):
+    """What `convert` proposes of a text."""
+    file = folder / "file.xml"
+    file.write_text(text)
+    return parse_any(file, propose=propose, **options)
+
+
+def test_a_site_between_two_ends_stands_half_way(tmp_path):
+    text = FIVE_BAR.replace(
+        'name="left_tip" pos="0.25 0 0"', 'name="left_tip" fromto="0.25 0 -0.1 0.25 0 0.1"'
+    )
+    ends = proposed(tmp_path, text).description
+    assert ends.reference == pytest.approx(proposed(tmp_path, FIVE_BAR).description.reference, abs=1e-12)
+
+
+def test_a_fluid_is_left_out_by_name(tmp_path):
+    text = FIVE_BAR.replace("<option ", '<option density="1.2" viscosity="1.8e-5" ')
+    assert proposed(tmp_path, text).left_out == (
+        "<option> density 1.2, viscosity 1.8e-5: the drag of the fluid",
+    )
+
+
+def test_global_coordinates_are_refused_by_a_way_out(tmp_path):
+    with pytest.raises(RobotFileError, match=r"load and save the file with MuJoCo 2\.2"):
+        proposed(tmp_path, FIVE_BAR.replace("<compiler ", '<compiler coordinate="global" '))
+
+
+FLAT_FOUR_BAR = """<mujoco><compiler angle="degree"/><worldbody>
+  <body name="crank"><joint name="crank" range="30 140"/><geom size="0.01" mass="0.1"/>
+    <body name="rod" pos="0.055 0 0"><joint name="rod"/><geom size="0.01" pos="0.1 0 0" mass="0.2"/></body>
+  </body>
+  <body name="foot" pos="0.35 -0.006 0"><joint name="foot" range="30 140"/>
+    <geom size="0.01" pos="0.03 0 0" mass="0.3"/></body>
+</worldbody><equality><connect body1="rod" body2="foot" anchor="0.35 0 0"/></equality>
+<actuator><motor joint="foot"/></actuator></mujoco>"""
+
+
+def test_where_motors_do_not_drive_the_pose_of_the_file_one_within_the_limits_is_taken(tmp_path):
+    """Crank and rod are one line: the foot's motor holds its end, and the two are free to bulge."""
+    parsed = proposed(tmp_path, FLAT_FOUR_BAR)
+    (remark,) = (remark for remark in parsed.remarks if remark.startswith("reference"))
+    assert "in which the motors do not drive the robot" in remark
+    robot = ParallelRobot.from_description(parsed.description)
+    assert not any("limits" in note for note in check_robot(robot).advice)
+    assert all(abs(robot.description.reference[name]) > 0.5 for name in ("crank", "foot"))
+
+
+def test_of_two_five_bars_that_move_no_body_together_one_is_taken_as_the_refusal_says(tmp_path):
+    """The left and the right one stand on carriages of one table."""
+    root = ElementTree.fromstring(FIVE_BAR)
+    root.remove(root.find("keyframe"))
+    world = root.find("worldbody")
+    bodies = world.findall("body")
+    for body in bodies:
+        world.remove(body)
+    for side in ("a", "b"):
+        table = ElementTree.SubElement(world, "body", name=f"table_{side}")
+        ElementTree.SubElement(table, "joint", name=f"table_{side}", type="slide")
+        for body in bodies:
+            table.append(_named(body, side))
+    for section in ("equality", "actuator"):
+        elements = root.find(section)
+        for element in list(elements):
+            elements.remove(element)
+            elements.extend(_named(element, side) for side in ("a", "b"))
+    text = ElementTree.tostring(root, encoding="unicode")
+    with pytest.raises(RobotFileError, match=r"such as --base table_a"):
+        proposed(tmp_path, text)
+    taken = proposed(tmp_path, text, base="table_a").description
+    assert [actuator.joint for actuator in taken.actuators] == ["left_motor_a", "right_motor_a"]
+
+
+def _named(element: ElementTree.Element, side: str) -> ElementTree.Element:
+    """A copy whose names end in a side."""
+    copied = ElementTree.fromstring(ElementTree.tostring(element))
+    for part in copied.iter():
+        for key in ("name", "joint", "site1", "site2"):
+            if key in part.attrib:
+                part.set(key, f"{part.get(key)}_{side}")
+    return copied
+
+
+def test_the_only_urdf_beside_a_yaml_is_its_own(tmp_path):
+    for name, renamed in (("robot.yaml", "robot.yaml"), ("robot.urdf", "model_full_v2.urdf")):
+        (tmp_path / renamed).write_text((DATA / "gepetto" / name).read_text())
+    assert parse_any(tmp_path / "robot.yaml", propose=propose).dialect == "gepetto"

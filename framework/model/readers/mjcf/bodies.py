@@ -13,7 +13,14 @@ from framework.model.description import JointDynamics
 from framework.model.placement import placement
 from framework.model.readers.left_out import LeftOut
 from framework.model.readers.mjcf.geoms import UnknownInertia, inertial_element, visual_element
-from framework.model.readers.mjcf.settings import MAX_NESTING_DEPTH, TURNS, CompilerSettings, known, word
+from framework.model.readers.mjcf.settings import (
+    MAX_NESTING_DEPTH,
+    TURNS,
+    CompilerSettings,
+    between_ends,
+    known,
+    word,
+)
 from framework.model.urdf_elements import coordinates_of
 from framework.model.urdf_writing import joint_element, origin_element, vector_text
 from framework.model.xml_reading import numbers, required
@@ -238,9 +245,10 @@ class Bodies:
             return
         if name in self.sites:
             raise RobotFileError(f"duplicate site {name!r}")
-        if "fromto" in attributes:
-            raise RobotFileError(f"site {name!r} fromto: not supported; give pos and an orientation")
-        self.sites[name] = (link, self.settings.placed(attributes, f"site {name!r}"))
+        where = f"site {name!r}"
+        ends = attributes.get("fromto")
+        place = self.settings.placed(attributes, where) if ends is None else between_ends(where, ends)[0]
+        self.sites[name] = (link, place)
 
 
 def symmetric_range(attributes: dict[str, str], where: str, key: str) -> float | None:

@@ -11,10 +11,9 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import SHORTEST
 from framework.model.inertia import check_inertia, symmetric
 from framework.model.placement import placement
-from framework.model.readers.mjcf.settings import TURNS, CompilerSettings, known, least_turn
+from framework.model.readers.mjcf.settings import TURNS, CompilerSettings, between_ends, known
 from framework.model.urdf_writing import origin_element
 from framework.model.xml_reading import numbers
 
@@ -123,14 +122,10 @@ def _geometry(
     if "fromto" in attributes:
         if kind == "sphere":
             raise RobotFileError(f"{where} fromto: a sphere has no ends")
-        ends = np.array(numbers(f"{where} fromto", attributes["fromto"], 6))
-        along = ends[:3] - ends[3:]
-        half = 0.5 * float(np.linalg.norm(along))
-        if half < SHORTEST:
-            raise RobotFileError(f"{where} fromto: the two ends coincide")
+        middle, half = between_ends(where, attributes["fromto"])
         first = _sizes(attributes, f"{where} size", 1)
         sizes = (first[0], half) if count == 2 else (first[0], first[0], half)
-        return kind, sizes, placement(least_turn(along), 0.5 * (ends[:3] + ends[3:]))
+        return kind, sizes, middle
     return kind, _sizes(attributes, f"{where} size", count), settings.placed(attributes, where)
 
 

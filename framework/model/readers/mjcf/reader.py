@@ -17,6 +17,7 @@ from pathlib import Path
 from framework.errors import RobotFileError, choose_from
 from framework.model.description import ParsedRobot
 from framework.model.readers.describe import describe
+from framework.model.readers.left_out import LeftOut
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.mjcf.bodies import WORLD, Bodies
 from framework.model.readers.mjcf.equalities import loops_of
@@ -24,11 +25,24 @@ from framework.model.readers.mjcf.includes import with_includes
 from framework.model.readers.mjcf.motors import motors_of, reference_of
 from framework.model.readers.mjcf.settings import CompilerSettings
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
+from framework.model.xml_reading import numbers
 
 _SECTIONS_LEFT_OUT = (
     *("asset", "contact", "sensor", "visual", "statistic", "size", "custom", "extension", "deformable"),
 )
 _SECTIONS = (*("compiler", "option", "default", "worldbody", "equality", "tendon", "actuator", "keyframe"),)
+
+
+def _fluid(root: ElementTree.Element, bodies: Bodies) -> list[LeftOut]:
+    """The fluid of <option> that drags at all bodies."""
+    given = {key: value for option in root.findall("option") for key, value in option.attrib.items()}
+    around = [
+        f"{key} {given[key]}"
+        for key in ("density", "viscosity")
+        if numbers(f"<option> {key}", given.get(key, "0"), 1)[0] > 0.0
+    ]
+    text = f"<option> {', '.join(around)}: the drag of the fluid"
+    return [LeftOut(text, tuple(bodies.coordinates))] if around else []
 
 
 def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
@@ -54,6 +68,7 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
     frames = {name: tree.add_frame(name, link, at) for name, (link, at) in bodies.sites.items()}
     closures, couplings = loops_of(root, bodies, tree, frames)
     motors = motors_of(root, bodies)
+    bodies.left_out.extend(_fluid(root, bodies))
     reference = reference_of(root, bodies)
     return describe(
         tree,

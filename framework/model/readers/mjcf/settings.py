@@ -26,6 +26,11 @@ class CompilerSettings:
         compiler = {key: value for c in root.findall("compiler") for key, value in c.attrib.items()}
         angle = word(compiler, "<compiler>", "angle", ("degree", "radian"), "degree")
         self.angle = math.pi / 180.0 if angle == "degree" else 1.0
+        if compiler.get("coordinate") == "global":
+            raise RobotFileError(
+                "<compiler> coordinate: global coordinates are of old versions of MuJoCo, and no new one "
+                "reads them; load and save the file with MuJoCo 2.2, which writes local ones"
+            )
         word(compiler, "<compiler>", "coordinate", ("local",), "local")
         self.eulerseq = compiler.get("eulerseq", "xyz")
         if len(self.eulerseq) != 3 or set(self.eulerseq.lower()) - set("xyz"):
@@ -106,6 +111,16 @@ class CompilerSettings:
         else:
             turn = _from_xy(np.array(values[:3]), np.array(values[3:]), f"{where} xyaxes")
         return placement(turn, position)
+
+
+def between_ends(where: str, text: str) -> tuple[Array, float]:
+    """The placement half-way between two ends (`fromto`), z along them, and half their distance."""
+    ends = np.array(numbers(f"{where} fromto", text, 6))
+    along = ends[:3] - ends[3:]
+    half = 0.5 * float(np.linalg.norm(along))
+    if half < SHORTEST:
+        raise RobotFileError(f"{where} fromto: the two ends coincide")
+    return placement(least_turn(along), 0.5 * (ends[:3] + ends[3:])), half
 
 
 def least_turn(z: Array) -> Array:

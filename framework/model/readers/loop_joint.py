@@ -1,0 +1,82 @@
+"""The `<loop_joint>` of a URDF, as Isaac Sim reads and writes it, and Drake once did.
+
+    <loop_joint name="tip" type="spherical">
+      <link1 link="left_rod" xyz="0.25 0 0" rpy="0 0 0"/>   <link2 link="right_rod" xyz="0.25 0 0"/>
+    </loop_joint>
+
+The second link may be a second `<link1>`, as in Isaac Sim's manual. Isaac Sim closes loops by balls; `fixed`
+needs no axis either, `revolute` and `prismatic` have an `<axis xyz>` in both frames. `<fixed_frame>` is a
+frame. Motors are the joints with a transmission or a command interface; nothing is said of the platform.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+
+from framework.errors import RobotFileError, choose_from
+from framework.model.description import Closure, ParsedRobot, locked_axes
+from framework.model.placement import placement, turning
+from framework.model.readers.describe import describe
+from framework.model.readers.missing_fields import Options
+from framework.model.readers.transmissions import Motor
+from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.xml_reading import attribute, axis_of, only, origin_of, required
+
+ELEMENTS = ("loop_joint",)
+_OTHERS = ("fixed_frame",)
+_ORIGIN = ("xyz", "rpy")
+_KINDS = {"continuous": "revolute"} | {kind: kind for kind in ("spherical", "fixed", "revolute", "prismatic")}
+
+
+def read_loop_joints(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
+    """The description in a URDF with `<loop_joint>` elements.
+
+    Raises:
+        RobotFileError: names the element.
+    """
+    tree = UrdfTree(root, (*ELEMENTS, *_OTHERS))
+    closures = []
+    for element in tree.extra:
+        if element.tag == "loop_joint":
+            closures.append(_loop_joint(tree, element))
+        else:
+            _fixed_frame(tree, element)
+    motors = [Motor.on(name) for name in tree.motors if name in tree.movable]
+    return describe(tree, file, options, closures, motors=motors)
+
+
+def _fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
+    name = attribute(element, "<fixed_frame>", "name")
+    where = f"fixed_frame {name!r}"
+    parent = attribute(required(element, where, "parent"), f"{where}: <parent>", "link")
+    tree.add_frame(
+        name, tree.link(f"{where}: <parent>", parent), origin_of(element.find("origin"), f"{where}: <origin>")
+    )
+
+
+def _loop_joint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    name = attribute(element, "<loop_joint>", "name")
+    where = f"loop_joint {name!r}"
+    for child in element:
+        if child.tag not in ("link1", "link2", "axis"):
+            raise RobotFileError(f"{where}: {choose_from('element', child.tag, ('link1', 'link2', 'axis'))}")
+    given = attribute(element, where, "type")
+    if given.lower() not in _KINDS:
+        raise RobotFileError(f"{where}: {choose_from('type', given, _KINDS)}")
+    kind, turn = _KINDS[given.lower()], np.eye(3)
+    if kind in ("revolute", "prismatic"):
+        turn = turning("z", axis_of(required(element, where, "axis"), f"{where}: <axis>"))
+    ends = [child for child in element if child.tag in ("link1", "link2")]
+    if len(ends) != 2:
+        raise RobotFileError(f"{where}: needs two links (<link1>, <link2>), got {len(ends)}")
+    frames = []
+    for number, end in enumerate(ends, start=1):
+        only(end, f"{where}: <{end.tag}>", (), ("link", *_ORIGIN))
+        link = tree.link(f"{where}: <{end.tag}>", end.get("link"))
+        origin = ElementTree.Element("origin", {key: end.attrib[key] for key in _ORIGIN if key in end.attrib})
+        place = origin_of(origin, f"{where}: <{end.tag}>") @ placement(turn)
+        frames.append(tree.frame_at(f"{name}_{number}", link, place))
+    return Closure(name, (frames[0], frames[1]), locked_axes(kind))
