@@ -15,9 +15,9 @@ SOURCES := $(shell find framework robots urdf -type f ! -name '*.pyc' 2>/dev/nul
 METADATA := pyproject.toml constraints.txt
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 DEMO := crossing_C
-# what meets every package that the framework calls, in at most three minutes
+# what meets every package that the framework calls, in at most one minute
 SOME_TESTS := tests/linalg tests/motion tests/locus/test_traced_locus.py tests/robots/test_every_robot.py \
-  tests/show/test_plots.py tests/crossing/optimal tests/test_cli.py
+  tests/show/test_plots.py tests/crossing/optimal/test_best_law.py tests/test_cli_pose.py tests/test_cli_simulate.py
 # the modules of the API reference: the public face, and the submodules that a user calls by name
 API := framework.public framework.errors framework.motion.law framework.motion.path framework.model.beams \
   framework.simulation framework.control framework.atlas.workspace_map framework.atlas.nearest \
@@ -49,7 +49,7 @@ slow: $(VENV)/.test  ## run the tests marked slow
 	$(BIN)/python -m pytest -m slow --numprocesses auto $(PYTEST_ARGS) || [ $$? -eq 5 ]  # 5: there are none
 
 witness: $(VENV)/.witness  ## hold our torques against MuJoCo and Exudyn, and maps through a dask cluster against this process
-	CROSSING_WITNESS=required $(BIN)/python -m pytest tests/witness $(PYTEST_ARGS)
+	CROSSING_WITNESS=required $(BIN)/python -m pytest --numprocesses auto tests/witness $(PYTEST_ARGS)
 
 test-browser: $(VENV)/.browser  ## run the tests in a headless Chromium (Debian: apt-get install chromium)
 	$(BIN)/python -m pytest -m browser tests/browser $(PYTEST_ARGS)
@@ -77,7 +77,7 @@ notebooks:  ## execute the notebooks
 	@echo "There are no notebooks yet."
 else
 notebooks: $(VENV)/.dev
-	$(BIN)/jupyter execute --timeout=600 $(NOTEBOOKS)
+	printf '%s\n' $(NOTEBOOKS) | xargs -n 1 -P 2 $(BIN)/jupyter execute --timeout=600
 endif
 
 clean:  ## remove the environment, the caches and the output of the demo
