@@ -19,7 +19,7 @@ from framework.crossing.scenes import scene_path
 from tests.oracles.equations_of_motion import defects
 
 SCENES = {"delta": "cross", "orthoglide": "cross", "par4": "cross", "gough_stewart": "turn"}
-COUNT, SEED = 10, 11
+COUNT, SEED = 6, 11
 
 
 def random_motions(name: str, count: int) -> tuple[ParallelRobot, list[tuple[Line, float]]]:
@@ -82,7 +82,7 @@ def check_refusal(refusal: NoLaw, limit: float, best: float | None) -> None:
 def settled_estimate(plan: CrossingPlan) -> float:
     """The phase plane's least peak over the reference, with four times the cells where it has not settled.
 
-    Two of the forty sprint so sharply through their singularity that they need them.
+    A few of them sprint so sharply through their singularity that they need them.
     """
     coarse, fine = (estimated_best(plan, cells) for cells in (120, 240))
     assert coarse is not None

@@ -65,7 +65,7 @@ def test_crossings_of_other_robots(name, flexibility, scene, apart):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", robots.CATALOGUE)
-@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
+@pytest.mark.parametrize("flexibility", ["rigid", "flexible_links"])
 def test_every_plan_of_the_catalogue_comes_back(name, flexibility):
     from framework.errors import NoAnswer
 
