@@ -26,7 +26,7 @@ class ActionLines(NamedTuple):
 
 
 def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None:
-    """The lines along which the motors' forces act, from G (F, n_a, n), or the axes of their torques.
+    """Compute the lines of the motors' forces, from G (F, n_a, n), or the axes of their torques.
 
     A wrench is known on the platform's own axes alone: where those are fewer than six, the line is one of
     those that give it, the nearest to the origin. None for one motor, or where a wrench is no force along a

@@ -45,7 +45,7 @@ def finite_difference_torques(
     passes: int = 4,
     branch: Branch | None = None,
 ) -> FiniteDifferenceTorques:
-    """Torques at equidistant instants; velocities of motors and springs by finite differences.
+    """Compute torques at equidistant instants; velocities of motors and springs by finite differences.
 
     Args:
         passes: how often forces and deflections are computed in turn (deformed geometry only).

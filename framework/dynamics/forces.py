@@ -1,4 +1,4 @@
-"""Generalised forces of the open tree, and what the loops, the springs and the motors make of them.
+"""Generalised forces of the open tree, and their balance by loops, springs and motors.
 
 With r = RNEA(q, v, a) of the tree and the loop equations' Jacobian J,
 
@@ -80,14 +80,14 @@ def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
 
 
 def _as_felt(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
-    """The motion at whose rates and accelerations forces arise, see `ParallelRobot.elastic_inertia`."""
+    """Return the motion whose rates and accelerations cause forces, see `ParallelRobot.elastic_inertia`."""
     if robot.n_e and not robot.elastic_inertia:
         return without_elastic_rates(robot, motion.q, motion.v, motion.a)
     return motion
 
 
 def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
-    """Forces (T, nv) of the bodies of the open tree, of `robot.model` or its copy without gravity."""
+    """Compute forces (T, nv) of the open tree's bodies, of `robot.model` or its copy without gravity."""
     data = scratch_of(robot).data
     forces: Array = np.empty((len(motion.q), model.nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
@@ -96,7 +96,7 @@ def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
 
 
 def _spring_torques(robot: ParallelRobot, q: Array) -> Array:
-    """Torques (T, nv) of the springs on joints of the URDF."""
+    """Compute torques (T, nv) of the springs on joints of the URDF."""
     turned = difference(robot, robot.neutral, q)
     springs = np.asarray(robot.joint_stiffness * (turned - robot.joint_rest), dtype=float)
     return along_joints(robot, robot.neutral, q, springs)
@@ -136,7 +136,7 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
 
 
 def _motor_share(robot: ParallelRobot, matrix: Array, wrench: Array) -> Array:
-    """Joint torques (T, n_a) with matrix (T, n, n_a) @ torque = wrench (T, n).
+    """Solve matrix (T, n, n_a) @ torque = wrench (T, n) for joint torques (T, n_a).
 
     Redundant motors: of least norm on the motor side. The equations of forces are multiplied by the robot's
     length before, so that all are couples: those of a small robot would lose digits beside its moments.

@@ -76,10 +76,10 @@ def forward_dynamics(
         -robot.stiffness * robot.coordinates.positions(closed.q)[:, robot.elastic],
     )
     single = np.ndim(getattr(q, "q", q)) == 1
-    which = 0 if single else slice(None)
-    known = np.where(solution.undetermined, np.nan, solution.a)
+    entry = 0 if single else slice(None)
+    determined = np.where(solution.undetermined, np.nan, solution.a)
     return replace(
-        instant_of(robot, motion, loads, r, forces, single=single), torque=torques[which], a=known[which]
+        instant_of(robot, motion, loads, r, forces, single=single), torque=torques[entry], a=determined[entry]
     )
 
 

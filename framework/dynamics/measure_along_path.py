@@ -22,11 +22,11 @@ class MeasureAlongPath(NamedTuple):
         return MeasureAlongPath(result, search_path(result.robot, result.path))
 
     def of_rest(self, s: Array) -> Array:
-        """g (T,) at ascending path coordinates s (T,), springs at rest."""
+        """Compute g (T,) at ascending path coordinates s (T,), springs at rest."""
         return singularity_measure(self.result.robot, self.at_rest.branch.closed(s).linearised).g
 
     def of_motion(self, t: Array) -> Array:
-        """g (T,) at ascending instants t (T,), with the deflections of the motion."""
+        """Compute g (T,) at ascending instants t (T,), with the deflections of the motion."""
         return singularity_measure(self.result.robot, self.result.motion(t).linearised).g
 
     def nearest_at_rest(self, s: float) -> float:

@@ -1,4 +1,4 @@
-"""Limits of the motors that are said beside a robot: one for all of them, or one for each."""
+"""Limits of the motors given beside a robot: one for all of them, or one for each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Limit = float | Sequence[float] | Array | None
 
 
 def limits_of_motors(robot: ParallelRobot, name: str, given: Limit) -> tuple[float, ...] | None:
-    """One positive number for all motors, or one for each; None if nothing is given.
+    """Check limits: one positive number for all motors, or one for each; None if nothing is given.
 
     Raises:
         InvalidInput: it is neither.

@@ -27,7 +27,7 @@ from framework.tolerances import RESOLVABLE_TAIL
 def unseen_near_miss(
     searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics
 ) -> NearMiss | None:
-    """The first near miss where the torques are not what their series say; None if all are."""
+    """Return the first near miss where the torques differ from their series; None if none does."""
     for miss in searched.near_misses:
         for t in instants(state.law, state.grid.edges, miss.s):
             if not _is_seen(searched, state, result, miss, t):
@@ -53,13 +53,13 @@ def _is_seen(
     times = start + duration * np.array([turning.s, *turning.beyond(2 * abs(turning.g))])
     motion = motion_of_forces(searched.branch, result, times, planned_pose(result, times))
     computed = joint_forces(robot, motion).joint_torque
-    known = state.grid.fit(state.forces.joint_torque)(times)
+    expected = state.grid.fit(state.forces.joint_torque)(times)
     allowed = RESOLVABLE_TAIL + turning.rounding / max(abs(turning.g), turning.rounding)
-    return bool(np.abs(computed - known).max() <= allowed * np.abs(state.forces.joint_torque).max())
+    return bool(np.abs(computed - expected).max() <= allowed * np.abs(state.forces.joint_torque).max())
 
 
 def near_miss_sentence(searched: SearchedPath, miss: NearMiss) -> str:
-    """The sentence about a near miss: where, how near, and what to do."""
+    """Return the sentence about a near miss: its place, its distance and the remedy."""
     robot, x = searched.branch.robot, searched.branch.path(miss.s)
     return (
         f"at s = {miss.s:.9g}, {', '.join(robot.axis_names)} = {point(x)} the path misses a singularity by "

@@ -1,4 +1,4 @@
-"""What becomes of a small error under planned torques that nothing corrects.
+"""The growth of a small error under planned torques without feedback.
 
 With G' tau the wrench of the motors and W the wrench that the platform asks for, a platform off by d follows
 
@@ -39,7 +39,7 @@ def repelling_rates(result: InverseDynamics, times: Array) -> Array:
     still = np.zeros_like(x)
 
     def unbalanced(moved: Array, ddx: Array) -> Array:
-        """W - G' tau (T, n) at rest with accelerations ddx."""
+        """Compute W - G' tau (T, n) at rest with accelerations ddx."""
         required = platform_wrench(robot, motion_at(robot, close_loops(robot, moved, near), still, ddx))
         return required.asked - np.einsum("tan,ta->tn", required.motor_speed, torque)
 
@@ -55,7 +55,7 @@ def repelling_rates(result: InverseDynamics, times: Array) -> Array:
 
 
 def open_loop_growth(result: InverseDynamics) -> float:
-    """How many times as far as by itself a constant push takes the platform by the end of a motion.
+    """Compute how much farther than a free mass a constant push takes the platform by the end of a motion.
 
     2 (cosh L - 1) / L^2 with L the integral of the repelling rate over the motion; 1 where nothing repels.
 

@@ -1,4 +1,4 @@
-"""What the limits of the motors leave to the platform at one pose: its wrenches and its speeds.
+"""The admissible wrenches and speeds of the platform at one pose, within the motors' limits.
 
 With G (n_a, n) the motor speeds for unit velocities v of the platform and tau the motor torques, the platform
 gives the world
@@ -34,7 +34,7 @@ from framework.linalg.polytope import Polytope, slabs, zonotope
 
 @dataclass(frozen=True, eq=False)
 class PlatformLimits(ReadOnlyArrays):
-    """At one pose; wrenches and speeds on the coordinates of the robot's platform velocity v.
+    """The admissible wrenches and speeds at one pose, on the coordinates of the platform velocity v.
 
     A wrench has one component for each, force [N] or moment [N m] with a power U . v; for a platform of
     joints they are the joints' forces and torques.
@@ -47,7 +47,7 @@ class PlatformLimits(ReadOnlyArrays):
 
     @property
     def polytopes(self) -> dict[str, Polytope]:
-        """Those that there are, by `wrench` and `speed`."""
+        """The polytopes that exist, by `wrench` and `speed`."""
         both = {"wrench": self.wrenches, "speed": self.speeds}
         return {name: polytope for name, polytope in both.items() if polytope is not None}
 
@@ -75,8 +75,8 @@ def platform_limits(
     require_square(robot)
     closed = assembled_at(robot, q)
     actuators = robot.description.actuators
-    torque = _limits(robot, "torque_limit", torque_limit, [one.torque_limit for one in actuators])
-    speed = _limits(robot, "speed_limit", speed_limit, [one.speed_limit for one in actuators])
+    torque = _limits(robot, "torque_limit", torque_limit, [actuator.torque_limit for actuator in actuators])
+    speed = _limits(robot, "speed_limit", speed_limit, [actuator.speed_limit for actuator in actuators])
     G, rates = motor_speeds(robot, closed.linearised)
     rest = np.zeros((1, robot.n))
     motion = motion_at(robot, closed, rest, rest)
@@ -92,12 +92,12 @@ def platform_limits(
 
 
 def _limits(robot: ParallelRobot, name: str, given: Limit, in_file: list[float | None]) -> Array | None:
-    """One limit a motor (n_a,): what is given, else the robot file's; None where a motor has none."""
+    """Return one limit a motor (n_a,): the given one, else the robot file's; None where a motor has none."""
     limits = limits_of_motors(robot, name, given)
     if limits is not None:
         return np.broadcast_to(limits, robot.n_a).copy()
-    known = [value for value in in_file if value is not None]
-    return np.array(known) if len(known) == len(in_file) else None
+    stated = [value for value in in_file if value is not None]
+    return np.array(stated) if len(stated) == len(in_file) else None
 
 
 def _in_units(scaled: Polytope, size: Array) -> Polytope:

@@ -1,4 +1,4 @@
-"""What a motion asks of the platform and what the motors can give there.
+"""The wrench that a motion asks of the platform, and the wrenches that the motors can give.
 
 By virtual work along a twist v of the platform that closes the loops with the springs held, the motor
 torques tau (motor side, rotors included) and the forces r of the open tree do the same work,
@@ -26,31 +26,31 @@ from framework.kinematics.parallel_robot import ParallelRobot
 
 
 class PlatformWrench(NamedTuple):
-    """At T instants: W = G' tau with tau the motor torques."""
+    """The wrench W = G' tau on the platform at T instants, tau the motor torques."""
 
     asked: Array  # (T, n) W [N, N m] on the platform's axes, inertia and weight of all bodies and rotors
     motor_speed: Array  # (T, n_a, n) G: motor speeds [rad/s] for unit twists along the platform's axes
     rotors: Array  # (T, n) what of W the rotors take for themselves
 
     def along(self, twist: Array) -> Array:
-        """The force (T,) asked for along a twist (n,) or (T, n)."""
+        """Return the force (T,) asked for along a twist (n,) or (T, n)."""
         return np.asarray(np.sum(self.asked * twist, axis=1))
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
-        """The largest force (T,) along a twist (n,) or (T, n) that motor torques up to limits (n_a,) give."""
+        """Return the largest force (T,) along a twist (n,) or (T, n), torques within limits (n_a,)."""
         return np.asarray(np.abs(_applied(self.motor_speed, twist)) @ torque_limit)
 
     def band(self, twist: Array, torque_limit: Array) -> Array:
-        """The least and the largest force (T, 2) along a twist that is left for the bodies.
+        """Return the least and the largest force (T, 2) along a twist that is left for the bodies.
 
         Motor torques are up to limits (n_a,), and their rotors move as the motion asks: the band holds
         t_s . W_p of `wrench_curves` wherever motors within their limits can carry the motion on.
         """
-        reach, own = self.reach(twist, torque_limit), np.sum(self.rotors * twist, axis=1)
-        return np.column_stack([-reach - own, reach - own])
+        reach, of_rotors = self.reach(twist, torque_limit), np.sum(self.rotors * twist, axis=1)
+        return np.column_stack([-reach - of_rotors, reach - of_rotors])
 
     def vertices(self, torque_limit: Array) -> Array:
-        """Wrenches (T, 2^n_a, n) of all motors at plus or minus their limits (n_a,).
+        """Return wrenches (T, 2^n_a, n) of all motors at plus or minus their limits (n_a,).
 
         Their convex hull is what the motors can give.
         """
@@ -63,7 +63,7 @@ def _applied(matrix: Array, twist: Array) -> Array:
 
 
 def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """G (T, n_a, n), and the joint rates (T, nv, n) for unit twists along the platform's axes."""
+    """Compute G (T, n_a, n), and the joint rates (T, nv, n) for unit twists along the platform's axes."""
     count = len(linearised.residual)
     units = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, count, robot.n))
     rates = joint_rates(robot, linearised, units, np.zeros((count, robot.n_e))).transpose(1, 2, 0)
@@ -71,19 +71,21 @@ def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Arr
 
 
 def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:
-    """The wrench that a motion asks of the platform, and the motors' share in it.
+    """Compute the wrench that a motion asks of the platform, and the motors' share in it.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant (Type 1).
     """
     G, rates = motor_speeds(robot, motion.linearised)
     rotors = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]  # (T, n_a) motor side
-    own = np.einsum("tan,ta->tn", G, rotors)
-    return PlatformWrench(np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion)) + own, G, own)
+    rotor_wrench = np.einsum("tan,ta->tn", G, rotors)
+    return PlatformWrench(
+        np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion)) + rotor_wrench, G, rotor_wrench
+    )
 
 
 class Hold(NamedTuple):
-    """What motors at rest can do for a platform at rest."""
+    """The torques of motors at rest that hold a platform wrench."""
 
     motor_speed: Array  # (n_a, n) G, as in PlatformWrench
     torque: (
@@ -92,7 +94,7 @@ class Hold(NamedTuple):
 
 
 def hold_at(robot: ParallelRobot, q: Array, wrench: Array) -> Hold:
-    """G at an assembled configuration q (nq,), and the motor torques that give a platform wrench (n,) there.
+    """Compute G at an assembled configuration q (nq,), and the motor torques that hold a wrench (n,) there.
 
     W = G' tau has one solution tau where the motors are as many as the platform's freedoms and hold it.
 

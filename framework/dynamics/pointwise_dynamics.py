@@ -1,4 +1,4 @@
-"""One instant of a robot: what its motors, loops and joints carry, and the inertia that is felt.
+"""The dynamics of one instant: loads of motors, loops and joints, and the reflected inertia.
 
 No law and no path: a pose, rates and accelerations of the platform, wrenches of the world. Motor torques
 follow from the independent loop equations, as everywhere (`forces`), and are computed at once, on a Type 2
@@ -46,7 +46,7 @@ from framework.tolerances import RANK_LOST
 
 @dataclass(frozen=True, eq=False)
 class Instant(ReadOnlyArrays):
-    """What a robot is and carries at one instant; wrenches are (force, moment) (6,) in base axes [N, N m].
+    """State and loads of a robot at one instant; wrenches are (force, moment) (6,) in base axes [N, N m].
 
     At a stack of T instants every array has them as its first axis. Springs keep the deflections of q;
     `spring_force` is what they would have to give for that.
@@ -71,19 +71,21 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def loop_forces(self) -> Mapping[str, Array]:
-        """By closure with frames [a, b]: BY b's body ON a's body, at a's origin; NaN where indeterminate."""
+        """By closure with frames [a, b] the wrench BY b's body ON a's, at a's origin; NaN if undetermined."""
         return self._by_name(closure_wrenches(self.robot, self._loops))
 
     @cached_property
     def coupling_torques(self) -> Mapping[str, Array | float]:
-        """By coupling: ON its first joint [N m, N], minus `ratio` times that on its second; NaN where
-        indeterminate."""
+        """By coupling the torque ON its first joint [N m, N], minus `ratio` times that on its second.
+
+        NaN where undetermined.
+        """
         torques = coupling_torques(self.robot, self._loops)
         return MappingProxyType({name: self._shown(torque) for name, torque in torques.items()})
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
-        """By joint: BY the body before it ON the one behind it, at its origin; NaN where indeterminate.
+        """By joint the wrench BY the body before it ON the one behind, at its origin; NaN if undetermined.
 
         The part along the joint's axis is what a motor (rotor not included), a spring, damping or a coupling
         gives.
@@ -92,12 +94,12 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def platform_inertia(self) -> Array:
-        """Of all bodies and rotors, along the platform's twist on its axes, (n, n)."""
+        """The inertia of all bodies and rotors, along the platform's twist on its axes, (n, n)."""
         return self._shown(_platform_inertia(self.robot, self._motion))
 
     @cached_property
     def motor_inertia(self) -> Array:
-        """Of all bodies and rotors, along the motors' joints, (n_a, n_a).
+        """The inertia of all bodies and rotors, along the motors' joints, (n_a, n_a).
 
         NaN with redundant motors, and at Type 2, where some motion of the platform moves no motor.
         """
@@ -195,7 +197,7 @@ def dynamics_at(
     require_square(robot)
     closed = assembled_at(robot, q, stacks=True)
     count = len(closed.q)
-    rates = [_rows(*one, robot.n, count) for one in (("dx", dx), ("ddx", ddx), ("dddx", dddx))]
+    rates = [_rows(*derivative, robot.n, count) for derivative in (("dx", dx), ("ddx", ddx), ("dddx", dddx))]
     applied = given_wrenches(robot, wrenches, count)
     motion = motion_at(robot, closed, *rates[:2])
     loads = applied_wrenches(robot, motion, applied)
@@ -232,28 +234,28 @@ def instant_of(
 ) -> Instant:
     """Return the instant, or the stack of instants, of a motion with its loads and forces."""
     freeze((motion, loads, r))
-    which = 0 if single else slice(None)
+    entry = 0 if single else slice(None)
     return Instant(
         robot=robot,
-        q=motion.q[which],
-        v=motion.v[which],
-        a=motion.a[which],
-        torque=motor_torque(robot, motion, forces.joint_torque)[which],
-        joint_torque=forces.joint_torque[which],
-        spring_force=forces.spring_force[which],
+        q=motion.q[entry],
+        v=motion.v[entry],
+        a=motion.a[entry],
+        torque=motor_torque(robot, motion, forces.joint_torque)[entry],
+        joint_torque=forces.joint_torque[entry],
+        spring_force=forces.spring_force[entry],
         _motion=motion,
         _loads=loads,
         _forces=r,
     )
 
 
-def _rows(name: str, given: ArrayLike | None, width: int, count: int) -> Array:
-    """The given numbers (count, width), see `stacked_rows`; 0 where none are."""
-    return np.zeros((count, width)) if given is None else stacked_rows(name, given, width, count)
+def _rows(name: str, values: ArrayLike | None, width: int, count: int) -> Array:
+    """Return the given numbers (count, width), see `stacked_rows`; zeros where none are given."""
+    return np.zeros((count, width)) if values is None else stacked_rows(name, values, width, count)
 
 
 def _platform_inertia(robot: ParallelRobot, motion: Motion) -> Array:
-    """Inertia (T, n, n) of bodies and rotors along the platform's twist."""
+    """Compute the inertia (T, n, n) of bodies and rotors along the platform's twist."""
     model, data = robot.model, scratch_of(robot).data
     upper = np.triu([pin.crba(model, data, q) for q in motion.q])
     mass = upper + np.triu(upper, 1).swapaxes(1, 2)

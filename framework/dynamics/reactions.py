@@ -54,31 +54,32 @@ class LoopLoads(NamedTuple):
 Wrenches = Mapping[str, Array]  # by URDF link or joint (T, 6): ON its body, at its frame's origin, base axes
 
 
-def given_wrenches(robot: ParallelRobot, given: Mapping[str, ArrayLike] | None, count: int) -> Wrenches:
+def given_wrenches(robot: ParallelRobot, wrenches: Mapping[str, ArrayLike] | None, count: int) -> Wrenches:
     """Check wrenches, (6,) or (T, 6) each, and stack them for T = `count` configurations.
 
     Raises:
         InvalidInput: a frame that is not there, or not 6 finite numbers.
     """
-    if not isinstance(given, Mapping | None):
-        raise InvalidInput(f"wrenches: needs a wrench by frame, {{name: (6,)}}, got {short(given)}")
+    if not isinstance(wrenches, Mapping | None):
+        raise InvalidInput(f"wrenches: needs a wrench by frame, {{name: (6,)}}, got {short(wrenches)}")
     model = robot.model
-    for frame in given or {}:
+    for frame in wrenches or {}:
         if not model.existFrame(str(frame)) or frame == model.frames[0].name:  # the universe carries nothing
-            names = [one.name for one in model.frames[1:]]
+            names = [model_frame.name for model_frame in model.frames[1:]]
             raise InvalidInput(f"wrenches: {choose_from('frame', frame, names)}")
     return {
-        frame: stacked_rows(f"wrenches: {frame}", wrench, 6, count) for frame, wrench in (given or {}).items()
+        frame: stacked_rows(f"wrenches: {frame}", wrench, 6, count)
+        for frame, wrench in (wrenches or {}).items()
     }
 
 
-def stacked_rows(name: str, given: ArrayLike, width: int, count: int) -> Array:
+def stacked_rows(name: str, entries: ArrayLike, width: int, count: int) -> Array:
     """Return numbers, (width,) for all or (count, width), as an array (count, width).
 
     Raises:
         InvalidInput: they are not finite numbers, or not as many.
     """
-    values = finite_numbers(name, given, width, stacks=True)
+    values = finite_numbers(name, entries, width, stacks=True)
     if values.ndim == 2 and len(values) != count:
         raise InvalidInput(f"{name}: got {len(values)} rows for {count} configurations")
     return values if values.ndim == 2 else np.repeat(values[None], count, axis=0)

@@ -1,4 +1,4 @@
-"""What is said of a motion whose deflections or torques could not be found, and what would help."""
+"""The errors for a motion whose deflections or torques were not found, with a remedy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from framework.tolerances import RESOLVABLE_TAIL
 
 
 def not_settled(robot: ParallelRobot, state: DeflectionSolution) -> NotConverged:
-    """Where no deflections were found that their forces cause."""
+    """Return the error where no deflections were found that their forces cause."""
     size = np.abs(state.caused / spring_scale(robot))
     instant, k = divmod(int(np.argmax(size)), robot.n_e)
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
@@ -41,24 +41,24 @@ def not_resolved(
     enough: float,
     unseen: NearMiss | None,
 ) -> NotConverged:
-    """Where motion, torques or deflections are not resolved by the finest grid, `size` nodes a panel.
+    """Return the error where the finest grid, `size` nodes a panel, does not resolve the motion.
 
     `enough` is the least tail and change of all grids, `unseen` a near miss that none resolved.
     """
     robot, certificate = searched.branch.robot, result.certificate
     missed = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
     if certificate.tail > tolerance:
-        what = f"the torques are not resolved (tail {certificate.tail:.2g}, tolerance {tolerance:.2g})"
+        problem = f"the torques are not resolved (tail {certificate.tail:.2g}, tolerance {tolerance:.2g})"
     elif certificate.change > tolerance:
-        what = (
+        problem = (
             f"the deflections are not resolved (one more pass would change them by {certificate.change:.2g} "
             f"of the largest, tolerance {tolerance:.2g})"
         )
     elif unseen is not None:
-        what = f"the torques within {unseen.width:.2g} in s of a near miss are not resolved"
+        problem = f"the torques within {unseen.width:.2g} in s of a near miss are not resolved"
     else:
         gap = certificate.max_closure_error
-        what = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
+        problem = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
     advice = "is the law smooth, is the path far from other singularities?"
     if missed is not None:
         advice = near_miss_sentence(searched, missed)
@@ -69,7 +69,7 @@ def not_resolved(
     if tolerance < enough < RESOLVABLE_TAIL:
         advice = f"tolerance {_rounded_up(enough):g} would do; {advice}"
     return NotConverged(
-        f"{robot.name}: {what} by {size} nodes a panel: {advice}",
+        f"{robot.name}: {problem} by {size} nodes a panel: {advice}",
         residual=max(certificate.tail, certificate.change),
         s=None if missed is None else missed.s,
         platform=None if missed is None else searched.branch.path(missed.s),
@@ -77,6 +77,6 @@ def not_resolved(
 
 
 def _rounded_up(value: float) -> float:
-    """Two digits, a little above the value."""
+    """Return the value with two digits, rounded up."""
     unit = 10.0 ** (np.floor(np.log10(value)) - 1)
     return float(np.ceil(1.1 * value / unit) * unit)

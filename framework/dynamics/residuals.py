@@ -1,4 +1,4 @@
-"""What the solved equations leave out, measured along the whole motion, on the nodes of time and between.
+"""The residuals of all equations along the whole motion, on the nodes of time and between them.
 
 The motion is found from the loop equations that are independent at the reference, with the idle joints held
 still or turned as `kinematics.idle_turns` says. Here all loop equations are looked at, and what the joints
@@ -66,7 +66,7 @@ def measure_neglected(branch: Branch, state: DeflectionSolution, result: Inverse
 
 
 def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
-    """By how much rounded loops open along q (T, nq) [m or rad].
+    """Compute the largest gap of rounded loops along q (T, nq) [m or rad].
 
     Raises:
         NotAssembled: by more than rounding explains.
@@ -115,7 +115,7 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
 
 
 def _remedy(robot: ParallelRobot, column: int) -> str:
-    """What would hold this coordinate, or leave nothing to be held."""
+    """Return the advice on how to hold this coordinate, or to have nothing to hold."""
     model = robot.model
     joint = next(
         k for k in range(1, model.njoints) if 0 <= column - model.joints[k].idx_v < model.joints[k].nv
@@ -139,19 +139,19 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
 
 
 def _instants(robot: ParallelRobot, nodes: Array) -> Array:
-    """Half-way between the nodes; with idle joints the nodes too, where all other joints are in balance."""
+    """Return the instants half-way between the nodes; with idle joints the nodes too."""
     middle = 0.5 * (nodes[1:] + nodes[:-1])
     return np.sort(np.concatenate([nodes, middle])) if len(robot.structure.idle) else middle
 
 
 def planned_pose(result: InverseDynamics, times: Array) -> ClosedStack:
-    """The coordinates as functions of time, nothing solved."""
+    """Evaluate the coordinates as functions of time, nothing solved."""
     q, x = result.configuration(times), result.platform(times)
     return ClosedStack(q, x, linearised_at(result.robot, q, x))
 
 
 def motion_of_forces(branch: Branch, result: InverseDynamics, times: Array, closed: ClosedStack) -> Motion:
-    """The motion whose forces are taken: with rigid geometry that of the robot without deflections."""
+    """Return the motion whose forces are taken: with rigid geometry the robot's without deflections."""
     robot = branch.robot
     if robot.n_e and result.geometry == "rigid":
         s = [result.law(times, order) for order in range(3)]
@@ -162,7 +162,7 @@ def motion_of_forces(branch: Branch, result: InverseDynamics, times: Array, clos
 
 
 def _joint_torques(state: DeflectionSolution, times: Array) -> Array:
-    """Torques (T, n_a) of the motors on the joint side, without the rotors."""
+    """Compute torques (T, n_a) of the motors on the joint side, without the rotors."""
     return state.grid.fit(state.forces.joint_torque)(times)
 
 
@@ -188,7 +188,7 @@ def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: 
 
 
 def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
-    """What all joints (T, nv) would have to give beside the joint torques (T, n_a) of the motors.
+    """Compute the forces (T, nv) that balance lacks beside the joint torques (T, n_a) of the motors.
 
     A wrench on the platform is given by the joints that carry it; springs are left out.
     """

@@ -1,4 +1,4 @@
-"""What inverse dynamics gives: torques, motor angles and deflections as functions of time."""
+"""The result of inverse dynamics: torques, motor angles and deflections as functions of time."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class InverseDynamics(ReadOnlyArrays):
         return self.law.duration
 
     def torque(self, t: ArrayLike, order: int = 0) -> Array:
-        """Motor torques [N m] or their time derivatives; t (T,) gives (T, n_a), a scalar (n_a,).
+        """Evaluate motor torques [N m] or their time derivatives; t (T,) gives (T, n_a), a scalar (n_a,).
 
         Dry friction of the driven joints is part of them if it was planned with, and makes them jump where
         a motor reverses.
@@ -81,11 +81,11 @@ class InverseDynamics(ReadOnlyArrays):
         return smooth if self.friction is None or order > 0 else smooth + self.friction(t)
 
     def torque_without_friction(self, t: ArrayLike, order: int = 0) -> Array:
-        """The smooth share of `torque`, which drives a robot without dry friction."""
+        """Evaluate the smooth share of `torque`, which drives a robot without dry friction."""
         return self.torques(t, order)
 
     def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
-        """Motor angles [rad] (gear ratio times joint angle) or their time derivatives, (T, n_a).
+        """Evaluate motor angles [rad] (gear ratio times joint angle) or their time derivatives, (T, n_a).
 
         Accelerations are those of `motion`: a series that is differentiated twice loses digits at its ends.
         """
@@ -96,28 +96,28 @@ class InverseDynamics(ReadOnlyArrays):
         return np.asarray(accelerations.reshape(*times.shape, -1))
 
     def deflection(self, t: ArrayLike, order: int = 0) -> Array:
-        """Deflections of the springs [m, rad] or their time derivatives, (T, n_e)."""
+        """Evaluate deflections of the springs [m, rad] or their time derivatives, (T, n_e)."""
         return self.deflection_rates[order - 1](t) if order in (1, 2) else self.deflections(t, order)
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
-        """Platform coordinates [m, rad] or their time derivatives up to order 4, (T, n)."""
+        """Evaluate platform coordinates [m, rad] or their time derivatives up to order 4, (T, n)."""
         check_order(order, HIGHEST_ORDER)
         times = np.asarray(t, dtype=float)
         return along(self.path, [self.law(times, k) for k in range(order + 1)])[order]
 
     def configuration(self, t: ArrayLike) -> Array:
-        """All joint coordinates q (T, nq) at t (T,), deflections included."""
+        """Evaluate all joint coordinates q (T, nq) at t (T,), deflections included."""
         return integrate(self.robot, self.origin, self.offsets(np.atleast_1d(t)))
 
     def motion(self, t: ArrayLike) -> Motion:
-        """Positions, velocities and accelerations of all joints at t (T,), the loops closed to rounding."""
+        """Compute positions and their two derivatives of all joints at t (T,), loops closed to rounding."""
         times = np.atleast_1d(np.asarray(t, dtype=float))
         x, dx, ddx = along(self.path, [self.law(times, order) for order in range(3)])
         closed = close_loops(self.robot, x, self.configuration(times))
         return motion_at(self.robot, closed, dx, ddx, self.deflection(times, 1), self.deflection(times, 2))
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
-        """Joint velocities (order 1) or accelerations (order 2), (T, nv)."""
+        """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv)."""
         if order == 1 and self.robot.model.nq == self.robot.model.nv:
             return self.offsets(np.atleast_1d(t), order)
         motion = self.motion(t)  # the rate of a ball's offset is no angular velocity

@@ -28,28 +28,28 @@ BESIDE = 0.1  # of a panel: an edge nearer to a crossing than this is a node too
 
 
 def panel_edges(path: Path, law: MotionLaw, clear_of: Array = NO_INSTANTS) -> Array:
-    """Ends of the motion, of the law's panels, and the instants at which the path has a knot.
+    """Return the ends of the motion and of the law's panels, and the instants of the path's knots.
 
     Every edge is a node. Where a panel of the law ends on one of the instants `clear_of` [s], it ends beside
     it instead: the law is smooth there.
     """
-    whole = np.array([0.0, law.duration])
+    ends = np.array([0.0, law.duration])
     if isinstance(law, PlannedLaw) and len(law.edges):
-        whole = law.edges.copy()
+        ends = law.edges.copy()
         for t in clear_of:
-            k = int(np.argmin(np.abs(whole - t)))
-            narrower = np.diff(whole)[max(k - 1, 0) : k + 1].min()
-            if 0 < k < len(whole) - 1 and abs(whole[k] - t) < BESIDE * narrower:
-                whole[k] = t + 3.0 * BESIDE * narrower
-    inner = [instants(law, whole, knot) for knot in path.knots]
-    return np.unique(np.concatenate([whole, *inner])) if inner else whole
+            k = int(np.argmin(np.abs(ends - t)))
+            narrower = np.diff(ends)[max(k - 1, 0) : k + 1].min()
+            if 0 < k < len(ends) - 1 and abs(ends[k] - t) < BESIDE * narrower:
+                ends[k] = t + 3.0 * BESIDE * narrower
+    inner = [instants(law, ends, knot) for knot in path.knots]
+    return np.unique(np.concatenate([ends, *inner])) if inner else ends
 
 
 def instants(law: MotionLaw, edges: Array, s: float) -> Array:
-    """All t (k,) with law(t) = s, ascending; `edges` bound the panels on which the law is smooth."""
+    """Find all t (k,) with law(t) = s, ascending; `edges` bound the panels on which the law is smooth."""
     grid = TimeGrid(edges, 65)
     function = grid.fit(np.asarray(law(grid.times))[:, None])
-    found = []
+    roots = []
     for start, end, series in zip(edges[:-1], edges[1:], function.coefficients[..., 0], strict=True):
         shifted = series.copy()
         shifted[0] -= s
@@ -59,8 +59,8 @@ def instants(law: MotionLaw, edges: Array, s: float) -> Array:
                 if slope != 0.0:
                     t = np.clip(t - (float(law(np.array([t]))[0]) - s) / slope, start, end)
             if abs(float(law(np.array([t]))[0]) - s) < 1e-12:  # a root, and not a near miss
-                found.append(t)
-    times = np.sort(np.array(found))
+                roots.append(t)
+    times = np.sort(np.array(roots))
     keep = np.concatenate(([True], np.diff(times) > 1e-9 * (edges[-1] - edges[0])))
     return times[keep[: len(times)]]
 
@@ -68,18 +68,22 @@ def instants(law: MotionLaw, edges: Array, s: float) -> Array:
 def rigid_crossings(
     branch: Branch, points: tuple[SingularPoint, ...], law: MotionLaw
 ) -> tuple[SingularityCrossing, ...]:
-    """All instants at which the law takes the undeformed robot through a singular point.
+    """Find all instants at which the law takes the undeformed robot through a singular point.
 
     Raises:
         NoLaw: the motion stands still on one of them, or one cannot be crossed by any law.
     """
-    for at in points:
-        check_kind(branch.robot, at)
+    for singular in points:
+        check_kind(branch.robot, singular)
     edges = panel_edges(branch.path, law)
-    return tuple(_rigid_crossing(branch, law, t, at) for at in points for t in instants(law, edges, at.s))
+    return tuple(
+        _rigid_crossing(branch, law, t, singular)
+        for singular in points
+        for t in instants(law, edges, singular.s)
+    )
 
 
-def check_kind(robot: ParallelRobot, at: SingularPoint) -> None:
+def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
     """Refuse singular points to which condition (8) does not apply.
 
     Raises:
@@ -87,30 +91,32 @@ def check_kind(robot: ParallelRobot, at: SingularPoint) -> None:
             them let go transversally.
         NoLaw: the singularity is not of Type 2.
     """
-    if at.corank > 1 and (at.kind != "type_2" or at.contact == "tangential"):
-        what = UNCROSSABLE.get(at.kind, "a Type 2 singularity that it touches without crossing it")
-        raise escaping(robot, at.s, at.platform, at.corank, f"the path meets {what}")
-    if at.kind != "type_2":
-        raise NoLaw(f"{robot.name}: at s = {at.s:.6g} the path meets {UNCROSSABLE[at.kind]}")
+    if singular.corank > 1 and (singular.kind != "type_2" or singular.contact == "tangential"):
+        reason = UNCROSSABLE.get(singular.kind, "a Type 2 singularity that it touches without crossing it")
+        raise escaping(robot, singular.s, singular.platform, singular.corank, f"the path meets {reason}")
+    if singular.kind != "type_2":
+        raise NoLaw(f"{robot.name}: at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}")
 
 
-def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, at: SingularPoint) -> SingularityCrossing:
-    """t_s . W_p of the undeformed robot when the law takes it through a singular point at time t."""
+def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, singular: SingularPoint) -> SingularityCrossing:
+    """Compute t_s . W_p of the undeformed robot when the law takes it through a singular point at time t."""
     speed = float(law(np.array([t]), 1)[0])
     quickest = float(np.abs(law(np.linspace(0, law.duration, 101), 1)).max())
     if abs(speed) <= STOP_AT_CROSSING * quickest:
         raise NoLaw(
             f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, "
-            f"s = {at.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
+            f"s = {singular.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
         )
-    escape = at.motion[None]
-    if at.corank > 1:
-        linearised = linearised_at(branch.robot, at.q[None], at.platform[None])
-        escape = escaping_motions(branch.robot, linearised, at_least=at.corank).motions
+    escape = singular.motion[None]
+    if singular.corank > 1:
+        linearised = linearised_at(branch.robot, singular.q[None], singular.platform[None])
+        escape = escaping_motions(branch.robot, linearised, at_least=singular.corank).motions
     times = np.concatenate(([t], np.linspace(0.0, law.duration, 33)))
     s = [law(times, order) for order in range(3)]
     x, dx, ddx = along(branch.path, s)
-    q = np.concatenate((at.q[None], branch.guess(s[0][1:])))  # but for the crossing only a scale is wanted
+    q = np.concatenate(
+        (singular.q[None], branch.guess(s[0][1:]))
+    )  # but for the crossing only a scale is wanted
     closed = ClosedStack(q, x, linearised_at(branch.robot, q, x))
     forces = tree_forces(branch.robot, motion_at(branch.robot, closed, dx, ddx))
     robot = branch.robot
@@ -121,12 +127,18 @@ def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, at: SingularPoint)
     wrench = parts[0].sum(axis=1)
     worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
     return SingularityCrossing(
-        t, at.s, at.platform, at.twist, at.kind, float(wrench[worst]), float(scale[worst])
+        t,
+        singular.s,
+        singular.platform,
+        singular.twist,
+        singular.kind,
+        float(wrench[worst]),
+        float(scale[worst]),
     )
 
 
 def deformed_crossing(result: InverseDynamics, near: SingularityCrossing) -> SingularityCrossing:
-    """The same crossing in the deformed robot: where and when g vanishes, and t_s . W_p there."""
+    """Find the same crossing in the deformed robot: the root of g in time, and t_s . W_p there."""
     robot = result.robot
 
     def passive(t: Array) -> Array:
@@ -168,7 +180,7 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
 def check_crossings(
     robot: ParallelRobot, state: DeflectionSolution, geometry: str, crossings: tuple[SingularityCrossing, ...]
 ) -> None:
-    """The assembly mode must change exactly at the known crossings.
+    """Check that the assembly mode changes exactly at the known crossings.
 
     With rigid geometry only the motors deflect, after the fact: what `motion` shows then proves nothing.
     """

@@ -27,19 +27,19 @@ from framework.linalg.ordered_sums import matmul, matvec, solve
 
 
 class Load(NamedTuple):
-    """What pulls at T configurations, and how much of it there is."""
+    """The load on T configurations, and the share of it that acts."""
 
     w: Array  # (n,) wrench of the world ON the platform, on its axes
     share: Array  # (T,) of weight and w, 0 .. 1
     before: Array  # (T, nv) forces of springs that are taken for balanced as long as there is no load
 
     def at(self, which: IntArray) -> Load:
-        """That of some configurations."""
+        """Return the load on some of the configurations."""
         return Load(self.w, self.share[which], self.before[which])
 
 
 class Balance(NamedTuple):
-    """How far T configurations are from balance. Steps are in radians and lengths of the robot."""
+    """The distance of T configurations from balance. Steps are in radians and lengths of the robot."""
 
     gap: Array  # (T,) largest error of a loop equation
     closing: Array  # (T, f) the least step that closes the loops, to first order
@@ -49,7 +49,7 @@ class Balance(NamedTuple):
 
 
 def given_wrench(robot: ParallelRobot, wrench: ArrayLike | None) -> Array:
-    """The wrench (n,) of the world on the platform, zero by default.
+    """Return the wrench (n,) of the world on the platform, zero by default.
 
     Raises:
         InvalidInput: not n finite numbers, or a moment on a platform that turns about several axes.
@@ -61,19 +61,19 @@ def given_wrench(robot: ParallelRobot, wrench: ArrayLike | None) -> Array:
 
 
 def moving_columns(robot: ParallelRobot) -> IntArray:
-    """Columns (f,) of the velocity vector that move while motors are locked: elastic, then passive ones."""
+    """Return the columns (f,) of the velocity vector that move with locked motors: elastic, then passive."""
     return np.concatenate([robot.elastic, robot.following])
 
 
 def spring_stiffness(robot: ParallelRobot) -> Array:
-    """Stiffness (nv,) of virtual and real springs along the joints."""
+    """Return the stiffness (nv,) of virtual and real springs along the joints."""
     stiffness = np.array(robot.joint_stiffness, dtype=float)
     stiffness[robot.elastic] += robot.stiffness
     return stiffness
 
 
 def spring_forces(robot: ParallelRobot, q: Array) -> Array:
-    """dV/dq (T, nv) of all springs."""
+    """Compute dV/dq (T, nv) of all springs."""
     turned = difference(robot, robot.neutral, q)
     springs = robot.joint_stiffness * (turned - robot.joint_rest)
     springs[:, robot.elastic] += robot.stiffness * turned[:, robot.elastic]
@@ -81,7 +81,7 @@ def spring_forces(robot: ParallelRobot, q: Array) -> Array:
 
 
 def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
-    """How far configurations q (T, nq), whose loops need not be closed, are from balance."""
+    """Compute how far configurations q (T, nq), whose loops need not be closed, are from balance."""
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
@@ -99,7 +99,7 @@ def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
 def tangent_stiffness(
     robot: ParallelRobot, linearised: LinearisedLoops, q: Array, steps: Array, load: Load
 ) -> Array:
-    """d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2 (T, p, p) along p motions `steps` (T, f, p) at q (T, nq)."""
+    """Compute d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2 (T, p, p) along `steps` (T, f, p) at q (T, nq)."""
     model, data = robot.model, scratch_of(robot).data
     columns, count = moving_columns(robot), steps.shape[2]
     weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
@@ -115,22 +115,22 @@ def tangent_stiffness(
     v = np.zeros((len(q), len(first), model.nv))
     v[:, :, columns] = (steps[:, :, first] + steps[:, :, second]).swapaxes(1, 2)
     drift = _drift(robot, q, linearised.frames, v, multipliers, load.share[:, None] * load.w)
-    own = drift[:, first == second] / 4.0  # of a + a: twice a has four times the drift of a
+    diagonal = drift[:, first == second] / 4.0  # of a + a: twice a has four times the drift of a
     curved = np.zeros((len(q), count, count))
-    curved[:, first, second] = 0.5 * (drift - own[:, first] - own[:, second])
+    curved[:, first, second] = 0.5 * (drift - diagonal[:, first] - diagonal[:, second])
     curved[:, second, first] = curved[:, first, second]
     return np.asarray(matmul(steps.swapaxes(1, 2), pulled) - curved)
 
 
 def _factored(J: Array) -> tuple[Array, Array, Array]:
-    """J' = Q R of J (T, m, f): m columns of Q, R (T, m, m), and the other columns, J's null space."""
+    """Factor J' = Q R, J (T, m, f): m columns of Q, R (T, m, m), and the other columns, J's null space."""
     Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
     count = J.shape[1]
     return Q[:, :, :count], R[:, :count], Q[:, :, count:]
 
 
 def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> Array:
-    """What the closures have to carry (T, nv): springs, and a share of weight and wrench."""
+    """Compute the forces (T, nv) on the closures: of springs, and of a share of weight and wrench."""
     model, data = robot.model, scratch_of(robot).data
     weight = np.array([pin.computeGeneralizedGravity(model, data, row) for row in q])
     pulled = weight - matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
@@ -138,13 +138,15 @@ def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: L
     return np.asarray(spring_forces(robot, q) - (1.0 - share) * load.before + share * pulled)
 
 
-def _drift(robot: ParallelRobot, q: Array, at: FrameStack, v: Array, multipliers: Array, w: Array) -> Array:
-    """v' (lambda . c" + w . x") v (T, p) for joint rates v (T, p, nv)."""
+def _drift(
+    robot: ParallelRobot, q: Array, frames: FrameStack, v: Array, multipliers: Array, w: Array
+) -> Array:
+    """Compute v' (lambda . c" + w . x") v (T, p) for joint rates v (T, p, nv)."""
     count = v.shape[1]
-    stack = at._replace(
-        position=np.repeat(at.position, count, axis=0),
-        rotation=np.repeat(at.rotation, count, axis=0),
-        screws=np.repeat(at.screws, count, axis=0),
+    stack = frames._replace(
+        position=np.repeat(frames.position, count, axis=0),
+        rotation=np.repeat(frames.rotation, count, axis=0),
+        screws=np.repeat(frames.screws, count, axis=0),
         q=np.repeat(q, count, axis=0),
     )
     motions = frame_motions(robot, stack, stack.q, v.reshape(-1, v.shape[2]))

@@ -1,4 +1,4 @@
-"""What motors give on a Type 2 singularity itself: a limit, of a motion that is known to third order there.
+"""The motor torques on a Type 2 singularity itself: a limit, of a motion that is known to third order there.
 
 At the singular instant M tau = w (see `forces`) is 0 = 0 along t_s if condition (8), t_s . W_p = 0, holds,
 and has no solution if it does not. Either side of it tau(t) = M(t)^-1 w(t) is one function with a removable
@@ -46,7 +46,7 @@ def forces_through_singularity(
     rates: tuple[Array, Array, Array],
     wrenches: Mapping[str, Array],
 ) -> Forces:
-    """Joint torques (1, n_a) and spring forces (1, n_e) at a Type 2 singularity that the motion goes through.
+    """Compute joint torques (1, n_a) and spring forces (1, n_e) of a motion on a Type 2 singularity.
 
     Args:
         closed: the singular configuration, T = 1.
@@ -61,11 +61,11 @@ def forces_through_singularity(
     uncontrolled = uncontrolled_motion(robot, closed.linearised)
     if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
         several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
-        what = UNCROSSABLE.get(uncontrolled.kind, several)
-        raise SingularPose(f"{where} the robot is in {what}: its torque has no limit", platform=closed.x[0])
+        reason = UNCROSSABLE.get(uncontrolled.kind, several)
+        raise SingularPose(f"{where} the robot is in {reason}: its torque has no limit", platform=closed.x[0])
 
     def motion_beside(t: Array) -> Motion:
-        """The motion at instants t (T,) beside the singular one."""
+        """Return the motion at instants t (T,) beside the singular one."""
         powers = np.stack([t, t**2 / 2, t**3 / 6], axis=1)
         derivatives = np.array(rates)
         x = closed.x + powers @ derivatives
@@ -123,7 +123,7 @@ def _interpolated(
 
 
 def _half_panel(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:
-    """Time [s] in which no joint moves by more than MAX_JOINT_TRAVEL; infinite for a robot at rest."""
+    """Return the time [s] in which no joint moves more than MAX_JOINT_TRAVEL; infinite at rest."""
     lengths = robot.platform_scale
     sizes = [motion.v[0] / robot.column_scale, motion.a[0] / robot.column_scale, jerk / lengths]
     if not np.any(sizes[0]):
@@ -141,7 +141,7 @@ def _half_panel(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:
 def _crossing_instant(
     robot: ParallelRobot, motion_beside: Callable[[Array], Motion], half: float, where: str, x: Array
 ) -> float:
-    """When g vanishes [s], beside the instant asked for by what rounding makes of the pose."""
+    """Find the instant [s] at which g vanishes; rounding of the pose moves it from zero."""
     if robot.n_a > robot.n:
         return 0.0  # g of redundant motors has a double root
 

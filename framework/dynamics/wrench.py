@@ -1,4 +1,4 @@
-"""t_s and W_p along a whole motion: their product is what condition (8) sends through zero at a crossing."""
+"""t_s and W_p along a whole motion; condition (8) makes their product vanish at a crossing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from framework.singularity.type2 import sign_along, singularity_measure, unit_tw
 
 
 class WrenchCurves(NamedTuple):
-    """What a motion asks for along the twist that its motors hold least, at T instants.
+    """The demand of a motion along the twist that its motors hold least, at T instants.
 
     t_s is continued smoothly away from the singularity; where |g| is least it has unit size and points along
     the motion. `power` is
@@ -30,7 +30,7 @@ class WrenchCurves(NamedTuple):
 
 
 def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
-    """g, t_s, W_p and t_s . W_p along a motion in time."""
+    """Compute g, t_s, W_p and t_s . W_p along a motion in time."""
     forces = tree_forces(robot, motion)
     still = np.zeros((len(forces), robot.n_e))
     wrench = np.empty((len(forces), robot.n))
@@ -46,7 +46,7 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
 
 
 def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
-    """g (T,) and t_s . W_p (T,) [N, or N m for a pure turn] at ascending instants t (T,).
+    """Compute g (T,) and t_s . W_p (T,) [N, or N m for a pure turn] at ascending instants t (T,).
 
     At a crossing t_s . W_p is what `SingularityCrossing.wrench` is.
     """

@@ -51,7 +51,7 @@ def configuration(robot: Mechanism, given: Any, *, stacks: bool = False) -> Arra
 
 
 class Closing(NamedTuple):
-    """Where the loops are least open."""
+    """The configuration found by closing the loops, and what stays open."""
 
     q: Array  # (nq,)
     residual: float  # largest loop equation [m or rad]
@@ -69,9 +69,9 @@ def close_reference(mechanism: Mechanism) -> Closing:
         NotAssembled: the loops do not close from there, or only far from what the file gives, or turned
             over; carries the last iterate and the residual.
     """
-    given = columns_of(mechanism.model, mechanism.description.reference)
-    others = np.setdiff1d(mechanism.joints, given)
-    closing = _close(mechanism, mechanism.q_near, others) if len(given) and len(others) else None
+    given_columns = columns_of(mechanism.model, mechanism.description.reference)
+    others = np.setdiff1d(mechanism.joints, given_columns)
+    closing = _close(mechanism, mechanism.q_near, others) if len(given_columns) and len(others) else None
     if closing is None or closing.worst > CLOSED_LOOP:
         closing = _close(mechanism, mechanism.q_near, mechanism.joints)
     if closing.worst > CLOSED_LOOP:
@@ -84,7 +84,7 @@ def close_reference(mechanism: Mechanism) -> Closing:
             q=closing.q,
             residual=closing.residual,
         )
-    _check_near(mechanism, closing, given)
+    _check_near(mechanism, closing, given_columns)
     return closing
 
 
@@ -97,8 +97,8 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
         return float(np.linalg.norm(weights * loop_equations(rows, frames_at(mechanism, q)).residual[0]))
 
     q, iterations = start[None], 0
-    now = mismatch(q)
-    while iterations < MAX_ITERATIONS and now > ROUNDING_GAP:
+    reduced = mismatch(q)
+    while iterations < MAX_ITERATIONS and reduced > ROUNDING_GAP:
         iterations += 1
         loops = loop_equations(rows, frames_at(mechanism, q))
         jacobian = scaled(mechanism, loops.jacobian, rows.rotation)[0][:, free]
@@ -106,11 +106,13 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
         step = np.zeros((1, mechanism.model.nv))
         step[0, free] = joint * min(1.0, MAX_NEWTON_STEP / max(np.abs(joint).max(), NONZERO)) * lengths
         fraction = 1.0
-        while (after := mismatch(integrate(mechanism, q, fraction * step))) > now and fraction > MIN_DAMPING:
+        while (
+            after := mismatch(integrate(mechanism, q, fraction * step))
+        ) > reduced and fraction > MIN_DAMPING:
             fraction *= 0.5
-        if after >= now:
+        if after >= reduced:
             break
-        q, now = integrate(mechanism, q, fraction * step), after
+        q, reduced = integrate(mechanism, q, fraction * step), after
     left = np.abs(loop_equations(rows, frames_at(mechanism, q)).residual[0])
     return Closing(q[0], float(left.max()), float((weights * left).max()), iterations)
 
@@ -157,22 +159,25 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     values, right = np.linalg.svd(all_loops_matrix(mechanism, reference)[:, joints])[1:]
     allowed = right[int(np.sum(values > BRANCHES_MEET * values.max(initial=0.0))) :]
     random = np.random.default_rng(0)
-    found: list[Array] = []
+    configurations: list[Array] = []
     ways: list[Array] = []
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
         motion = (allowed @ random.standard_normal(len(joints))) @ allowed  # whatever basis `allowed` is
         step = np.zeros((1, mechanism.model.nv))
         step[0, joints] = NEARBY_DISTANCE * motion / np.abs(motion).max() * lengths[joints]
         closing = _close(mechanism, integrate(mechanism, reference[None], step)[0], joints)
-        way = difference(mechanism, reference, closing.q[None])[0] / lengths
-        size = float(np.linalg.norm(way))
-        new = all(abs(way @ other) < SAME_DIRECTION_COSINE * size * np.linalg.norm(other) for other in ways)
+        direction = difference(mechanism, reference, closing.q[None])[0] / lengths
+        size = float(np.linalg.norm(direction))
+        new = all(
+            abs(direction @ earlier) < SAME_DIRECTION_COSINE * size * np.linalg.norm(earlier)
+            for earlier in ways
+        )
         if closing.worst <= CLOSED_LOOP and size > MIN_NEARBY_RATIO * NEARBY_DISTANCE and new:
-            found.append(closing.q)
-            ways.append(way)
-        if len(found) == MAX_NEARBY:
+            configurations.append(closing.q)
+            ways.append(direction)
+        if len(configurations) == MAX_NEARBY:
             break
-    return tuple(found)
+    return tuple(configurations)
 
 
 def all_loops_matrix(mechanism: Mechanism, q: Array) -> Array:

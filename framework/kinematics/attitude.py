@@ -76,7 +76,7 @@ def attitude_about(axes: IntArray) -> Attitude:
 
 @dataclass(frozen=True, eq=False)
 class TwistAngle(ReadOnlyArrays):
-    """One axis: of all turns about it the one that leaves the least (swing-twist decomposition)."""
+    """One axis, and the turn about it by the swing-twist decomposition: that which leaves the least."""
 
     axes: IntArray  # (1,)
     constant = True

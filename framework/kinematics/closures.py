@@ -54,38 +54,38 @@ class LoopWrenches(NamedTuple):
         return LoopWrenches(self.residual.take(rows, axis=1), self.wrench.take(rows, axis=1))
 
 
-def loop_equations(rows: LoopRows, at: FrameStack) -> LoopEquations:
+def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
     """Compute closures(q) and its derivative, of any rows of a robot."""
-    residual, wrench = loop_wrenches(rows, at)
-    wrench[..., 3:] += cross(at.position[:, rows.second], wrench[..., :3])  # about the base's origin
-    signs = at.carried[rows.second] - at.carried[rows.first]
-    jacobian = matmul(wrench, at.screws.swapaxes(1, 2)) * signs
+    residual, wrench = loop_wrenches(rows, frames)
+    wrench[..., 3:] += cross(frames.position[:, rows.second], wrench[..., :3])  # about the base's origin
+    signs = frames.carried[rows.second] - frames.carried[rows.first]
+    jacobian = matmul(wrench, frames.screws.swapaxes(1, 2)) * signs
     if rows.has_couplings:
         jacobian += rows.coupling_jacobian(jacobian.shape[2])
     return LoopEquations(residual, jacobian)
 
 
-def loop_wrenches(rows: LoopRows, at: FrameStack) -> LoopWrenches:
+def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute the loop equations as wrenches; couplings of joints have a value and no wrench.
 
     Translation: d/dt e.d = e.(v2 - v1 - w1 x d) with e carried by the first frame: the force e. Distance
     L: d/dt (d.d - L^2) / 2L = (d / L).(v2 - v1): the force d / L. Rotation: d/dt u.w =
     (w x u).(w2 - w1): the couple w x u.
     """
-    residual, wrench = _of_frames(rows, at)
+    residual, wrench = _of_frames(rows, frames)
     if rows.has_couplings:
-        residual[:, rows.coupled] = rows.coupling_residual(at.q)
+        residual[:, rows.coupled] = rows.coupling_residual(frames.q)
     return LoopWrenches(residual, wrench)
 
 
-def _of_frames(rows: LoopRows, at: FrameStack) -> LoopWrenches:
+def _of_frames(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute the loop equations between frames as wrenches."""
-    e, d = _first_axes(rows, at), _displacements(rows, at)
+    e, d = _first_axes(rows, frames), _displacements(rows, frames)
     wrench = np.zeros((*d.shape[:2], 6))
     if rows.only_translations:
         wrench[..., :3] = e
         return LoopWrenches(dot(e, d), wrench)
-    w = _second_axes(rows, at) * rows.sign[:, None]
+    w = _second_axes(rows, frames) * rows.sign[:, None]
     turning, distance = rows.rotation[:, None], rows.distance[:, None]
     length = np.where(rows.distance, rows.length, 1.0)
     wrench[..., :3] = np.where(turning, 0.0, np.where(distance, d / length[:, None], e))
@@ -95,16 +95,16 @@ def _of_frames(rows: LoopRows, at: FrameStack) -> LoopWrenches:
     return LoopWrenches(np.where(rows.distance, gap, along), wrench)
 
 
-def wrench_rates(rows: LoopRows, at: FrameStack, twists: Array) -> Array:
+def wrench_rates(rows: LoopRows, frames: FrameStack, twists: Array) -> Array:
     """Compute the rates (T, m, 6) of the wrenches of `loop_wrenches` for twists (T, F, 6) of the frames."""
-    e, d = _first_axes(rows, at), _displacements(rows, at)
+    e, d = _first_axes(rows, frames), _displacements(rows, frames)
     twist1, twist2 = twists[:, rows.first], twists[:, rows.second]
     rate = np.zeros((*d.shape[:2], 6))
     de = cross(twist1[..., 3:], e)
     if rows.only_translations:
         rate[..., :3] = de
         return rate
-    w = _second_axes(rows, at) * rows.sign[:, None]
+    w = _second_axes(rows, frames) * rows.sign[:, None]
     turning, distance = rows.rotation[:, None], rows.distance[:, None]
     length = np.where(rows.distance, rows.length, 1.0)[:, None]
     dd, dw = twist2[..., :3] - twist1[..., :3], cross(twist2[..., 3:], w)
@@ -113,9 +113,9 @@ def wrench_rates(rows: LoopRows, at: FrameStack, twists: Array) -> Array:
     return rate
 
 
-def closure_drift(rows: LoopRows, at: FrameStack, motions: FrameMotions) -> Array:
+def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> Array:
     """Compute the second time derivative (T, m) of the loop equations when joint accelerations are zero."""
-    e, d = _first_axes(rows, at), _displacements(rows, at)
+    e, d = _first_axes(rows, frames), _displacements(rows, frames)
     first = motions.rates.take(rows.first, axis=2)  # twists and drifts, (2, T, m, 6)
     apart = motions.rates.take(rows.second, axis=2) - first
     # all as seen from the first frame, where e rests: p2 moves with `velocity` and `acceleration`
@@ -125,26 +125,26 @@ def closure_drift(rows: LoopRows, at: FrameStack, motions: FrameMotions) -> Arra
     translation = dot(e, acceleration)
     if rows.only_translations:
         return translation
-    w, turning = _second_axes(rows, at), apart[0, ..., 3:]
+    w, turning = _second_axes(rows, frames), apart[0, ..., 3:]
     turned = cross(apart[1, ..., 3:] - cross(omega, turning), w) + cross(turning, cross(turning, w))
     distance = (dot(velocity, velocity) + dot(d, acceleration)) / np.where(rows.distance, rows.length, 1.0)
     along = np.where(rows.rotation, rows.sign * dot(e, turned), translation)
     return np.where(rows.distance, distance, along)
 
 
-def _first_axes(rows: LoopRows, at: FrameStack) -> Array:
+def _first_axes(rows: LoopRows, frames: FrameStack) -> Array:
     """Return the axis of every row on its first frame, (T, m, 3)."""
-    return at.rotation.swapaxes(2, 3)[:, rows.first, rows.first_axis]
+    return frames.rotation.swapaxes(2, 3)[:, rows.first, rows.first_axis]
 
 
-def _displacements(rows: LoopRows, at: FrameStack) -> Array:
+def _displacements(rows: LoopRows, frames: FrameStack) -> Array:
     """Compute p2 - p1 of every row, (T, m, 3)."""
-    return at.position[:, rows.second] - at.position[:, rows.first]
+    return frames.position[:, rows.second] - frames.position[:, rows.first]
 
 
-def _second_axes(rows: LoopRows, at: FrameStack) -> Array:
+def _second_axes(rows: LoopRows, frames: FrameStack) -> Array:
     """Return the axis of every row on its second frame, (T, m, 3)."""
-    return at.rotation.swapaxes(2, 3)[:, rows.second, rows.second_axis]
+    return frames.rotation.swapaxes(2, 3)[:, rows.second, rows.second_axis]
 
 
 def scaled(mechanism: Mechanism, matrix: Array, turning: NDArray[np.bool_]) -> Array:
@@ -157,17 +157,17 @@ def scaled(mechanism: Mechanism, matrix: Array, turning: NDArray[np.bool_]) -> A
     return matrix * row_scale[:, None] * mechanism.column_scale
 
 
-def direction_gaps(directions: LockedDirections, at: FrameStack) -> Array:
+def direction_gaps(directions: LockedDirections, frames: FrameStack) -> Array:
     """Compute the vectors (T, d, 3) from each axis on the first frame to the same on the second."""
-    axes = at.rotation.swapaxes(2, 3)
+    axes = frames.rotation.swapaxes(2, 3)
     return np.asarray(
         axes[:, directions.second, directions.axis] - axes[:, directions.first, directions.axis]
     )
 
 
-def direction_slopes(directions: LockedDirections, at: FrameStack) -> Array:
+def direction_slopes(directions: LockedDirections, stack: FrameStack) -> Array:
     """Compute the derivatives (T, d, 3, nv) of `direction_gaps`: de/dt = w x e of an axis e."""
-    axes, turns = at.rotation.swapaxes(2, 3), at.jacobian[:, :, 3:].swapaxes(2, 3)  # (T, F, nv, 3)
+    axes, turns = stack.rotation.swapaxes(2, 3), stack.jacobian[:, :, 3:].swapaxes(2, 3)  # (T, F, nv, 3)
 
     def change(frames: IntArray) -> Array:
         e = axes[:, frames, directions.axis][:, :, None]  # (T, d, 1, 3)
@@ -176,8 +176,8 @@ def direction_slopes(directions: LockedDirections, at: FrameStack) -> Array:
     return np.asarray(change(directions.second) - change(directions.first))
 
 
-def turned_over(mechanism: Mechanism, at: FrameStack) -> str | None:
+def turned_over(mechanism: Mechanism, frames: FrameStack) -> str | None:
     """Return the name of a closure whose equations may hold, T = 1, but in a pose that is turned over."""
     directions = mechanism.directions
-    lengths = np.linalg.norm(direction_gaps(directions, at)[0], axis=1)
+    lengths = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)
     return directions.closures[int(np.argmax(lengths))] if np.any(lengths > TURNED_OVER_DISTANCE) else None

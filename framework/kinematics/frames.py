@@ -46,7 +46,7 @@ class FrameStack(NamedTuple):
 
 
 class FrameMotions(NamedTuple):
-    """How the frames move at T instants."""
+    """Twists and their rates of the frames at T instants."""
 
     rates: Array  # (2, T, F, 6) `twist` and `drift`
 
@@ -57,7 +57,7 @@ class FrameMotions(NamedTuple):
 
     @property
     def drift(self) -> Array:
-        """Their classical accelerations (T, F, 6) when all joint accelerations are zero."""
+        """The classical accelerations (T, F, 6) of the frames when all joint accelerations are zero."""
         return self.rates[1]
 
     @staticmethod
@@ -90,7 +90,7 @@ def rotations(placements: Array) -> Array:
     return placements[..., :9].reshape(*placements.shape[:-1], 3, 3).swapaxes(-1, -2)
 
 
-def frame_motions(mechanism: Mechanism, at: FrameStack, q: Array, v: Array) -> FrameMotions:
+def frame_motions(mechanism: Mechanism, frames: FrameStack, q: Array, v: Array) -> FrameMotions:
     """Compute twists and drift accelerations of the frames `at` q (T, nq) with joint rates v (T, nv)."""
     model, scratch = mechanism.model, scratch_of(mechanism)
     data, velocities, accelerations = scratch.data, scratch.velocities, scratch.accelerations
@@ -103,7 +103,7 @@ def frame_motions(mechanism: Mechanism, at: FrameStack, q: Array, v: Array) -> F
             scratch.refresh()
         twist[k] = velocities
         drift[k] = accelerations
-    return FrameMotions.at_origins(moving.take(scratch.bodies, axis=2), at.position)
+    return FrameMotions.at_origins(moving.take(scratch.bodies, axis=2), frames.position)
 
 
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
@@ -155,5 +155,5 @@ def between(mechanism: Mechanism, start: Array, q: Array) -> Array:
         return np.asarray(q - start)
     pairs = np.broadcast_arrays(start, q)
     flat = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
-    ways = [pin.difference(model, one, two) for one, two in zip(*flat, strict=True)]
+    ways = [pin.difference(model, first, end) for first, end in zip(*flat, strict=True)]
     return np.array(ways).reshape(*pairs[0].shape[:-1], model.nv)

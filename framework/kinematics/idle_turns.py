@@ -69,8 +69,8 @@ def _weights(robot: ParallelRobot) -> Array:
     drives = [_alike_on_balls(robot, values) for values in (robot.joint_damping, robot.model.armature)]
     if len(weights) and any(values.any() for values in drives):
         ways = _ways(robot, linearised_at_reference(robot))[0]
-        for k, way in enumerate(ways.T):
-            felt = [values for values in drives if np.abs(values * way).max() > 0.0]
+        for k, direction in enumerate(ways.T):
+            felt = [values for values in drives if np.abs(values * direction).max() > 0.0]
             weights[k] = felt[0] if felt else 0.0
     return read_only(weights)
 
@@ -79,9 +79,9 @@ def _alike_on_balls(robot: ParallelRobot, values: Array) -> Array:
     """Return values (nv,) of coordinates, but zero outside balls that have the same about all axes."""
     alike = np.zeros(robot.model.nv)
     for joint in robot.model.joints[1:]:
-        own = slice(joint.idx_v, joint.idx_v + joint.nv)
-        if is_ball(joint) and np.ptp(values[own]) == 0.0:
-            alike[own] = values[own]
+        columns = slice(joint.idx_v, joint.idx_v + joint.nv)
+        if is_ball(joint) and np.ptp(values[columns]) == 0.0:
+            alike[columns] = values[columns]
     return alike
 
 

@@ -102,16 +102,18 @@ class ClosedStack:
 
 def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
     """Compute F and its derivatives at q (T, nq) for the platform at x (T, n); None: where q has it."""
-    equations, at, count, n = robot.equations, frames_at(robot, q), len(q), robot.n
-    loops = loop_wrenches(robot.rows, at)
+    equations, frames, count, n = robot.equations, frames_at(robot, q), len(q), robot.n
+    loops = loop_wrenches(robot.rows, frames)
     residual, wrench = np.zeros((count, len(equations.bodies))), np.empty((count, len(equations.bodies), 6))
     if x is not None:
-        residual[:, :n] = robot.platform.residual(at, x)
-    wrench[:, :n] = robot.platform.wrenches(at)
+        residual[:, :n] = robot.platform.residual(frames, x)
+    wrench[:, :n] = robot.platform.wrenches(frames)
     residual[:, n:], wrench[:, n:] = loops.take(robot.structure.independent)
-    arm = at.position.take(equations.bodies, axis=1)
+    arm = frames.position.take(equations.bodies, axis=1)
     wrench[..., 3:] += cross(arm, wrench[..., :3])  # about the base's origin
-    return LinearisedLoops(equations, at, loops, residual, equations.pattern.entries(wrench, at.screws))
+    return LinearisedLoops(
+        equations, frames, loops, residual, equations.pattern.entries(wrench, frames.screws)
+    )
 
 
 def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:

@@ -27,7 +27,7 @@ ODD_SIZE = 0.02  # a loop equation below this share of a unit motion, or above i
 
 @dataclass(frozen=True, eq=False)
 class LoopStructure(ReadOnlyArrays):
-    """What was decided of a mechanism's loops at its reference, once for all."""
+    """The independent rows and idle joints of a mechanism, decided once at its reference."""
 
     independent: IntArray  # (m,) ascending, of the mechanism's `rows`: equations that do not repeat others
     springs_alone: tuple[str, ...]  # names of those that springs can move and joints cannot
@@ -61,10 +61,10 @@ def singular_reference(
     The loops, or the loops and the platform along the passive joints, have a lower rank at the reference, the
     first of the `poses` (nq,), than at the others. `matrices` are those of `motion_matrix` there.
     """
-    here, rows = matrices[0], len(mechanism.rows.names)
+    at_reference, rows = matrices[0], len(mechanism.rows.names)
     for beside in matrices[1:]:
-        lost = _lost_rows(here[-rows:, mechanism.joints], beside[-rows:, mechanism.joints])
-        still = _lost_rows(here[:, passive].T, beside[:, passive].T)
+        lost = _lost_rows(at_reference[-rows:, mechanism.joints], beside[-rows:, mechanism.joints])
+        still = _lost_rows(at_reference[:, passive].T, beside[:, passive].T)
         if len(lost) or len(still):
             return SingularReference(
                 mechanism.name,
@@ -115,12 +115,12 @@ def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array)
     return np.concatenate([moved, all_loops_matrix(mechanism, q)])
 
 
-def _lost_rows(here: Array, nearby: Array) -> IntArray:
+def _lost_rows(at_reference: Array, nearby: Array) -> IntArray:
     """Find the rows by which the rank of `nearby` exceeds that of `reference`, by pivoting."""
-    rank, now = _rank(nearby), _rank(here, BRANCHES_MEET)
-    if now >= rank:
+    rank, remaining = _rank(nearby), _rank(at_reference, BRANCHES_MEET)
+    if remaining >= rank:
         return np.empty(0, dtype=np.intp)
-    kept = _pivots(here)[:now]
+    kept = _pivots(at_reference)[:remaining]
     span = np.linalg.qr(nearby[kept].T)[0]
     return np.sort(_pivots(nearby - nearby @ span @ span.T)[: rank - len(kept)])
 

@@ -152,7 +152,7 @@ class Mechanism(ReadOnlyArrays):
         return (*self.elastic_names, *(self.coordinates.name_of(int(column)) for column in sprung))
 
     def friction_sizes(self, columns: IntArray) -> str:
-        """Dry friction of those of these coordinates that have some, as text; empty without any."""
+        """Return the dry friction of these coordinates as text; empty without any."""
         return ", ".join(
             f"{self.coordinates.name_of(int(column))} {self.joint_friction[column]:.3g} "
             f"{'N' if self.sliding[column] else 'N m'}"
@@ -210,10 +210,10 @@ def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     model = _sprung_model(parsed, springs)
     model.gravity.linear = np.array(description.gravity)
 
-    def acting(what: str) -> Array:
+    def acting(parameter: str) -> Array:
         """Return one parameter of the joints' springs, damping and friction, (nv,)."""
         joints = description.joints.items()
-        return _on_joints(model, {name: getattr(joint, what) for name, joint in joints})
+        return _on_joints(model, {name: getattr(joint, parameter) for name, joint in joints})
 
     model.armature[:] = acting("armature")
     elastic_names = [name for spring in springs for name in spring.coordinates]
@@ -265,14 +265,14 @@ def _sprung_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
 
 def _balls_by_axes(urdf: ElementTree.Element, description: RobotDescription) -> list[str]:
     """Return names of balls whose axes matter: those with unlike springs or damping about them."""
-    found = []
+    balls = []
     for joint in urdf.findall("joint"):
         name, kind = joint.get("name", ""), joint.get("type", "")
         turns = coordinates_of(name, kind)[-3:] if kind in SEVERAL else ()
         acting = {description.joints.get(turn, JointDynamics()) for turn in turns}
         if len(acting) > 1 or any(joint.rest for joint in acting):
-            found.append(name)
-    return found
+            balls.append(name)
+    return balls
 
 
 def _coupled(model: pin.Model, coupling: Coupling) -> CoupledJoints:

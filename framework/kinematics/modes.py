@@ -34,18 +34,18 @@ def mode_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array
     return working, linearised.passive_factors.slogdet[0]
 
 
-def keeps_assembly_mode(one: LinearisedLoops, two: LinearisedLoops) -> bool:
+def keeps_assembly_mode(before: LinearisedLoops, after: LinearisedLoops) -> bool:
     """Whether no Type 2 singularity lies between two near configurations (T = 1) or at the second.
 
     Of robots without redundant motors. A determinant of which no more than rounding is left has no sign.
     """
-    if one.equations.passive_band is None:
+    if before.equations.passive_band is None:
         return True
-    (sign_one, size_one), (sign_two, size_two) = one.passive_factors.slogdet, two.passive_factors.slogdet
+    (sign_one, size_one), (sign_two, size_two) = before.passive_factors.slogdet, after.passive_factors.slogdet
     return bool(sign_one == sign_two and size_two - size_one > np.log(DETERMINANT_LOST))
 
 
-def keeps_working_mode(robot: ParallelRobot, one: LinearisedLoops, two: LinearisedLoops) -> bool:
+def keeps_working_mode(robot: ParallelRobot, before: LinearisedLoops, after: LinearisedLoops) -> bool:
     """Whether no Type 1 singularity lies between two near configurations (T = 1) or at the second.
 
     det [dF/dq] also changes sign where the loop equations lose rank, and there a smooth branch goes on.
@@ -59,13 +59,13 @@ def keeps_working_mode(robot: ParallelRobot, one: LinearisedLoops, two: Linearis
     def loops(linearised: LinearisedLoops) -> Array:
         return scaled(robot, linearised.closures, robot.loops.rotation)[0][:, columns]
 
-    if np.linalg.svd(loops(two), compute_uv=False).min(initial=np.inf) < RANK_LOST:
+    if np.linalg.svd(loops(after), compute_uv=False).min(initial=np.inf) < RANK_LOST:
         return False
-    (sign_one, size_one), (sign_two, size_two) = one.factors.slogdet, two.factors.slogdet
+    (sign_one, size_one), (sign_two, size_two) = before.factors.slogdet, after.factors.slogdet
     if sign_one == sign_two and size_two - size_one > np.log(DETERMINANT_LOST):
         return True
     bases, maps = [], []
-    for linearised in (one, two):
+    for linearised in (before, after):
         basis = np.linalg.svd(loops(linearised))[2][linearised.closures.shape[1] :].T
         bases.append(basis)
         platform = scaled(robot, linearised.platform, ~robot.translations)[0][:, columns]
@@ -102,17 +102,17 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     row_of = maximum_bipartite_matching(pattern, perm_type="row")  # (columns,)
     matched = pattern[row_of]  # its diagonal is full: each column's own equation stands in its row
     label = connected_components(matched, directed=True, connection="strong")[1]
-    first, then = matched.nonzero()  # a column's equation has the other columns
+    first, second = matched.nonzero()  # a column's equation has the other columns
     needs = np.eye(int(label.max(initial=-1)) + 1, dtype=bool)
     for _ in needs:
-        np.logical_or.at(needs, label[first], needs[label[then]])
-    found = []
+        np.logical_or.at(needs, label[first], needs[label[second]])
+    legs_found = []
     for k in range(int(label.max(initial=-1)) + 1):
         columns = np.flatnonzero(label == k)
         motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
         before = np.flatnonzero(needs[k, label] & (label != k))
-        found.append(Leg(motors, np.asarray(row_of[columns], dtype=np.intp), columns, before))
-    return tuple(sorted(found, key=lambda leg: int(leg.columns[0]) if leg.motors else size))
+        legs_found.append(Leg(motors, np.asarray(row_of[columns], dtype=np.intp), columns, before))
+    return tuple(sorted(legs_found, key=lambda leg: int(leg.columns[0]) if leg.motors else size))
 
 
 def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

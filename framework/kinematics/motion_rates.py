@@ -81,9 +81,9 @@ def motion_at(
 
 def without_elastic_rates(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
     """Compute the motion of the same platform at the same deflections, as if these did not change."""
-    at = frames_at(robot, q)
-    linearised = linearised_at(robot, q, robot.platform.coordinates(at))
-    drift = robot.platform.drift(at, frame_motions(robot, at, q, v))
+    frames = frames_at(robot, q)
+    linearised = linearised_at(robot, q, robot.platform.coordinates(frames))
+    drift = robot.platform.drift(frames, frame_motions(robot, frames, q, v))
     twist, dtwist = (np.einsum("tnv,tv->tn", linearised.platform, rates) for rates in (v, a))
     still = np.zeros((len(q), robot.n_e))
     return _motion_of_twist(robot, q, linearised, (twist, dtwist + drift), (still, still))
@@ -114,22 +114,22 @@ def _motion_of_twist(
 
 def jacobian_rate(robot: ParallelRobot, motion: Motion) -> Array:
     """Compute the time derivative (T, n + m, nv) of `LinearisedLoops.jacobian` along a motion."""
-    equations, at, v = robot.equations, motion.linearised.frames, motion.v
+    equations, frames, v = robot.equations, motion.linearised.frames, motion.v
     model, data = robot.model, scratch_of(robot).data
-    screw_rates = np.empty_like(at.screws)
+    screw_rates = np.empty_like(frames.screws)
     for k, (row, rates) in enumerate(zip(motion.q, v, strict=True)):
         screw_rates[k] = pin.computeJointJacobiansTimeVariation(model, data, row, rates).T
-    twists = np.einsum("fv,tvi->tfi", at.carried, at.screws * v[:, :, None])  # at the base's origin
-    twists[..., :3] += cross(twists[..., 3:], at.position)
+    twists = np.einsum("fv,tvi->tfi", frames.carried, frames.screws * v[:, :, None])  # at the base's origin
+    twists[..., :3] += cross(twists[..., 3:], frames.position)
     n, bodies, platform = robot.n, equations.bodies, robot.platform
     wrench, rate = np.zeros((2, len(v), len(bodies), 6))
-    wrench[:, :n] = platform.wrenches(at)
+    wrench[:, :n] = platform.wrenches(frames)
     wrench[:, n:] = motion.linearised.loops.take(robot.structure.independent).wrench
-    rate[:, :n] = platform.wrench_rates(at, twists[:, 0, 3:], screw_rates)
-    rate[:, n:] = wrench_rates(equations.loops, at, twists)
+    rate[:, :n] = platform.wrench_rates(frames, twists[:, 0, 3:], screw_rates)
+    rate[:, n:] = wrench_rates(equations.loops, frames, twists)
     # about the base's origin
     moved = cross(twists[:, bodies, :3], wrench[..., :3])
-    rate[..., 3:] += moved + cross(at.position[:, bodies], rate[..., :3])
-    wrench[..., 3:] += cross(at.position[:, bodies], wrench[..., :3])
+    rate[..., 3:] += moved + cross(frames.position[:, bodies], rate[..., :3])
+    wrench[..., 3:] += cross(frames.position[:, bodies], wrench[..., :3])
     entries = equations.pattern.entries
-    return equations.pattern.dense(entries(rate, at.screws) + entries(wrench, screw_rates))
+    return equations.pattern.dense(entries(rate, frames.screws) + entries(wrench, screw_rates))

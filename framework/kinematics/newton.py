@@ -35,7 +35,7 @@ class Linear(NamedTuple):
 
 
 class NewtonResult(NamedTuple, Generic[S]):
-    """Where Newton's method has led."""
+    """The result of Newton's method."""
 
     q: Array  # (T, nq)
     linearised: S  # the equations there

@@ -51,8 +51,8 @@ class Scratch(NamedTuple):
         arrays = memory if shown and memory is not None else public
 
         def refresh() -> None:
-            for array, now in zip(arrays, _by_accessors(data), strict=True):
-                array[...] = now
+            for array, current in zip(arrays, _by_accessors(data), strict=True):
+                array[...] = current
 
         bodies = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
         return Scratch(
@@ -109,8 +109,8 @@ def _by_memory(data: pin.Data) -> tuple[Array, ...] | None:
         _block([pose.rotation for pose in data.oMi], 12),
         _block([force.linear for force in data.f], 6),
     )
-    found = tuple(block for block in blocks if block is not None)
-    return found if len(found) == len(blocks) else None
+    views = tuple(block for block in blocks if block is not None)
+    return views if len(views) == len(blocks) else None
 
 
 def _block(first_numbers: list[Array], width: int) -> Array | None:

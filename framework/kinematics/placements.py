@@ -47,9 +47,9 @@ def platform_wrenches(robot: ParallelRobot, q: Array, W: Array) -> Array:
 
 def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
     """Compute the origin (F, 3) of one of pinocchio's frames, for poses of `joint_poses`."""
-    known = robot.model.frames[frame]
-    joint = poses[:, known.parentJoint]
-    return np.asarray(joint[:, :3] + rotated(joint[:, 3:], np.asarray(known.placement.translation)))
+    placed = robot.model.frames[frame]
+    joint = poses[:, placed.parentJoint]
+    return np.asarray(joint[:, :3] + rotated(joint[:, 3:], np.asarray(placed.placement.translation)))
 
 
 def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
@@ -66,7 +66,7 @@ def rotated(quaternion: Array, vector: Array) -> Array:
 
 
 class JointAxis(NamedTuple):
-    """Where a coordinate acts, seen from one of pinocchio's joints (0 is the base)."""
+    """The axis of a coordinate, in the frame of one of pinocchio's joints (0 is the base)."""
 
     joint: int
     place: Array  # (3,) [m]
@@ -100,11 +100,11 @@ def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
 def planar_normal(robot: ParallelRobot) -> Array | None:
     """Compute the normal (3,) of a planar robot, which all joints turn about or slide across; else None."""
     model, data = robot.model, robot.model.createData()
-    whole = np.array(pin.computeJointJacobians(model, data, robot.reference.q), dtype=float)
-    turning = np.linalg.norm(whole[3:], axis=0) > 0.5  # (nv,), axes in the base frame
+    jacobian = np.array(pin.computeJointJacobians(model, data, robot.reference.q), dtype=float)
+    turning = np.linalg.norm(jacobian[3:], axis=0) > 0.5  # (nv,), axes in the base frame
     if not turning.any():
         return None
-    turns, slides = whole[3:, turning].T, whole[:3, ~turning].T
+    turns, slides = jacobian[3:, turning].T, jacobian[:3, ~turning].T
     normal = np.asarray(turns[0])
     aside = np.linalg.norm(np.cross(turns, normal), axis=1).max()
     along = np.abs(slides @ normal).max(initial=0.0)

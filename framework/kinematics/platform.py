@@ -54,11 +54,11 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         return len(self.sliding) == self.n
 
     @abstractmethod
-    def coordinates(self, at: FrameStack) -> Array:
+    def coordinates(self, frames: FrameStack) -> Array:
         """Compute coordinates x (T, n) [m, rad]."""
 
     @abstractmethod
-    def residual(self, at: FrameStack, x: Array) -> Array:
+    def residual(self, frames: FrameStack, x: Array) -> Array:
         """Compute the offset of the platform from x, (T, n), turns the short way; its rate is v."""
 
     @abstractmethod
@@ -66,11 +66,11 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         """Compute coordinates x (T, n) with turns counted on from `near`, (n,) or (T, n)."""
 
     @abstractmethod
-    def wrenches(self, at: FrameStack) -> Array:
+    def wrenches(self, frames: FrameStack) -> Array:
         """Compute the wrenches (T, n, 6), or (n, 6) if constant, at the frame's origin, whose power is v."""
 
     @abstractmethod
-    def wrench_rates(self, at: FrameStack, w: Array, screw_rates: Array) -> Array:
+    def wrench_rates(self, frames: FrameStack, w: Array, screw_rates: Array) -> Array:
         """Compute rates (T, n, 6) of the wrenches for w (T, 3) of the frame and screw rates (T, nv, 6)."""
 
     @abstractmethod
@@ -78,20 +78,20 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         """Return 1 where a joint (nv) moves a coordinate (n), else 0; `carried` (nv,) of the frame."""
 
     @abstractmethod
-    def jacobian(self, at: FrameStack) -> Array:
+    def jacobian(self, frames: FrameStack) -> Array:
         """Compute the derivative (T, n, nv) of v along pinocchio's velocity vector."""
 
     @abstractmethod
-    def drift(self, at: FrameStack, motions: FrameMotions) -> Array:
+    def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
         """Compute dv/dt (T, n) when all joint accelerations are zero."""
 
     @abstractmethod
-    def frame_twist(self, at: FrameStack, v: Array) -> Array:
+    def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         """Compute a twist (T, 6) of the frame with this v (T, n), for drawings; zero along free turns."""
 
-    def frame_wrench(self, at: FrameStack, W: Array) -> Array:
+    def frame_wrench(self, frames: FrameStack, W: Array) -> Array:
         """Compute the wrench (T, 6) at the frame's origin of components W (T, n); its power is W . v."""
-        return matvec(np.swapaxes(np.broadcast_to(self.wrenches(at), (len(W), self.n, 6)), 1, 2), W)
+        return matvec(np.swapaxes(np.broadcast_to(self.wrenches(frames), (len(W), self.n, 6)), 1, 2), W)
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
         """Compute v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
@@ -99,8 +99,8 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
 
     def path_twist(self, path: Path, s: float) -> Array:
         """Compute v (n,) of the platform for ds/dt = 1 at path coordinate s."""
-        here = np.array([s])
-        return self.twist(path(here), path(here, 1))[0][0]
+        parameter = np.array([s])
+        return self.twist(path(parameter), path(parameter, 1))[0][0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,19 +126,19 @@ class FramePlatform(PlatformCoordinates):
         """Whether the wrenches are the same at every pose."""
         return self.attitude is None or self.attitude.constant
 
-    def coordinates(self, at: FrameStack) -> Array:
-        x = np.empty((len(at.position), self.n))
-        x[:, self.sliding] = at.position[:, 0, self.along]
+    def coordinates(self, frames: FrameStack) -> Array:
+        x = np.empty((len(frames.position), self.n))
+        x[:, self.sliding] = frames.position[:, 0, self.along]
         if self.attitude is not None:
-            x[:, self.turning] = self.attitude.coordinates(at.rotation[:, 0])
+            x[:, self.turning] = self.attitude.coordinates(frames.rotation[:, 0])
         return x
 
-    def residual(self, at: FrameStack, x: Array) -> Array:
+    def residual(self, frames: FrameStack, x: Array) -> Array:
         if self.attitude is None:
-            return at.position[:, 0, self.along] - x
+            return frames.position[:, 0, self.along] - x
         off = np.empty((len(x), self.n))
-        off[:, self.sliding] = at.position[:, 0, self.along] - x[:, self.sliding]
-        off[:, self.turning] = self.attitude.residual(at.rotation[:, 0], x[:, self.turning])
+        off[:, self.sliding] = frames.position[:, 0, self.along] - x[:, self.sliding]
+        off[:, self.turning] = self.attitude.residual(frames.rotation[:, 0], x[:, self.turning])
         return off
 
     def unwrap(self, x: Array, near: Array) -> Array:
@@ -148,38 +148,38 @@ class FramePlatform(PlatformCoordinates):
         x[:, self.turning] = self.attitude.unwrap(x[:, self.turning], near[..., self.turning])
         return x
 
-    def wrenches(self, at: FrameStack) -> Array:
+    def wrenches(self, frames: FrameStack) -> Array:
         if self.attitude is None or self.attitude.constant:
             return self.units
-        wrenches = np.repeat(self.units[None], len(at.position), axis=0)
-        wrenches[:, self.turning, 3:] = self.attitude.couples(at.rotation[:, 0])
+        wrenches = np.repeat(self.units[None], len(frames.position), axis=0)
+        wrenches[:, self.turning, 3:] = self.attitude.couples(frames.rotation[:, 0])
         return wrenches
 
-    def wrench_rates(self, at: FrameStack, w: Array, screw_rates: Array) -> Array:
+    def wrench_rates(self, frames: FrameStack, w: Array, screw_rates: Array) -> Array:
         rates = np.zeros((len(w), self.n, 6))
         if self.attitude is not None:
-            rates[:, self.turning, 3:] = self.attitude.couple_rates(at.rotation[:, 0], w)
+            rates[:, self.turning, 3:] = self.attitude.couple_rates(frames.rotation[:, 0], w)
         return rates
 
     def felt_by(self, carried: Array) -> Array:
         return np.repeat(carried[None], self.n, axis=0)
 
-    def jacobian(self, at: FrameStack) -> Array:
-        only = at._replace(position=at.position[:, :1], carried=at.carried[:1])
-        return self._yield(at, only.jacobian[:, 0])
+    def jacobian(self, frames: FrameStack) -> Array:
+        only = frames._replace(position=frames.position[:, :1], carried=frames.carried[:1])
+        return self._yield(frames, only.jacobian[:, 0])
 
-    def drift(self, at: FrameStack, motions: FrameMotions) -> Array:
-        drift = self._yield(at, motions.drift[:, 0, :, None])[..., 0]
+    def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
+        drift = self._yield(frames, motions.drift[:, 0, :, None])[..., 0]
         if self.attitude is not None and not self.attitude.constant:
             w = motions.twist[:, 0, 3:]
-            drift[:, self.turning] += matvec(self.attitude.couple_rates(at.rotation[:, 0], w), w)
+            drift[:, self.turning] += matvec(self.attitude.couple_rates(frames.rotation[:, 0], w), w)
         return drift
 
-    def frame_twist(self, at: FrameStack, v: Array) -> Array:
+    def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         six = np.zeros((len(v), 6))
         six[:, self.along] = v[:, self.sliding]
         if self.attitude is not None:
-            six[:, 3:] = self.attitude.turning(at.rotation[:, 0], v[:, self.turning])
+            six[:, 3:] = self.attitude.turning(frames.rotation[:, 0], v[:, self.turning])
         return six
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
@@ -190,9 +190,9 @@ class FramePlatform(PlatformCoordinates):
         v[:, turning], dv[:, turning] = self.attitude.rates(*(part[:, turning] for part in (x, dx, ddx)))
         return v, dv
 
-    def _yield(self, at: FrameStack, twists: Array) -> Array:
+    def _yield(self, frames: FrameStack, twists: Array) -> Array:
         """Compute the power (T, n, k) of the wrenches on twists (T, 6, k) of the frame."""
-        return twists[:, self.axes] if self.constant else matmul(self.wrenches(at), twists)
+        return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,36 +211,36 @@ class JointPlatform(PlatformCoordinates):
         columns, places = (np.array([getattr(j, key) for j in joints]) for key in ("idx_v", "idx_q"))
         return JointPlatform(slides, nothing, nothing, columns, places)
 
-    def coordinates(self, at: FrameStack) -> Array:
-        return at.q[:, self.places]
+    def coordinates(self, frames: FrameStack) -> Array:
+        return frames.q[:, self.places]
 
-    def residual(self, at: FrameStack, x: Array) -> Array:
-        off = at.q[:, self.places] - x
+    def residual(self, frames: FrameStack, x: Array) -> Array:
+        off = frames.q[:, self.places] - x
         return np.where(self.translations, off, np.mod(off + np.pi, 2 * np.pi) - np.pi)
 
     def unwrap(self, x: Array, near: Array) -> Array:
         turns = np.round((near - x) / (2 * np.pi))
         return np.where(self.translations, x, x + 2 * np.pi * turns)
 
-    def wrenches(self, at: FrameStack) -> Array:
-        return self._of_screws(at.screws)
+    def wrenches(self, frames: FrameStack) -> Array:
+        return self._of_screws(frames.screws)
 
-    def wrench_rates(self, at: FrameStack, w: Array, screw_rates: Array) -> Array:
+    def wrench_rates(self, frames: FrameStack, w: Array, screw_rates: Array) -> Array:
         return self._of_screws(screw_rates)
 
     def felt_by(self, carried: Array) -> Array:
         return np.eye(len(carried))[self.columns]
 
-    def jacobian(self, at: FrameStack) -> Array:
-        return np.repeat(np.eye(at.screws.shape[1])[None, self.columns], len(at.q), axis=0)
+    def jacobian(self, frames: FrameStack) -> Array:
+        return np.repeat(np.eye(frames.screws.shape[1])[None, self.columns], len(frames.q), axis=0)
 
-    def drift(self, at: FrameStack, motions: FrameMotions) -> Array:
-        return np.zeros((len(at.q), self.n))
+    def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
+        return np.zeros((len(frames.q), self.n))
 
-    def frame_twist(self, at: FrameStack, v: Array) -> Array:
-        screws = at.screws[:, self.columns]
+    def frame_twist(self, frames: FrameStack, v: Array) -> Array:
+        screws = frames.screws[:, self.columns]
         twist = matvec(np.swapaxes(screws, 1, 2), v)  # at the base's origin
-        twist[:, :3] += np.cross(twist[:, 3:], at.position[:, 0])
+        twist[:, :3] += np.cross(twist[:, 3:], frames.position[:, 0])
         return twist
 
     def _of_screws(self, screws: Array) -> Array:

@@ -140,16 +140,16 @@ def named_axes(model: pin.Model) -> Array:
     axes = np.eye(model.nv)
     for j in range(1, model.njoints):
         if is_ball(model.joints[j]):
-            own = slice(model.joints[j].idx_v, model.joints[j].idx_v + 3)
+            columns = slice(model.joints[j].idx_v, model.joints[j].idx_v + 3)
             name = str(model.names[j])
             if model.existFrame(name, pin.FrameType.JOINT):
                 frame = model.frames[model.getFrameId(name, pin.FrameType.JOINT)]
-                axes[own, own] = frame.placement.rotation.T
+                axes[columns, columns] = frame.placement.rotation.T
     return axes
 
 
 class JointLimit(NamedTuple):
-    """What a URDF says of one joint; `coordinate` is its place in q."""
+    """The limits of one joint in a URDF; `coordinate` is its place in q."""
 
     joint: str
     coordinate: int
@@ -160,7 +160,7 @@ class JointLimit(NamedTuple):
 
 def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimit, ...]:
     """Return the limited joints, in the order of the URDF."""
-    found = []
+    limits = []
     for joint in urdf.findall("joint"):
         limit, kind = joint.find("limit"), joint.get("type")
         if limit is None or kind not in ("revolute", "prismatic"):
@@ -170,20 +170,20 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
             continue
         name = joint.get("name", "")
         place = model.joints[model.getJointId(name)].idx_q
-        found.append(JointLimit(name, place, lower, upper, "m" if kind == "prismatic" else "rad"))
-    return tuple(found)
+        limits.append(JointLimit(name, place, lower, upper, "m" if kind == "prismatic" else "rad"))
+    return tuple(limits)
 
 
 def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str, str]:
     """Return joints of q (T, nq) beyond their limits, with text such as `position -4.27 rad of -3.2`."""
-    found = {}
+    exceeded = {}
     for joint, coordinate, lower, upper, unit in limits:
-        least, most = float(np.min(q[:, coordinate])), float(np.max(q[:, coordinate]))
+        least, largest = float(np.min(q[:, coordinate])), float(np.max(q[:, coordinate]))
         beyond = []
         if least < lower - SAME_PLACE:
             beyond.append(f"{least:.6g} {unit} of {lower:.6g}")
-        if most > upper + SAME_PLACE:
-            beyond.append(f"{most:.6g} {unit} of {upper:.6g}")
+        if largest > upper + SAME_PLACE:
+            beyond.append(f"{largest:.6g} {unit} of {upper:.6g}")
         if beyond:
-            found[joint] = "position " + " and ".join(beyond)
-    return found
+            exceeded[joint] = "position " + " and ".join(beyond)
+    return exceeded

@@ -35,8 +35,8 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
     """
-    found = dimensionless_matrices(robot, assembled_at(robot, q).linearised)
-    A, B, C = (read_only(matrix[0]) for matrix in _with_dimension(robot, found))
+    scaled = dimensionless_matrices(robot, assembled_at(robot, q).linearised)
+    A, B, C = (read_only(matrix[0]) for matrix in _with_dimension(robot, scaled))
     return VelocityMatrices(A, B, C)
 
 
@@ -52,11 +52,11 @@ def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMa
     N, passive = _left_null_space(robot, M), robot.following
     dN = -N @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
     columns = (robot.actuated, robot.elastic)
-    here = VelocityMatrices(N[:, :, : robot.n], *(N @ M[:, :, some] for some in columns))
+    matrices = VelocityMatrices(N[:, :, : robot.n], *(N @ M[:, :, part] for part in columns))
     rates = VelocityMatrices(
-        dN[:, :, : robot.n], *(dN @ M[:, :, some] + N @ dM[:, :, some] for some in columns)
+        dN[:, :, : robot.n], *(dN @ M[:, :, part] + N @ dM[:, :, part] for part in columns)
     )
-    return _with_dimension(robot, here), _with_dimension(robot, rates)
+    return _with_dimension(robot, matrices), _with_dimension(robot, rates)
 
 
 def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) -> VelocityMatrices:

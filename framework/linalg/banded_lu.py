@@ -21,7 +21,7 @@ from framework.arrays import Array, IntArray, ReadOnlyArrays
 
 @dataclass(frozen=True, eq=False)
 class Band(ReadOnlyArrays):
-    """Where the entries of matrices (k, k) of one sparsity go in a band."""
+    """The places in a band of the entries of matrices (k, k) of one sparsity."""
 
     size: int  # k
     lower: int  # diagonals below the main one

@@ -181,7 +181,7 @@ class _Formulation:
         return [largest, self.affine(torque.matrix[rows], torque.offset[rows])]
 
     def nonnegative(self, longest: float | None) -> list[_Values]:
-        """What may not be negative."""
+        """Return the rows that may not be negative."""
         program, parts = self.program, self.parts
         linear = [self.affine(program.positive, -program.floor)]
         linear.append(self.affine(-program.below_one, (1.0 - program.kept) ** 2))
@@ -195,7 +195,7 @@ class _Formulation:
         return linear
 
     def second_order(self) -> list[list[_Values]]:
-        """Stacks of cones: the first member of each is at least the norm of the others."""
+        """Return stacks of cones: the first member of each is at least the norm of the others."""
         program, parts = self.program, self.parts
         w, v = parts.each("w"), parts.each("v")
         z, mean = self.affine(program.speeds), parts.rows("w", program.average)
@@ -233,7 +233,7 @@ class _Formulation:
         return 2.0 * rough.T @ rough, cost
 
     def optimum(self, unknowns: Array, value: float) -> Optimum:
-        """The coefficients that the unknowns stand for."""
+        """Return the coefficients of the solver's unknowns."""
         y = self.start + self.free @ unknowns[self.parts.place("x")]
         peak = float(np.abs(self.program.torque(y)).max(initial=0.0))
         duration = float(self.program.weights @ unknowns[self.parts.place("v")])
@@ -249,7 +249,7 @@ class _Values(NamedTuple):
     offset: Array  # (k,)
 
     def and_(self, other: _Values) -> _Values:
-        """The sum of both."""
+        """Return the sum of both."""
         return _Values(
             np.concatenate([self.row, other.row]),
             np.concatenate([self.column, other.column]),
@@ -258,11 +258,11 @@ class _Values(NamedTuple):
         )
 
     def times(self, factor: float) -> _Values:
-        """All multiplied with a number."""
+        """Return all multiplied with a number."""
         return _Values(self.row, self.column, factor * self.value, factor * self.offset)
 
     def plus(self, offset: float) -> _Values:
-        """With a constant added."""
+        """Return all with a constant added."""
         return self._replace(offset=self.offset + offset)
 
 
@@ -280,23 +280,23 @@ class _Parts:
         self.size = int(ends[-1])
 
     def place(self, name: str) -> slice:
-        """The columns of a part."""
+        """Return the columns of a part."""
         return slice(self._ends[name] - self._sizes[name], self._ends[name])
 
     def rows(self, name: str, matrix: Array, offset: Array | None = None) -> _Values:
-        """matrix @ part + offset."""
+        """Return matrix @ part + offset."""
         row, column = np.nonzero(matrix)
         own = np.zeros(len(matrix)) if offset is None else offset
         return _Values(row, column + self.place(name).start, matrix[row, column], own)
 
     def each(self, name: str) -> _Values:
-        """A part itself."""
+        """Return a part itself."""
         k = np.arange(self._sizes[name])
         return _Values(k, k + self.place(name).start, np.ones(len(k)), np.zeros(len(k)))
 
 
 def _interleaved(members: list[_Values]) -> _Values:
-    """The members (k,) of k cones, cone by cone."""
+    """Return the members (k,) of k cones, cone by cone."""
     count = len(members)
     return _Values(
         np.concatenate([count * member.row + place for place, member in enumerate(members)]),

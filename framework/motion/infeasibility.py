@@ -17,7 +17,7 @@ CONE_MARGIN = 1e-12  # of its length, by which a vector may be outside of its co
 
 
 class Infeasible(NamedTuple):
-    """No x is admissible: A x + s = b, s in the cone K; `proof` is a q in K's dual, A' q = 0, b' q < 0."""
+    """A proof that no x is admissible, A x + s = b, s in the cone K: q in K's dual, A' q = 0, b' q < 0."""
 
     proof: Array
     matrix: Any  # A
@@ -52,7 +52,7 @@ class Infeasible(NamedTuple):
         return bool(inside and self.reach > MIN_PROOF_REACH)
 
     def refined(self) -> Infeasible:
-        """The same with A' q = 0 to rounding, q changed least over its distance from the cone's edge.
+        """Return the proof with A' q = 0 to rounding, q changed least over its distance from the cone's edge.
 
         An interior-point solver stops at 1e-8 of that, which is much where the limits are off by far.
         """

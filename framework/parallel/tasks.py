@@ -40,7 +40,7 @@ def completed(
 
 @contextmanager
 def executor_of(*, workers: int = 1, dask: str | None = None) -> Iterator[Executor | None]:
-    """This process (None), `workers` processes of their own, or the cluster of a dask scheduler.
+    """Return this process (None), `workers` processes of their own, or the cluster of a dask scheduler.
 
     Args:
         dask: the scheduler's address, instead of `workers`.

@@ -108,7 +108,7 @@ class Workers(Executor):
                     task.future.cancel()
 
     def _serve(self) -> None:
-        """One process after the other, for as long as there are tasks."""
+        """Run one process after the other, for as long as there are tasks."""
         worker: _Worker | None = None
         while (task := self._tasks.get()) is not None:
             if task.future.set_running_or_notify_cancel():

@@ -50,7 +50,7 @@ RANDOM_STARTS = 300  # of the joints, where poses of the platform are not known
 
 @dataclass(frozen=True, eq=False)
 class AssemblyMode(ReadOnlyArrays):
-    """One pose that the motors allow."""
+    """A pose at the given motor angles."""
 
     q: Array  # (nq,)
     x: Array  # (n,)

@@ -32,7 +32,7 @@ from framework.tolerances import FRAME_ROUNDING
 
 
 class _ChainDerivatives(NamedTuple):
-    """Of one chain at S configurations."""
+    """The derivatives of one chain at S configurations."""
 
     turning: Array  # (S, L, 3) w_j, of the second frame as seen from the first; 0 of slides
     point: Array  # (S, L, 3) u_j

@@ -33,7 +33,7 @@ MAX_COMBINATIONS = 512  # of the legs' solutions
 
 @dataclass(frozen=True, eq=False)
 class WorkingMode(ReadOnlyArrays):
-    """One way in which the legs carry the platform."""
+    """A solution of the inverse kinematics."""
 
     q: Array  # (nq,)
     motors: Array  # (n_a,) joint side
@@ -55,7 +55,7 @@ class WorkingModes:
 
     @property
     def status(self) -> Status:
-        """In which sense they are all: proved, or at least so many exist."""
+        """Whether the modes are proved to be all, or at least so many exist."""
         known = all(mode.proved for mode in self.modes) and not self.truncated
         return "proved" if known and all(self.proved_legs) else "at least"
 

@@ -103,7 +103,7 @@ class CollocationStep(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class StepFailure:
-    """Why a step was not found."""
+    """The reason why a step was not found."""
 
     reason: str
     residual: float

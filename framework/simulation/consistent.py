@@ -26,7 +26,7 @@ CLOSING_CUTOFF, MOMENTUM_CUTOFF = 1e-12, 1e-13  # singular values over the large
 
 
 class AllowedMotions(NamedTuple):
-    """What the loops allow at T states."""
+    """The motions that the loops allow at T states."""
 
     basis: Array  # (T, nv, d) joint rates of motions that the loops allow, in the order of their inertia
     light: BoolArray  # (T, d) which of them move no mass; those come first

@@ -19,7 +19,7 @@ FEEDBACK_DIFFERENCE = 1e-7  # [rad, m] and their rates: a step of the difference
 
 @runtime_checkable
 class PlannedMotion(Protocol):
-    """What `inverse_dynamics` gives: torques with the motion that they belong to."""
+    """Planned torques with their motion, as `inverse_dynamics` returns."""
 
     @property
     def duration(self) -> float:

@@ -44,7 +44,7 @@ def _table() -> Table:
 
 @dataclass(frozen=True, eq=False)
 class ExplicitStep:
-    """Where a step starts and ends, and what happened on the way."""
+    """A step: its ends, its mean power and its error."""
 
     time: float
     length: float

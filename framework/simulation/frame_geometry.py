@@ -19,7 +19,7 @@ from framework.linalg.ordered_sums import matmul, matvec
 
 
 class FrameGeometry(NamedTuple):
-    """Where the robot's frames sit on its joints, and which columns move them."""
+    """The placements of the robot's frames on its joints, and the columns that move them."""
 
     joint: IntArray  # (F,) that carries the frame
     rotation: Array  # (F, 3, 3) of the frame in its joint

@@ -38,7 +38,7 @@ class MethodSettings(NamedTuple):
 
 
 class IntegrationTask(NamedTuple):
-    """What to simulate, made ready."""
+    """The input of a simulation, checked and completed."""
 
     equations: EquationsOfMotion
     drive: Drive
@@ -50,7 +50,7 @@ class IntegrationTask(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Integration:
-    """What a method gives: the motion and the energy balance at the ends of its steps."""
+    """The result of a method: the motion, and the energy balance at the ends of its steps."""
 
     trajectory: Trajectory
     supplied: Array  # (K + 1,) work of motors less that of damping, from the start [J]

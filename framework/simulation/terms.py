@@ -28,7 +28,7 @@ from framework.simulation.frame_geometry import FrameGeometry
 
 
 class Terms(NamedTuple):
-    """At R states: M, c + g and the loop equations with their drift."""
+    """The terms of R equations of motion: M, c + g and the loop equations with their drift."""
 
     mass: Array  # (R, nv, nv) with rotors
     bias: Array  # (R, nv) c + g

@@ -1,4 +1,4 @@
-"""How far robots are from their singularities, by measures that a designer reads, pose by pose.
+"""Distances of poses from singularities, by measures of design.
 
 All but g are functions of A v = B dq_a without dimension: twists and joint rates in radians and lengths, the
 characteristic length being `robot.length`. There the rows of A are part of an orthonormal basis, so that the
@@ -50,7 +50,7 @@ class Distances(NamedTuple):
 
 
 def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> Distances:
-    """The distances of T assembled configurations of a robot whose platform determines its joints."""
+    """Compute the distances of T assembled configurations of a robot whose platform determines its joints."""
     A, B, _ = dimensionless_matrices(robot, linearised)
     if robot.n_a > robot.n:  # least torques: of dq_a = G v, the pseudoinverse
         A, B = np.linalg.pinv(B) @ A, np.broadcast_to(np.eye(robot.n_a), B.shape)
@@ -78,7 +78,7 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
 def _worst_torques(
     robot: ParallelRobot, J: Array, right: Array, values: Array, gear: Array
 ) -> tuple[Array, Array]:
-    """Largest 2-norm (T,) and largest single torque (T,) against a unit force, behind gears (n_a,)."""
+    """Compute the largest 2-norm (T,) and single torque (T,) against a unit force, behind gears (n_a,)."""
     sliding = robot.translations
     if not sliding.any():
         return np.full(len(J), np.nan), np.full(len(J), np.nan)
@@ -94,7 +94,7 @@ def _worst_torques(
 
 
 def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:
-    """Pressure angles (T, n_a): between each column of J and the normal of all others."""
+    """Compute pressure angles (T, n_a): between each column of J and the normal of all others."""
     one_unit = robot.translations.all() or not robot.translations.any()
     if not one_unit or robot.n < 2 or robot.n_a != robot.n:
         return np.full((len(J), robot.n_a), np.nan)

@@ -60,7 +60,7 @@ class Extremum(NamedTuple):
         return bool(before * behind < 0)
 
     def roots(self) -> list[float]:
-        """The roots beside an extremum that is no touch: two if it reaches over zero, none if it misses.
+        """Find the roots beside an extremum that is no touch: two if it reaches over zero, none if it misses.
 
         At most one lies on each side; it is bracketed and bisected, to rounding of g.
         """

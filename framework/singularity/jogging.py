@@ -51,7 +51,7 @@ _MOTORS_END = (
 
 @dataclass(frozen=True, eq=False)
 class JoggedPose:
-    """Where the hand has brought the robot, and how near that is to a singularity."""
+    """The pose to which a robot was moved by hand, and its distance from a singularity."""
 
     q: Array  # (nq,)
     x: Array  # (n,)
@@ -223,7 +223,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         return forward_kinematics(robot, target, near=q).q
 
     def short_of(free: float, side: float) -> Array:
-        """The joints just before the end of a way that is free, or before what a nearer look finds there."""
+        """Return the joints just before the end of a free path, or before the singularity found on it."""
         back = beside
         for _ in range(MAX_RETREATS):
             free, back = free - back, 10.0 * back

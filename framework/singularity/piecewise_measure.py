@@ -38,7 +38,7 @@ class Measured(NamedTuple):
     power: int = 1
 
     def at(self, s: Array) -> Array:
-        """The matrices (T, n, n) at s (T,)."""
+        """Evaluate the matrices (T, n, n) at s (T,)."""
         return self.matrix(self.branch.closed(s).linearised)
 
     @property
@@ -67,16 +67,16 @@ class Panel:
     matrices: Array  # (size, n, n) at the nodes
 
     def at(self, local: Array) -> Array:
-        """Path coordinates of local ones in [-1, 1]."""
+        """Return the path coordinates of local ones in [-1, 1]."""
         return self.start + 0.5 * (self.end - self.start) * (np.asarray(local) + 1.0)
 
     @cached_property
     def turning(self) -> Array:
-        """Where in [-1, 1] g turns."""
+        """The local coordinates in [-1, 1] of the extrema of g."""
         return extrema(self.series)
 
     def matrix(self, s: float) -> Array:
-        """The matrix (n, n) at s, interpolated."""
+        """Interpolate the matrix (n, n) at s."""
         local = (2 * s - self.start - self.end) / (self.end - self.start)
         weights = chebyshev.chebvander(np.array([local]), PANEL_NODES - 1) @ coefficients(np.eye(PANEL_NODES))
         return np.einsum("k,kij->ij", weights[0], self.matrices)

@@ -60,7 +60,7 @@ NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Classification(ReadOnlyArrays):
-    """What a pose is singular for, and how far it is from that.
+    """The classes of singularity of a pose, and its distances from them.
 
     Torques per newton are `Distances`' own: the worst over unit forces along the platform's translations,
     infinite where t_s moves the point, not a number for a platform that only turns.
@@ -164,7 +164,7 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
 
 
 def _motions_of_a_locked_platform(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Rates (k, n_a + passive) of the `moving` columns while the platform rests, in radians and lengths."""
+    """Compute rates (k, n_a + passive) of the `moving` columns, platform at rest, in radians and lengths."""
     values, right = np.linalg.svd(type1_matrix(robot, linearised)[0])[1:]
     return right[int(np.sum(values >= RANK_LOST * max(values.max(initial=0.0), 1.0))) :]
 
@@ -183,13 +183,13 @@ def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
 
 
 def _least(robot: ParallelRobot, q: Array) -> float:
-    """The smallest singular value of P at q (nq,)."""
+    """Compute the smallest singular value of P at q (nq,)."""
     P = passive_matrix(robot, linearised_at(robot, q[None], robot.reference.x[None]))
     return float(np.linalg.svd(P, compute_uv=False).min(initial=np.inf))
 
 
 def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
-    """Independent unit twists (k, n) that span the same as twists (c, n)."""
+    """Return independent unit twists (k, n) with the span of twists (c, n)."""
     scale = robot.platform_scale
     values, right = np.linalg.svd(twists / scale)[1:]
     spanning = right[: int(np.sum(values > RANK_LOST))] * scale

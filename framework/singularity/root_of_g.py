@@ -30,7 +30,7 @@ class Slope(NamedTuple):
 
 
 class Root(NamedTuple):
-    """Where Newton's method has ended."""
+    """The result of Newton's method."""
 
     place: float
     depth: float  # what is left of g: 0 if the last step was small enough for the next one to be rounding

@@ -1,4 +1,4 @@
-"""How far a singular point on a path moves when the springs give.
+"""The shift of a singular point along its path by deflections of the springs.
 
 Where a deflected robot is singular depends on its deflections, and these on its motion: near a Type 2
 singularity the motors of a robot at rest cannot carry what pushes along t_s, so there is no static deflection
@@ -47,6 +47,6 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
 
 
 def _slides(robot: ParallelRobot) -> Array:
-    """Which springs stretch, rather than turn (n_e,)."""
+    """Return a mask (n_e,) of the springs that stretch rather than turn."""
     names = [robot.model.joints[robot.model.getJointId(name)].shortname() for name in robot.elastic_names]
     return np.array([name.startswith("JointModelP") for name in names], dtype=bool)

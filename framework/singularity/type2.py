@@ -108,7 +108,7 @@ def escaping_motions(
 
 
 def _platform_twists(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """The platform's twist (nv, 6) for unit rates of all joints (T = 1), in lengths and radians."""
+    """Return the platform's twist (nv, 6) for unit rates of all joints (T = 1), in lengths and radians."""
     twists = linearised.frames.jacobian[0, 0].T.copy()
     twists[:, :3] /= robot.length
     return twists
@@ -119,7 +119,7 @@ def _rank(rows: Array) -> int:
 
 
 def unit_twist(robot: ParallelRobot, twist: Array) -> float:
-    """What to divide a twist (n,) by: its speed, or its turning rate where the point rests.
+    """Return the size of a twist (n,): its speed, or its turning rate where the point rests.
 
     Along a unit twist, t_s . W_p is a force [N] (a torque [N m] for a pure turn).
     """
@@ -135,7 +135,7 @@ def moves_point(robot: ParallelRobot, twist: Array) -> bool:
 
 
 def sign_along(twist: Array, direction: Array) -> float:
-    """1 or -1, with which a twist (n,) points along a direction (n,).
+    """Return the sign, 1 or -1, that turns a twist (n,) along a direction (n,).
 
     Where the two are orthogonal but for rounding, its largest component is made positive: the sign is then a
     matter of definition, and may not be one of rounding.
@@ -147,7 +147,7 @@ def sign_along(twist: Array, direction: Array) -> float:
 
 
 class SingularityMeasure(NamedTuple):
-    """How a motion approaches and leaves a singularity, at T instants."""
+    """The measure g, t_s and t_s . W_p of a motion, at T instants."""
 
     g: Array  # (T,) the smallest singular value of P with the sign of det P
     motion: Array  # (T, nv) the joint rates nearest to an uncontrolled motion, of unit size

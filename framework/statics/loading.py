@@ -46,7 +46,7 @@ MAX_ITERATIONS = 8  # of Newton's method a step of the load
 
 
 class LoadReason(IntEnum):
-    """What becomes of a configuration under the load."""
+    """Whether a configuration carries the load, or why it does not."""
 
     CARRIED = 0
     GIVES_WAY = 1  # the stiffness is lost before the whole load is on: it snaps through, or buckles

@@ -52,7 +52,7 @@ MIN_EIGENVALUE_RATIO = 1e-8  # over the largest eigenvalue of H: flatter directi
 
 
 class CompliantMotions(NamedTuple):
-    """What springs and loops allow at T configurations while the motors are locked."""
+    """The motions that springs and loops allow at T configurations while the motors are locked."""
 
     columns: IntArray  # (f,) of the velocity vector: elastic, then passive ones that follow
     Z: Array  # (T, f, d) orthonormal in radians and robot lengths, then turned back

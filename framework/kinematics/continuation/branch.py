@@ -129,10 +129,10 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
 def _span(branch: Branch, s: float, start: float, end: float) -> tuple[Continuation | None, float]:
     """Compute a continuation over s between start and end, and a bound on its distance from the branch."""
     robot = branch.robot
-    at = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
+    parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
     basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)
     lengths = robot.column_scale
-    guess, x, continuation = branch.guess(at), branch.path(at), None
+    guess, x, continuation = branch.guess(parameters), branch.path(parameters), None
     error = np.inf
     for share in SOUND_NODE_RATIOS:
         least = np.linalg.svd(type1_matrix(robot, linearised_at(robot, guess, x)), compute_uv=False)[:, -1]
@@ -152,16 +152,19 @@ def _span(branch: Branch, s: float, start: float, end: float) -> tuple[Continuat
         left = float(np.abs((basis[sound] @ series - u) / lengths).max())
         left = max(left, float(np.abs(linearised_at(robot, guess, x).residual).max()) / robot.length)
         size = float(np.abs(series / lengths).max())
-        continuation = Continuation(start, end, _core(at, sound, s), series)
+        continuation = Continuation(start, end, _core(parameters, sound, s), series)
         error = max(left, size * tail(series / lengths))
     return continuation, error
 
 
-def _core(at: Array, sound: IntArray, s: float) -> tuple[float, float]:
+def _core(parameters: Array, sound: IntArray, s: float) -> tuple[float, float]:
     """Return the interval from the last sound node before s and all unsound ones to the first after them."""
-    unsound = np.append(np.delete(at, sound), s)
-    before, after = at[sound][at[sound] < unsound.min()], at[sound][at[sound] > unsound.max()]
+    unsound = np.append(np.delete(parameters, sound), s)
+    before, after = (
+        parameters[sound][parameters[sound] < unsound.min()],
+        parameters[sound][parameters[sound] > unsound.max()],
+    )
     return (
-        float(before[-1]) if len(before) else float(at[0]),
-        float(after[0]) if len(after) else float(at[-1]),
+        float(before[-1]) if len(before) else float(parameters[0]),
+        float(after[0]) if len(after) else float(parameters[-1]),
     )

@@ -156,11 +156,13 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
         step[:, robot.actuated] = off[:, robot.actuated]
         guess = integrate(robot, predicted, step)
         if not len(columns):
-            found = place(guess, evaluate(guess, slice(None)), np.inf)
+            closed_place = place(guess, evaluate(guess, slice(None)), np.inf)
         else:
             q, linearised, closed = newton(robot, guess, columns, evaluate, linear)
-            found = place(q, linearised, float(clearance(robot, linearised)[0])) if closed.all() else None
-        return [] if found is None else [found]
+            closed_place = (
+                place(q, linearised, float(clearance(robot, linearised)[0])) if closed.all() else None
+            )
+        return [] if closed_place is None else [closed_place]
 
     def belongs(before: Place, after: Place, straight: bool) -> bool:
         apart = straight or after.clearance > BRANCHES_CROSS
@@ -173,17 +175,17 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
         nearest = float(clearance(robot, ahead.linearised)[0])
         return float(ahead.share[0]), Place(ahead.q, ahead.linearised, np.zeros_like(turn), nearest)
 
-    here = place(start.q, start.linearised, start.clearance)
-    if here is None or start.clearance < RANK_LOST:  # on the meeting of two modes
+    first_place = place(start.q, start.linearised, start.clearance)
+    if first_place is None or start.clearance < RANK_LOST:  # on the meeting of two modes
         return Way(np.zeros(1), (start,))
-    short = np.abs(here.rate / robot.column_scale).max() < MAX_SINGLE_STEP
-    way = follow(robot, here, arrive, belongs, end=end, step=1.0 if short else FIRST_STEP_RATIO)
+    short = np.abs(first_place.rate / robot.column_scale).max() < MAX_SINGLE_STEP
+    way = follow(robot, first_place, arrive, belongs, end=end, step=1.0 if short else FIRST_STEP_RATIO)
     near = np.array([place.clearance for place in way.places])
     closer = near[1:] < near[:-1]  # not where it leads away from such a place
-    met = np.flatnonzero((near[1:] < BRANCHES_MEET) & closer)
-    if not len(met):
+    meeting = np.flatnonzero((near[1:] < BRANCHES_MEET) & closer)
+    if not len(meeting):
         return way
-    first = int(met[0]) + 1
+    first = int(meeting[0]) + 1
     beyond = np.flatnonzero(near[first:] >= BRANCHES_MEET)
     last = first + int(near[first : first + beyond[0] if len(beyond) else None].argmin())
     return Way(way.at[: last + 1], way.places[: last + 1])

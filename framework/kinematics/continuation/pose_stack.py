@@ -132,19 +132,23 @@ def _lead(robot: ParallelRobot, q: Array, x: Array, turn: Array) -> tuple[dict[s
         off = k / STEP_COUNT * turn[live] - difference(robot, start, predicted)
         exact = np.zeros_like(off)
         exact[:, robot.actuated] = off[:, robot.actuated]
-        there = integrate(robot, predicted, exact)
+        corrected = integrate(robot, predicted, exact)
         if len(columns):
-            there, _, closed = newton(robot, there, columns, evaluate, linear, iterations=MAX_STEP_ITERATIONS)
-            live, predicted, there = live[closed], predicted[closed], there[closed]
-        linearised = linearised_at(robot, there, None)
+            corrected, _, closed = newton(
+                robot, corrected, columns, evaluate, linear, iterations=MAX_STEP_ITERATIONS
+            )
+            live, predicted, corrected = live[closed], predicted[closed], corrected[closed]
+        linearised = linearised_at(robot, corrected, None)
         clear, ahead = clearance(robot, linearised), _rates(robot, linearised, turn[live])
         sign_there, size_there = _determinants(linearised)
-        step = measure(robot, between(robot, predicted, there), rate[live] / STEP_COUNT, ahead / STEP_COUNT)
+        step = measure(
+            robot, between(robot, predicted, corrected), rate[live] / STEP_COUNT, ahead / STEP_COUNT
+        )
         kept = step.small & (step.straight | (clear > BRANCHES_CROSS))
         kept &= clear > BRANCHES_MEET
         kept &= (sign_there == sign[live]) & (size_there - size[live] > last)
         live = live[kept]
-        q[live], rate[live], share[live] = there[kept], ahead[kept], k / STEP_COUNT
+        q[live], rate[live], share[live] = corrected[kept], ahead[kept], k / STEP_COUNT
         sign[live], size[live] = sign_there[kept], size_there[kept]
         least[live] = np.minimum(least[live], clear[kept])
         x[live] = robot.platform.unwrap(robot.platform.coordinates(linearised.frames)[kept], x[live])
@@ -194,11 +198,11 @@ def follow_motors(
     """
     expect_robot(robot)
     turning = ~robot.sliding[robot.actuated]
-    here = start_pose(robot, near)
+    pose = start_pose(robot, near)
     for sample in samples:
         q_a = finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", sample, robot.n_a)
         if single_turn:
-            turns = np.round((robot.actuated_coordinates(here.q[None])[0] - q_a) / (2 * np.pi))
+            turns = np.round((robot.actuated_coordinates(pose.q[None])[0] - q_a) / (2 * np.pi))
             q_a = np.where(turning, q_a + 2 * np.pi * turns, q_a)
-        here = forward_kinematics(robot, q_a, near=here)
-        yield here
+        pose = forward_kinematics(robot, q_a, near=pose)
+        yield pose

@@ -61,7 +61,7 @@ class Way(NamedTuple):
 
 
 class StepMeasure(NamedTuple):
-    """What tells whether T steps have stayed on their branches."""
+    """The measures by which T steps are judged to have stayed on their branches."""
 
     correction: Array  # (T,) [rad, lengths] by which the predictor was corrected
     small: BoolArray  # (T,) whether that is small, or small against the step
@@ -103,33 +103,33 @@ def follow(
         at_once: places that are looked for together along one tangent; each counts as a step from the one
             before it, or not at all.
     """
-    at, here, parameters, places = 0.0, start, [0.0], [start]
-    while at < 1.0:
-        fastest = float(np.abs(here.rate / robot.column_scale).max(initial=0.0))
-        step = min(step, 1.0 - at)
+    parameter, place, parameters, places = 0.0, start, [0.0], [start]
+    while parameter < 1.0:
+        fastest = float(np.abs(place.rate / robot.column_scale).max(initial=0.0))
+        step = min(step, 1.0 - parameter)
         if step * fastest > MAX_PREDICTOR_MOVE:
             step = 0.99 * MAX_PREDICTOR_MOVE / fastest  # rounding is not to make it longer again
         if step < MIN_STEP_RATIO:
             break
-        further = (at + step * k for k in range(2, at_once + 1))
+        further = (parameter + step * k for k in range(2, at_once + 1))
         inside = (s for s in further if s < 1.0 + 0.5 * MIN_STEP_RATIO)
-        near = (s for s in inside if (s - at) * fastest < MAX_PREDICTOR_MOVE)
-        ahead = np.array([1.0 if s > 1.0 - END_ROUNDING else s for s in (at + step, *near)])
-        predicted, correction = integrate(robot, here.q, here.rate * (ahead - at)[:, None]), np.inf
-        for following, there in zip(ahead, arrive(ahead, predicted), strict=False):
-            along, beyond = (following - at) * here.rate, (following - at) * there.rate
-            moved = difference(robot, integrate(robot, here.q, along)[0], there.q)
+        near = (s for s in inside if (s - parameter) * fastest < MAX_PREDICTOR_MOVE)
+        ahead = np.array([1.0 if s > 1.0 - END_ROUNDING else s for s in (parameter + step, *near)])
+        predicted, correction = integrate(robot, place.q, place.rate * (ahead - parameter)[:, None]), np.inf
+        for following, next_place in zip(ahead, arrive(ahead, predicted), strict=False):
+            along, beyond = (following - parameter) * place.rate, (following - parameter) * next_place.rate
+            moved = difference(robot, integrate(robot, place.q, along)[0], next_place.q)
             measured = measure(robot, moved, along, beyond)
-            if not (measured.small[0] and belongs(here, there, bool(measured.straight[0]))):
+            if not (measured.small[0] and belongs(place, next_place, bool(measured.straight[0]))):
                 break
-            at, here, correction = float(following), there, float(measured.correction[0])
-            parameters.append(at)
-            places.append(here)
+            parameter, place, correction = float(following), next_place, float(measured.correction[0])
+            parameters.append(parameter)
+            places.append(place)
             if correction < 0.2 * BRANCH_CORRECTION and step < 2 * FIRST_STEP_RATIO:
                 step = min(2.0 * step, 2 * FIRST_STEP_RATIO)
                 break
         if correction == np.inf:  # not one step counts
-            ended = None if end is None else end(at, here)
+            ended = None if end is None else end(parameter, place)
             if ended is not None:
                 parameters.append(ended[0])
                 places.append(ended[1])

@@ -56,7 +56,7 @@ def turning_points(
     q: Array,
     share: Array,
     columns: IntArray,
-    given: Array,
+    turn: Array,
     evaluate: Callable[[Array, Array], CurveEquations],
 ) -> TurningPoints:
     """Find the turning points ahead of configurations q (T, nq), each after a `share` (T,) of its way.
@@ -73,7 +73,7 @@ def turning_points(
 
     def moved(step: Array) -> Array:
         """Compute joint motions (T, nv) of steps along the curve (T, k + 1)."""
-        motion = step[:, -1:] * given
+        motion = step[:, -1:] * turn
         motion[:, columns] = step[:, :-1] * scale[columns]
         return motion
 
@@ -106,9 +106,9 @@ def turning_points(
                 break
             step = -step * along[:, -1] / (along[:, -1] - before)
         gain = 0.5 * t * first[:, -1]
-        way = t[:, None] * moved(first)
-        bent = between(robot, q, at) - 0.5 * (way + t[:, None] * moved(along))
-        bent, length = (np.abs(motion / scale).max(axis=1) for motion in (bent, way))
+        travelled = t[:, None] * moved(first)
+        bent = between(robot, q, at) - 0.5 * (travelled + t[:, None] * moved(along))
+        bent, length = (np.abs(motion / scale).max(axis=1) for motion in (bent, travelled))
         found = closed & (t > 0) & (reached < 1.0) & (bent <= MAX_BEND * length)
         found &= np.abs(reached - share - gain) <= MAX_SKEW * gain
     return TurningPoints(found, reached, at, linearised)

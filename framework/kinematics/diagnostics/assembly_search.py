@@ -94,9 +94,9 @@ class _Group:
 
     def slope(self, u: Array) -> Array:
         """Compute the derivative of `gap` along the k joints."""
-        at = self._frames(u)
-        rows = scaled(self.mechanism, loop_equations(self.rows, at).jacobian, self.rows.rotation)[0]
-        vectors = direction_slopes(self.directions, at)[0] * self.mechanism.column_scale
+        frames = self._frames(u)
+        rows = scaled(self.mechanism, loop_equations(self.rows, frames).jacobian, self.rows.rotation)[0]
+        vectors = direction_slopes(self.directions, frames)[0] * self.mechanism.column_scale
         return np.concatenate([rows, vectors.reshape(-1, rows.shape[1])])[:, self.columns]
 
     def closed_from(self, start: Array) -> tuple[Array, float]:
@@ -155,8 +155,10 @@ def _groups(mechanism: Mechanism, origin: Array, lower: Array, upper: Array) -> 
         columns = np.flatnonzero(moving[rows].any(axis=0))
         table = mechanism.rows.take(rows)
         names = {name.rpartition(".")[0] for name in table.names}
-        own = directions.take(np.flatnonzero([name in names for name in directions.closures]))
-        groups.append(_Group(mechanism, origin, table, own, columns, lower[columns], upper[columns]))
+        leg_directions = directions.take(np.flatnonzero([name in names for name in directions.closures]))
+        groups.append(
+            _Group(mechanism, origin, table, leg_directions, columns, lower[columns], upper[columns])
+        )
     return groups
 
 
@@ -165,8 +167,8 @@ def _ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     lower, upper = np.full(mechanism.model.nv, -np.inf), np.full(mechanism.model.nv, np.inf)
     for limit in mechanism.limits:
         column = mechanism.model.joints[mechanism.model.getJointId(limit.joint)].idx_v
-        here = mechanism.q_near[limit.coordinate]
-        lower[column], upper[column] = limit.lower - here, limit.upper - here
+        reference = mechanism.q_near[limit.coordinate]
+        lower[column], upper[column] = limit.lower - reference, limit.upper - reference
     lower, upper = lower / mechanism.column_scale, upper / mechanism.column_scale
     # a joint whose limits meet keeps a little room: the solver's bounds may not
     limited = np.isfinite(lower)
@@ -182,7 +184,7 @@ def _nearest(group: _Group) -> Array:
     reach = np.where(turning, np.pi, 1.0)
     low, high = np.where(limited, group.lower, -reach), np.where(limited, group.upper, reach)
     reference, rng = np.clip(0.0, low, high), np.random.default_rng(SEED)
-    found: list[Array] = []
+    poses: list[Array] = []
     least, best = np.inf, reference
     for k in range(MAX_STARTS):
         spread = START_SPREADS[k % len(START_SPREADS)] if k else 0.0
@@ -191,12 +193,12 @@ def _nearest(group: _Group) -> Array:
         if gap < least:
             least, best = gap, u
         if gap < LOOP_GAP:
-            found.append(np.where(turning & ~limited, np.mod(u + np.pi, 2 * np.pi) - np.pi, u))
-            if k == 0 or len(found) == ENOUGH_POSES:
+            poses.append(np.where(turning & ~limited, np.mod(u + np.pi, 2 * np.pi) - np.pi, u))
+            if k == 0 or len(poses) == ENOUGH_POSES:
                 break
-    if not found:
+    if not poses:
         raise _still_open(group, best)
-    return min(found, key=lambda u: float(np.linalg.norm(u)))
+    return min(poses, key=lambda u: float(np.linalg.norm(u)))
 
 
 def _still_open(group: _Group, u: Array) -> NotAssembled:

@@ -170,115 +170,115 @@ def _with_reference(mechanism: Mechanism, q: Array) -> Mechanism:
 
 def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> list[str]:
     """Return advice on the freedoms of a robot and on the axes of its platform."""
-    found, mobility = [], motions.working
+    advice, mobility = [], motions.working
     listed = " or ".join(f"[{', '.join(proposal)}]" for proposal in axes.proposals)
     instead = f"; axes that would do: {listed}" if listed else ""
     if axes.stuck:
-        found.append(
+        advice.append(
             f"the platform's frame {robot.description.platform.frame} cannot move along {axes.stuck}: it has "
             f"{axes.velocities} independent velocit{'y' if axes.velocities == 1 else 'ies'}"
             f"{instead or '; choose another frame'}"
         )
     elif axes.stuck_here:
-        found.append(
+        advice.append(
             f"at the reference the platform cannot move along {axes.stuck_here}, but it can beside it: a "
             f"Type 1 singularity; give another reference"
         )
     if robot.n != mobility:
-        found.append(
+        advice.append(
             f"{robot.n} platform axes for {mobility} degrees of freedom: planning needs as many; change the "
             f"platform's axes or the closures{_suspects(robot, mobility)}{'' if axes.stuck else instead}"
         )
     if robot.n_a < mobility:
-        found.append(
+        advice.append(
             f"{robot.n_a} actuators for {mobility} degrees of freedom: nothing holds the rest; add actuators"
         )
     if robot.n_a > mobility:
-        found.append(
+        advice.append(
             f"{robot.n_a} actuators for {mobility} degrees of freedom: torques will be those of least norm; "
             f"drop actuators if that is not meant"
         )
     if motions.loose:
-        found.append(
+        advice.append(
             f"{', '.join(motions.loose)}: masses move there by themselves, without a motor and without the "
             f"platform's axes: add a motor, or lock them (locked, a closure)"
         )
     if motions.idle:
-        found.append(
+        advice.append(
             f"{', '.join(motions.idle)} may turn without moving any centre of mass; planning holds it "
             f"still, or turns it as its balls' damping or armature does, says what torque is left to hold "
             f"it, and refuses more than {HELD_IDLE:g} of the motors' peak"
         )
-    return found
+    return advice
 
 
 def _advice_on_loops(robot: ParallelRobot, redundant: tuple[str, ...]) -> list[str]:
     """Return advice on loops, springs and dry friction of a robot."""
-    found = []
+    advice = []
     if robot.rounded.names:
         gap = rounded_gap(robot, robot.reference.q[None])
-        found.append(
+        advice.append(
             f"rounded and overconstrained by {gap:.2g} m or rad: {', '.join(robot.rounded.names)} repeat "
             f"other loop equations but for that; they stay open by it, all others close"
         )
     if redundant:
-        found.append(
+        advice.append(
             f"{', '.join(redundant)}: other loop equations say the same at the reference, as it should be in "
             f"a planar or overconstrained mechanism; where they are needed elsewhere, lock only what it "
             f"takes (axes: [...])"
         )
     alone = robot.structure.springs_alone
     if alone:
-        found.append(
+        advice.append(
             f"{', '.join(alone)} can only be closed by springs, which planning refuses: lock fewer axes "
             f"there (axes: [...]) or leave those axes out of the springs' motion"
         )
     friction = robot.friction_sizes(robot.passive)
     if friction:
-        found.append(f"dry friction, which no plan counts with: {friction}")
-    return found
+        advice.append(f"dry friction, which no plan counts with: {friction}")
+    return advice
 
 
 def _advice_on_masses(masses: dict[str, float]) -> list[str]:
     """Return advice on masses [kg] that joints carry, by the joint's name."""
-    found = []
+    advice = []
     if sum(masses.values()) == 0.0:
-        found.append("no link has a mass: all torques will be those of the rotors; add <inertial>")
+        advice.append("no link has a mass: all torques will be those of the rotors; add <inertial>")
     heaviest = max(masses.values(), default=0.0)
     for name, mass in masses.items():
         if 0 < mass < LIGHT_PART_RATIO * heaviest:
-            found.append(
+            advice.append(
                 f"what {name} carries weighs {mass:g} kg, a millionth of the heaviest part: is it in the "
                 f"wrong unit? Leave <inertial> out for a massless part"
             )
     if heaviest > HEAVY_PART:
-        found.append(f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
-    return found
+        advice.append(f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
+    return advice
 
 
 def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
     """Return advice on a reference beyond the joints' limits, or on the locus."""
-    found = []
+    advice = []
     beyond = positions_beyond_limits(robot.limits, robot.reference.q[None])
     if beyond:
         listed = "; ".join(f"{joint}: {position}" for joint, position in beyond.items())
-        found.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
+        advice.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
     if modes.smallest_singular_value is not None and modes.smallest_singular_value < BRANCHES_MEET:
-        found.append("the reference is itself singular: give one away from the locus")
-    return found
+        advice.append("the reference is itself singular: give one away from the locus")
+    return advice
 
 
 def _suspects(robot: ParallelRobot, mobility: int) -> str:
     """Return the closures without any one of which there would be as many freedoms as platform axes."""
     if mobility >= robot.n:
         return ""
-    found, loops = [], all_loops_matrix(robot, robot.reference.q)[:, robot.joints]
+    names, loops = [], all_loops_matrix(robot, robot.reference.q)[:, robot.joints]
     for closure in robot.description.closures:
         others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
         rank = len(independent_rows(loops[others])) if others else 0
         if mobility + len(robot.structure.independent) - rank >= robot.n:
-            found.append(closure.name)
-    return f" (look at {', '.join(found)} first: without one of them the freedom is there)" if found else ""
+            names.append(closure.name)
+    return f" (look at {', '.join(names)} first: without one of them the freedom is there)" if names else ""
 
 
 def _link_masses(robot: ParallelRobot) -> dict[str, float]:

@@ -72,8 +72,8 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
 def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     """Examine the platform's axes near the assembled reference; `freedoms` is how many axes are needed."""
     q = robot.reference.q
-    here = _stuck(robot, q)
-    if not here.shape[1] and robot.n == freedoms:
+    stuck_here = _stuck(robot, q)
+    if not stuck_here.shape[1] and robot.n == freedoms:
         return PlatformAxes("", "", freedoms, ())
     poses = [q, *nearby_configurations(robot, q)]
     twists = [_frame_twists(robot, pose) for pose in poses]
@@ -81,7 +81,7 @@ def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     velocities = max(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING) for matrix in twists)
     names = robot.axis_names
     proposals = _proposals(twists, freedoms, robot.axis_names) if velocities == freedoms else ()
-    return PlatformAxes(_in_words(stuck, names), _in_words(here, names), int(velocities), proposals)
+    return PlatformAxes(_in_words(stuck, names), _in_words(stuck_here, names), int(velocities), proposals)
 
 
 def _proposals(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[tuple[str, ...], ...]:
