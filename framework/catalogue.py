@@ -37,10 +37,10 @@ class CatalogueEntry:
 
 def catalogue() -> Mapping[str, CatalogueEntry]:
     """All registered robots, by name."""
-    found: dict[str, CatalogueEntry] = {}
+    entries: dict[str, CatalogueEntry] = {}
     for point in entry_points(group="crossing.catalogue"):
-        found.update(point.load())
-    return dict(sorted(found.items()))
+        entries.update(point.load())
+    return dict(sorted(entries.items()))
 
 
 def robot_file(name_or_path: str) -> Path:
@@ -49,12 +49,12 @@ def robot_file(name_or_path: str) -> Path:
     Raises:
         InvalidInput: neither a known name nor a robot file.
     """
-    known = catalogue()
-    if name_or_path in known:
-        return known[name_or_path].file
+    entries = catalogue()
+    if name_or_path in entries:
+        return entries[name_or_path].file
     path = Path(name_or_path)
     if path.suffix in (".yaml", ".yml", ".urdf", ".xml", ".mjcf", ".sdf") or os.path.exists(path):
         return path
     raise InvalidInput(
-        f"{choose_from('robot', name_or_path, known)}, or give the path of a robot file (.yaml)"
+        f"{choose_from('robot', name_or_path, entries)}, or give the path of a robot file (.yaml)"
     )

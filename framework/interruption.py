@@ -54,8 +54,8 @@ def interruptible() -> Iterator[Heard]:
     heard = [number for number in SIGNALS if before[number] is not signal.SIG_IGN]
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
-        for other in heard:
-            signal.signal(other, signal.SIG_IGN)
+        for signal_number in heard:
+            signal.signal(signal_number, signal.SIG_IGN)
         warnings.simplefilter("ignore")  # what is broken off halfway, such as an import, has its own to say
         heard_one.stop = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
         raise heard_one.stop

@@ -103,10 +103,10 @@ class Factors:
         if not right.size:
             return np.empty(right.shape)
         stacked = right.take(before, axis=-1).reshape(-1, self.lu.shape[1]).T  # (T k, right-hand sides)
-        found, _ = dgbtrs(
+        solution, _ = dgbtrs(
             self.lu, self.band.lower, self.band.upper, stacked, self.pivots, trans=transposed, overwrite_b=1
         )
-        return np.asarray(found.T.reshape(right.shape).take(after, axis=-1))
+        return np.asarray(solution.T.reshape(right.shape).take(after, axis=-1))
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:

@@ -56,10 +56,10 @@ class Polytope(ReadOnlyArrays):
         """Compute the range (n, 2) of each coordinate over all values of the others."""
         if not len(self.vertices):
             return np.tile([-np.inf, np.inf], (self.normals.shape[1], 1))
-        found = np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)], axis=1)
+        ranges = np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)], axis=1)
         unbounded = np.abs(self.free).max(axis=0, initial=0.0) > RANK_ROUNDING
-        found[unbounded] = [-np.inf, np.inf]
-        return found
+        ranges[unbounded] = [-np.inf, np.inf]
+        return ranges
 
 
 def zonotope(centre: Array, generators: Array) -> Polytope:
@@ -129,4 +129,4 @@ def _extreme(points: Array, normals: Array, offsets: Array) -> Array:
     size = np.abs(offsets).max(initial=0.0)
     touching = points @ normals.T >= offsets - SAME_PLACE * size
     n = points.shape[1]
-    return points[[np.linalg.matrix_rank(normals[one], tol=RANK_ROUNDING) == n for one in touching]]
+    return points[[np.linalg.matrix_rank(normals[touched], tol=RANK_ROUNDING) == n for touched in touching]]

@@ -90,8 +90,10 @@ def solutions_near(equations: LocusEquations, q: Array) -> Array:
     """Search solutions (s, nq), maybe none, by Newton's method with least, bounded steps from q (S, nq)."""
     size = np.full(len(q), np.inf)
     for _ in range(MAX_SEARCH_STEPS):
-        now = equations.at(q)
-        change = -(np.linalg.pinv(now.slopes, rcond=RANK_ROUNDING) @ now.values[:, :, None])[:, :, 0]
+        linearised = equations.at(q)
+        change = -(np.linalg.pinv(linearised.slopes, rcond=RANK_ROUNDING) @ linearised.values[:, :, None])[
+            :, :, 0
+        ]
         size = np.abs(change).max(axis=1)
         sound = np.isfinite(size)
         q, change, size = q[sound], change[sound], size[sound]
@@ -183,15 +185,15 @@ def _pieces(
         ahead, good = advanced(equations, fronts.points, fronts.step, fronts.bend)
         step = np.where(good, fronts.step, 0.5 * fronts.step)
         stalled = ~good & (step < MIN_STEP)
-        met, side = _met(equations, fronts.points, ahead, step, starts)
+        meets, side = _met(equations, fronts.points, ahead, step, starts)
         left = ~inside(ahead.q)
         ended = np.zeros(len(step), dtype=bool)
         for k in np.flatnonzero(good | stalled).tolist():
             piece, end, start = int(fronts.piece[k]), "", -1
             if stalled[k]:
                 end = "stalled"
-            elif met[k] >= 0:
-                end, start = "met", int(met[k])
+            elif meets[k] >= 0:
+                end, start = "met", int(meets[k])
                 reached = starts.single(start)
                 traced[piece].append(reached if side[k] == 0 else reached.turned())
             else:
@@ -264,9 +266,9 @@ def advanced(equations: LocusEquations, points: Points, step: Array, bend: Array
     ahead = points
     for _ in range(MAX_CORRECTIONS):
         border = Borders(points.border.b[live], points.border.c[live])
-        now = equations.at(q[live], border)
-        square = np.concatenate([now.slopes, points.tangent[live][:, None]], axis=1)
-        values = np.concatenate([now.values, np.zeros((len(live), 1))], axis=1)
+        linearised = equations.at(q[live], border)
+        square = np.concatenate([linearised.slopes, points.tangent[live][:, None]], axis=1)
+        values = np.concatenate([linearised.values, np.zeros((len(live), 1))], axis=1)
         sound = np.linalg.slogdet(square)[0] != 0
         square[~sound] = np.eye(square.shape[1])
         change = -np.linalg.solve(square, values[:, :, None])[:, :, 0]
@@ -276,13 +278,13 @@ def advanced(equations: LocusEquations, points: Points, step: Array, bend: Array
         sound &= moved[live] < MAX_CORRECTION_RATIO * step[live]
         ready = sound & (largest < NEWTON_STEP)
         if ready.any():
-            which = live[ready]
-            near = Evaluated(*(part[ready] for part in now))
-            corrected = _points(equations, q[which], near, points.tangent[which], points.eta[which])
-            turn = np.linalg.norm(corrected.tangent - points.tangent[which], axis=1)
-            good[which] = turn < MAX_TANGENT_TURN
+            accepted = live[ready]
+            near = Evaluated(*(part[ready] for part in linearised))
+            corrected = _points(equations, q[accepted], near, points.tangent[accepted], points.eta[accepted])
+            turn = np.linalg.norm(corrected.tangent - points.tangent[accepted], axis=1)
+            good[accepted] = turn < MAX_TANGENT_TURN
             place = np.arange(len(q))
-            place[which] = len(q) + np.arange(len(which))
+            place[accepted] = len(q) + np.arange(len(accepted))
             ahead = Points.joined([ahead, corrected]).take(place)
         live = live[sound & ~ready]
         if not len(live):

@@ -78,10 +78,10 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     if len(straight) != 3 or not _has_signed_measure(robot):
         return None
     step = DIFFERENCE_STEP * robot.length
-    there = _measure_about(robot, np.repeat(q[None], 6, axis=0), x, straight)(
+    measures = _measure_about(robot, np.repeat(q[None], 6, axis=0), x, straight)(
         np.concatenate([step * np.eye(3), -step * np.eye(3)])
     )
-    slope = (there[:3] - there[3:]) / (2 * step)
+    slope = (measures[:3] - measures[3:]) / (2 * step)
     size = float(np.linalg.norm(slope))
     if not (np.isfinite(size) and size > 0):
         return None

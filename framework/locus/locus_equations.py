@@ -85,10 +85,10 @@ class LocusEquations:
             if name not in names:
                 raise InvalidInput(choose_from("freedom", name, names))
         in_motors = free[0] in robot.actuator_names
-        own = robot.actuator_names if in_motors else robot.axis_names
-        if free[0] == free[1] or free[1] not in own:
+        column_names = robot.actuator_names if in_motors else robot.axis_names
+        if free[0] == free[1] or free[1] not in column_names:
             raise InvalidInput(f"free: needs two axes or two motors, got {', '.join(free)}")
-        first, second = own.index(free[0]), own.index(free[1])
+        first, second = column_names.index(free[0]), column_names.index(free[1])
         held = np.delete(np.arange(robot.n), [first, second])
         none = np.zeros(0, dtype=np.intp)
         return LocusEquations(
@@ -179,10 +179,10 @@ class LocusEquations:
 def _bordered(P: Array, border: Borders) -> tuple[Array, Array, Array]:
     """Compute eta (S, m), psi (S, m) and g (S,) of matrices (S, m, m)."""
     count, m = P.shape[:2]
-    whole = np.zeros((count, m + 1, m + 1))
-    whole[:, :m, :m], whole[:, :m, m], whole[:, m, :m] = P, border.b, border.c
+    bordered = np.zeros((count, m + 1, m + 1))
+    bordered[:, :m, :m], bordered[:, :m, m], bordered[:, m, :m] = P, border.b, border.c
     unit = np.zeros((count, m + 1, 1))
     unit[:, m] = 1.0
-    right = np.linalg.solve(whole, unit)[:, :, 0]
-    left = np.linalg.solve(whole.swapaxes(1, 2), unit)[:, :, 0]
+    right = np.linalg.solve(bordered, unit)[:, :, 0]
+    left = np.linalg.solve(bordered.swapaxes(1, 2), unit)[:, :, 0]
     return right[:, :m], left[:, :m], right[:, m]

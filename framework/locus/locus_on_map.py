@@ -102,10 +102,10 @@ def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
     change_modes, least_modes = (_modes(robot, poses, places) for places in (changes[:, :2], least))
     modes, counts = np.unique(np.concatenate([change_modes, least_modes]), axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
-        own = (change_modes == mode).all(axis=1)
+        of_mode = (change_modes == mode).all(axis=1)
         starts = [poses.q[tuple(place)] for place in least[(least_modes == mode).all(axis=1)]]
         for _ in range(MAX_ROUNDS):
-            todo = np.flatnonzero(left & own)
+            todo = np.flatnonzero(left & of_mode)
             starts += [poses.q[tuple(place)] for place in changes[_spread_out(todo), :2]]
             if not starts:
                 break
@@ -114,7 +114,7 @@ def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
                     if _apart(poses, part.x, curves, SAME_CURVE_CELLS).any():
                         curves.append(part)
             left = _apart(poses, _middles(poses, changes), curves, EXPLAINED_CELLS)
-            unexplained = np.count_nonzero(left & own)
+            unexplained = np.count_nonzero(left & of_mode)
             if unexplained in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:
                 break
             starts = []
@@ -177,9 +177,9 @@ def _least(g: Array) -> IntArray:
     rows, columns = g.shape
     shifts = [(i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)]
     around = np.min([size[i : i + rows, j : j + columns] for i, j in shifts], axis=0)
-    own = size[1:-1, 1:-1]
-    places = np.argwhere(own < around)
-    return places[np.argsort(own[tuple(places.T)], kind="stable")[:MAX_TOUCHES]]
+    inner = size[1:-1, 1:-1]
+    places = np.argwhere(inner < around)
+    return places[np.argsort(inner[tuple(places.T)], kind="stable")[:MAX_TOUCHES]]
 
 
 def _middles(poses: MapPoses, changes: IntArray) -> Array:
@@ -229,21 +229,23 @@ def _compared(
     """
     around = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
     near = place[:, None] + around  # (m, 9, 2), the point's own in the middle
-    there = ((near >= 0) & (near < np.array(poses.g.shape))).all(axis=2)
-    near = np.where(there[:, :, None], near, 0)
-    there &= poses.reached[near[..., 0], near[..., 1]]
+    on_map = ((near >= 0) & (near < np.array(poses.g.shape))).all(axis=2)
+    near = np.where(on_map[:, :, None], near, 0)
+    on_map &= poses.reached[near[..., 0], near[..., 1]]
     sure, off = np.zeros((2, len(place)), dtype=bool)
-    own = np.flatnonzero(there[:, 4])
-    if not len(own):
+    inside = np.flatnonzero(on_map[:, 4])
+    if not len(inside):
         return sure, off
-    i, j = place[own].T
+    i, j = place[inside].T
     q = poses.q
-    ends, led = poses.lead(q[i, j], poses.x[i, j], curve.x[own])
+    ends, led = poses.lead(q[i, j], poses.x[i, j], curve.x[inside])
     with np.errstate(invalid="ignore"):
-        gap = np.abs(equations.apart(curve.q[own], ends)).max(axis=1)
-        cells = np.abs(equations.apart(q[i, j][:, None], q[near[own, :, 0], near[own, :, 1]])).max(axis=2)
-        far = np.abs(equations.apart(q[i, j], curve.q[own])).max(axis=1)
-    among = far <= np.where(there[own], cells, 0.0).max(axis=1)
-    sure[own] = np.where(led, gap < DISTINCT_SOLUTIONS, among)
-    off[own] = ~sure[own] & (led | there[own].all(axis=1))
+        gap = np.abs(equations.apart(curve.q[inside], ends)).max(axis=1)
+        cells = np.abs(equations.apart(q[i, j][:, None], q[near[inside, :, 0], near[inside, :, 1]])).max(
+            axis=2
+        )
+        far = np.abs(equations.apart(q[i, j], curve.q[inside])).max(axis=1)
+    among = far <= np.where(on_map[inside], cells, 0.0).max(axis=1)
+    sure[inside] = np.where(led, gap < DISTINCT_SOLUTIONS, among)
+    off[inside] = ~sure[inside] & (led | on_map[inside].all(axis=1))
     return sure, off

@@ -100,9 +100,9 @@ def drawn_in_mode(region: Region, count: int, seed: int) -> Array:
     q = np.repeat(region.q[None], count, axis=0)
     for k in range(1, WAY_STEPS + 1):
         step = x + k / WAY_STEPS * (target - x)
-        there, _, closed = close_each(robot, step, q, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
-        closed[closed] &= region.contains(there[closed])
-        q = np.where(closed[:, None], there, q)
+        reached, _, closed = close_each(robot, step, q, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
+        closed[closed] &= region.contains(reached[closed])
+        q = np.where(closed[:, None], reached, q)
     return q
 
 

@@ -33,8 +33,8 @@ class Between:
 
     def at(self, share: float) -> Points | None:
         """Return the point at a share of the way; None where the corrector does not lead to it."""
-        there, good = advanced(self.equations, self.start, np.array([share * self.whole]), self.bend)
-        return there if good[0] else None
+        points, good = advanced(self.equations, self.start, np.array([share * self.whole]), self.bend)
+        return points if good[0] else None
 
 
 def root_between(

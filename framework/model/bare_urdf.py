@@ -32,9 +32,9 @@ def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
     for joint in root.findall("joint"):
         copy = ElementTree.SubElement(bare, "joint", name=joint.get("name", ""), type=joint.get("type", ""))
         for end in ("parent", "child"):
-            found = joint.find(end)
-            assert found is not None  # checked by the reader
-            ElementTree.SubElement(copy, end, link=found.get("link", ""))
+            ends = joint.find(end)
+            assert ends is not None  # checked by the reader
+            ElementTree.SubElement(copy, end, link=ends.get("link", ""))
         _copy(joint, copy, "origin", ("xyz", "rpy"))
         if joint.get("type") in MOVING:
             _copy(joint, copy, "axis", ("xyz",))
@@ -44,8 +44,8 @@ def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
 
 def _copy(source: ElementTree.Element, target: ElementTree.Element, tag: str, keys: tuple[str, ...]) -> None:
     """Copy a child with these attributes, all of numbers, if it is there."""
-    found = source.find(tag)
-    if found is not None:
-        given = {key: found.get(key, "").split() for key in keys if key in found.attrib}
-        numbers = {key: " ".join(repr(float(part)) for part in parts) for key, parts in given.items()}
+    element = source.find(tag)
+    if element is not None:
+        values = {key: element.get(key, "").split() for key in keys if key in element.attrib}
+        numbers = {key: " ".join(repr(float(part)) for part in parts) for key, parts in values.items()}
         ElementTree.SubElement(target, tag, numbers)

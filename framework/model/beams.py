@@ -208,8 +208,8 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
     if middle in taken or f"{middle}_link" in taken:
         raise InvalidInput(f"tip: the name {middle!r} is already there")
     origin, parent = joint.find("origin"), joint.find("parent")
-    whole = origin_of(origin, f"joint {tip!r}: <origin>")
-    span = whole[:3, 3]
+    beam = origin_of(origin, f"joint {tip!r}: <origin>")
+    span = beam[:3, 3]
     length = float(np.linalg.norm(span))
     if length == 0.0 or parent is None:
         raise InvalidInput(f"tip: joint {tip!r} has no length")
@@ -220,7 +220,7 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
     parent.set("link", f"{middle}_link")
     if origin is not None:
         joint.remove(origin)
-    joint.append(origin_element(inverse(half) @ whole))
+    joint.append(origin_element(inverse(half) @ beam))
     return SplitBeam(ElementTree.tostring(root, encoding="unicode"), middle, length)
 
 

@@ -98,10 +98,10 @@ def _add_spring(joints: dict[str, dict[str, float]], spring: JointSpring) -> Non
     Raises:
         RobotFileError: the joint has a spring already.
     """
-    said = joints.setdefault(spring.joint, {})
-    if "stiffness" in said or "rest" in said:
+    entry = joints.setdefault(spring.joint, {})
+    if "stiffness" in entry or "rest" in entry:
         raise RobotFileError(f"springs: joint {spring.joint!r} has two springs of its own; add them up")
-    said.update(stiffness=spring.stiffness, rest=spring.rest)
+    entry.update(stiffness=spring.stiffness, rest=spring.rest)
 
 
 # ------------------------------------------------------------------ the tree

@@ -95,8 +95,8 @@ def robot_document(description: RobotDescription) -> dict[str, Any]:
 
 
 def _platform(platform: Platform) -> dict[str, Any]:
-    what = {"joints": list(platform.joints)} if platform.joints else {"axes": list(platform.axes)}
-    return {"frame": platform.frame, **what}
+    moved = {"joints": list(platform.joints)} if platform.joints else {"axes": list(platform.axes)}
+    return {"frame": platform.frame, **moved}
 
 
 def _actuator(actuator: Actuator) -> dict[str, Any]:
@@ -122,8 +122,8 @@ def _joints(description: RobotDescription) -> dict[str, dict[str, float]]:
 
 def _joint(joint: JointDynamics) -> dict[str, float]:
     """What is not zero, and what the URDF beside it may say otherwise."""
-    said = ("damping", "friction")
-    return {key: value for key, value in asdict(joint).items() if value or key in said}
+    keys = ("damping", "friction")
+    return {key: value for key, value in asdict(joint).items() if value or key in keys}
 
 
 def _closure(closure: Closure) -> dict[str, Any]:

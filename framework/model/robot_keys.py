@@ -297,5 +297,5 @@ def _scene(where: str, values: dict[str, Any]) -> Scene:
 
 
 def _scenes(where: str, given: Any) -> dict[str, Scene]:
-    found = named(record(_SCENE, _scene))(where, given)
-    return {name: replace(scene, name=name) for name, scene in found.items()}
+    scenes = named(record(_SCENE, _scene))(where, given)
+    return {name: replace(scene, name=name) for name, scene in scenes.items()}

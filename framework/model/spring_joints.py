@@ -50,9 +50,9 @@ def insert_springs(root: ElementTree.Element, springs: Sequence[Spring]) -> None
                 for axis in spring.motion
             ]
         else:
-            own = after.find("axis")
+            axis_element = after.find("axis")
             kind = "prismatic" if after.get("type") == "prismatic" else "revolute"
-            motions = [(kind, own.get("xyz", "1 0 0") if own is not None else "1 0 0")]
+            motions = [(kind, axis_element.get("xyz", "1 0 0") if axis_element is not None else "1 0 0")]
         for name, (kind, axis) in zip(spring.coordinates, motions, strict=True):
             last[spring.after] = _append(root, last[spring.after], name, kind, axis)
 

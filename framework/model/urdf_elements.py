@@ -79,11 +79,11 @@ def read_tree(root: ElementTree.Element) -> Tree:
         raise RobotFileError(f"<{root.tag}>: not a URDF, whose root is <robot>")
     links = unique_names(root, "link")
     unique_names(root, "joint")
-    most = max(len(links), len(root.findall("joint")))
-    if most > MAX_TREE_ELEMENTS:
-        raise RobotFileError(f"<robot>: {most} links or joints; at most {MAX_TREE_ELEMENTS} are read")
-    known = set(links)
-    joints = {j.name: j for j in (read_joint(e, known) for e in root.findall("joint"))}
+    highest = max(len(links), len(root.findall("joint")))
+    if highest > MAX_TREE_ELEMENTS:
+        raise RobotFileError(f"<robot>: {highest} links or joints; at most {MAX_TREE_ELEMENTS} are read")
+    names = set(links)
+    joints = {j.name: j for j in (read_joint(e, names) for e in root.findall("joint"))}
     for joint in joints.values():
         for name in joint.coordinates:
             if joint.kind in SEVERAL and name in joints:

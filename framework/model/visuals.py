@@ -46,8 +46,8 @@ class Shape(NamedTuple):
             edges = {"box": self.size, "cylinder": (across, across, self.size[-1]), "sphere": (across,) * 3}
             sides = np.array(edges[self.kind])
             low, high = -0.5 * sides, 0.5 * sides
-        which = np.array(list(product((0, 1), repeat=3)))
-        box = np.where(which, high, low)
+        signs = np.array(list(product((0, 1), repeat=3)))
+        box = np.where(signs, high, low)
         return np.asarray(box @ self.placement[:3, :3].T + self.placement[:3, 3])
 
 
@@ -112,12 +112,12 @@ def _color(
     material: ElementTree.Element | None, materials: Mapping[str | None, ElementTree.Element]
 ) -> Color:
     """The colour of a visual, its own or that of the material it names."""
-    own = material.find("color") if material is not None else None
-    if own is None and material is not None and material.get("name") in materials:
-        own = materials[material.get("name")].find("color")
-    if own is None:
+    color_element = material.find("color") if material is not None else None
+    if color_element is None and material is not None and material.get("name") in materials:
+        color_element = materials[material.get("name")].find("color")
+    if color_element is None:
         return DEFAULT_COLOR
-    red, green, blue, alpha = _numbers(own.get("rgba"), 4)
+    red, green, blue, alpha = _numbers(color_element.get("rgba"), 4)
     return red, green, blue, alpha
 
 

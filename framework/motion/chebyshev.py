@@ -191,8 +191,8 @@ class TimeGrid(ReadOnlyArrays):
         first, second = _differentiation(self.size)
         half = 0.5 * np.diff(self.edges)[:, None, None]
         stacked = values.reshape(len(self.edges) - 1, self.size, -1)
-        one, two = first @ stacked / half, second @ stacked / half**2
-        return one.reshape(values.shape), two.reshape(values.shape)
+        slopes, curvatures = first @ stacked / half, second @ stacked / half**2
+        return slopes.reshape(values.shape), curvatures.reshape(values.shape)
 
     @staticmethod
     def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:

@@ -286,8 +286,8 @@ class _Parts:
     def rows(self, name: str, matrix: Array, offset: Array | None = None) -> _Values:
         """Return matrix @ part + offset."""
         row, column = np.nonzero(matrix)
-        own = np.zeros(len(matrix)) if offset is None else offset
-        return _Values(row, column + self.place(name).start, matrix[row, column], own)
+        constant = np.zeros(len(matrix)) if offset is None else offset
+        return _Values(row, column + self.place(name).start, matrix[row, column], constant)
 
     def each(self, name: str) -> _Values:
         """Return a part itself."""

@@ -209,9 +209,9 @@ def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array
         InvalidInput: two rows repeat each other.
     """
     count = len(places)
-    at, orders = np.array([x for x, _ in places]), [order for _, order in places]
+    instants, orders = np.array([x for x, _ in places]), [order for _, order in places]
     derivatives = np.array([derivative_matrix(count, order) for order in orders])
-    rows = np.einsum("ij,ijk->ik", chebyshev.chebvander(at, count - 1), derivatives)
+    rows = np.einsum("ij,ijk->ik", chebyshev.chebvander(instants, count - 1), derivatives)
     sizes = np.abs(rows).max(axis=1)
     rows /= np.where(sizes > 0, sizes, 1.0)[:, None]
     left, values, right = np.linalg.svd(rows)

@@ -82,9 +82,9 @@ class Stretch:
         return float(start), float(end)
 
     def _raw(self, sigma: Array, order: int) -> Array:
-        own = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
+        identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
         if not self.at:
-            return own
+            return identity
         away = sigma[..., None] - np.array(self.at)
         if order == 0:
             bends = np.arctan(away / STRETCH_WIDTH)
@@ -96,13 +96,13 @@ class Stretch:
             bends = (
                 STRETCH_WIDTH * (6.0 * away**2 - 2.0 * STRETCH_WIDTH**2) / (STRETCH_WIDTH**2 + away**2) ** 3
             )
-        return np.asarray(own + STRETCH_HEIGHT * bends.sum(axis=-1))
+        return np.asarray(identity + STRETCH_HEIGHT * bends.sum(axis=-1))
 
     def inverse(self, xi: ArrayLike) -> Array:
         """sigma with the given xi."""
         xi = np.asarray(xi, dtype=float)
-        known = np.linspace(0.0, 1.0, 513)
-        sigma = np.interp(xi, self(known), known)
+        grid = np.linspace(0.0, 1.0, 513)
+        sigma = np.interp(xi, self(grid), grid)
         for _ in range(4):  # from a few digits, which each step doubles
             sigma = np.clip(sigma - (self(sigma) - xi) / self(sigma, 1), 0.0, 1.0)
         return np.asarray(sigma)
@@ -112,8 +112,8 @@ class Stretch:
 def _slope_powers(smoothness: int, order: int) -> Array:
     """Powers of sigma in the derivative of phi of this order, at least 1."""
     bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
-    whole = polynomial.polyint(bump)
-    return np.asarray(polynomial.polyder(bump / polynomial.polyval(1.0, whole), order - 1), dtype=float)
+    integral = polynomial.polyint(bump)
+    return np.asarray(polynomial.polyder(bump / polynomial.polyval(1.0, integral), order - 1), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)

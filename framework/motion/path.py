@@ -206,12 +206,12 @@ class Spline(PointPath):
         from scipy.interpolate import make_interp_spline
 
         chords = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        at = np.concatenate(([0.0], np.cumsum(chords) / chords.sum()))
-        at[-1] = 1.0
+        parameters = np.concatenate(([0.0], np.cumsum(chords) / chords.sum()))
+        parameters[-1] = 1.0
         degree = min(5, len(self.points) - 1)
         # Not a knot: none at the two points next to an end. scipy 1.13 finds them for odd degrees only.
-        knots = np.concatenate((np.zeros(degree + 1), at[3:-3], np.ones(degree + 1)))
-        return make_interp_spline(at, self.points, k=degree, t=knots)
+        knots = np.concatenate((np.zeros(degree + 1), parameters[3:-3], np.ones(degree + 1)))
+        return make_interp_spline(parameters, self.points, k=degree, t=knots)
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         check_order(order)

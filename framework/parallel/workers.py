@@ -139,13 +139,13 @@ class Workers(Executor):
                 worker = None
                 continue
             try:
-                fine, found = pickle.loads(answer)
+                fine, result = pickle.loads(answer)
             except Exception as error:  # noqa: BLE001 - whatever keeps a result from being read here
-                fine, found = False, error
+                fine, result = False, error
             if fine:
-                task.future.set_result(found)
+                task.future.set_result(result)
             else:
-                task.future.set_exception(found)
+                task.future.set_exception(result)
             return worker
         task.future.set_exception(
             LostWorkers(

@@ -166,5 +166,5 @@ def _are_all(robot: ParallelRobot, q: Array, poses: list[Array]) -> bool:
     fixed, joints = np.ones(robot.model.nv, dtype=bool), robot.following
     fixed[joints] = False
     offsets = np.array([between(robot, q, pose)[joints] for pose in poses]).reshape(-1, len(joints))
-    known = np.array(distinct_joints(offsets / robot.column_scale[joints])).reshape(-1, len(joints))
-    return leg_solutions_complete(robot, joints, fixed, q, known, None)
+    distinct = np.array(distinct_joints(offsets / robot.column_scale[joints])).reshape(-1, len(joints))
+    return leg_solutions_complete(robot, joints, fixed, q, distinct, None)

@@ -106,12 +106,12 @@ class DerivativeBounds:
         S, R, k = len(q), len(self.row_scale), len(self.column_scale)
         values, slopes, hessians = np.zeros((S, R)), np.zeros((S, R, k)), np.zeros((S, R, k, k))
         for term in self.terms:
-            chain, own = self.chains[term.chain], derivatives[term.chain]
+            chain, derivative = self.chains[term.chain], derivatives[term.chain]
             places, row = chain.places, term.row
             if term.kind == "joint":
                 slopes[:, row, term.selected] = 1.0 / self.column_scale[term.selected] / self.row_scale[row]
                 continue
-            value, first, second = _term(term, chain, own, frames)
+            value, first, second = _term(term, chain, derivative, frames)
             values[:, row] += value
             slopes[:, row, places] += first
             hessians[:, row, places[:, None], places] += second
@@ -163,22 +163,22 @@ class Derivatives:
         bounds, joint_radii = self.bounds, radii * self.bounds.column_scale
         thirds = np.zeros((S, R, k, k))
         widened = [
-            _widened(chain, own, joint_radii[:, chain.places])
-            for chain, own in zip(bounds.chains, self.derivatives, strict=True)
+            _widened(chain, derivative, joint_radii[:, chain.places])
+            for chain, derivative in zip(bounds.chains, self.derivatives, strict=True)
         ]
         for term in bounds.terms:
             chain = bounds.chains[term.chain]
             if term.kind != "joint":
                 r = joint_radii[:, chain.places]
-                own = _thirds(term, chain, self.derivatives[term.chain], widened[term.chain], r)
-                thirds[:, term.row, chain.places[:, None], chain.places] += own
+                derivative = _thirds(term, chain, self.derivatives[term.chain], widened[term.chain], r)
+                thirds[:, term.row, chain.places[:, None], chain.places] += derivative
         scale = bounds.row_scale[:, None] * bounds.column_scale
         thirds *= ROUND_UP * scale[:, :, None] * bounds.column_scale
         rounding, hessians = bounds.rounding, np.abs(self.hessians) + bounds.rounding
         slopes = np.einsum("srij,sj->sri", hessians + 0.5 * thirds, radii)
         values = np.einsum("srij,si,sj->sr", 0.5 * hessians + thirds / 6, radii, radii, optimize=True)
-        more = rounding * (1 + radii.sum(axis=1, keepdims=True))
-        return Remainders(ROUND_UP * (values + more), ROUND_UP * slopes + rounding, thirds + rounding)
+        widening = rounding * (1 + radii.sum(axis=1, keepdims=True))
+        return Remainders(ROUND_UP * (values + widening), ROUND_UP * slopes + rounding, thirds + rounding)
 
 
 class Remainders(NamedTuple):
@@ -193,17 +193,19 @@ def _derivatives(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
     screws = frames.screws[:, chain.columns] * chain.signs[:, None]
     turning = screws[..., 3:]
     point = screws[..., :3] + cross(turning, frames.position[:, chain.second, None])
-    own = np.arange(len(chain.places))
-    inner = np.minimum(own[:, None], own)
+    places = np.arange(len(chain.places))
+    inner = np.minimum(places[:, None], places)
     bent = cross(turning[:, inner], point[:, chain.outer])
     origin = 0.0 if chain.first == BASE else frames.position[:, chain.first]
     lever = np.linalg.norm(point, axis=2)
     return _ChainDerivatives(turning, point, bent, frames.position[:, chain.second] - origin, lever)
 
 
-def _term(term: Term, chain: Chain, own: _ChainDerivatives, frames: FrameStack) -> tuple[Array, Array, Array]:
+def _term(
+    term: Term, chain: Chain, derivative: _ChainDerivatives, frames: FrameStack
+) -> tuple[Array, Array, Array]:
     """Compute the value (S,), slopes (S, L) and their derivatives (S, L, L)."""
-    S = len(own.offset)
+    S = len(derivative.offset)
     if chain.first == BASE:
         axis = np.broadcast_to(np.eye(3)[term.axis], (S, 3))
     else:
@@ -211,25 +213,25 @@ def _term(term: Term, chain: Chain, own: _ChainDerivatives, frames: FrameStack) 
     f = term.factor
     if term.kind == "point":
         return (
-            f * np.einsum("sc,sc->s", axis, own.offset),
-            f * np.einsum("sc,sjc->sj", axis, own.point),
-            f * np.einsum("sc,sijc->sij", axis, own.bent),
+            f * np.einsum("sc,sc->s", axis, derivative.offset),
+            f * np.einsum("sc,sjc->sj", axis, derivative.point),
+            f * np.einsum("sc,sijc->sij", axis, derivative.bent),
         )
     if term.kind == "distance":
-        first = np.einsum("sc,sjc->sj", own.offset, own.point)
-        second = np.einsum("sic,sjc->sij", own.point, own.point)
-        second = second + np.einsum("sc,sijc->sij", own.offset, own.bent)
-        return 0.5 * f * np.einsum("sc,sc->s", own.offset, own.offset), f * first, f * second
+        first = np.einsum("sc,sjc->sj", derivative.offset, derivative.point)
+        second = np.einsum("sic,sjc->sij", derivative.point, derivative.point)
+        second = second + np.einsum("sc,sijc->sij", derivative.offset, derivative.bent)
+        return 0.5 * f * np.einsum("sc,sc->s", derivative.offset, derivative.offset), f * first, f * second
     if term.kind == "turn":  # axis . the part of R(q) R(middle)' that is not symmetric: 0 at the middle
         number = np.arange(len(chain.places))
         inner = np.minimum(number[:, None], number)
-        swept = 0.5 * cross(own.turning[:, inner], own.turning[:, chain.outer])
+        swept = 0.5 * cross(derivative.turning[:, inner], derivative.turning[:, chain.outer])
         second = np.einsum("sc,sijc->sij", axis, swept)
-        return np.zeros(S), np.einsum("sc,sjc->sj", axis, own.turning), second
+        return np.zeros(S), np.einsum("sc,sjc->sj", axis, derivative.turning), second
     carried = frames.rotation[:, chain.second, :, term.selected]
-    own_turn = cross(own.turning, carried[:, None])
+    own_turn = cross(derivative.turning, carried[:, None])
     number = np.arange(len(chain.places))
-    bent = cross(own.turning[:, np.minimum(number[:, None], number)], own_turn[:, chain.outer])
+    bent = cross(derivative.turning[:, np.minimum(number[:, None], number)], own_turn[:, chain.outer])
     return (
         f * np.einsum("sc,sc->s", axis, carried),
         f * np.einsum("sc,sjc->sj", axis, own_turn),
@@ -237,9 +239,9 @@ def _term(term: Term, chain: Chain, own: _ChainDerivatives, frames: FrameStack) 
     )
 
 
-def _widened(chain: Chain, own: _ChainDerivatives, r: Array) -> Array:
+def _widened(chain: Chain, derivative: _ChainDerivatives, r: Array) -> Array:
     """Bound the levers (S, L) over a box: joints behind move the point."""
-    lever, reach = own.lever.copy(), np.zeros(len(r))
+    lever, reach = derivative.lever.copy(), np.zeros(len(r))
     for j in reversed(range(len(chain.places))):
         if chain.turns[j]:
             lever[:, j] += reach
@@ -247,7 +249,7 @@ def _widened(chain: Chain, own: _ChainDerivatives, r: Array) -> Array:
     return lever
 
 
-def _thirds(term: Term, chain: Chain, own: _ChainDerivatives, lever: Array, r: Array) -> Array:
+def _thirds(term: Term, chain: Chain, derivative: _ChainDerivatives, lever: Array, r: Array) -> Array:
     """Bound the third derivatives (S, L, L), times the radii of the third joint."""
     number, turns = np.arange(len(chain.places)), chain.turns
     i, j, k = number[:, None, None], number[:, None], number
@@ -263,5 +265,5 @@ def _thirds(term: Term, chain: Chain, own: _ChainDerivatives, lever: Array, r: A
     bent = lever[:, last] * (turns[first] & (turns[last] | (first != last)))
     mixed = lever[:, :, None, None] * bent[:, None]
     mixed = mixed + mixed.transpose(0, 2, 1, 3) + mixed.transpose(0, 2, 3, 1)
-    far = np.linalg.norm(own.offset, axis=1) + np.sum(lever * r, axis=1)
+    far = np.linalg.norm(derivative.offset, axis=1) + np.sum(lever * r, axis=1)
     return f * np.einsum("sijk,sk->sij", mixed + far[:, None, None, None] * (lever[:, outer] * moved), r)

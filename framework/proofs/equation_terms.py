@@ -99,8 +99,8 @@ class EquationTerms:
 
     def chain(self, first: int, second: int) -> int:
         """Return the index of a chain, which is added where it is new."""
-        for place, known in enumerate(self.chains):
-            if (known.first, known.second) == (first, second):
+        for place, chain_known in enumerate(self.chains):
+            if (chain_known.first, chain_known.second) == (first, second):
                 return place
         model, bodies = self.robot.model, scratch_of(self.robot).bodies
         first_joints = [] if first == BASE else list(model.supports[int(bodies[first])])
@@ -145,9 +145,9 @@ def _rows_on_base(robot: ParallelRobot, table: EquationTerms) -> dict[int, int]:
         if (carried[first] * carried[second]).any():
             continue
         rows = np.flatnonzero(points & (loops.first == first) & (loops.second == second))
-        whole = np.flatnonzero((robot.rows.first == first) & (robot.rows.second == second))
-        whole = whole[~(robot.rows.rotation | robot.rows.distance)[whole]]
+        closing = np.flatnonzero((robot.rows.first == first) & (robot.rows.second == second))
+        closing = closing[~(robot.rows.rotation | robot.rows.distance)[closing]]
         axes = [k for k in range(3) if k != across]
-        if len(whole) == 3 and len(rows) == len(axes):
+        if len(closing) == 3 and len(rows) == len(axes):
             base_axes |= dict(zip(rows.tolist(), axes, strict=True))
     return base_axes

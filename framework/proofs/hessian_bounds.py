@@ -39,19 +39,19 @@ class LeverChain:
     slides: Array  # (nv,) of the chain
 
     @staticmethod
-    def of(robot: ParallelRobot, own: IntArray, first: int | None, second: int) -> LeverChain:
+    def of(robot: ParallelRobot, columns: IntArray, first: int | None, second: int) -> LeverChain:
         """Walk from the origin of the second frame to the first, None for the base."""
         model = robot.model
         start = model.frames[robot.frames[second]]
         end = None if first is None else model.frames[robot.frames[first]]
         down = [] if end is None else [int(j) for j in model.supports[end.parentJoint] if j]
         up = [int(j) for j in model.supports[start.parentJoint] if j]
-        levers, between = np.zeros(len(own)), np.zeros((len(own), model.nv))
-        inside, slides = np.zeros(len(own), dtype=bool), np.zeros(model.nv)
+        levers, between = np.zeros(len(columns)), np.zeros((len(columns), model.nv))
+        inside, slides = np.zeros(len(columns), dtype=bool), np.zeros(model.nv)
         length = float(np.linalg.norm(start.placement.translation))
 
         def pass_joint(joint: int) -> None:
-            mine = own == model.joints[joint].idx_v
+            mine = columns == model.joints[joint].idx_v
             inside[mine], levers[mine], between[mine] = True, length, slides
 
         for joint in [j for j in reversed(up) if j not in down]:
@@ -63,7 +63,7 @@ class LeverChain:
             slides[_slides_of(robot, joint)] = 1.0
             pass_joint(joint)
         length += 0.0 if end is None else float(np.linalg.norm(end.placement.translation))
-        slide = robot.sliding[own]
+        slide = robot.sliding[columns]
         return LeverChain(robot.length, inside & ~slide, inside & slide, levers, between, length, slides)
 
     def hessian_bounds(self, radii: Array, slid: Array) -> ChainBounds:

@@ -174,8 +174,8 @@ class _LinearHomotopy(NamedTuple):
     def slopes(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute half the Jacobian (S, N, N), the chart last, at z (S, N) and t (S,)."""
         S, N = z.shape
-        own = self.start.reshape(-1, N) @ z.T + (self.change.reshape(-1, N) @ z.T) * t
-        rows = own.T.reshape(S, N - 1, N)
+        values = self.start.reshape(-1, N) @ z.T + (self.change.reshape(-1, N) @ z.T) * t
+        rows = values.T.reshape(S, N - 1, N)
         return np.concatenate([rows, np.broadcast_to(0.5 * self.chart, (S, 1, N))], axis=1)
 
     def rate(self, z: ComplexArray, t: Array) -> ComplexArray:

@@ -61,15 +61,15 @@ def contracted(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contr
     values, slopes, errors = equations.joined(equations.combined(mixers, radii))
     size = np.abs(slopes)
     terms = size * radii[:, None]  # (S, m + p, k)
-    whole = ROUND_UP * (terms.sum(axis=2) + errors)
-    rest = ROUND_UP * whole[:, :, None] - terms / ROUND_UP
-    useful = terms > MIN_TERM_RATIO * whole[:, :, None]
+    totals = ROUND_UP * (terms.sum(axis=2) + errors)
+    rest = ROUND_UP * totals[:, :, None] - terms / ROUND_UP
+    useful = terms > MIN_TERM_RATIO * totals[:, :, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.where(useful, -values[:, :, None] / slopes, 0.0)
         half = np.where(useful, ROUND_UP * rest / size + 8 * UNIT_ROUNDOFF * np.abs(root), np.inf)
     lower = np.maximum((root - half).max(axis=1), -radii)
     upper = np.minimum((root + half).min(axis=1), radii)
-    impossible = (np.abs(values) > ROUND_UP * whole).any(axis=1)
+    impossible = (np.abs(values) > ROUND_UP * totals).any(axis=1)
     lower[impossible], upper[impossible] = 1.0, -1.0
     return Contracted(lower, upper)
 
@@ -202,8 +202,8 @@ def existence(
     root = -times(Y, values)
     slack = gamma(m) * (size @ np.abs(slopes)) + size @ changes  # (S, m, k)
     rest = np.abs(np.eye(m) - Y @ square) + gamma(m) * np.eye(m)
-    own = np.take_along_axis(radii, others, axis=1)
-    off = times(size, errors + gamma(m) * np.abs(values)) + times(slack, radii) + times(rest, own)
+    of_columns = np.take_along_axis(radii, others, axis=1)
+    off = times(size, errors + gamma(m) * np.abs(values)) + times(slack, radii) + times(rest, of_columns)
     off = ROUND_UP * off + gamma(m) * np.abs(root)
     along, spread = np.zeros((2, S, k))
     reach = off
@@ -212,7 +212,7 @@ def existence(
         np.put_along_axis(along, others, slope, axis=1)
         along[each, parameter] = 1.0
         reach = off + ROUND_UP * np.abs(slope) * radii[each, parameter][:, None]
-    inside = ROUND_UP * (np.abs(root) + reach) < own
+    inside = ROUND_UP * (np.abs(root) + reach) < of_columns
     proved = inside.all(axis=1) & (size.max(axis=(1, 2)) > 0)
     lower, upper = -radii.copy(), radii.copy()
     np.put_along_axis(lower, others, root - ROUND_UP * reach, axis=1)

@@ -43,8 +43,8 @@ def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArr
         chart: (N,) real and exact, z in it.
     """
     radii_of = [_radii(quadrics, radii, chart, point) for point in z]
-    proved = np.array([own is not None for own in radii_of], dtype=bool)
-    discs = np.array([np.full(z.shape[1], np.inf) if own is None else own for own in radii_of])
+    proved = np.array([radius is not None for radius in radii_of], dtype=bool)
+    discs = np.array([np.full(z.shape[1], np.inf) if radius is None else radius for radius in radii_of])
     return Enclosures(proved, discs.reshape(z.shape))
 
 

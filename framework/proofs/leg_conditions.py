@@ -156,11 +156,11 @@ class _Sampler:
                 if step is None:
                     return None
                 pose = pose * (step if edge.forward else step.inverse())
-            there = pose * frame.placement
-            moved = there * self.reference.inverse()
+            placed = pose * frame.placement
+            moved = placed * self.reference.inverse()
             R[k], p[k] = moved.rotation, moved.translation / self.robot.length
             if self.of_point:
-                p[k] = (there.translation - self.reference.translation) / self.robot.length
+                p[k] = (placed.translation - self.reference.translation) / self.robot.length
         return R, p
 
     def _closed(self, closure: Closure, rng: np.random.Generator) -> pin.SE3 | None:

@@ -47,8 +47,8 @@ def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) 
     poses, closed = loops_closed(robot, np.tile(random_starts(robot, q, STARTS), (count, 1)), pose_rows)
     nearest_poses: list[Array | None] = []
     for k in range(count):
-        own = slice(k * STARTS, (k + 1) * STARTS)
-        candidates = [nearest_turn(robot, pose) for pose in poses[own][closed[own]]]
+        starts_of = slice(k * STARTS, (k + 1) * STARTS)
+        candidates = [nearest_turn(robot, pose) for pose in poses[starts_of][closed[starts_of]]]
         nearest_poses.append(
             min(candidates, key=lambda pose: distance_from_reference(robot, pose), default=None)
         )
@@ -75,9 +75,9 @@ def loops_closed(
         loops = loop_equations(robot.rows, frames)
         values, slopes = loops.residual * weights, scaled(robot, loops.jacobian, robot.rows.rotation)
         if more is not None:
-            own = more(frames)
+            added = more(frames)
             values, slopes = (
-                np.concatenate(pair, axis=1) for pair in zip((values, slopes), own, strict=True)
+                np.concatenate(pair, axis=1) for pair in zip((values, slopes), added, strict=True)
             )
         size = np.abs(values).max(axis=1)
         if last or not len(q):
@@ -146,7 +146,7 @@ def distinct_joints(joints: Array) -> list[Array]:
     """Return the rows of (T, k) that differ from all before them, hinges up to whole turns."""
     distinct: list[Array] = []
     for row in joints:
-        if not any(are_alike(row, known) for known in distinct):
+        if not any(are_alike(row, earlier) for earlier in distinct):
             distinct.append(row)
     return distinct
 

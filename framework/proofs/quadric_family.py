@@ -43,8 +43,8 @@ class QuadricFamily:
 
     def quadrics(self, coefficients: ComplexArray | Array) -> ComplexArray:
         """Return the matrices (K + F, N, N) of a system with coefficients (K, M)."""
-        own = np.tensordot(coefficients, self.members, axes=1)
-        return np.concatenate([own, self.fixed]).astype(complex)
+        matrices = np.tensordot(coefficients, self.members, axes=1)
+        return np.concatenate([matrices, self.fixed]).astype(complex)
 
     def values(self, z: ComplexArray) -> ComplexArray:
         """Evaluate the members at points z (S, N), (S, M)."""

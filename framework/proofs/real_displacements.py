@@ -48,8 +48,10 @@ class PathCount:
             "at infinity": self.infinite,
             "at multiple ones": self.multiple,
         }
-        said = [f"{count} end {where}" for where, count in ends.items() if count]
-        return f"of {self.paths} paths " + ", ".join(said + ([f"{self.lost} are lost"] if self.lost else []))
+        counts = [f"{count} end {where}" for where, count in ends.items() if count]
+        return f"of {self.paths} paths " + ", ".join(
+            counts + ([f"{self.lost} are lost"] if self.lost else [])
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -175,11 +175,11 @@ def _tested(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cubes:
     z = grid.middles(cubes)
     half = 0.5 * grid.width * 0.5 ** np.asarray(cubes.level, dtype=float)
     parent = cubes.cells._replace(proved=np.zeros(cubes.size, dtype=bool))
-    own = test(z, _closed(test, parent, z), half)
-    elsewhere = (own.signs != signs).any(axis=1)
+    verdict = test(z, _closed(test, parent, z), half)
+    elsewhere = (verdict.signs != signs).any(axis=1)
     cells = [
         np.where(elsewhere.reshape(-1, *[1] * (new.ndim - 1)), old, new)
-        for old, new in zip(parent, own, strict=True)
+        for old, new in zip(parent, verdict, strict=True)
     ]
     return cubes._replace(cells=Cells(*cells))
 
@@ -206,8 +206,10 @@ def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
     """Find the cube (S,) behind each one's nearest point, on the way to the pose; -1 for none, or itself."""
     inward, neighbour = grid.inward(cubes).astype(np.intp), np.full(cubes.size, -1)
     for level in np.unique(cubes.level):
-        own = np.flatnonzero(cubes.level == level)
-        number_of = {tuple(places): k for k, places in zip(own, cubes.places[own].tolist(), strict=True)}
+        of_level = np.flatnonzero(cubes.level == level)
+        number_of = {
+            tuple(places): k for k, places in zip(of_level, cubes.places[of_level].tolist(), strict=True)
+        }
         behind = (inward >> (MAX_CUTS - level)).tolist()
         numbers = [number_of.get(tuple(places), k) for places, k in zip(behind, neighbour, strict=True)]
         neighbour = np.array(numbers, dtype=np.intp)

@@ -62,9 +62,9 @@ class Chart:
         z[:, self.free], size[:, self.free] = middle, np.abs(middle) + radii
         slopes = (self.Q.reshape(-1, 8) @ z.T).T.reshape(count, -1, 8)
         square = (radii[:, :, None] * radii[:, None]).reshape(count, -1)
-        whole = (size[:, :, None] * size[:, None]).reshape(count, -1)
+        products = (size[:, :, None] * size[:, None]).reshape(count, -1)
         values = (slopes @ z[:, :, None])[:, :, 0]
-        errors = square @ self.curvature.T + whole @ self.uncertainty.T
+        errors = square @ self.curvature.T + products @ self.uncertainty.T
         return LinearEnclosure(values, 2 * slopes[:, :, self.free], errors)
 
     def has_no_others(self, z: Array, reach: float) -> bool:
@@ -72,6 +72,6 @@ class Chart:
         near = np.abs(z[:, :4]).max(axis=1) <= CHART_OVERLAP * np.abs(z[:, self.unit_coordinate])
         points = (z[near] / z[near, self.unit_coordinate][:, None])[:, self.free]
         radii = np.array([unique_radius(self, point) for point in points])
-        known = KnownSolutions(points, radii, np.full(7, np.inf))
+        solutions = KnownSolutions(points, radii, np.full(7, np.inf))
         region = Boxes(np.zeros((1, 7)), np.where(self.free < 4, 1.0, reach)[None])
-        return has_no_others(self, region, known, MAX_BOXES)
+        return has_no_others(self, region, solutions, MAX_BOXES)

@@ -104,11 +104,11 @@ class Displacements:
 
     def in_space(self, z: Array) -> tuple[Array, Array]:
         """Compute R (T, 3, 3) and p (T, 3) of real solutions z (T, N)."""
-        whole = np.zeros((len(z), 8))
-        whole[:, self.places] = z
+        coordinates = np.zeros((len(z), 8))
+        coordinates[:, self.places] = z
         if self.family.name == "translations":  # z = (1, p) stands for 1 + eps p / 2
-            whole[:, 5:] *= 0.5
-        return displacements(whole)
+            coordinates[:, 5:] *= 0.5
+        return displacements(coordinates)
 
 
 @cache

@@ -56,8 +56,8 @@ class WorkingModes:
     @property
     def status(self) -> Status:
         """Whether the modes are proved to be all, or at least so many exist."""
-        known = all(mode.proved for mode in self.modes) and not self.truncated
-        return "proved" if known and all(self.proved_legs) else "at least"
+        proved = all(mode.proved for mode in self.modes) and not self.truncated
+        return "proved" if proved and all(self.proved_legs) else "at least"
 
     @property
     def sentence(self) -> str:
@@ -149,7 +149,7 @@ def _first_of_each(joints: Array) -> list[int]:
     """Return the indices of rows (T, k) that differ from all before them, hinges up to whole turns."""
     first: list[int] = []
     for k, row in enumerate(joints):
-        if not any(are_alike(row, joints[known]) for known in first):
+        if not any(are_alike(row, joints[earlier]) for earlier in first):
             first.append(k)
     return first
 

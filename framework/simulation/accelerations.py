@@ -50,32 +50,34 @@ def accelerations(
             stiffness nor damping.
     """
     robot = equations.robot
-    at = equations.tangent(q, v, np.zeros(v.shape))
-    basis, light, closing = allowed_motions(equations, at)
-    free = equations.applied(torque) + applied - at.force
+    tangent = equations.tangent(q, v, np.zeros(v.shape))
+    basis, light, closing = allowed_motions(equations, tangent)
+    free = equations.applied(torque) + applied - tangent.force
     for k in map(int, np.flatnonzero(light.any(axis=1))):
         row = f", row {k}" if len(q) > 1 else ""
-        _check_balance(equations, at.at(k), basis[k], light[k], free[k], row)
-    drift = closure_drift(equations.rows, at.frames, frame_motions(robot, at.frames, q, v))
+        _check_balance(equations, tangent.at(k), basis[k], light[k], free[k], row)
+    drift = closure_drift(equations.rows, tangent.frames, frame_motions(robot, tangent.frames, q, v))
     a = -matvec(closing, drift)
     across = basis.swapaxes(1, 2)
     massless = np.broadcast_to(light[:, None], (len(q), *2 * light.shape[1:]))
     # alpha is 0 along motions without mass: their rows and columns are those of the unit matrix
     inertia = np.where(
-        massless | massless.swapaxes(1, 2), np.eye(light.shape[1]), matmul(across, matmul(at.mass, basis))
+        massless | massless.swapaxes(1, 2),
+        np.eye(light.shape[1]),
+        matmul(across, matmul(tangent.mass, basis)),
     )
-    pushed = np.where(light, 0.0, matvec(across, free - matvec(at.mass, a)))
+    pushed = np.where(light, 0.0, matvec(across, free - matvec(tangent.mass, a)))
     a += matvec(basis, np.linalg.solve(inertia, pushed[..., None])[..., 0])
     moved = np.abs(basis * light[:, None] / robot.column_scale[:, None]).max(axis=2, initial=0.0)
     return Accelerations(a, moved > RANK_ROUNDING)
 
 
 def _check_balance(
-    equations: EquationsOfMotion, at: Tangent, basis: Array, light: BoolArray, free: Array, row: str
+    equations: EquationsOfMotion, tangent: Tangent, basis: Array, light: BoolArray, free: Array, row: str
 ) -> None:
     """Refuse a state (T = 1) whose springs of parts without mass do not balance the forces (nv,)."""
     robot, massless = equations.robot, basis[:, light]
-    step = massless @ balancing_step(equations, at, basis[:, ~light], massless, -free)
+    step = massless @ balancing_step(equations, tangent, basis[:, ~light], massless, -free)
     off = np.abs(step / robot.column_scale)
     worst = int(np.argmax(off))
     if off[worst] > SPRINGS_BALANCED:

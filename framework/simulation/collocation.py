@@ -59,9 +59,9 @@ class Collocation(ReadOnlyArrays):
     def stages(self) -> int:
         return len(self.nodes)
 
-    def basis(self, at: Array, degree: int | None = None) -> Array:
+    def basis(self, places: Array, degree: int | None = None) -> Array:
         """Compute Legendre polynomials (T, degree + 1), degree s by default, at points (T,) in [0, 1]."""
-        return np.asarray(legendre.legvander(2 * at - 1, self.stages if degree is None else degree))
+        return np.asarray(legendre.legvander(2 * places - 1, self.stages if degree is None else degree))
 
 
 @lru_cache(maxsize=32)
@@ -135,14 +135,16 @@ def solve_step(
     for iteration in range(1, MAX_ITERATIONS + 1):
         q, v, slope = _nodes(equations, table, h, q0=q0, v0=v0, a=a, near=slope)
         torque = drive(times, q, v) if held is None else held
-        at = equations.tangent(q, v, a)
-        force = at.force - equations.applied(torque) - np.einsum("smi,sm->si", at.jacobian, multipliers)
-        wrong = np.concatenate([force, at.residual / h**2], axis=1).ravel()
+        tangent = equations.tangent(q, v, a)
+        force = (
+            tangent.force - equations.applied(torque) - np.einsum("smi,sm->si", tangent.jacobian, multipliers)
+        )
+        wrong = np.concatenate([force, tangent.residual / h**2], axis=1).ravel()
         if not np.all(np.isfinite(wrong)):
             return StepFailure("not finite", np.inf)
         if factors is None:
             *factors, singular = dgetrf(
-                _matrix(equations, table, h, at, multipliers=multipliers, gains=gains)
+                _matrix(equations, table, h, tangent, multipliers=multipliers, gains=gains)
             )
             if singular:
                 return StepFailure("singular equations", np.inf)
@@ -205,28 +207,30 @@ def _matrix(
     equations: EquationsOfMotion,
     table: Collocation,
     h: float,
-    at: Tangent,
+    tangent: Tangent,
     *,
     multipliers: Array,
     gains: Gains | None,
 ) -> Array:
     """Assemble Newton's matrix (s (nv + m), s (nv + m)), rows and columns node by node."""
     nv, m, s = equations.robot.model.nv, len(equations.rows.names), table.stages
-    by_q = at.by_q - loop_curvature(equations.rows, at.frames, equations.geometry.before, multipliers)
-    by_v = at.by_v
+    by_q = tangent.by_q - loop_curvature(
+        equations.rows, tangent.frames, equations.geometry.before, multipliers
+    )
+    by_v = tangent.by_v
     if gains is not None:
         columns = equations.robot.actuated
         by_v = by_v.copy()
         by_q[:, columns] -= equations.robot.gear_ratio[:, None] * gains.by_q
         by_v[:, columns] -= equations.robot.gear_ratio[:, None] * gains.by_v
-    whole = np.zeros((s, nv + m, s, nv + m))
-    whole[:, :nv, :, :nv] = (h * table.once)[:, None, :, None] * by_v[:, :, None]
-    whole[:, :nv, :, :nv] += (h**2 * table.twice)[:, None, :, None] * by_q[:, :, None]
-    whole[:, nv:, :, :nv] = table.twice[:, None, :, None] * at.jacobian[:, :, None]
+    matrix = np.zeros((s, nv + m, s, nv + m))
+    matrix[:, :nv, :, :nv] = (h * table.once)[:, None, :, None] * by_v[:, :, None]
+    matrix[:, :nv, :, :nv] += (h**2 * table.twice)[:, None, :, None] * by_q[:, :, None]
+    matrix[:, nv:, :, :nv] = table.twice[:, None, :, None] * tangent.jacobian[:, :, None]
     nodes = np.arange(s)
-    whole[nodes, :nv, nodes, :nv] += at.mass
-    whole[nodes, :nv, nodes, nv:] = -at.jacobian.transpose(0, 2, 1)
-    return whole.reshape(s * (nv + m), s * (nv + m))
+    matrix[nodes, :nv, nodes, :nv] += tangent.mass
+    matrix[nodes, :nv, nodes, nv:] = -tangent.jacobian.transpose(0, 2, 1)
+    return matrix.reshape(s * (nv + m), s * (nv + m))
 
 
 def _unresolved(equations: EquationsOfMotion, table: Collocation, h: float, slope: Array) -> float:

@@ -33,15 +33,15 @@ class AllowedMotions(NamedTuple):
     closing: Array  # (T, nv, m) the least motion at which each loop equation changes at unit rate
 
 
-def allowed_motions(equations: EquationsOfMotion, at: Tangent) -> AllowedMotions:
+def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMotions:
     """Compute the motions that the loops allow, each state for itself to the last bit."""
     robot = equations.robot
-    scale, count = robot.column_scale[:, None], at.jacobian.shape[1]
-    loops = scaled(robot, at.jacobian, equations.rows.rotation)
+    scale, count = robot.column_scale[:, None], tangent.jacobian.shape[1]
+    loops = scaled(robot, tangent.jacobian, equations.rows.rotation)
     left, sizes, right = np.linalg.svd(loops)
     # redundant rows are gone; what else loses rank is a singularity of the closures and no free motion
     allowed, crossed = right[:, count:].swapaxes(1, 2), right[:, :count].swapaxes(1, 2)
-    mass = at.mass * scale * scale[:, 0]
+    mass = tangent.mass * scale * scale[:, 0]
     values, vectors = np.linalg.eigh(matmul(allowed.swapaxes(1, 2), matmul(mass, allowed)))
     diagonal = np.diagonal(mass, axis1=1, axis2=2)
     largest = np.maximum(values.max(axis=1, initial=0.0), diagonal.max(axis=1, initial=0.0))
@@ -55,10 +55,10 @@ def allowed_motions(equations: EquationsOfMotion, at: Tangent) -> AllowedMotions
     return AllowedMotions(scale * matmul(allowed, vectors), light, scale * back)
 
 
-def free_motions(equations: EquationsOfMotion, at: Tangent) -> tuple[Array, Array]:
+def free_motions(equations: EquationsOfMotion, tangent: Tangent) -> tuple[Array, Array]:
     """Compute bases of the motions that the loops allow, (nv, d) with mass and (nv, k) without (T = 1)."""
-    found = allowed_motions(equations, at)
-    basis, light = found.basis[0], found.light[0]
+    allowed = allowed_motions(equations, tangent)
+    basis, light = allowed.basis[0], allowed.light[0]
     return basis[:, ~light], basis[:, light]
 
 
@@ -76,20 +76,23 @@ def consistent_state(equations: EquationsOfMotion, q: Array, v: Array, torque: A
     driven = equations.applied(torque[None])[0]
     size = np.inf
     for _ in range(MAX_PASSES):
-        at = equations.tangent(q[None], rest, rest)
-        massive, light = free_motions(equations, at)
-        step = -np.linalg.lstsq(at.jacobian[0] * scale, at.residual[0], rcond=CLOSING_CUTOFF)[0] * scale
-        unbalanced = at.force[0] + equations.damping * v - driven  # gravity and springs less the motors
+        tangent = equations.tangent(q[None], rest, rest)
+        massive, light = free_motions(equations, tangent)
+        step = (
+            -np.linalg.lstsq(tangent.jacobian[0] * scale, tangent.residual[0], rcond=CLOSING_CUTOFF)[0]
+            * scale
+        )
+        unbalanced = tangent.force[0] + equations.damping * v - driven  # gravity and springs less the motors
         if light.shape[1]:
-            step = step + light @ balancing_step(equations, at, massive, light, unbalanced)
+            step = step + light @ balancing_step(equations, tangent, massive, light, unbalanced)
         size = float(np.abs(step / scale).max(initial=0.0))
         if not size < 1.0:
             break
         q = integrate(robot, q[None], step[None])[0]
         if size < ROUNDING_STEP:
             break
-    at = equations.tangent(q[None], rest, rest)
-    gaps = np.abs(loop_wrenches(robot.rows, at.frames).residual[0])
+    tangent = equations.tangent(q[None], rest, rest)
+    gaps = np.abs(loop_wrenches(robot.rows, tangent.frames).residual[0])
     gap = float(gaps.max(initial=0.0))
     if not np.all(gaps <= LOOP_GAP * robot.row_lengths):
         raise NotAssembled(
@@ -103,15 +106,15 @@ def consistent_state(equations: EquationsOfMotion, q: Array, v: Array, torque: A
             f"{size:.3g} rad or lengths of the robot)",
             residual=size,
         )
-    return q, allowed_velocity(equations, at, v)
+    return q, allowed_velocity(equations, tangent, v)
 
 
 def balancing_step(
-    equations: EquationsOfMotion, at: Tangent, massive: Array, light: Array, unbalanced: Array
+    equations: EquationsOfMotion, tangent: Tangent, massive: Array, light: Array, unbalanced: Array
 ) -> Array:
     """Compute the step along the massless motions towards the balance of their springs."""
-    multipliers = np.linalg.lstsq(at.jacobian[0].T, unbalanced, rcond=None)[0]
-    curved = loop_curvature(equations.rows, at.frames, equations.geometry.before, multipliers[None])[0]
+    multipliers = np.linalg.lstsq(tangent.jacobian[0].T, unbalanced, rcond=None)[0]
+    curved = loop_curvature(equations.rows, tangent.frames, equations.geometry.before, multipliers[None])[0]
     held = light.T @ np.diag(equations.stiffness) @ light
     strength = np.linalg.eigvalsh(held + light.T @ np.diag(equations.damping) @ light)
     stiffest = max(float((equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)), NONZERO)
@@ -134,16 +137,16 @@ def balancing_step(
     return -np.linalg.lstsq(slope, light.T @ unbalanced, rcond=None)[0]
 
 
-def allowed_velocity(equations: EquationsOfMotion, at: Tangent, v: Array) -> Array:
+def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -> Array:
     """Compute the velocity next to v (nv,) that the loops allow, with the same momentum along them."""
     nv, rows = equations.robot.model.nv, len(equations.rows.names)
     if not rows:
         return v
     scale = equations.robot.column_scale
-    J = scaled(equations.robot, at.jacobian, equations.rows.rotation)[0]
-    mass = at.mass[0] * scale[:, None] * scale
+    J = scaled(equations.robot, tangent.jacobian, equations.rows.rotation)[0]
+    mass = tangent.mass[0] * scale[:, None] * scale
     size = max(float(np.diag(mass).max()), NONZERO)
-    whole, wrong = np.zeros((nv + rows, nv + rows)), np.zeros(nv + rows)
-    whole[:nv, :nv], whole[:nv, nv:], whole[nv:, :nv] = mass / size, J.T, J
+    matrix, wrong = np.zeros((nv + rows, nv + rows)), np.zeros(nv + rows)
+    matrix[:nv, :nv], matrix[:nv, nv:], matrix[nv:, :nv] = mass / size, J.T, J
     wrong[nv:] = -J @ (v / scale)
-    return np.asarray(v + scale * np.linalg.lstsq(whole, wrong, rcond=MOMENTUM_CUTOFF)[0][:nv], dtype=float)
+    return np.asarray(v + scale * np.linalg.lstsq(matrix, wrong, rcond=MOMENTUM_CUTOFF)[0][:nv], dtype=float)

@@ -19,46 +19,50 @@ from framework.linalg.ordered_sums import cross
 from framework.model.loop_rows import LoopRows
 
 
-def loop_curvature(rows: LoopRows, at: FrameStack, before: NDArray[np.bool_], multipliers: Array) -> Array:
+def loop_curvature(
+    rows: LoopRows, frames: FrameStack, before: NDArray[np.bool_], multipliers: Array
+) -> Array:
     """Compute d(J' lambda)/dq (T, nv, nv) for multipliers (T, m); `before` (nv, nv) orders the columns."""
-    jacobian = at.jacobian.transpose(0, 1, 3, 2)  # (T, F, nv, 6)
+    jacobian = frames.jacobian.transpose(0, 1, 3, 2)  # (T, F, nv, 6)
     slides, turns = jacobian[..., :3], jacobian[..., 3:]
     turn1 = turns[:, rows.first]  # (T, m, nv, 3)
     slide = slides[:, rows.second] - slides[:, rows.first]
-    e = at.rotation[:, rows.first, :, rows.first_axis].transpose(1, 0, 2)[:, :, None]  # (T, m, 1, 3)
-    d = (at.position[:, rows.second] - at.position[:, rows.first])[:, :, None]
+    e = frames.rotation[:, rows.first, :, rows.first_axis].transpose(1, 0, 2)[:, :, None]  # (T, m, 1, 3)
+    d = (frames.position[:, rows.second] - frames.position[:, rows.first])[:, :, None]
     swing = cross(turn1, e)  # (T, m, nv, 3) how e turns
     load = multipliers[:, :, None]  # (T, m, 1)
     turning, distance = rows.rotation[:, None], rows.distance[:, None]
 
     # the force that each row puts on the second frame, what acts on its first axis, and how that changes
-    push, held, other, change = load * e[:, :, 0], load[..., None], d, slide
+    push, held, offset, change = load * e[:, :, 0], load[..., None], d, slide
     if rows.distance.any():
         length = np.where(rows.distance, rows.length, 1.0)[:, None]
         push = load * np.where(distance, d[:, :, 0] / length, e[:, :, 0])
         held = np.where(distance, 0.0, load)[..., None]  # (T, m, 1, 1)
     if rows.rotation.any():
-        w = at.rotation[:, rows.second, :, rows.second_axis].transpose(1, 0, 2)[:, :, None]
+        w = frames.rotation[:, rows.second, :, rows.second_axis].transpose(1, 0, 2)[:, :, None]
         turn2 = turns[:, rows.second]
         swing2 = rows.sign[:, None, None] * cross(turn2, w)
         push = np.where(turning, 0.0, push)
-        other = np.where(turning[:, None], rows.sign[:, None, None] * w, d)
+        offset = np.where(turning[:, None], rows.sign[:, None, None] * w, d)
         change = np.where(turning[:, None], swing2, slide)
 
     # second derivatives of the points
-    ends = np.eye(at.position.shape[1])
+    ends = np.eye(frames.position.shape[1])
     force = np.einsum("mf,tmx->tfx", ends[rows.second] - ends[rows.first], push)
     upper = np.einsum("tfix,tfjx->tij", cross(force[:, :, None], turns), slides)
     # second derivatives of the axis on the first frame: e_ij . d = -(omega_j x e) . (omega_i x d)
-    upper -= np.einsum("tmix,tmjx->tij", cross(turn1, other), held * swing)
+    upper -= np.einsum("tmix,tmjx->tij", cross(turn1, offset), held * swing)
     # products of first derivatives
     if rows.rotation.any():
         turned = np.where(turning, load, 0.0)[..., None]
         upper -= np.einsum("tmix,tmjx->tij", cross(turn2, e), turned * swing2)
     mixed = np.einsum("tmix,tmjx->tij", held * swing, change)
-    whole = mixed + mixed.transpose(0, 2, 1)
+    symmetric = mixed + mixed.transpose(0, 2, 1)
     if rows.distance.any():
         stretched = np.where(distance, load / length, 0.0)[..., None]
-        whole += np.einsum("tmix,tmjx->tij", stretched * slide, slide)
+        symmetric += np.einsum("tmix,tmjx->tij", stretched * slide, slide)
     strictly = before & ~before.T
-    return np.asarray(whole + upper * before + np.where(strictly, upper, 0.0).transpose(0, 2, 1), dtype=float)
+    return np.asarray(
+        symmetric + upper * before + np.where(strictly, upper, 0.0).transpose(0, 2, 1), dtype=float
+    )

@@ -110,12 +110,14 @@ class Drive:
                 f"torque: needs a plan, a result of inverse_dynamics, torque(t) or torque(t, q, v), got "
                 f"{type(source).__name__}"
             )
-        asked = _arguments(source)
-        if asked not in (1, 3):
-            raise InvalidInput(f"torque: takes (t) or (t, q, v), this one asks for {asked} arguments")
+        argument_count = _arguments(source)
+        if argument_count not in (1, 3):
+            raise InvalidInput(
+                f"torque: takes (t) or (t, q, v), this one asks for {argument_count} arguments"
+            )
 
         def single(*arguments: Any) -> Array:
-            answer = source(*arguments[:asked])
+            answer = source(*arguments[:argument_count])
             try:
                 torque = np.atleast_1d(np.asarray(answer, dtype=float))
             except (TypeError, ValueError):
@@ -127,7 +129,7 @@ class Drive:
         def stacked(t: Array, q: Array, v: Array) -> Array:
             return np.array([single(float(t[k]), q[k], v[k]) for k in range(len(t))])
 
-        return Drive(robot, stacked, asked == 3, tuple(sorted(map(float, breaks))))
+        return Drive(robot, stacked, argument_count == 3, tuple(sorted(map(float, breaks))))
 
 
 def _arguments(function: Callable[..., Any]) -> int:

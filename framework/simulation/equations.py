@@ -41,10 +41,10 @@ class Tangent(NamedTuple):
 
     def at(self, k: int) -> Tangent:
         """Return the terms of one state, T = 1."""
-        here = slice(k, k + 1)
+        entry = slice(k, k + 1)
         force, by_q, by_v, mass, frames, residual, jacobian = self
-        terms = (force[here], by_q[here], by_v[here], mass[here])
-        return Tangent(*terms, frames.at(here), residual[here], jacobian[here])
+        terms = (force[entry], by_q[entry], by_v[entry], mass[entry])
+        return Tangent(*terms, frames.at(entry), residual[entry], jacobian[entry])
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +71,15 @@ class EquationsOfMotion:
             NotAssembled: the loops do not close at the reference.
         """
         nv = robot.model.nv
-        given = np.zeros(nv) if damping is None else damping
+        dampings = np.zeros(nv) if damping is None else damping
         try:
-            damping = np.asarray(given, dtype=float)
+            damping = np.asarray(dampings, dtype=float)
         except (TypeError, ValueError):
             damping = np.array(np.nan)  # refused below
         if damping.shape not in ((), (nv,)) or not (np.all(np.isfinite(damping)) and np.all(damping >= 0)):
-            raise InvalidInput(f"damping: needs {nv} numbers (or one for all), none negative, got {given!r}")
+            raise InvalidInput(
+                f"damping: needs {nv} numbers (or one for all), none negative, got {dampings!r}"
+            )
         alone = robot.structure.springs_alone
         if alone:
             raise InvalidInput(

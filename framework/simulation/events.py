@@ -43,7 +43,7 @@ def occurrences(
     trajectory: Trajectory,
     edges: tuple[float, float],
     looks: int,
-    seen: dict[Event, float],
+    last_values: dict[Event, float],
 ) -> list[Occurrence]:
     """Find events between two instants in order of time, up to the first terminal one.
 
@@ -52,7 +52,7 @@ def occurrences(
     """
     from scipy.optimize import brentq
 
-    found: list[Occurrence] = []
+    occurred: list[Occurrence] = []
     times = np.linspace(*edges, looks + 1)
     states = trajectory(times)
     for event in events:
@@ -62,8 +62,8 @@ def occurrences(
             return _number(event, t, q[0], v[0])
 
         values = [_number(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
-        values.insert(0, seen.get(event, values[0]))
-        seen[event] = values[-1]
+        values.insert(0, last_values.get(event, values[0]))
+        last_values[event] = values[-1]
         for before, after, t0, t1 in zip(values, values[1:], [times[0], *times], times, strict=False):
             # a zero on a look belongs to the interval that it ends
             if before == 0.0 or before * after > 0 or event.direction * (after - before) < 0:
@@ -71,18 +71,18 @@ def occurrences(
             on_look = after == 0.0 or t0 == t1
             t = float(t1 if on_look else brentq(value, t0, t1, xtol=EVENT_TIME_ROUNDING))
             q, v = trajectory(np.array([t]))
-            found.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
-    found.sort(key=lambda one: one.time)
-    ends = [k for k, one in enumerate(found) if one.terminal]
-    return found[: ends[0] + 1] if ends else found
+            occurred.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
+    occurred.sort(key=lambda occurrence: occurrence.time)
+    ends = [k for k, occurrence in enumerate(occurred) if occurrence.terminal]
+    return occurred[: ends[0] + 1] if ends else occurred
 
 
 def _number(event: Event, t: float, q: Array, v: Array) -> float:
-    given = event.function(t, q, v)
+    value = event.function(t, q, v)
     try:
-        number = float(given)
+        number = float(value)
     except (TypeError, ValueError):
         number = float("nan")
     if np.isnan(number):
-        raise InvalidInput(f"event {event.name}: needs one number, got {given!r} at t = {t:.9g} s")
+        raise InvalidInput(f"event {event.name}: needs one number, got {value!r} at t = {t:.9g} s")
     return number

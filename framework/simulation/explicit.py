@@ -66,8 +66,8 @@ def explicit_steps(
     for k, h in enumerate(np.diff(edges)):
         power = 0.0
         for i in range(STAGES):
-            at = state + h * (table.rows[i] @ before[i]) if i else state
-            q, v = at[:nv], at[nv:]
+            stage = state + h * (table.rows[i] @ before[i]) if i else state
+            q, v = stage[:nv], stage[nv:]
             applied, torque = force(k, i, q, v)
             K[i, :nv] = v
             K[i, nv:] = dynamics.acceleration(q, v, applied)

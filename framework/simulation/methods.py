@@ -62,8 +62,8 @@ class Integration:
 
 def by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Integrate by Radau IIA steps of variable length; see `collocate`."""
-    equations, steps, found, supplied, exchanged = task.equations, [], [], [0.0], 0.0
-    weights, seen = equations.damping, dict[Event, float]()
+    equations, steps, occurred, supplied, exchanged = task.equations, [], [], [0.0], 0.0
+    weights, last_values = equations.damping, dict[Event, float]()
     for step in collocate(
         equations,
         task.drive,
@@ -81,14 +81,16 @@ def by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integrati
         exchanged += float(share @ np.abs(power))
         if task.events:
             piece = Polynomials(equations.robot, (step,))
-            found += occurrences(task.events, piece, (step.time, float(step.times[-1])), settings.looks, seen)
-            if found and found[-1].terminal:
+            occurred += occurrences(
+                task.events, piece, (step.time, float(step.times[-1])), settings.looks, last_values
+            )
+            if occurred and occurred[-1].terminal:
                 break
     return Integration(
         Polynomials(equations.robot, tuple(steps)),
         np.array(supplied),
         exchanged,
-        tuple(found),
+        tuple(occurred),
         max(step.unresolved for step in steps),
         sum(step.iterations for step in steps),
     )
@@ -107,12 +109,12 @@ def by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integrati
         )
     h = task.duration / count
     edges = np.linspace(0.0, task.duration, count + 1)
-    states, work, exchanged, found = [task.start], [0.0], 0.0, []
-    seen: dict[Event, float] = {}
-    known = None if drive.feedback else drive(edges[:-1] + 0.5 * h, *(np.empty((count, 0)),) * 2)
+    states, work, exchanged, occurred = [task.start], [0.0], 0.0, []
+    last_values: dict[Event, float] = {}
+    torques = None if drive.feedback else drive(edges[:-1] + 0.5 * h, *(np.empty((count, 0)),) * 2)
     for k in range(count):
         q, v = states[-1]
-        torque = drive(edges[k : k + 1], q[None], v[None])[0] if known is None else known[k]
+        torque = drive(edges[k : k + 1], q[None], v[None])[0] if torques is None else torques[k]
         state = stepper.step(q, v, torque, h)
         if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.v))):
             raise _runaway(robot, float(edges[k]), h)
@@ -125,8 +127,10 @@ def by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integrati
             piece = Cubics(
                 robot, edges[k : k + 2], *(np.array(part) for part in zip(*states[-2:], strict=True))
             )
-            found += occurrences(task.events, piece, (float(edges[k]), float(edges[k + 1])), 1, seen)
-            if found and found[-1].terminal:
+            occurred += occurrences(
+                task.events, piece, (float(edges[k]), float(edges[k + 1])), 1, last_values
+            )
+            if occurred and occurred[-1].terminal:
                 break
         if task.advanced is not None:
             task.advanced(float(edges[k + 1] / task.duration))
@@ -140,7 +144,7 @@ def by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integrati
             residual=missed,
         )
     trajectory = Cubics(robot, edges[: len(q)], q, v)
-    return Integration(trajectory, np.array(work), exchanged, tuple(found), missed, len(q) - 1)
+    return Integration(trajectory, np.array(work), exchanged, tuple(occurred), missed, len(q) - 1)
 
 
 def _left_out(robot: ParallelRobot, v: Array, h: float) -> float:
@@ -159,8 +163,8 @@ def by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integr
     edges = _edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
     dynamics = ContactDynamics.of(task.equations, CLOSING_STEPS * float(np.diff(edges).max()))
     state = np.concatenate(task.start)
-    states, work, exchanged, found, missed = [state], [0.0], 0.0, [], 0.0
-    seen: dict[Event, float] = {}
+    states, work, exchanged, occurred, missed = [state], [0.0], 0.0, [], 0.0
+    last_values: dict[Event, float] = {}
     with np.errstate(over="ignore", invalid="ignore"):  # a runaway is told below
         for step in explicit_steps(task.equations, dynamics, task.drive, state, edges):
             if not np.all(np.isfinite(step.end)):
@@ -172,16 +176,16 @@ def by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integr
             if task.events:
                 ends = np.array([step.time, step.time + step.length])
                 piece = Cubics(robot, ends, *np.split(np.array(states[-2:]), 2, axis=1))
-                found += occurrences(
-                    task.events, piece, (float(ends[0]), float(ends[1])), settings.looks, seen
+                occurred += occurrences(
+                    task.events, piece, (float(ends[0]), float(ends[1])), settings.looks, last_values
                 )
-                if found and found[-1].terminal:
+                if occurred and occurred[-1].terminal:
                     break
             if task.advanced is not None:
                 task.advanced((step.time + step.length) / task.duration)
     q, v = np.split(np.array(states), 2, axis=1)
     return Integration(
-        Cubics(robot, edges[: len(q)], q, v), np.array(work), exchanged, tuple(found), missed, len(q) - 1
+        Cubics(robot, edges[: len(q)], q, v), np.array(work), exchanged, tuple(occurred), missed, len(q) - 1
     )
 
 

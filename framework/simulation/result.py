@@ -69,10 +69,10 @@ class Simulation(ReadOnlyArrays):
         if order not in (0, 1):
             raise InvalidInput(f"order: 0 or 1, got {order!r}")
         q, v = self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))
-        at = frames_at(self.robot, q)
+        frames = frames_at(self.robot, q)
         if order == 1:
-            return (self.robot.platform.jacobian(at) @ v[..., None])[..., 0]
-        return self.robot.platform.coordinates(at)
+            return (self.robot.platform.jacobian(frames) @ v[..., None])[..., 0]
+        return self.robot.platform.coordinates(frames)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers, for JSON."""
@@ -87,7 +87,7 @@ class Simulation(ReadOnlyArrays):
             "energy_error": self.energy_error,
             "unresolved": self.unresolved if np.isfinite(self.unresolved) else None,
             "steps": self.steps,
-            "events": [{"name": one.name, "time": one.time} for one in self.occurrences],
+            "events": [{"name": event.name, "time": event.time} for event in self.occurrences],
             "seconds": self.seconds,
         }
 
@@ -126,7 +126,7 @@ def simulation_result(
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     lifted = robot.mass * robot.length * (gravity + robot.length / float(edges[-1] - edges[0]) ** 2)
     scale = max(run.exchanged, float(np.ptp(energy)), float(kinetic.max()), np.finfo(float).eps * lifted)
-    gaps = [_gap(robot, *some) for some in ((times, q), (edges, at_edges[0]))]
+    gaps = [_gap(robot, *pair) for pair in ((times, q), (edges, at_edges[0]))]
     tracking, turning = (None, None) if planned is None else _off_path(robot, planned, times, q)
     return Simulation(
         robot=robot,

@@ -43,11 +43,11 @@ class State(NamedTuple):
 def _solve(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
     """Compute accelerations (R, nv), infinite where the equations are singular."""
     runs, m, nv = jacobian.shape
-    whole = np.zeros((runs, nv + m, nv + m))
-    whole[:, :nv, :nv] = mass
-    whole[:, :nv, nv:] = jacobian.transpose(0, 2, 1)
-    whole[:, nv:, :nv] = jacobian
-    return solve(whole, np.concatenate([forces, rates], axis=1))[:, :nv]
+    matrix = np.zeros((runs, nv + m, nv + m))
+    matrix[:, :nv, :nv] = mass
+    matrix[:, :nv, nv:] = jacobian.transpose(0, 2, 1)
+    matrix[:, nv:, :nv] = jacobian
+    return solve(matrix, np.concatenate([forces, rates], axis=1))[:, :nv]
 
 
 def _springs(stack: RobotStack, q: Array) -> Array:
@@ -59,27 +59,27 @@ def _springs(stack: RobotStack, q: Array) -> Array:
 
 
 def _implicit(mass: Array, stack: RobotStack, by_spring: float, by_damping: float) -> Array:
-    whole = mass.copy()
+    matrix = mass.copy()
     diagonal = range(mass.shape[1])
-    whole[:, diagonal, diagonal] += by_spring * stack.stiffness + by_damping * stack.damping
-    return whole
+    matrix[:, diagonal, diagonal] += by_spring * stack.stiffness + by_damping * stack.damping
+    return matrix
 
 
 def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
     """Step by the linear implicit midpoint rule; `driven` (R, nv) are the motors' generalised forces."""
     robot = stack.robots[0]
     middle = integrate(robot, q, 0.5 * h * v)
-    at = stack.terms(middle, v)
-    mass = _implicit(at.mass, stack, 0.25 * h**2, 0.5 * h)
-    rate = matvec(at.jacobian, v)
-    drift = stack.drift(at, v)
-    gap = at.residual - 0.5 * h * rate + 0.125 * h**2 * drift  # loop equations at q
+    terms = stack.terms(middle, v)
+    mass = _implicit(terms.mass, stack, 0.25 * h**2, 0.5 * h)
+    rate = matvec(terms.jacobian, v)
+    drift = stack.drift(terms, v)
+    gap = terms.residual - 0.5 * h * rate + 0.125 * h**2 * drift  # loop equations at q
     steady = driven - _springs(stack, middle) - stack.damping * v
     closing = -rate / h - CLOSING_SHARE * gap / h**2
-    guess = _solve(mass, at.jacobian, steady - at.bias, closing - 0.5 * drift)
+    guess = _solve(mass, terms.jacobian, steady - terms.bias, closing - 0.5 * drift)
     halfway = v + 0.5 * h * guess
-    at = stack.at_other_velocities(at, middle, halfway)
-    a = _solve(mass, at.jacobian, steady - at.bias, closing - 0.5 * stack.drift(at, halfway))
+    terms = stack.at_other_velocities(terms, middle, halfway)
+    a = _solve(mass, terms.jacobian, steady - terms.bias, closing - 0.5 * stack.drift(terms, halfway))
     new = v + h * a
     return State(integrate(robot, q, 0.5 * h * (v + new)), new)
 
@@ -90,22 +90,22 @@ def extrapolated(stack: RobotStack, q: Array, v: Array, driven: Array, h: float)
 
     def euler(q: Array, v: Array, h: float, closing: Array | None) -> tuple[State, Array]:
         ahead = integrate(robot, q, h * v)  # where massless parts are to be in balance
-        at = stack.terms(ahead, v)
+        terms = stack.terms(ahead, v)
         if closing is None:
-            closing = -CLOSING_SHARE * at.residual / h
-        mass = _implicit(at.mass, stack, h**2, h)
-        forces = driven - at.bias - _springs(stack, ahead) - stack.damping * v
-        rate = matvec(at.jacobian, v)
-        new = v + h * _solve(mass, at.jacobian, forces, (closing - rate) / h)
+            closing = -CLOSING_SHARE * terms.residual / h
+        mass = _implicit(terms.mass, stack, h**2, h)
+        forces = driven - terms.bias - _springs(stack, ahead) - stack.damping * v
+        rate = matvec(terms.jacobian, v)
+        new = v + h * _solve(mass, terms.jacobian, forces, (closing - rate) / h)
         return State(integrate(robot, q, h * new), new), closing
 
-    whole, closing = euler(q, v, h, None)
+    full, closing = euler(q, v, h, None)
     half, _ = euler(q, v, 0.5 * h, closing)
     halves, _ = euler(half.q, half.v, 0.5 * h, closing)
     if robot.model.nq == robot.model.nv:
-        return State(2 * halves.q - whole.q, 2 * halves.v - whole.v)
-    back = np.array([difference(robot, a, b[None])[0] for a, b in zip(whole.q, halves.q, strict=True)])
-    return State(integrate(robot, halves.q, back), 2 * halves.v - whole.v)
+        return State(2 * halves.q - full.q, 2 * halves.v - full.v)
+    back = np.array([difference(robot, a, b[None])[0] for a, b in zip(full.q, halves.q, strict=True)])
+    return State(integrate(robot, halves.q, back), 2 * halves.v - full.v)
 
 
 def runge_kutta(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:

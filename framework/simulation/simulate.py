@@ -141,19 +141,19 @@ def _settings(
     return settings
 
 
-def _duration(given: float | None, planned: PlannedMotion | None) -> float:
-    if given is None:
+def _duration(duration: float | None, planned: PlannedMotion | None) -> float:
+    if duration is None:
         if planned is None:
             raise InvalidInput("duration: required [s] when the drive is a function")
         return planned.duration
-    if not DURATION_RANGE[0] <= finite_numbers("duration", [given], 1)[0] <= DURATION_RANGE[1]:
+    if not DURATION_RANGE[0] <= finite_numbers("duration", [duration], 1)[0] <= DURATION_RANGE[1]:
         raise InvalidInput(
-            f"duration: must lie in [{DURATION_RANGE[0]:g}, {DURATION_RANGE[1]:g}] s, got {given!r}"
+            f"duration: must lie in [{DURATION_RANGE[0]:g}, {DURATION_RANGE[1]:g}] s, got {duration!r}"
         )
-    given = float(given)
-    if planned is not None and given > planned.duration * (1 + SAME_PLACE):
-        raise InvalidInput(f"duration: the planned motion ends at {planned.duration:g} s, got {given!r}")
-    return given
+    duration = float(duration)
+    if planned is not None and duration > planned.duration * (1 + SAME_PLACE):
+        raise InvalidInput(f"duration: the planned motion ends at {planned.duration:g} s, got {duration!r}")
+    return duration
 
 
 def _start(

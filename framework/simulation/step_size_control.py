@@ -112,10 +112,10 @@ def collocate(
                 before, reason = None, step.reason
                 control.refused(length, FAILED_STEP_RATIO, end - time)
             else:
-                wanted = tolerance + MOVE_ROUNDING * _largest_move(equations, step)
-                fit = (wanted / max(step.unresolved, NONZERO)) ** (1 / (stages + 1))
+                admissible = tolerance + MOVE_ROUNDING * _largest_move(equations, step)
+                fit = (admissible / max(step.unresolved, NONZERO)) ** (1 / (stages + 1))
                 factor = float(np.clip(SAFETY * fit, SHORTER, LONGER))
-                if step.unresolved <= control.leniency * wanted:
+                if step.unresolved <= control.leniency * admissible:
                     yield step
                     q, v = end_state(equations, step)
                     time, before, taken = (end if length == end - time else time + length), step, taken + 1
@@ -148,8 +148,8 @@ def _given_up(equations: EquationsOfMotion, time: float, length: float, why: str
 def end_state(equations: EquationsOfMotion, step: CollocationStep) -> tuple[Array, Array]:
     """Return the state at the end of a step, its velocity as the loops allow it."""
     rest = np.zeros((1, equations.robot.model.nv))
-    at = equations.tangent(step.q[-1:], rest, rest)
-    return step.q[-1], allowed_velocity(equations, at, step.v[-1])
+    tangent = equations.tangent(step.q[-1:], rest, rest)
+    return step.q[-1], allowed_velocity(equations, tangent, step.v[-1])
 
 
 def _guess(
@@ -160,7 +160,7 @@ def _guess(
         return np.zeros((table.stages, equations.robot.model.nv)), np.zeros(
             (table.stages, len(equations.rows.names))
         )
-    at = 1.0 + table.nodes * (length / before.length)
+    places = 1.0 + table.nodes * (length / before.length)
     few = min(GUESS_COEFFICIENTS, table.stages)
-    ahead = table.basis(at, few - 1) @ table.series[:few]
+    ahead = table.basis(places, few - 1) @ table.series[:few]
     return ahead @ before.a, ahead @ before.multipliers

@@ -60,7 +60,9 @@ class Stepper:
             raise InvalidInput(f"{stack.robots[0].name}: parts without mass need the scheme extrapolated")
         if scheme == "contacts":
             each = (stack.equations(k) for k in range(len(stack.robots)))
-            stack = replace(stack, contacts=tuple(ContactDynamics.of(one, CLOSING_TIME) for one in each))
+            stack = replace(
+                stack, contacts=tuple(ContactDynamics.of(single, CLOSING_TIME) for single in each)
+            )
         return Stepper(stack, scheme)
 
     def start(self, q: ArrayLike, v: ArrayLike | None = None, torque: ArrayLike | None = None) -> State:
@@ -104,8 +106,8 @@ class Stepper:
 def _has_massless_motions(equations: EquationsOfMotion) -> bool:
     robot = equations.robot
     rest = np.zeros((1, robot.model.nv))
-    at = equations.tangent(robot.reference.q[None], rest, rest)
-    return bool(free_motions(equations, at)[1].shape[1])
+    tangent = equations.tangent(robot.reference.q[None], rest, rest)
+    return bool(free_motions(equations, tangent)[1].shape[1])
 
 
 def _applied(stack: RobotStack, torque: Array) -> Array:

@@ -80,8 +80,10 @@ class RobotStack:
         rotors[:, robots[0].actuated] = gear**2 * np.array([robot.rotor_inertia for robot in robots])
         stiffness[:, robots[0].elastic] += np.array([robot.stiffness for robot in robots])
         shape = (len(robots), robots[0].model.nv)
-        given = np.zeros(shape) if damping is None else np.asarray(damping, dtype=float)
-        if given.shape not in ((), shape[1:], shape) or not np.all(np.isfinite(given) & (given >= 0)):
+        dampings = np.zeros(shape) if damping is None else np.asarray(damping, dtype=float)
+        if dampings.shape not in ((), shape[1:], shape) or not np.all(
+            np.isfinite(dampings) & (dampings >= 0)
+        ):
             raise InvalidInput(f"damping: needs {shape[1]} numbers, none negative (or {shape} of them)")
         return RobotStack(
             robots=robots,
@@ -96,7 +98,7 @@ class RobotStack:
             rotors=rotors,
             stiffness=stiffness,
             rest=np.array([robot.joint_rest for robot in robots]),
-            damping=given + np.array([robot.joint_damping for robot in robots]),
+            damping=dampings + np.array([robot.joint_damping for robot in robots]),
         )
 
     def equations(self, run: int) -> EquationsOfMotion:
@@ -122,12 +124,12 @@ class RobotStack:
         data, joints = scratch.data, scratch.joints
         poses = np.empty((runs, *joints.shape))
         several = len(self.robots) > 1
-        for k, (here, rate) in enumerate(zip(q, v, strict=True)):
+        for k, (configuration, rate) in enumerate(zip(q, v, strict=True)):
             if several:
                 model = self.robots[k].model
-            bias[k] = pin.nonLinearEffects(model, data, here, rate)
-            mass[k] = pin.crba(model, data, here)
-            pin.computeJointJacobiansTimeVariation(model, data, here, rate)
+            bias[k] = pin.nonLinearEffects(model, data, configuration, rate)
+            mass[k] = pin.crba(model, data, configuration)
+            pin.computeJointJacobiansTimeVariation(model, data, configuration, rate)
             J[k], dJ[k] = data.J, data.dJ
             if scratch.refresh is not None:
                 scratch.refresh()
@@ -139,24 +141,24 @@ class RobotStack:
         loops = loop_equations(self.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 
-    def at_other_velocities(self, at: Terms, q: Array, v: Array) -> Terms:
+    def at_other_velocities(self, terms: Terms, q: Array, v: Array) -> Terms:
         """Return the terms `at` configurations q (R, nq) for other velocities v (R, nv)."""
-        bias, dJ = np.empty_like(at.bias), np.empty_like(at.tree_rate)
+        bias, dJ = np.empty_like(terms.bias), np.empty_like(terms.tree_rate)
         model, data = self.robots[0].model, scratch_of(self.robots[0]).data
         several = len(self.robots) > 1
-        for k, (here, rate) in enumerate(zip(q, v, strict=True)):
+        for k, (configuration, rate) in enumerate(zip(q, v, strict=True)):
             if several:
                 model = self.robots[k].model
-            pin.computeJointJacobiansTimeVariation(model, data, here, rate)
+            pin.computeJointJacobiansTimeVariation(model, data, configuration, rate)
             dJ[k] = data.dJ
-            bias[k] = pin.nonLinearEffects(model, data, here, rate)
-        return at._replace(bias=bias, tree_rate=dJ)
+            bias[k] = pin.nonLinearEffects(model, data, configuration, rate)
+        return terms._replace(bias=bias, tree_rate=dJ)
 
-    def drift(self, at: Terms, v: Array) -> Array:
+    def drift(self, terms: Terms, v: Array) -> Array:
         """Compute the second derivative (R, m) of the loop equations when joint accelerations are zero."""
-        frames = at.frames
+        frames = terms.frames
         moved = frames.carried * v[:, None]  # (R, F, nv)
-        both = np.stack([frames.screws, at.tree_rate.swapaxes(1, 2)])
+        both = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
         motions = FrameMotions.at_origins(matmul(moved, both), frames.position)
         return closure_drift(self.rows, frames, motions)
 
@@ -167,18 +169,18 @@ def _lower_half(size: int) -> tuple[IntArray, IntArray]:
     return np.tril_indices(size, -1)
 
 
-def _check_same_structure(one: ParallelRobot, other: ParallelRobot) -> None:
+def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:
     """Refuse robots that cannot be stacked."""
     same = (
-        list(one.model.names) == list(other.model.names)
-        and one.model.nv == other.model.nv
+        list(first.model.names) == list(second.model.names)
+        and first.model.nv == second.model.nv
         and all(
-            np.array_equal(getattr(one, name), getattr(other, name))
+            np.array_equal(getattr(first, name), getattr(second, name))
             for name in ("actuated", "elastic", "frames")
         )
-        and all(np.array_equal(getattr(one.loops, n), getattr(other.loops, n)) for n in vars(one.loops))
+        and all(np.array_equal(getattr(first.loops, n), getattr(second.loops, n)) for n in vars(first.loops))
     )
     if not same:
         raise InvalidInput(
-            f"robots: {other!r} differs from {one!r} in more than numbers; a stack needs one structure"
+            f"robots: {second!r} differs from {first!r} in more than numbers; a stack needs one structure"
         )

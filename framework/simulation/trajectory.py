@@ -63,14 +63,14 @@ class Cubics(ReadOnlyArrays):
     def __call__(self, t: Array) -> tuple[Array, Array]:
         which = _which(self.edges, t)
         h = np.diff(self.edges)[which][:, None]
-        at = (t - self.edges[which])[:, None] / h
+        places = (t - self.edges[which])[:, None] / h
         start, end = self.q[which], self.q[which + 1]
         turned = np.array([difference(self.robot, a, b[None])[0] for a, b in zip(start, end, strict=True)])
         v0, v1 = h * self.v[which], h * self.v[which + 1]
         # d(0) = 0, d(1) = turned, d'(0) = v0, d'(1) = v1
         c2, c3 = 3 * turned - 2 * v0 - v1, v0 + v1 - 2 * turned
-        step = at * (v0 + at * (c2 + at * c3))
-        return integrate(self.robot, start, step), (v0 + at * (2 * c2 + 3 * at * c3)) / h
+        step = places * (v0 + places * (c2 + places * c3))
+        return integrate(self.robot, start, step), (v0 + places * (2 * c2 + 3 * places * c3)) / h
 
 
 def _which(edges: Array, t: Array) -> Array:

@@ -53,16 +53,16 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
     """Solve the bordered systems of matrices (T, n, n)."""
     count, n = matrices.shape[:2]
     size = border.b.shape[1]
-    whole = np.zeros((count, n + size, n + size))
-    whole[:, :n, :n] = matrices
-    whole[:, :n, n:] = border.b
-    whole[:, n:, :n] = border.c.T
+    bordered = np.zeros((count, n + size, n + size))
+    bordered[:, :n, :n] = matrices
+    bordered[:, :n, n:] = border.b
+    bordered[:, n:, :n] = border.c.T
     unit = np.zeros((count, n + size, size))
     unit[:, n:] = np.eye(size)
     try:
-        solution = np.linalg.solve(whole, unit)
+        solution = np.linalg.solve(bordered, unit)
     except np.linalg.LinAlgError:  # more null vectors than borders, to the last bit: G is singular there
-        solution = np.array([np.linalg.lstsq(system, unit[0], rcond=None)[0] for system in whole])
+        solution = np.array([np.linalg.lstsq(system, unit[0], rcond=None)[0] for system in bordered])
     return BorderedSolution(solution[:, :n], solution[:, n:])
 
 

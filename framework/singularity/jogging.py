@@ -107,7 +107,7 @@ class LooseMotion(NamedTuple):
     motors: Array  # (n_a,) joint side [rad, m], the most that each motor moves: of second order on the locus
 
 
-def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, way: float = LOOSE_SHIFT) -> LooseMotion | None:
+def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE_SHIFT) -> LooseMotion | None:
     """Compute the motion along t_s that the motors hardly notice; None where the loops open on it.
 
     With the motors locked the loops allow it to first order. It is made with the loops closed exactly; then
@@ -116,7 +116,7 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, way: float = LOOSE_S
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
-    size = max(linear / (way * robot.length), angular / (LOOSE_TURN * way / LOOSE_SHIFT))
+    size = max(linear / (shift * robot.length), angular / (LOOSE_TURN * shift / LOOSE_SHIFT))
     # rates of the coordinates with v = t_s: coordinates of an attitude turn it on other axes than their own
     unit = np.eye(robot.n)
     of_rates = robot.platform.twist(np.repeat(pose.x[None], robot.n, axis=0), unit)[0].T
@@ -182,7 +182,7 @@ def _within_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], Jogg
             outside = middle
         else:
             inside, last = middle, pose_there
-    stops = "; ".join(f"{joint}, {what}" for joint, what in beyond.items())
+    stops = "; ".join(f"{joint}, {excess}" for joint, excess in beyond.items())
     return replace(last, stopped=f"A joint stops at its limit in the URDF (asked for: {stops}).")
 
 
@@ -236,11 +236,11 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         return q
 
     def turned(part: float) -> JoggedPose:
-        way = part * (value - motors[index])
+        turn = part * (value - motors[index])
         try:
-            return pose_at(robot, to(motors[index] + way))
+            return pose_at(robot, to(motors[index] + turn))
         except Type2Singularity as end:
-            pose = pose_at(robot, short_of(end.share * abs(way), np.sign(way)))
+            pose = pose_at(robot, short_of(end.share * abs(turn), np.sign(turn)))
             name = CLASSES[pose.kind][0] if pose.kind in CLASSES else "Type 2 singularity"
             return replace(pose, stopped=_MOTORS_END.format(name=name))
         except NotAssembled as end:

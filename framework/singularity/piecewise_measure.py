@@ -150,8 +150,8 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
     except NotAssembled:
         return None
     middle = matrices[PANEL_NODES // 2]
-    size, most = 1, 1
-    while size <= most:
+    size, largest_size = 1, 1
+    while size <= largest_size:
         eta, G = solution = solve_bordered(matrices, Border.of(middle, size))
         largest = float(np.abs(solution.g).max())
         if largest < RANK_LOST and np.linalg.norm(G, ord=-2, axis=(1, 2)).max() < RANK_LOST:
@@ -163,7 +163,7 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
         turned = np.linalg.norm(eta, axis=1).max() > MAX_ETA_NORM
         if not turned and tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
             return Panel(start, end, series[:, 0], matrices)
-        size, most = size + 1, count_below(middle, WIDER_BORDER_RATIO)
+        size, largest_size = size + 1, count_below(middle, WIDER_BORDER_RATIO)
     return None
 
 

@@ -174,8 +174,8 @@ def _too_near(passive: Measured, unresolved: Unresolved) -> Exception:
     count = int(np.sum(values < VANISHING_TOGETHER**passive.power))
     if count < 2:
         return unresolved
-    what = "the path passes a singularity, or so near to one that it cannot be told from it"
-    return escaping(branch.robot, s, branch.path(s), count, what)
+    reason = "the path passes a singularity, or so near to one that it cannot be told from it"
+    return escaping(branch.robot, s, branch.path(s), count, reason)
 
 
 def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -> None:
@@ -186,11 +186,11 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
     """
     robot = branch.robot
     columns = robot.moving
-    whole = scaled(robot, loop_equations(robot.rows, linearised.frames).jacobian, robot.rows.rotation)[0][
+    jacobian = scaled(robot, loop_equations(robot.rows, linearised.frames).jacobian, robot.rows.rotation)[0][
         :, columns
     ]
     independent = scaled(robot, linearised.closures, robot.loops.rotation)[0][:, columns]
-    all_values, values = (np.linalg.svd(part, compute_uv=False) for part in (whole, independent))
+    all_values, values = (np.linalg.svd(part, compute_uv=False) for part in (jacobian, independent))
     if np.sum(values > RANK_LOST) < np.sum(all_values > RANK_LOST):
         dropped = sorted(set(robot.rows.names) - set(robot.loops.names))
         raise NotConverged(
@@ -219,8 +219,8 @@ def _is_type_1(mobile: Measured, s: float) -> bool:
 
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     branch, s = passive.branch, contact.s
-    robot, at = branch.robot, stencil(s)
-    closed = branch.closed(at)
+    robot, places = branch.robot, stencil(s)
+    closed = branch.closed(places)
     linearised = closed.linearised.at(1)
     _check_dropped_rows(branch, s, linearised)
     uncontrolled = uncontrolled_motion(robot, linearised)
@@ -230,9 +230,9 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
         slopes = block_slopes(passive.at, s, uncontrolled.corank)[1]
         slope = np.linalg.svd(slopes, compute_uv=False)[-1]
     else:
-        _, slope, beyond = slope_of_g(P, at)
+        _, slope, beyond = slope_of_g(P, places)
         # a border taken at the root knows no sign of det: give g the sign of det P beyond it
-        slope *= np.sign(beyond) * np.linalg.slogdet(P[2])[0] if at[2] > s else 1.0
+        slope *= np.sign(beyond) * np.linalg.slogdet(P[2])[0] if places[2] > s else 1.0
     return SingularPoint(
         s=s,
         kind=uncontrolled.kind,

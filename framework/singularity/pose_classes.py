@@ -94,10 +94,10 @@ class Classification(ReadOnlyArrays):
         if self.regular:
             return "regular"
         names = " and ".join(NAMES[kind] for kind in self.kinds)
-        more = [f"corank {self.corank}"] if self.corank > 1 else []
-        more += [f"motors {', '.join(self.legs)} move while the platform rests"] if self.legs else []
-        more += [f"{self.contact} contact"] if self.contact else []
-        return f"{names} singularity" + (f" ({'; '.join(more)})" if more else "")
+        details = [f"corank {self.corank}"] if self.corank > 1 else []
+        details += [f"motors {', '.join(self.legs)} move while the platform rests"] if self.legs else []
+        details += [f"{self.contact} contact"] if self.contact else []
+        return f"{names} singularity" + (f" ({'; '.join(details)})" if details else "")
 
 
 def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = None) -> Classification:

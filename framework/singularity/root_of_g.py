@@ -43,10 +43,10 @@ def stencil(place: float, low: float = 0.0, high: float = 1.0) -> Array:
     return np.clip([place - half, place, place + half], low, high)
 
 
-def slope_of_g(matrices: Array, at: Array, size: int = 1) -> Slope:
+def slope_of_g(matrices: Array, places: Array, size: int = 1) -> Slope:
     """Compute g and dg/dp from matrices (3, n, n) at places (3,) of a `stencil`, the border `size` wide."""
     g = solve_bordered(matrices, Border.of(matrices[1], size)).g
-    return Slope(float(g[1]), float((g[2] - g[0]) / (at[2] - at[0])), float(g[2]))
+    return Slope(float(g[1]), float((g[2] - g[0]) / (places[2] - places[0])), float(g[2]))
 
 
 def root_of_g(
@@ -67,8 +67,8 @@ def root_of_g(
     """
     place, depth = start, np.inf
     for _ in range(MAX_ITERATIONS):
-        at = stencil(place, low, high)
-        depth, slope, _ = slope_of_g(matrices(at), at, size)
+        places = stencil(place, low, high)
+        depth, slope, _ = slope_of_g(matrices(places), places, size)
         step = -depth / slope if slope else np.inf
         if not abs(step) < longest:
             break

@@ -56,8 +56,8 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
     if kind != "type_2":
         return Uncontrolled(kind, 0 * twist, motion, escaping.corank)
     if _rank(twists[-1:]) == 0:  # it moves no platform, another one does
-        most = int(np.argmax(np.linalg.norm(twists, axis=1)))
-        motion, twist = escaping.motions[most], twists[most]
+        strongest = int(np.argmax(np.linalg.norm(twists, axis=1)))
+        motion, twist = escaping.motions[strongest], twists[strongest]
     scale = unit_twist(robot, twist)
     return Uncontrolled(kind, twist / scale, motion / scale, escaping.corank)
 
@@ -95,8 +95,8 @@ def escaping_motions(
     gained = freedoms.shape[1] - usual
     kinds = set()
     if gained > 0:
-        whole = freedoms.T @ _platform_twists(robot, linearised)[robot.moving]
-        kinds.add("constraint" if _rank(whole) > robot.n else "closure")
+        twists = freedoms.T @ _platform_twists(robot, linearised)[robot.moving]
+        kinds.add("constraint" if _rank(twists) > robot.n else "closure")
     elif rank > on_axes:
         kinds.add("constraint")
     if corank > gained:  # beyond what the loops have lost

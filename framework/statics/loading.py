@@ -86,27 +86,27 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     require_springs(robot)
     count = len(q)
     load = Load(given_wrench(robot, wrench), np.zeros(count), spring_forces(robot, q))
-    here, step = q.copy(), np.ones(count)
+    current, step = q.copy(), np.ones(count)
     reason = np.full(count, LoadReason.CARRIED, dtype=np.uint8)
     live = np.arange(count)
     while len(live):  # a step halves at most 20 times between two that count
         share = np.minimum(load.share[live] + step[live], 1.0)
-        there, good, finite = _stepped(robot, here[live], load.at(live)._replace(share=share))
-        here[live[good]], load.share[live[good]] = there[good], share[good]
+        ahead, good, finite = _stepped(robot, current[live], load.at(live)._replace(share=share))
+        current[live[good]], load.share[live[good]] = ahead[good], share[good]
         step[live] *= np.where(good, 2.0, 0.5)
-        soft = live[good][~_is_small(robot, there[good])]
+        soft = live[good][~_is_small(robot, ahead[good])]
         ended = ~good & (step[live] < MIN_LOAD_STEP)
         reason[live[ended]] = np.where(finite[ended], LoadReason.GIVES_WAY, LoadReason.NOT_CONVERGED)
         reason[soft] = LoadReason.TOO_SOFT
         live = live[(load.share[live] < 1.0) & (reason[live] == LoadReason.CARRIED)]
-    x = robot.platform.coordinates(frames_at(robot, here))
-    linearised = linearised_at(robot, here, x)
+    x = robot.platform.coordinates(frames_at(robot, current))
+    linearised = linearised_at(robot, current, x)
     at_rest = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
     crossed = mode_signs(robot, linearised)[1] != mode_signs(robot, at_rest)[1]
     reason[crossed & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE
-    free = compliant_motions(robot, linearised, here)
-    free = free._replace(K=tangent_stiffness(robot, linearised, here, free.Z, load))
-    return LoadedStack(here, reason, load.share, free)
+    free = compliant_motions(robot, linearised, current)
+    free = free._replace(K=tangent_stiffness(robot, linearised, current, free.Z, load))
+    return LoadedStack(current, reason, load.share, free)
 
 
 def _stepped(robot: ParallelRobot, q: Array, load: Load) -> tuple[Array, BoolArray, BoolArray]:
@@ -117,14 +117,14 @@ def _stepped(robot: ParallelRobot, q: Array, load: Load) -> tuple[Array, BoolArr
     good, finite = np.zeros(len(q), dtype=bool), np.ones(len(q), dtype=bool)
     live = np.arange(len(q))
     for k in range(MAX_ITERATIONS):
-        at = balance(robot, q[live], load.at(live))
-        sound = np.asarray(np.isfinite(at.H).all(axis=(1, 2)) & np.isfinite(at.slope).all(axis=1))
+        state = balance(robot, q[live], load.at(live))
+        sound = np.asarray(np.isfinite(state.H).all(axis=(1, 2)) & np.isfinite(state.slope).all(axis=1))
         finite[live] = sound
-        values, vectors = np.linalg.eigh(np.where(sound[:, None, None], at.H, 0.0))
+        values, vectors = np.linalg.eigh(np.where(sound[:, None, None], state.H, 0.0))
         on = values[:, 0] > EIGENVALUE_ROUNDING * values[:, -1]  # what is no number has become zero
         values = np.where(on[:, None], values, 1.0)
-        move = at.closing - matvec(
-            at.null, matvec(vectors, matvec(vectors.swapaxes(1, 2), at.slope) / values)
+        move = state.closing - matvec(
+            state.null, matvec(vectors, matvec(vectors.swapaxes(1, 2), state.slope) / values)
         )
         size = np.abs(move).max(axis=1)
         (first if k == 0 else after)[live] += size

@@ -109,10 +109,10 @@ def least_ratios(H: Array, S: Array) -> Array:
         shift = 10.0**power * np.abs(np.trace(H[todo], axis1=1, axis2=2)) / size[todo]
         shifted = H[todo] + shift[:, None, None] * S[todo]
         positive = np.linalg.eigvalsh(shifted)[:, 0] > 0
-        here, shift = todo[positive], shift[positive]
+        solvable, shift = todo[positive], shift[positive]
         factor = np.linalg.inv(np.linalg.cholesky(shifted[positive]))
-        relative = matmul(matmul(factor, S[here]), factor.swapaxes(1, 2))
-        least[here] = 1.0 / np.linalg.eigvalsh(relative)[:, -1] - shift
+        relative = matmul(matmul(factor, S[solvable]), factor.swapaxes(1, 2))
+        least[solvable] = 1.0 / np.linalg.eigvalsh(relative)[:, -1] - shift
     return least
 
 
