@@ -33,6 +33,7 @@ from framework.kinematics.loop_structure import independent_rows
 from framework.kinematics.mechanism import Mechanism, columns_of, frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
+from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, Actuator, Platform, RobotDescription
 from framework.model.readers.missing_fields import Known, Options, Resolved
 from framework.model.readers.urdf_tree import UrdfTree
@@ -84,10 +85,24 @@ def _held(joints: Sequence[str]) -> str:
 
 
 def _proposed(known: Known) -> Resolved:
-    """Complete the description as `propose` does, without holding more joints."""
+    """Complete the description as `propose` does, without holding more joints.
+
+    A pose of the file beyond the joints' limits is left for one within them where nothing can be proposed.
+    """
+    urdf = ElementTree.tostring(known.tree.root, encoding="unicode")
+    known = known._replace(description=replace(known.description, urdf_text=urdf))
+    try:
+        return _proposed_at(known, *_closed(known.description))
+    except RobotFileError:
+        within = _within_limits(known.description)
+        if within is None:
+            raise
+    return _proposed_at(known, *within)
+
+
+def _proposed_at(known: Known, motions: _Motions, remarks: list[str]) -> Resolved:
+    """Complete the description at a closed pose."""
     tree = known.tree
-    description = replace(known.description, urdf_text=ElementTree.tostring(tree.root, encoding="unicode"))
-    motions, remarks = _closed_and_driven(description)
     if not motions.working.shape[1]:
         raise RobotFileError("the loops leave no freedom that moves a mass: hold fewer joints")
     mechanism = motions.mechanism
@@ -127,22 +142,19 @@ def _part(description: RobotDescription, tree: UrdfTree) -> str:
     return ""
 
 
-def _closed_and_driven(description: RobotDescription) -> tuple[_Motions, list[str]]:
-    """As `_closed`; within the joints' limits where the motors do not drive the robot at that pose."""
-    motions, remarks = _closed(description)
-    if not description.actuators or not _undriven(motions, description).shape[1]:
-        return motions, remarks
+def _within_limits(description: RobotDescription) -> tuple[_Motions, list[str]] | None:
+    """As `_closed`, at the nearest closed pose within the joints' limits; None if there is no other."""
+    mechanism = Mechanism.from_description(description)
+    if not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
+        return None
     try:
-        pose = find_closed_pose(motions.mechanism)
-        reference = motions.mechanism.reference_values(pose.q)
-        within, more = _closed(replace(description, reference=reference))
+        pose = find_closed_pose(mechanism)
+        within, more = _closed(replace(description, reference=mechanism.reference_values(pose.q)))
     except NotAssembled:
-        return motions, remarks
-    if _undriven(within, description).shape[1]:
-        return motions, remarks
+        return None
     remark = (
         f"reference: the nearest closed pose within the joints' limits, {pose.joint} {pose.moved} from the "
-        f"file's, in which the motors do not drive the robot"
+        f"file's, from which nothing can be proposed"
     )
     return within, [remark, *more]
 

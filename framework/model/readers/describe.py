@@ -109,8 +109,8 @@ def _no_loop(options: Options, closure: Closure | None) -> RobotFileError:
 
 
 def _name(root: ElementTree.Element, file: Path) -> str:
-    """The model's own name, else that of its file, else of its folder; fit to name a file."""
-    for name in (root.get("name", ""), file.stem, file.absolute().parent.name):
+    """The model's own name, else that of its file, else of its folders; fit to name a file."""
+    for name in (root.get("name", ""), file.stem, *(folder.name for folder in file.absolute().parents[:2])):
         clean = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
         if name.lower() not in _NO_NAMES and clean.strip("_"):
             return clean
