@@ -1,15 +1,15 @@
-"""The float constants of the framework's modules, and a change of one of them before it is imported.
+"""The float constants of the framework's modules, changed or watched from before they are imported.
 
-A change rewrites the assignment while its module is loaded, so that names that other modules import, defaults
-of arguments and constants that are computed from it follow.
+The assignment is rewritten while its module is loaded, so that names that other modules import, defaults of
+arguments and constants that are computed from it follow.
 """
 
 from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterator, Sequence
-from functools import cache
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache, partial
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
@@ -18,6 +18,9 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[3]
 TABLE = "framework.tolerances"
+WATCHED = "tests.benchmarks.tolerance_audit.watched"
+
+Edit = Callable[[ast.expr], ast.expr]
 
 
 class Constant(NamedTuple):
@@ -26,6 +29,10 @@ class Constant(NamedTuple):
     module: str
     name: str
     value: float
+
+    @property
+    def full_name(self) -> str:
+        return f"{self.module}.{self.name}"
 
 
 class Change(NamedTuple):
@@ -82,45 +89,6 @@ def _number(node: ast.expr) -> object:
     return eval(compile(ast.Expression(node), "<constant>", "eval"), {})
 
 
-def readers(constant: Constant) -> frozenset[str] | None:
-    """Return the modules whose functions may look a constant up.
-
-    None stands for any function: the constant is used while a module is imported, for a number made of it.
-    """
-    found = set()
-    for module, tree in _trees().items():
-        imported = any(
-            isinstance(node, ast.ImportFrom)
-            and node.module == constant.module
-            and any(alias.name == constant.name for alias in node.names)
-            for node in ast.walk(tree)
-        )
-        if not imported and module != constant.module:
-            continue
-        if any(_looks_up(part, constant.name) for part in _at_import(tree)):
-            return None
-        found.add(module)
-    return frozenset(found)
-
-
-def _looks_up(node: ast.AST, name: str) -> bool:
-    return isinstance(node, ast.Name) and node.id == name and isinstance(node.ctx, ast.Load)
-
-
-def _at_import(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield what runs while a module is imported: all but the bodies of functions, and annotations."""
-    for child in ast.iter_child_nodes(tree):
-        if isinstance(child, ast.FunctionDef | ast.Lambda):
-            parts: list[ast.AST | None] = [*child.args.defaults, *child.args.kw_defaults]
-            parts += getattr(child, "decorator_list", [])
-        else:
-            parts = [child]
-        for part in parts:
-            if part is not None:
-                yield part
-                yield from _at_import(part)
-
-
 @cache
 def _trees() -> dict[str, ast.Module]:
     """Return the syntax of each module of the framework."""
@@ -132,52 +100,68 @@ def _trees() -> dict[str, ast.Module]:
 
 def change_on_import(change: Change) -> None:
     """Multiply a constant by a factor in its module, which must not have been imported yet."""
-    if change.constant.module in sys.modules:
-        raise RuntimeError(f"{change.constant.module} is imported already")
-    sys.meta_path.insert(0, _Finder(change))
+    _rewrite_on_import(
+        {change.constant: lambda node: ast.BinOp(node, ast.Mult(), ast.Constant(change.factor))}
+    )
+
+
+def watch_on_import(constants: Iterable[Constant]) -> None:
+    """Replace constants by watched ones in their modules, which must not have been imported yet."""
+
+    def watched(constant: Constant, node: ast.expr) -> ast.expr:
+        call = ast.parse(f"__import__({WATCHED!r}, fromlist=['Watched']).Watched.constant", mode="eval").body
+        return ast.Call(call, [ast.Constant(constant.full_name), node], [])
+
+    _rewrite_on_import({one: partial(watched, one) for one in constants})
+
+
+def _rewrite_on_import(edits: Mapping[Constant, Edit]) -> None:
+    by_module: dict[str, dict[str, Edit]] = {}
+    for constant, edit in edits.items():
+        if constant.module in sys.modules:
+            raise RuntimeError(f"{constant.module} is imported already")
+        by_module.setdefault(constant.module, {})[constant.name] = edit
+    sys.meta_path.insert(0, _Finder(by_module))
 
 
 class _Finder(MetaPathFinder):
-    def __init__(self, change: Change) -> None:
-        self.change = change
+    def __init__(self, edits: Mapping[str, Mapping[str, Edit]]) -> None:
+        self.edits = edits
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        if fullname != self.change.constant.module:
+        if fullname not in self.edits:
             return None
         spec = PathFinder.find_spec(fullname, path, target)
         if spec is not None and spec.origin is not None:
-            spec.loader = _Loader(self.change, spec.origin)
+            spec.loader = _Loader(fullname, spec.origin, self.edits[fullname])
         return spec
 
 
 class _Loader(SourceFileLoader):
     """Compiles the changed source, and keeps no bytecode of it."""
 
-    def __init__(self, change: Change, file: str) -> None:
-        super().__init__(change.constant.module, file)
-        self.change = change
+    def __init__(self, module: str, file: str, edits: Mapping[str, Edit]) -> None:
+        super().__init__(module, file)
+        self.edits = edits
 
     def get_code(self, fullname: str) -> CodeType:
         file = self.get_filename(fullname)
         tree = ast.parse(self.get_data(file))
-        for name, node in _assignments(tree):
-            if name == self.change.constant.name:
-                _replace(tree, node, self.change.factor)
-                break
-        else:
-            raise RuntimeError(f"{fullname} has no {self.change.constant.name}")
-        return compile(ast.fix_missing_locations(tree), file, "exec")
+        edits = {id(node): self.edits[name] for name, node in _assignments(tree) if name in self.edits}
+        if len(edits) != len(self.edits):
+            raise RuntimeError(f"{fullname} does not have all of {', '.join(self.edits)}")
+        changed = _Replacement(edits).visit(tree)
+        return compile(ast.fix_missing_locations(changed), file, "exec")
 
 
-def _replace(tree: ast.Module, node: ast.expr, factor: float) -> None:
-    """Put node * factor where the node stands."""
+class _Replacement(ast.NodeTransformer):
+    """Edits the expressions that are assigned to constants."""
 
-    class Replacement(ast.NodeTransformer):
-        def visit(self, other: ast.AST) -> ast.AST:
-            if other is node:
-                return ast.BinOp(node, ast.Mult(), ast.Constant(factor))
-            return self.generic_visit(other)
+    def __init__(self, edits: Mapping[int, Edit]) -> None:
+        self.edits = edits
 
-    Replacement().visit(tree)
+    def visit(self, node: ast.AST) -> ast.AST:
+        edit = self.edits.get(id(node))
+        return self.generic_visit(node) if edit is None else edit(node)  # type: ignore[arg-type]

@@ -16,7 +16,7 @@ class Audited(NamedTuple):
     """A change, and the scenes by what it makes of them; each text says which scene and what of it."""
 
     change: Change
-    count: int  # of scenes that read the constant
+    count: int  # of scenes that ran again, as they may feel the change
     worst: float  # the largest defect of their answers
     wrong: tuple[str, ...]  # answers that leave more than RIGHT of the equations of motion
     lost: tuple[str, ...]  # answers that became refusals
@@ -74,7 +74,7 @@ def row(one: Audited) -> str:
 def summary(of_table: Sequence[Audited], of_others: Sequence[Audited]) -> str:
     """Return the verdict of the audit in a few lines."""
     wrong = sum(len(one.wrong) for one in of_table)
-    unread = _names(one for one in of_table if not one.count)
+    unread = _names(of_table) - _names(one for one in of_table if one.count)
     touching = _names(one for one in of_table if one.changed or one.renamed)
     still = _names(one for one in of_table if one.count) - touching
     numbers = len(_names(of_table))
@@ -84,13 +84,13 @@ def summary(of_table: Sequence[Audited], of_others: Sequence[Audited]) -> str:
         f"\n{numbers} numbers of the table, {len(of_table)} changes: {wrong} wrong answers, "
         f"{sum(len(one.lost) for one in of_table)} answers lost, "
         f"{sum(len(one.gained) for one in of_table)} refusals that became right answers.",
-        f"{len(of_others)} other constants times 10, {read} of them read: {len(changed)} change a verdict, "
+        f"{len(of_others)} other constants times 10, {read} of them felt: {len(changed)} change a verdict, "
         f"{sum(len(one.wrong) for one in of_others)} to a wrong answer.",
     ]
     if still:
         lines.append(f"Nothing changes with {', '.join(sorted(still))}.")
     if unread:
-        lines.append(f"Read by none of these scenes: {', '.join(sorted(unread))}.")
+        lines.append(f"Felt by no comparison in these scenes: {', '.join(sorted(unread))}.")
     return "\n\n".join(lines)
 
 

@@ -1,7 +1,7 @@
 """Scenes as planned by the framework with one constant changed, each run in a process of its own.
 
 The process is forked from one that holds the other packages but nothing of the framework, which it imports
-itself, changed. Where no constant is changed it also notes which functions each scene calls.
+itself, changed or watched.
 """
 
 from __future__ import annotations
@@ -17,7 +17,13 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
-from tests.benchmarks.tolerance_audit.constants import ROOT, Change, change_on_import
+from tests.benchmarks.tolerance_audit.constants import (
+    Change,
+    Constant,
+    change_on_import,
+    watch_on_import,
+)
+from tests.benchmarks.tolerance_audit.watched import Key, felt
 
 PRELOADED = (
     "numpy",
@@ -54,15 +60,22 @@ class Outcome(NamedTuple):
     def verdict(self) -> str:
         return self.refusal or "answer"
 
+    def like(self, other: Outcome) -> bool:
+        """Whether two runs came to the same, to the last bit."""
+        return (self.refusal, self.defect) == (other.refusal, other.defect)
 
-Calls = frozenset[tuple[str, tuple[str, ...]]]  # modules and the names that their functions look up
+
+class Watching(NamedTuple):
+    """What comes of a scene with constants watched, and which of their changes may make a difference."""
+
+    outcome: Outcome
+    felt: frozenset[Key]
 
 
 class Run(NamedTuple):
-    """Outcomes by the name of their scene, and the functions that were called."""
+    """Outcomes by the name of their scene, and the seconds of processor time that they took."""
 
     outcomes: dict[str, Outcome]
-    calls: Calls
     seconds: float
 
 
@@ -105,16 +118,27 @@ def all_scenes(folder: Path) -> tuple[list[Scene], list[Scene]]:
     return rigid(folder), elastic()
 
 
-def planned(scenes: Sequence[Scene], change: Change | None = None, trace: bool = False) -> Run:
+def planned(scenes: Sequence[Scene], change: Change | None = None) -> Run:
     """Plan scenes and judge the plans; to be called in a process of its own."""
     began = time.process_time()
     if change is not None:
         change_on_import(change)
-    signal.signal(signal.SIGVTALRM, _give_up)
     loaded: dict[tuple[str, str], Any] = {}
-    with _Tracer(trace) as tracer:
-        outcomes = {scene.name: _outcome(scene, loaded) for scene in scenes}
-    return Run(outcomes, frozenset(tracer.calls), time.process_time() - began)
+    outcomes = {scene.name: _outcome(scene, loaded) for scene in scenes}
+    return Run(outcomes, time.process_time() - began)
+
+
+def watched(scenes: Sequence[Scene], constants: Sequence[Constant]) -> dict[str, Watching]:
+    """Plan scenes with constants watched; to be called in a process of its own."""
+    watch_on_import(constants)
+    import framework  # noqa: F401 - for all scenes, each of which is planned in a further process
+
+    return {scene.name: in_a_process(_watching, scene) for scene in scenes}
+
+
+def _watching(scene: Scene) -> Watching:
+    outcome = _outcome(scene, {})
+    return Watching(outcome, frozenset(felt))
 
 
 class _TooLong(BaseException):
@@ -131,6 +155,7 @@ def _outcome(scene: Scene, loaded: dict[tuple[str, str], Any]) -> Outcome:
     from tests.benchmarks.tolerance_audit.judge import judged
 
     began = time.process_time()
+    signal.signal(signal.SIGVTALRM, _give_up)
     signal.setitimer(signal.ITIMER_VIRTUAL, PATIENCE)
     try:
         plan = _plan(scene, loaded)
@@ -157,26 +182,3 @@ def _plan(scene: Scene, loaded: dict[tuple[str, str], Any]) -> Any:
         return plan_scene(loaded[key], scene.scene)
     path = {"line": Line, "arc": Arc}[scene.kind](*scene.points)
     return plan_crossing(loaded[key], path, **scene.options)
-
-
-class _Tracer:
-    """Notes, while it is entered, the functions of the framework that are called."""
-
-    def __init__(self, active: bool) -> None:
-        self.active = active
-        self.calls: set[tuple[str, tuple[str, ...]]] = set()
-        self.package = str(ROOT / "framework")
-
-    def __enter__(self) -> _Tracer:
-        if self.active:
-            sys.setprofile(self._note)
-        return self
-
-    def __exit__(self, *given: object) -> None:
-        sys.setprofile(None)
-
-    def _note(self, frame: FrameType, event: str, argument: object) -> None:
-        code = frame.f_code
-        # the bodies of modules assign constants, and `readers` knows what they look up
-        if event == "call" and code.co_name != "<module>" and code.co_filename.startswith(self.package):
-            self.calls.add((frame.f_globals["__name__"], code.co_names))

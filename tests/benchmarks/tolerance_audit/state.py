@@ -34,7 +34,7 @@ class Kept:
             found = self.done[key] = {"seconds": run.seconds, "outcomes": run.outcomes}
             self._write()
         outcomes = {name: Outcome(*outcome) for name, outcome in found["outcomes"].items()}
-        return Run(outcomes, frozenset(), found["seconds"])
+        return Run(outcomes, found["seconds"])
 
     def _write(self) -> None:
         if self.file is not None:
