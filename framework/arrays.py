@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
-NONZERO = 1e-300  # the least divisor: what it divides is zero too, or infinite
+LEAST_DIVISOR = 1e-300  # the least divisor: what it divides is zero too, or infinite
 _Any = TypeVar("_Any", bound=NDArray[Any])
 
 

@@ -16,7 +16,7 @@ from types import FrameType
 from typing import NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-SOON = 0.01  # s, long for a callback to end and short for who waits
+REPEAT_INTERVAL = 0.01  # s, long for a callback to end and short for who waits
 
 
 class Terminated(KeyboardInterrupt):
@@ -67,7 +67,7 @@ def interruptible() -> Iterator[Heard]:
             return
         number = signal.SIGTERM if isinstance(unraisable.exc_value, Terminated) else signal.SIGINT
         signal.signal(number, stop)
-        timers.append(threading.Timer(SOON, signal.pthread_kill, [main_thread.ident, number]))
+        timers.append(threading.Timer(REPEAT_INTERVAL, signal.pthread_kill, [main_thread.ident, number]))
         timers[-1].daemon = True
         timers[-1].start()
 

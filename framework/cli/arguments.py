@@ -19,7 +19,7 @@ from framework.errors import InvalidInput
 from framework.fidelity.fidelity_study import kept_options
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import LARGEST, KeptLevel, ParsedRobot
+from framework.model.description import LARGEST_NUMBER, KeptLevel, ParsedRobot
 from framework.model.readers.missing_fields import Propose
 from framework.model.readers.recognise import parse_any
 from framework.motion.path import Line, Path
@@ -100,7 +100,7 @@ def _joint_values(option: str, items: Sequence[str]) -> Iterator[tuple[str, floa
             number = float(value)
         except ValueError:
             number = float("nan")
-        if not (name and equals and abs(number) <= LARGEST):
+        if not (name and equals and abs(number) <= LARGEST_NUMBER):
             raise InvalidInput(f"{option}: needs JOINT=VALUE with a finite number, got {item!r}")
         yield name, number
 

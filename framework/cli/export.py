@@ -21,7 +21,13 @@ from framework.cli.parser import (
 )
 from framework.crossing.restored import is_plan_folder
 from framework.errors import InvalidInput
-from framework.export.joint_trajectory import DEFAULT, SAMPLES, SIDES, joint_trajectory, side_told
+from framework.export.joint_trajectory import (
+    DEFAULT_SAMPLES,
+    SAMPLE_RANGE,
+    SIDES,
+    joint_trajectory,
+    side_told,
+)
 from framework.export.mjcf import START, mjcf_text, ranges_left_out
 from framework.output import write_file
 
@@ -38,7 +44,7 @@ def add(commands: Any) -> None:
         "--out", metavar="FILE", required=True, help="NAME.xml, or for ros2_control NAME.yaml or NAME.json"
     )
     parser.add_argument(
-        "--samples", type=integer_between(*SAMPLES), metavar="N", help="of the trajectory (default: 501)"
+        "--samples", type=integer_between(*SAMPLE_RANGE), metavar="N", help="of the trajectory (default: 501)"
     )
     parser.add_argument(
         "--side", choices=tuple(SIDES), help="of the gears that the trajectory is on (default: joint)"
@@ -72,7 +78,7 @@ def run(options: argparse.Namespace) -> Report:
             raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
         plan = arguments.planned(options)
         robot, side = plan.robot, options.side or "joint"
-        message = joint_trajectory(plan, samples=options.samples or DEFAULT, side=side)
+        message = joint_trajectory(plan, samples=options.samples or DEFAULT_SAMPLES, side=side)
         as_json = file.suffix == ".json"
         if as_json:
             text = json.dumps(message, indent=2) + "\n"

@@ -36,6 +36,7 @@ from framework.motion.law import Law, PlannedLaw
 from framework.output import written_together
 
 MOTION_FILE = "motion.csv"
+NOTABLE_END_SPEED = 1e-6  # of the largest motor speed, that motors have at the ends: worth a line
 MAX_SAMPLES = 1_000_000
 
 
@@ -205,7 +206,7 @@ def _warnings(plan: CrossingPlan) -> list[str]:
         lines.append(f"  left out          dry friction: {plan.neglected_friction} (joint side)")
     for joint, excess in plan.exceeded.items():
         lines.append(f"  warning           {joint} exceeds its limits: {excess}")
-    if plan.certificate.end_speed > 1e-6:
+    if plan.certificate.end_speed > NOTABLE_END_SPEED:
         lines.append(
             f"  warning           the motors start and stop with {plan.certificate.end_speed:.1e} of their "
             f"largest speed: the springs carry inertia; a higher --smoothness mends it"

@@ -38,7 +38,7 @@ CRUISING_SPEEDS = (1.0, 1.3, 1.6, 2.0)  # s' T from which the search starts
 MAX_TRIALS = 80  # laws for each crossing and start: the longest is found to about a hundredth
 MIN_GAIN = 1e-2  # share by which a further start must lengthen the longest, for another one to be tried
 MAX_CROSSINGS = 3  # through more, the search takes too long
-INSTANTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(120) + 0.5) / 120)  # of t/T, where a law is looked at
+LAW_CHECK_TIMES = 0.5 - 0.5 * np.cos(np.pi * (np.arange(120) + 0.5) / 120)  # of t/T, where a law is looked at
 
 
 class PolynomialDurations(NamedTuple):
@@ -206,7 +206,7 @@ def _advancing(
                 (feasibility.s, float(v), _acceleration(feasibility, float(v), weight))
             )
         ]
-        laws.append(Law.rest_to_rest(1.0, smoothness, inner)(INSTANTS, 1))
+        laws.append(Law.rest_to_rest(1.0, smoothness, inner)(LAW_CHECK_TIMES, 1))
     plain, by_weight = laws[0], laws[1] - laws[0]  # s' T without weight, and what the weight adds at T = unit
     up, down = by_weight > 0, by_weight < 0
     if np.any(plain[~up & ~down] <= 0):

@@ -20,6 +20,7 @@ from framework.errors import NoLaw
 from framework.kinematics.continuation.tracking import Branch
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
+VECTOR_ROUNDING = 1e-12  # of a motion of unit size along a path, in robot lengths and radians
 NOTABLE_CURVATURE = 4.0  # |s"| over s'^2 that is worth a word: what a polynomial has at its most
 
 
@@ -169,7 +170,7 @@ def _feasibility(branch: Branch, place: CrossingPoint) -> Feasibility:
     return Feasibility(
         place.s,
         condition,
-        weight_share=_cosine(robot.model.gravity.linear, falling),
+        weight_share=_cosine(robot.model.gravity.linear, falling / robot.length),
         tangent_share=_cosine(robot.platform.path_twist(branch.path, place.s) * size, place.twist * size),
     )
 
@@ -177,4 +178,4 @@ def _feasibility(branch: Branch, place: CrossingPoint) -> Feasibility:
 def _cosine(a: Any, b: Any) -> float:
     """|cos| of the angle between two vectors; 0 if one of them is zero or rounding."""
     size = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return abs(float(np.dot(a, b))) / size if size > 1e-12 * float(np.linalg.norm(a)) else 0.0
+    return abs(float(np.dot(a, b))) / size if size > VECTOR_ROUNDING * float(np.linalg.norm(a)) else 0.0

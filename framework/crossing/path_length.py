@@ -8,7 +8,7 @@ from framework.arrays import Array
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.path import Path
 
-SAMPLES = 1001  # of the polygon that is measured
+POLYGON_POINTS = 1001  # of the polygon that is measured
 
 
 def coordinate_sizes(robot: ParallelRobot) -> Array:
@@ -18,5 +18,5 @@ def coordinate_sizes(robot: ParallelRobot) -> Array:
 
 def path_length(robot: ParallelRobot, path: Path) -> float:
     """Compute the length of a path [m]."""
-    points = path(np.linspace(0.0, 1.0, SAMPLES)) * coordinate_sizes(robot)
+    points = path(np.linspace(0.0, 1.0, POLYGON_POINTS)) * coordinate_sizes(robot)
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

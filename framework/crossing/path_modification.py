@@ -30,14 +30,15 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.path import Path, Spline
 from framework.singularity.points_on_path import search_path
 
-MAX_SHARE = 0.05  # of the path's length: a bend beyond that makes another path
-HALVINGS = 7  # the smallest bend tried is MAX_SHARE / 2^7, 0.04 % of the length: a matter of making the robot
-BISECTIONS = 3  # of the last factor of two: the least share is known to 2^(1/8), 9 %
-RESERVE = 0.1  # of its size, by which the bend is made larger than the least that helps
+MAX_BEND_SHARE = 0.05  # of the path's length: a bend beyond that makes another path
+# the smallest bend tried is MAX_BEND_SHARE / 2^7, 0.04 % of the length: a matter of making the robot
+BEND_HALVINGS = 7
+BEND_BISECTIONS = 3  # of the last factor of two: the least share is known to 2^(1/8), 9 %
+BEND_RESERVE = 0.1  # of its size, by which the bend is made larger than the least that helps
 BUMP_EXPONENT = 10.0  # N: b and two derivatives of it vanish at both ends for c in [END_SHARE, 1 - END_SHARE]
 SPLINE_POINTS = 9  # and two more for each knot of the path
 END_SHARE = 0.15  # in s: nearer to an end the bump would not vanish smoothly there
-SAMPLES = 1001  # equidistant places at which the size of a bend is measured
+BEND_SAMPLES = 1001  # equidistant places at which the size of a bend is measured
 
 
 class ModifiedPathPlan(NamedTuple):
@@ -66,7 +67,7 @@ def plan_request_with_modified_path(robot: ParallelRobot, request: Request) -> M
     """Plan a request, with its path bent where that is nearest to orthogonal to t_s if it needs to be.
 
     Least means: of bends to either side, each twice the last, the first with which the request is planned,
-    within its limits if it has any, bisected against the last that was refused; then `RESERVE` is added.
+    within its limits if it has any, bisected against the last that was refused; then `BEND_RESERVE` is added.
     Without a limit of torque the least bend may well ask for a large one.
 
     Raises:
@@ -85,7 +86,8 @@ def plan_request_with_modified_path(robot: ParallelRobot, request: Request) -> M
         modified = _least(robot, request, modification)
         if modified is None:
             raise NoLaw(
-                f"{refusal}; nor does a bend of up to {100 * MAX_SHARE:g} % of its length help", proof=proof
+                f"{refusal}; nor does a bend of up to {100 * MAX_BEND_SHARE:g} % of its length help",
+                proof=proof,
             ) from None
     return modified
 
@@ -119,7 +121,7 @@ def _modification_at_crossing(robot: ParallelRobot, path: Path) -> _Modification
     x = np.repeat(path(c)[None], robot.n, axis=0)
     along_twist = np.linalg.solve(robot.platform.twist(x, np.eye(robot.n))[0].T, singular.twist)
     size, length = coordinate_sizes(robot), path_length(robot, path)
-    largest = np.abs(_bump(np.linspace(0.0, 1.0, SAMPLES), c)).max() * float(
+    largest = np.abs(_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)).max() * float(
         np.linalg.norm(along_twist * size)
     )
     s = np.linspace(0.0, 1.0, _intervals(path, c) + 1)
@@ -152,8 +154,8 @@ def _least(robot: ParallelRobot, request: Request, modification: _Modification) 
         except (NoAnswer, InvalidInput):  # the latter: not as many crossings as times or speeds
             return None
 
-    smallest = MAX_SHARE / 2.0**HALVINGS
-    for share in (side * smallest * 2.0**k for k in range(HALVINGS + 1) for side in (1.0, -1.0)):
+    smallest = MAX_BEND_SHARE / 2.0**BEND_HALVINGS
+    for share in (side * smallest * 2.0**k for k in range(BEND_HALVINGS + 1) for side in (1.0, -1.0)):
         plan = planned(share)
         if plan is not None:
             break
@@ -161,8 +163,8 @@ def _least(robot: ParallelRobot, request: Request, modification: _Modification) 
         return None
     if abs(share) > smallest:
         share, plan = _bisected(planned, share, plan)
-    plan = planned((1.0 + RESERVE) * share) or plan
-    s = np.linspace(0.0, 1.0, SAMPLES)
+    plan = planned((1.0 + BEND_RESERVE) * share) or plan
+    s = np.linspace(0.0, 1.0, BEND_SAMPLES)
     change = plan.path(s) - modification.path(s)
     moved, turned, both = (
         float(np.linalg.norm(part, axis=1).max())
@@ -180,7 +182,7 @@ def _bisected(
 ) -> tuple[float, CrossingPlan]:
     """Bisect, on a logarithmic scale, between half a share that is enough, which is not, and that share."""
     too_little = 0.5 * enough
-    for _ in range(BISECTIONS):
+    for _ in range(BEND_BISECTIONS):
         middle = float(np.sqrt(too_little * enough)) * np.sign(enough)
         better = planned(middle)
         if better is None:

@@ -22,7 +22,8 @@ from framework.motion.law import Law
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, check_of, search_path
 
-CREEPING = 0.1  # least speed over its mean (the ends divided out) below which a polynomial is given up
+# least speed over its mean (the ends divided out) below which a polynomial is given up
+MIN_POLYNOMIAL_ADVANCE = 0.1
 
 
 @takes_options
@@ -111,7 +112,12 @@ def _best(work: _Work) -> CrossingPlan:
                     both, residual=refusal.residual, s=refusal.s, platform=refusal.platform
                 ) from None
             raise NoLaw(both, proof=refusal.proof or getattr(second, "proof", None)) from None
-    if not request.may_be_optimal or not plan.crossings or request.speeds is not None or advance >= CREEPING:
+    if (
+        not request.may_be_optimal
+        or not plan.crossings
+        or request.speeds is not None
+        or advance >= MIN_POLYNOMIAL_ADVANCE
+    ):
         return plan
     nearly_stops = f"the polynomial nearly stops: its least speed is {advance:.2g} of its mean"
     try:

@@ -18,7 +18,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import AT_REST
 
 FRICTIONS = ("driven", "none")
-SAMPLES = 1001  # instants at which the speed's sign is looked at; a reversal and back between two is not seen
+# instants at which the speed's sign is looked at; a reversal and back between two is not seen
+SPEED_SAMPLES = 1001
 
 
 def motor_friction(robot: ParallelRobot, friction: str) -> Array:
@@ -51,7 +52,7 @@ class PlannedFriction(ReadOnlyArrays):
         """Return friction of this size (n_a,) for motor speeds (T, n_a) at t (T,); None without any."""
         if not size.any():
             return None
-        t = np.linspace(0.0, duration, SAMPLES)
+        t = np.linspace(0.0, duration, SPEED_SAMPLES)
         sampled = signs(speed(t))
         instants, between = [], []
         for k, friction in enumerate(size):

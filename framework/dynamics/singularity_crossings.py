@@ -21,10 +21,11 @@ from framework.motion.path import Path, along
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.root_of_g import root_of_g
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
-from framework.tolerances import STOP_AT_CROSSING
+from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
 NO_INSTANTS: Array = np.empty(0)
-BESIDE = 0.1  # of a panel: an edge nearer to a crossing than this is a node too near to it
+LAW_ROOT_ROUNDING = 1e-12  # in s, of what a law leaves at its roots
+EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing than this is a node too near to it
 
 
 def panel_edges(path: Path, law: MotionLaw, clear_of: Array = NO_INSTANTS) -> Array:
@@ -39,8 +40,8 @@ def panel_edges(path: Path, law: MotionLaw, clear_of: Array = NO_INSTANTS) -> Ar
         for t in clear_of:
             k = int(np.argmin(np.abs(ends - t)))
             narrower = np.diff(ends)[max(k - 1, 0) : k + 1].min()
-            if 0 < k < len(ends) - 1 and abs(ends[k] - t) < BESIDE * narrower:
-                ends[k] = t + 3.0 * BESIDE * narrower
+            if 0 < k < len(ends) - 1 and abs(ends[k] - t) < EDGE_CLEARANCE * narrower:
+                ends[k] = t + 3.0 * EDGE_CLEARANCE * narrower
     inner = [instants(law, ends, knot) for knot in path.knots]
     return np.unique(np.concatenate([ends, *inner])) if inner else ends
 
@@ -58,10 +59,10 @@ def instants(law: MotionLaw, edges: Array, s: float) -> Array:
                 slope = float(law(np.array([t]), 1)[0])
                 if slope != 0.0:
                     t = np.clip(t - (float(law(np.array([t]))[0]) - s) / slope, start, end)
-            if abs(float(law(np.array([t]))[0]) - s) < 1e-12:  # a root, and not a near miss
+            if abs(float(law(np.array([t]))[0]) - s) < LAW_ROOT_ROUNDING:  # no near miss
                 roots.append(t)
     times = np.sort(np.array(roots))
-    keep = np.concatenate(([True], np.diff(times) > 1e-9 * (edges[-1] - edges[0])))
+    keep = np.concatenate(([True], np.diff(times) > SAME_PLACE * (edges[-1] - edges[0])))
     return times[keep[: len(times)]]
 
 

@@ -19,7 +19,7 @@ from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, choose_from, whole_number
 
 FIELDS = ("positions", "velocities", "accelerations", "effort")
-SAMPLES, DEFAULT = (2, 1_000_000), 501
+SAMPLE_RANGE, DEFAULT_SAMPLES = (2, 1_000_000), 501
 NANOSECONDS = 1_000_000_000
 SIDES = {
     "joint": "joint side of the gears: position = motor angle / gear ratio, "
@@ -35,7 +35,9 @@ FRAME_IDS = {
 BEFORE_SPRINGS = "; before the springs of drives and links"
 
 
-def joint_trajectory(plan: CrossingPlan, *, samples: int = DEFAULT, side: str = "joint") -> dict[str, Any]:
+def joint_trajectory(
+    plan: CrossingPlan, *, samples: int = DEFAULT_SAMPLES, side: str = "joint"
+) -> dict[str, Any]:
     """The message as plain data, for YAML or JSON: header, joint_names and `samples` equidistant points.
 
     Positions [rad, m], velocities, accelerations, effort [N m, N]; `time_from_start` {sec, nanosec}.
@@ -45,7 +47,7 @@ def joint_trajectory(plan: CrossingPlan, *, samples: int = DEFAULT, side: str = 
     """
     if side not in SIDES:
         raise InvalidInput(choose_from("side", side, SIDES))
-    samples = whole_number("samples", samples, *SAMPLES)
+    samples = whole_number("samples", samples, *SAMPLE_RANGE)
     robot, times = plan.robot, np.linspace(0.0, plan.duration, samples)
     gear = robot.gear_ratio if side == "joint" else np.ones(robot.n_a)
     position, velocity, acceleration = (plan.motor_angle(times, order) / gear for order in range(3))

@@ -4,7 +4,7 @@ Joints keep their names, axes and zeros, armature, damping, dry friction and spr
 platform and of the loops become sites. A rotor adds the armature gear ratio^2 times its inertia, a motor is
 an actuator of that gear whose control is its torque, a spring of the robot a joint with stiffness. Loops and
 couplings of joints are equalities, see `mjcf_loops`. MuJoCo wants mass in each body that moves: where the
-robot has none, MASS and INERTIA stand in. Bodies have no shape.
+robot has none, MIN_MASS and MIN_INERTIA stand in. Bodies have no shape.
 
 A torque limit is the range of a motor's control and force, which MuJoCo keeps. The URDF's range of a joint is
 its range, which MuJoCo keeps, too, by forces of its own, and so a range that the reference is not in is left
@@ -27,14 +27,14 @@ from framework.export.mjcf_loops import OFF_ORIGIN, equality_axes, frame_names
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, positions_beyond_limits
 
-MASS, INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of bodies without; MuJoCo refuses less than 1e-15
-STEP = 1e-3  # [s]
+MIN_MASS, MIN_INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of bodies without; MuJoCo refuses less than 1e-15
+TIME_STEP = 1e-3  # [s]
 START = (
     "start from the keyframe `reference`, where the loops are closed: "
     "mj_resetDataKeyframe(model, data, 0); at zero they are torn"
 )
 HARD = "0.9999 0.9999 0.001 0.5 2"  # solimp: what is nearest to a rigid loop
-ALONG = 0.1  # robot lengths between the points that close a hinge or a weld
+CLOSING_POINT_DISTANCE = 0.1  # robot lengths between the points that close a hinge or a weld
 
 
 def mjcf_text(robot: ParallelRobot) -> str:
@@ -49,7 +49,7 @@ def mjcf_text(robot: ParallelRobot) -> str:
     ElementTree.SubElement(
         root,
         "option",
-        timestep=repr(STEP),
+        timestep=repr(TIME_STEP),
         gravity=_numbers(robot.model.gravity.linear),
         integrator="implicitfast",
     )
@@ -133,7 +133,7 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
         body,
         "inertial",
         pos=_numbers(inertia.lever),
-        mass=repr(max(float(inertia.mass), MASS)),
+        mass=repr(max(float(inertia.mass), MIN_MASS)),
         fullinertia=_numbers(moments[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]),
     )
     return body
@@ -147,7 +147,7 @@ def _accepted(inertia: Array) -> Array:
     """
     moments, axes = np.linalg.eigh(inertia)
     moments[:2] += 0.5 * max(0.0, moments[2] - moments[0] - moments[1])
-    return np.asarray(axes @ np.diag(np.maximum(moments, INERTIA)) @ axes.T)
+    return np.asarray(axes @ np.diag(np.maximum(moments, MIN_INERTIA)) @ axes.T)
 
 
 def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[ElementTree.Element]) -> None:
@@ -162,7 +162,7 @@ def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[Ele
         ElementTree.SubElement(bodies[frame_at.parentJoint], "site", {"name": name} | _placed(placed))
 
     equality = ElementTree.SubElement(root, "equality")
-    hard = {"solref": f"{2 * STEP!r} 1", "solimp": HARD}
+    hard = {"solref": f"{2 * TIME_STEP!r} 1", "solimp": HARD}
     for name in names:
         site(name, name, np.zeros(3))
     for closure in robot.description.closures:
@@ -173,7 +173,7 @@ def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[Ele
                 name = f"{closure.name}_{'xyz'[k]}"
                 pair = (f"{ends[0]}_{name}", f"{ends[1]}_{name}")
                 for point, frame in zip(pair, ends, strict=True):
-                    site(point, frame, ALONG * robot.length * np.eye(3)[k])
+                    site(point, frame, CLOSING_POINT_DISTANCE * robot.length * np.eye(3)[k])
             joined = {"name": name, "site1": pair[0], "site2": pair[1]}
             ElementTree.SubElement(equality, "connect", joined | hard)
     for coupling in robot.description.couplings:

@@ -26,8 +26,9 @@ HINGES = {locked_axes("revolute", axis): k for k, axis in enumerate("xyz")}  # a
 # Axes on which there are more points than the origin. MuJoCo's own weld weighs its couples with the inertia
 # of a body about its centre, which makes it soft where that is next to nothing (a rod about its own axis).
 OFF_ORIGIN = {POINT: (), **{axes: (k,) for axes, k in HINGES.items()}, WELD: (0, 1)}
-DEFLECTED = 1e-3  # [rad, robot lengths] by which springs are, where the loops are looked at
-CLOSED = 1e-10  # [rad, robot lengths]: the square of DEFLECTED, by which a free axis opens, is above it
+TRIED_DEFLECTION = 1e-3  # [rad, robot lengths] by which springs are, where the loops are looked at
+# [rad, robot lengths]: the square of TRIED_DEFLECTION, by which a free axis opens, is above it
+CLOSED_GAP = 1e-10
 
 
 def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
@@ -57,7 +58,7 @@ def _more_locked(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[
         rows = loop_rows([replace(closure, axes=axes)], names)
         lengths = np.where(rows.rotation, 1.0, robot.length)
         gap = float((np.abs(loop_equations(rows, placements).residual) / lengths).max(initial=0.0))
-        if gap <= CLOSED:
+        if gap <= CLOSED_GAP:
             return axes
         lacking[axes] = gap
     least = min(lacking, key=lacking.__getitem__, default=())
@@ -73,7 +74,7 @@ def _configurations_beside(robot: ParallelRobot) -> Array:
     """Assembled configurations (K, nq) at and beside the reference, springs at rest and deflected."""
     rest, aside = robot.reference.q, np.zeros((1, robot.model.nv))
     share = np.random.default_rng(0).uniform(-1, 1, robot.n_e)
-    aside[0, robot.elastic] = DEFLECTED * robot.column_scale[robot.elastic] * share
+    aside[0, robot.elastic] = TRIED_DEFLECTION * robot.column_scale[robot.elastic] * share
     starts = [rest, integrate(robot, rest[None], aside)[0]] if robot.n_e else [rest]
     return np.array([rest, *(q for start in starts for q in nearby_configurations(robot, start))])
 

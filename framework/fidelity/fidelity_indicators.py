@@ -36,7 +36,7 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.fidelity_levels import LEVELS
 from framework.statics.vibrations import free_motor_frequency
 
-SAMPLES = 65  # equidistant instants at which bodies and vibrations are looked at
+MOTION_SAMPLES = 65  # equidistant instants at which bodies and vibrations are looked at
 
 
 class Indicators(NamedTuple):
@@ -112,7 +112,7 @@ class _Shares(NamedTuple):
 
 
 def _shares(rigid: CrossingPlan, payload: CrossingPlan | None) -> _Shares:
-    motion = rigid.dynamics.motion(np.linspace(0.0, rigid.duration, SAMPLES))
+    motion = rigid.dynamics.motion(np.linspace(0.0, rigid.duration, MOTION_SAMPLES))
     robot = rigid.robot
     full = platform_wrench(robot, motion)
     size = robot.platform_scale  # moments: a force times the robot's length
@@ -141,7 +141,7 @@ def _slowness(rigid: CrossingPlan, elastic: CrossingPlan | None) -> tuple[float,
     """Return max |d4s/dt4| / (omega^2 max |d2s/dt2|), and the first frequency times the duration."""
     if elastic is None:
         return np.inf, 0.0
-    t = np.linspace(0.0, elastic.duration, SAMPLES)
+    t = np.linspace(0.0, elastic.duration, MOTION_SAMPLES)
     frequency = float(free_motor_frequency(elastic.robot, elastic.configuration(t)).min())
     times = np.linspace(0.0, rigid.duration, 1001)
     fourth, second = (float(np.abs(rigid.law(times, order)).max()) for order in (4, 2))

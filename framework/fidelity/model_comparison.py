@@ -31,7 +31,7 @@ STEP_ERRORS = (1e-3, 1e-5)  # of the tolerance, that a step may leave unresolved
 # tried; what is left with the shortest stands in its row
 OWN_ERROR = 0.1
 MIN_STEP_ERROR = 1e-12  # [robot lengths] what planned torques are good for
-SAMPLES = 1001  # equidistant instants of a comparison
+MOTION_SAMPLES = 1001  # equidistant instants of a comparison
 NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # of the duration: more instants, where differences may be narrow
 
 
@@ -69,7 +69,7 @@ class Comparison(ReadOnlyArrays):
         if self.plan is None or not self.plan.robot.n_e:
             return None
         robot = self.plan.robot
-        times = np.linspace(0.0, self.plan.duration, SAMPLES)
+        times = np.linspace(0.0, self.plan.duration, MOTION_SAMPLES)
         largest = np.abs(self.plan.deflection(times)).max(axis=0)
         k = int(np.argmax(largest / robot.column_scale[robot.elastic]))
         return robot.elastic_names[k], float(largest[k])
@@ -101,7 +101,7 @@ class HighestLevel:
         """
         robot, duration, units = plan.robot, plan.duration, np.array(plan.robot.torque_units)
         near = [one.time + side * NEAR_CROSSING * duration for one in plan.crossings for side in (-1.0, 1.0)]
-        times = np.unique(np.concatenate([np.linspace(0.0, duration, SAMPLES), *near]))
+        times = np.unique(np.concatenate([np.linspace(0.0, duration, MOTION_SAMPLES), *near]))
         times = times[(times >= 0.0) & (times <= duration)]
         peaks = np.array(list(plan.peak_torque.values()))
         peak = np.array([peaks[units == unit].max() for unit in units])

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.arrays import NONZERO, Array, IntArray, ReadOnlyArrays
+from framework.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.errors import NotAssembled, finite_numbers
 from framework.kinematics.closures import loop_equations, scaled, turned_over
 from framework.kinematics.frames import difference, frames_at, integrate
@@ -104,7 +104,7 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
         jacobian = scaled(mechanism, loops.jacobian, rows.rotation)[0][:, free]
         joint = -np.linalg.lstsq(jacobian, weights * loops.residual[0], rcond=RANK_ROUNDING)[0]
         step = np.zeros((1, mechanism.model.nv))
-        step[0, free] = joint * min(1.0, MAX_NEWTON_STEP / max(np.abs(joint).max(), NONZERO)) * lengths
+        step[0, free] = joint * min(1.0, MAX_NEWTON_STEP / max(np.abs(joint).max(), LEAST_DIVISOR)) * lengths
         fraction = 1.0
         while (
             after := mismatch(integrate(mechanism, q, fraction * step))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import NONZERO, Array, IntArray, ReadOnlyArrays
+from framework.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.errors import SingularReference
 from framework.kinematics.assembly import all_loops_matrix
 from framework.kinematics.closures import scaled
@@ -144,4 +144,4 @@ def _row_sizes(loops: Array) -> Array:
     An equation may be written in any unit, or as any multiple of itself: none of that is a singularity.
     """
     sizes = np.abs(loops).max(axis=1, initial=0.0)
-    return np.where((sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE), np.maximum(sizes, NONZERO), 1.0)
+    return np.where((sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE), np.maximum(sizes, LEAST_DIVISOR), 1.0)

@@ -24,9 +24,8 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 
-DIFFERENCE_STEP = (
-    1e-5  # [rad, lengths] of central differences: errors of 1e-10 in slopes, none in what is solved
-)
+# [rad, lengths] of central differences: errors of 1e-10 in slopes, none in what is solved
+DIFFERENCE_STEP = 1e-5
 
 
 class Borders(NamedTuple):

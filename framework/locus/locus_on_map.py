@@ -28,9 +28,8 @@ from framework.tolerances import DISTINCT_SOLUTIONS
 
 STARTS_PER_ROUND = 24  # sign changes of a round that tracing starts from, evenly chosen
 MAX_ROUNDS = 4  # each from further sign changes, which the curves so far do not pass
-SAME_CURVE_CELLS = (
-    0.25  # cells between curves that are one: on one branch of the map they have the same joints
-)
+# cells between curves that are one: on one branch of the map they have the same joints
+SAME_CURVE_CELLS = 0.25
 MAX_TOUCHES = 16  # least |g| that it starts from: curves along which g keeps its sign
 STEPS_PER_REACH = 16.0  # of a curve along half an edge of the window, at least
 REGION_MARGIN = 1.05  # half the edge of the region followed, to the window's farthest side

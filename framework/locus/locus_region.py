@@ -19,9 +19,8 @@ from framework.tolerances import RANK_ROUNDING
 WAY_STEPS = 10  # to a start
 NEWTON_STEPS, MAX_JOINT_STEP = 6, 0.7  # in each of these; [rad, lengths] of one
 MAX_ROTATION = 3.0  # [rad] of a rotation vector: its chart ends at pi
-CUT_CLEARANCE_RATIO = (
-    1e-3  # of the last determinant in a working mode: what is left of it where a curve is cut
-)
+# of the last determinant in a working mode: what is left of it where a curve is cut
+CUT_CLEARANCE_RATIO = 1e-3
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,13 +23,8 @@ from framework.singularity.type2 import singularity_measure
 from framework.tolerances import DISTINCT_SOLUTIONS
 
 CIRCLE_STEPS = 24  # on the circle
-CIRCLE_RADII = (
-    0.04,
-    0.02,
-    0.01,
-    0.005,
-    0.0025,
-)  # [rad, lengths] of circles that are tried, the largest first
+# [rad, lengths] of circles that are tried, the largest first
+CIRCLE_RADII = (0.04, 0.02, 0.01, 0.005, 0.0025)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,8 @@ from typing import NamedTuple
 from framework.errors import RobotFileError, choose_from
 
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
-LARGEST, SHORTEST = 1e30, 1e-30  # numbers of a robot, in SI units: powers of others overflow or vanish
+# numbers of a robot, in SI units: powers of others overflow or vanish
+LARGEST_NUMBER, SMALLEST_LENGTH = 1e30, 1e-30
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 # What each closure kind locks if its axis is z: axes in the frame of the first body, or the distance of the

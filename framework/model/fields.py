@@ -12,7 +12,7 @@ from difflib import get_close_matches
 from typing import Any, NamedTuple, TypeVar
 
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import LARGEST
+from framework.model.description import LARGEST_NUMBER
 
 T = TypeVar("T")
 Reader = Callable[[str, Any], T]
@@ -163,7 +163,7 @@ def integer(where: str, given: Any) -> int:
 
 
 def number(where: str, given: Any) -> float:
-    """A finite number of at most LARGEST; a text, too: YAML 1.1 reads 1e5 as one."""
+    """A finite number of at most LARGEST_NUMBER; a text, too: YAML 1.1 reads 1e5 as one."""
     try:
         if isinstance(given, bool) or not isinstance(given, int | float | str):
             raise ValueError
@@ -174,8 +174,8 @@ def number(where: str, given: Any) -> float:
         value = math.inf
     if not math.isfinite(value):
         raise RobotFileError(f"{where}: needs a finite number, got {given!r}")
-    if abs(value) > LARGEST:
-        raise RobotFileError(f"{where}: must be at most {LARGEST:g} in size, got {given!r}")
+    if abs(value) > LARGEST_NUMBER:
+        raise RobotFileError(f"{where}: must be at most {LARGEST_NUMBER:g} in size, got {given!r}")
     return value
 
 

@@ -13,11 +13,13 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, short
-from framework.model.description import LARGEST, SHORTEST
+from framework.model.description import LARGEST_NUMBER, SMALLEST_LENGTH
 from framework.model.placement import from_rpy, placement
 
 
-def numbers(where: str, text: str | None, count: int, *, largest: float = LARGEST) -> tuple[float, ...]:
+def numbers(
+    where: str, text: str | None, count: int, *, largest: float = LARGEST_NUMBER
+) -> tuple[float, ...]:
     """`count` finite numbers out of an attribute.
 
     Raises:
@@ -94,6 +96,6 @@ def axis_of(element: ElementTree.Element, where: str) -> Array:
     """The direction of an `<axis xyz>`, which must not be zero."""
     only(element, where, (), ("xyz",))
     axis = np.array(numbers(f"{where} xyz", attribute(element, where, "xyz"), 3))
-    if np.abs(axis).max() < SHORTEST:
+    if np.abs(axis).max() < SMALLEST_LENGTH:
         raise RobotFileError(f"{where}: the axis is zero")
     return axis

@@ -21,6 +21,7 @@ from framework.errors import InvalidInput, check_order
 from framework.tolerances import SAME_PLACE
 
 MIN_CLENSHAW_POINTS = 400  # from which a step of its recurrence costs less than the cosines it saves
+COEFFICIENT_ROUNDING = 1e-15  # of the largest coefficient of a series
 NOISE_FACTOR = 3.0  # times the largest coefficient of the last eighth: what may be rounding
 
 
@@ -70,13 +71,13 @@ def extrema(series: Array) -> Array:
     return real_roots(derivative_matrix(len(series)) @ series)
 
 
-def real_roots(series: Array, *, margin: float = 1e-9) -> Array:
+def real_roots(series: Array, *, margin: float = SAME_PLACE) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending, by the colleague matrix.
 
     `margin` accepts roots that rounding has pushed off the real axis or over an end.
     """
     size = np.abs(series)
-    degree = int(np.flatnonzero(size > 1e-15 * size.max(initial=0.0)).max(initial=0))
+    degree = int(np.flatnonzero(size > COEFFICIENT_ROUNDING * size.max(initial=0.0)).max(initial=0))
     # |T_k| is at most largest^k wherever the margin lets a root be: the constant may outweigh all others
     largest = 1.0 + 2.0 * margin**0.25
     if degree == 0 or size[0] > size[1 : degree + 1] @ largest ** np.arange(1, degree + 1):

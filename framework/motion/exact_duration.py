@@ -10,6 +10,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, legendre
 
 from framework.arrays import Array
+from framework.motion.chebyshev import COEFFICIENT_ROUNDING
 from framework.motion.cone_program import Affine
 from framework.motion.optimal_law import PANEL_NODES, Stretch, slowness_on_panels
 
@@ -63,7 +64,7 @@ def adjusted(series: Array, equalities: Affine, duration: float, stretch: Stretc
         rows = rows / size[:, None]
         step = weight * (rows.T @ np.linalg.lstsq((rows * weight) @ rows.T, miss, rcond=None)[0])
         series = series - step
-        if np.abs(step).max() <= 1e-15 * np.abs(series).max():
+        if np.abs(step).max() <= COEFFICIENT_ROUNDING * np.abs(series).max():
             break
     return series
 

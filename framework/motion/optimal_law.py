@@ -23,7 +23,7 @@ from numpy.polynomial import chebyshev, polynomial
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order
 from framework.motion.chebyshev import TimeFunction, TimeGrid, extrema, nodes
-from framework.tolerances import SAME_PLACE, SLOWNESS_ROUNDING
+from framework.tolerances import NEWTON_STEP, SAME_PLACE, SLOWNESS_ROUNDING
 
 HIGHEST_SMOOTHNESS = 6  # beyond, the squared speed grows so much at the ends that its digits are lost
 HIGHEST_ORDER = 4  # derivatives of s that an elastic robot's torque needs
@@ -269,7 +269,7 @@ def _parameter(law: OptimalLaw, instants: bytes) -> Array:
         slowness = law.squared_speed(start + 0.5 * width * (x + 1.0)) ** -0.5
         step = (sought - time) / (0.5 * width * slowness)
         x = np.clip(x + step, -1.0, 1.0)
-        if np.abs(step).max(initial=0.0) < 1e-9:  # the next one would be its square
+        if np.abs(step).max(initial=0.0) < NEWTON_STEP:
             break
     return read_only(np.asarray(start + 0.5 * width * (x + 1.0)))
 

@@ -20,9 +20,9 @@ from framework.motion.path import Path, expect_path
 from framework.tolerances import WRONG_DERIVATIVE
 
 DIFFERENCE_ROUNDING = 1e-10  # of x(b) - x(a), over the largest value: what a user's own formula may lose
-INTERVALS = 9
+DIFFERENCE_INTERVALS = 9
 INTERVAL_LENGTH = 1e-3  # in s; shorter between knots that are closer
-GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # its multiples modulo 1 spread evenly and hit no regular grid
+GOLDEN_RATIO = 0.5 * (5.0**0.5 - 1.0)  # its multiples modulo 1 spread evenly and hit no regular grid
 
 
 def check_path(path: Path) -> None:
@@ -62,12 +62,12 @@ def _gauss() -> tuple[Array, Array]:
 
 
 def _intervals(path: Path) -> tuple[Array, Array]:
-    """Starts and lengths of intervals (INTERVALS,) in [0, 1] that contain no knot."""
+    """Starts and lengths of intervals (DIFFERENCE_INTERVALS,) in [0, 1] that contain no knot."""
     knots = np.asarray(path.knots, dtype=float)
     edges = np.concatenate(([0.0], knots, [1.0]))
     if not np.all(np.diff(edges) > 0):
         raise InvalidInput(f"path: knots must ascend inside (0, 1), got {knots.tolist()}")
-    places = np.mod(GOLDEN * np.arange(1, INTERVALS + 1), 1.0)
+    places = np.mod(GOLDEN_RATIO * np.arange(1, DIFFERENCE_INTERVALS + 1), 1.0)
     panel = np.searchsorted(edges, places, side="right") - 1
     lengths = np.minimum(INTERVAL_LENGTH, np.diff(edges)[panel])
     return np.minimum(places, edges[panel + 1] - lengths), lengths

@@ -17,7 +17,7 @@ from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_a
 from framework.proofs.interval_newton import LinearEnclosure, contracted, regularised
 
 MAX_BOXES = 60_000
-BATCH = 4096  # boxes
+BOXES_PER_BATCH = 4096
 MIN_RADIUS = 1e-6  # of a box that is cut: solutions that are single are known before
 MAX_UNIQUE_RADIUS = 0.5  # [rad, lengths] of a region in which a solution is the only one
 UNIQUENESS_SHARE = 0.9  # of the radius at which slopes may lose rank
@@ -76,6 +76,10 @@ def has_no_others(
 
     # one undecided box ends the search: all are as near as it is
     end = branch_and_bound(
-        test, boxes, batch=BATCH, max_examined=max_boxes, distance=lambda boxes: np.zeros(boxes.size)
+        test,
+        boxes,
+        batch=BOXES_PER_BATCH,
+        max_examined=max_boxes,
+        distance=lambda boxes: np.zeros(boxes.size),
     )
     return not (end.undecided.size or end.ahead.size)

@@ -6,7 +6,7 @@ From it straight ways of coefficients, complex by random factors, lead to any ot
 them solutions neither meet nor leave before the end, but with probability zero. Paths are followed in stacks.
 
 A path that does not arrive is followed again on a way that shrinks by the same factor a segment, s ->
-`SEGMENT_RATIO` s. Its size |(functions)| / |first function|, that of a displacement R, p, behaves as
+`ENDGAME_SEGMENT_RATIO` s. Its size |(functions)| / |first function|, that of a displacement R, p, behaves as
 s^-w with a rational w (Puiseux; Morgan, Sommese and Wampler 1992): with the same w > 0 over successive
 segments the path leaves for infinity, with w = 0 it ends at a solution that is not single. What is neither is
 lost.
@@ -26,13 +26,13 @@ from framework.tolerances import ENDGAME_MIN_EXPONENT, NEWTON_STEP
 MIN_INFINITE_SIZE = 1e3  # [robot lengths] of a path on its way to infinity; no leg is that long
 MAX_EXPONENT_SPREAD = 0.1  # of the largest of them: exponents of successive segments that agree
 FIRST_STEP, MIN_STEP = 0.05, 1e-9  # of the way
-CORRECTIONS = 3  # Newton steps
+CORRECTOR_STEPS = 3  # Newton steps
 STEPS_BEFORE_GROWTH = 4  # that go well before the next is longer
 MAX_SIZE = 1e7  # of z in its chart: beyond, a path is no longer followed in it
 MONODROMY_ROUNDS = 60
-REFINEMENTS = 4  # Newton steps
-SEGMENT_RATIO = 0.25
-SEGMENTS = 18  # the last is 1e-11 of the way: coefficients are not better known
+REFINEMENT_STEPS = 4  # Newton steps
+ENDGAME_SEGMENT_RATIO = 0.25
+ENDGAME_SEGMENTS = 18  # the last is 1e-11 of the way: coefficients are not better known
 AGREEING_EXPONENTS = 3  # of successive segments
 FOLLOWED_AGAIN_SIZE = 1e5  # of an end, as a displacement: it may be at infinity
 START_SEED, PATH_SEED = 20, 21
@@ -95,7 +95,7 @@ def refined(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArray) -> Com
     """Refine solutions z (S, N) by Newton steps in the chart (N,) . z = 1."""
     z = z / (z @ chart)[:, None]
     system = _LinearHomotopy(quadrics, 0 * quadrics, chart)
-    for _ in range(REFINEMENTS):
+    for _ in range(REFINEMENT_STEPS):
         z = z + system.newton(z, np.zeros(len(z)))
     return z
 
@@ -143,8 +143,8 @@ def _endgame(
     last, end = z.copy(), z.copy()
     infinite, multiple, arrived, live = (np.full(len(z), value) for value in (False, False, False, True))
     logarithms, near = [np.log(sizes(family, z))], start
-    for segment in range(1, SEGMENTS + 1):
-        far, k = target + SEGMENT_RATIO**segment * (start - target), np.flatnonzero(live)
+    for segment in range(1, ENDGAME_SEGMENTS + 1):
+        far, k = target + ENDGAME_SEGMENT_RATIO**segment * (start - target), np.flatnonzero(live)
         if not len(k):
             break
         last[k], good = tracked(family, near, far, last[k], rng)
@@ -152,7 +152,7 @@ def _endgame(
         near, live[k[~good]] = far, False
         if len(logarithms) <= AGREEING_EXPONENTS:
             continue
-        w = np.diff(np.array(logarithms[-AGREEING_EXPONENTS - 1 :]), axis=0) / -np.log(SEGMENT_RATIO)
+        w = np.diff(np.array(logarithms[-AGREEING_EXPONENTS - 1 :]), axis=0) / -np.log(ENDGAME_SEGMENT_RATIO)
         least, largest = w.min(axis=0), w.max(axis=0)
         agree = largest - least < MAX_EXPONENT_SPREAD * largest
         large = logarithms[-1] > np.log(MIN_INFINITE_SIZE)
@@ -198,7 +198,7 @@ class _LinearHomotopy(NamedTuple):
         k3 = self.rate(z + 0.5 * h[:, None] * k2, t + 0.5 * h)
         k4 = self.rate(z + h[:, None] * k3, t + h)
         ahead = z + h[:, None] / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        for _ in range(CORRECTIONS):
+        for _ in range(CORRECTOR_STEPS):
             change = self.newton(ahead, t + h)
             ahead = ahead + change
         return ahead, np.linalg.norm(change, axis=1) / np.linalg.norm(ahead, axis=1)

@@ -24,7 +24,7 @@ from framework.proofs.equation_terms import planar_axis
 from framework.proofs.study_quadric import Displacements, functions, planar, spatial, spherical, translations
 from framework.tolerances import LEG_COEFFICIENT_ROUNDING, RANK_ROUNDING
 
-SAMPLES = 60  # poses of a leg: three for each of the functions
+SAMPLE_POSES = 60  # poses of a leg: three for each of the functions
 MAX_LEGS = 32
 RANDOM_SEED = 3
 
@@ -134,7 +134,7 @@ class _Sampler:
         model, data = robot.model, robot.model.createData()
         rng, step = np.random.default_rng(RANDOM_SEED), np.zeros(robot.model.nv)
         poses, links = [], []
-        for _ in range(SAMPLES):
+        for _ in range(SAMPLE_POSES):
             passive = np.where(robot.sliding[robot.passive], robot.length, np.pi)
             step[robot.passive] = rng.uniform(-passive, passive)
             poses.append(np.asarray(pin.integrate(model, q, step)))
@@ -147,9 +147,9 @@ class _Sampler:
 
     def displacements(self, chain: list[_Edge]) -> tuple[Array, Array] | None:
         """Sample R (T, 3, 3) and p (T, 3), in robot lengths; None where a closure is no group of motions."""
-        R, p = np.empty((SAMPLES, 3, 3)), np.empty((SAMPLES, 3))
+        R, p = np.empty((SAMPLE_POSES, 3, 3)), np.empty((SAMPLE_POSES, 3))
         rng, frame = np.random.default_rng(RANDOM_SEED + 1), self.robot.model.frames[self.robot.frames[0]]
-        for k in range(SAMPLES):
+        for k in range(SAMPLE_POSES):
             pose = pin.SE3.Identity()
             for edge in chain:
                 step = self.links[k][edge.joint] if edge.closure is None else self._closed(edge.closure, rng)

@@ -17,7 +17,7 @@ from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
-STARTS = 24  # for each pose of the platform
+RANDOM_STARTS = 24  # for each pose of the platform
 MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # of Newton's method; [rad, lengths] that one may move a joint
 RANDOM_SEED = 11
 MAX_INVERSE_DEFECT = 0.1  # largest row sum of |X M - 1| of an inverse X that a proof uses
@@ -30,8 +30,8 @@ def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) 
     Motors and springs stay as in q (1, nq). Of several joint angles at one pose those next to the reference.
     """
     count = len(place)
-    places = np.repeat(place, STARTS, axis=0)
-    turns = None if turn is None else np.repeat(turn, STARTS, axis=0)
+    places = np.repeat(place, RANDOM_STARTS, axis=0)
+    turns = None if turn is None else np.repeat(turn, RANDOM_STARTS, axis=0)
 
     def pose_rows(frames: FrameStack) -> tuple[Array, Array]:
         off, slopes = frames.position[:, 0] - places, frames.jacobian[:, 0] * robot.column_scale
@@ -44,10 +44,12 @@ def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) 
         slopes[:, :3] /= robot.length
         return np.concatenate([off / robot.length, turned], axis=1), slopes
 
-    poses, closed = loops_closed(robot, np.tile(random_starts(robot, q, STARTS), (count, 1)), pose_rows)
+    poses, closed = loops_closed(
+        robot, np.tile(random_starts(robot, q, RANDOM_STARTS), (count, 1)), pose_rows
+    )
     nearest_poses: list[Array | None] = []
     for k in range(count):
-        starts_of = slice(k * STARTS, (k + 1) * STARTS)
+        starts_of = slice(k * RANDOM_STARTS, (k + 1) * RANDOM_STARTS)
         candidates = [nearest_turn(robot, pose) for pose in poses[starts_of][closed[starts_of]]]
         nearest_poses.append(
             min(candidates, key=lambda pose: distance_from_reference(robot, pose), default=None)

@@ -30,7 +30,7 @@ from framework.tolerances import LOOP_GAP
 
 MAX_CELLS = 20_000
 MAX_WORK = 3e8  # cells times the fourth power of the joints: some seconds
-BATCH = 1024  # cells
+CELLS_PER_BATCH = 1024
 MAX_CUTS = 12  # of the first cube: then a cube is a thousandth of the ball
 MAX_HALVINGS = 40  # of the radius of a single cell
 STEPS_PER_OCTAVE = 20  # between the last two of these
@@ -159,7 +159,7 @@ def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> Regu
         return Examined(cubes.take(proved), undecided, ahead)
 
     end = branch_and_bound(
-        tested, first, batch=BATCH, max_examined=max_cells, distance=grid.distances, limit=within
+        tested, first, batch=CELLS_PER_BATCH, max_examined=max_cells, distance=grid.distances, limit=within
     )
     proved = _Cubes.joined(end.proved)
     distances = grid.distances(proved)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from framework.arrays import Array
+from framework.arrays import LEAST_DIVISOR, Array
 from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, planar_normal, rotated
@@ -69,7 +69,7 @@ def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, A
     if shape.vertices is not None and shape.faces is not None:
         triangles = placed(shape.vertices)[shape.faces]  # (F, 3, 3)
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+        normals /= np.maximum(np.linalg.norm(normals, axis=1), LEAST_DIVISOR)[:, None]
         bright = 0.55 + 0.45 * np.abs(normals @ LIGHT_DIRECTION) / np.linalg.norm(LIGHT_DIRECTION)
         depths = triangles.mean(axis=1) @ onto.ahead
         shades = np.concatenate([color[:3] * bright[:, None], np.full((len(bright), 1), color[3])], axis=1)

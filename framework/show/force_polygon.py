@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from framework.arrays import Array, ArrayLike
+from framework.arrays import LEAST_DIVISOR, Array, ArrayLike
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
 from framework.errors import InvalidInput, finite_numbers
@@ -61,7 +61,7 @@ def draw_eye(
     """Draw band and curve over `time` (T,) from the singular instant [s], for motor limits (n_a,)."""
     ax = figure()[1][0] if ax is None else ax
     demand, reach = wrench.along(twist), wrench.reach(twist, limit)
-    top = 1.6 * max(float(np.abs(demand).max()), 1e-300)
+    top = 1.6 * max(float(np.abs(demand).max()), LEAST_DIVISOR)
     unit = "N" if np.any(twist[robot.platform.translations]) else "N m"
     supply = f"what {stated(robot, limit)} can give"
     ax.fill_between(time, -reach, reach, color=COLORS[4], alpha=0.3, linewidth=0, label=supply)

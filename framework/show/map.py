@@ -23,6 +23,7 @@ from framework.show.captions import said
 from framework.show.plots import save
 from framework.show.style import COLUMN_WIDTH, LOCUS, PATH
 from framework.statics.loading import LoadReason
+from framework.tolerances import SAME_PLACE
 
 # Both can be told apart without red and green, and in grey.
 SEQUENTIAL, DIVERGING = "cividis", "BrBG"
@@ -157,7 +158,7 @@ def _axes(workspace: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
 def lies_in(workspace: WorkspaceMap, path: Path) -> bool:
     """Whether a path keeps the coordinates that the map holds."""
     apart = np.abs(path(np.linspace(0.0, 1.0, PATH_SAMPLES)) - workspace.window.held)
-    return bool(np.delete(apart, workspace.window.axes, axis=1).max(initial=0.0) < 1e-9)
+    return bool(np.delete(apart, workspace.window.axes, axis=1).max(initial=0.0) < SAME_PLACE)
 
 
 def is_to_scale(workspace: WorkspaceMap) -> bool:

@@ -22,7 +22,7 @@ from framework.show.still import locus_of, plot_still
 from framework.show.style import ALARM, GOOD, line_style, styled
 
 GIF_FRAMES = 60
-STEP, HELD = 100, 2000  # [ms] of a frame, and of one at a singular instant
+FRAME_TIME, SINGULAR_FRAME_TIME = 100, 2000  # [ms] of a frame, and of one at a singular instant
 FRAME_DPI = 100
 
 
@@ -81,7 +81,7 @@ def _gif(films: Sequence[Film]) -> bytes:
     palette = pictures[0].quantize(256, method=Image.Quantize.FASTOCTREE)
     small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     written = io.BytesIO()
-    lasting = [HELD if k in instants or k == frames[-1] else STEP for k in frames]
+    lasting = [SINGULAR_FRAME_TIME if k in instants or k == frames[-1] else FRAME_TIME for k in frames]
     small[0].save(written, "GIF", save_all=True, append_images=small[1:], duration=lasting, loop=0)
     return written.getvalue()
 

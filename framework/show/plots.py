@@ -20,6 +20,7 @@ from framework.show.phase_plane import plot_phase_plane
 from framework.show.scene import UNPROVED_TORQUE_RATIO
 from framework.show.still import plot_still
 from framework.show.style import ALARM, CROSSING, figure, legend_above, line_style, save_figure, styled
+from framework.tolerances import SAME_PLACE
 
 CURVE_SAMPLES = 601
 MAX_LEGEND_CURVES = 4  # curves, among which a legend finds room
@@ -95,7 +96,7 @@ def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
     crossing = plan.crossings[0]
     at_rest = measure.nearest_at_rest(crossing.s)
     shift = abs(crossing.s - at_rest)
-    if shift < 1e-9:  # nothing to see: the deflections leave the locus where it is
+    if shift < SAME_PLACE:  # nothing to see: the deflections leave the locus where it is
         return
     inset = ax.inset_axes((0.66, 0.19, 0.31, 0.34), facecolor="white", zorder=4)
     near = np.linspace(min(crossing.s, at_rest) - shift, max(crossing.s, at_rest) + shift, 5)

@@ -27,7 +27,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.polynomial import legendre
 
-from framework.arrays import NONZERO, Array, ReadOnlyArrays
+from framework.arrays import LEAST_DIVISOR, Array, ReadOnlyArrays
 from framework.kinematics.frames import integrate
 from framework.simulation.curvature import loop_curvature
 from framework.simulation.drive import Drive, Gains
@@ -37,10 +37,8 @@ MAX_ITERATIONS = 12  # of Newton's method
 REFACTORING_RATE = 0.02  # a contraction better than this keeps the factorised matrix
 COORDINATE_ROUNDING = 1e-15  # of a coordinate: Newton's steps shrink no further
 MAX_NEWTON_STEP = 3.0  # [rad, lengths] that a Newton step may not move a joint
-DIVERGENCE_RATE, DIVERGENCE_STEP = (
-    2.0,
-    1e-8,
-)  # of steps [rad, lengths] that lead nowhere
+# of steps [rad, lengths] that lead nowhere
+DIVERGENCE_RATE, DIVERGENCE_STEP = 2.0, 1e-8
 MAX_SLOPE_ITERATIONS = 20
 
 
@@ -197,7 +195,7 @@ def _slope(
         q = integrate(equations.robot, q0, h * table.once @ slope)
         inward = [pin.dDifference(model, q0, end, pin.ARG1) for end in q]
         new = np.einsum("sij,sj->si", np.array(inward), v)
-        if np.abs(new - slope).max() <= COORDINATE_ROUNDING * max(np.abs(v).max(), NONZERO):
+        if np.abs(new - slope).max() <= COORDINATE_ROUNDING * max(np.abs(v).max(), LEAST_DIVISOR):
             return new
         slope = new
     return slope
@@ -240,5 +238,5 @@ def _unresolved(equations: EquationsOfMotion, table: Collocation, h: float, slop
     """
     series = np.abs(table.series @ slope) / equations.robot.column_scale
     last = float(series[-2:].max())
-    fall = min(1.0, last / max(float(series[-4:-2].max(initial=0.0)), NONZERO))
+    fall = min(1.0, last / max(float(series[-4:-2].max(initial=0.0)), LEAST_DIVISOR))
     return h * last * fall / (2 * table.stages)

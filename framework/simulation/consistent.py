@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import NONZERO, Array, BoolArray
+from framework.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.errors import InvalidInput, NotAssembled, NotConverged
 from framework.kinematics.closures import loop_wrenches, scaled
 from framework.kinematics.frames import integrate
@@ -117,7 +117,9 @@ def balancing_step(
     curved = loop_curvature(equations.rows, tangent.frames, equations.geometry.before, multipliers[None])[0]
     held = light.T @ np.diag(equations.stiffness) @ light
     strength = np.linalg.eigvalsh(held + light.T @ np.diag(equations.damping) @ light)
-    stiffest = max(float((equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)), NONZERO)
+    stiffest = max(
+        float((equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)), LEAST_DIVISOR
+    )
     if strength[0] <= EIGENVALUE_ROUNDING * stiffest:
         vector = np.linalg.eigh(held)[1][:, 0]
         moved = np.abs(light @ vector) / equations.robot.column_scale
@@ -145,7 +147,7 @@ def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -
     scale = equations.robot.column_scale
     J = scaled(equations.robot, tangent.jacobian, equations.rows.rotation)[0]
     mass = tangent.mass[0] * scale[:, None] * scale
-    size = max(float(np.diag(mass).max()), NONZERO)
+    size = max(float(np.diag(mass).max()), LEAST_DIVISOR)
     matrix, wrong = np.zeros((nv + rows, nv + rows)), np.zeros(nv + rows)
     matrix[:nv, :nv], matrix[:nv, nv:], matrix[nv:, :nv] = mass / size, J.T, J
     wrong[nv:] = -J @ (v / scale)

@@ -26,6 +26,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch
 from framework.model.loop_rows import LoopRows
 from framework.simulation.frame_geometry import FrameGeometry
+from framework.tolerances import EIGENVALUE_ROUNDING
 
 
 class Tangent(NamedTuple):
@@ -106,7 +107,7 @@ class EquationsOfMotion:
         if not len(idle):
             return self
         mass = self.tangent(self.robot.q_near[None], *np.zeros((2, 1, self.robot.model.nv))).mass[0]
-        held = idle[np.diag(mass)[idle] <= 1e-14 * np.diag(mass).max()]
+        held = idle[np.diag(mass)[idle] <= EIGENVALUE_ROUNDING * np.diag(mass).max()]
         rotors = self.rotors.copy()
         rotors[held] = 1.0
         return replace(self, rotors=rotors)

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from framework.arrays import NONZERO, Array
+from framework.arrays import LEAST_DIVISOR, Array
 from framework.errors import NotConverged
 from framework.simulation.collocation import Collocation, CollocationStep, StepFailure, radau, solve_step
 from framework.simulation.consistent import allowed_velocity
@@ -28,7 +28,8 @@ FAILED_STEP_RATIO = 0.25  # of its length is tried next when a step was not solv
 MOVE_ROUNDING = 1e-15  # of a joint's move in a step: less cannot be resolved
 FIRST_STEP_RATIO = 1 / 8  # of the duration
 COUNT_ROUNDING = 1e-9  # of a step: a rest that is smaller makes no step of its own
-LONGER, SHORTER, SAFETY = 3.0, 0.2, 0.9  # bounds on the change of length from step to step, and its caution
+# bounds on the change of length from step to step, and its caution
+MAX_STEP_GROWTH, MIN_STEP_GROWTH, STEP_SAFETY = 3.0, 0.2, 0.9
 NEWTON_SHARE = 0.01  # of the tolerance, to which a step is solved
 REFUSED_STEP_RATIO = 0.7  # of its length, at most, for what is tried next
 MAX_STEPS, PROJECTED_AFTER = 20_000, 100  # at the pace of so many steps, no more than so many may be needed
@@ -113,8 +114,8 @@ def collocate(
                 control.refused(length, FAILED_STEP_RATIO, end - time)
             else:
                 admissible = tolerance + MOVE_ROUNDING * _largest_move(equations, step)
-                fit = (admissible / max(step.unresolved, NONZERO)) ** (1 / (stages + 1))
-                factor = float(np.clip(SAFETY * fit, SHORTER, LONGER))
+                fit = (admissible / max(step.unresolved, LEAST_DIVISOR)) ** (1 / (stages + 1))
+                factor = float(np.clip(STEP_SAFETY * fit, MIN_STEP_GROWTH, MAX_STEP_GROWTH))
                 if step.unresolved <= control.leniency * admissible:
                     yield step
                     q, v = end_state(equations, step)

@@ -23,7 +23,7 @@ from framework.singularity.piecewise_measure import (
     largest_on,
     turning_places,
 )
-from framework.singularity.root_of_g import STENCIL, root_of_g
+from framework.singularity.root_of_g import STENCIL_HALF_WIDTH, root_of_g
 from framework.tolerances import (
     DISTINCT_EXTREMA,
     MEASURE_ROUNDING,
@@ -84,7 +84,7 @@ def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
                 single += [contact for contact in around if _is_apart(contact.s, single, SAME_PLACE)]
                 stretches += [stretch] if around else []
             continue
-        s, depth, _ = root_of_g(measured.at, start, size=size, longest=STENCIL)
+        s, depth, _ = root_of_g(measured.at, start, size=size, longest=STENCIL_HALF_WIDTH)
         is_root = abs(depth) < residual and abs(s - start) < MAX_ROOT_SHIFT * (panel.end - panel.start)
         # the roots beside an extremum are known, and a root on the edge of two panels is found twice
         new = not any(low <= s <= high for low, high in stretches)
@@ -203,7 +203,7 @@ def _common(G: Array) -> Array:
 
 def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> tuple[Array, Array, Array]:
     """Compute G at s with a border of this size of the matrix there, dG/ds and d2G/ds2, each (size, size)."""
-    h = STENCIL
+    h = STENCIL_HALF_WIDTH
     middle = float(np.clip(s, h, 1.0 - h))  # at an end of the path from the side
     three = matrices(np.array([middle - h, middle, middle + h, s]))
     before, centre, after, at_s = solve_bordered(three, Border.of(three[3], size)).G

@@ -17,7 +17,7 @@ from framework.arrays import Array
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.tolerances import NEWTON_STEP
 
-STENCIL = 1e-4  # half the width of the central difference, as a share of the interval of p
+STENCIL_HALF_WIDTH = 1e-4  # half the width of the central difference, as a share of the interval of p
 MAX_ITERATIONS = 20
 
 
@@ -39,7 +39,7 @@ class Root(NamedTuple):
 
 def stencil(place: float, low: float = 0.0, high: float = 1.0) -> Array:
     """Return the places (3,) about p for the slope; at an end of [low, high] on one side."""
-    half = STENCIL * (high - low)
+    half = STENCIL_HALF_WIDTH * (high - low)
     return np.clip([place - half, place, place + half], low, high)
 
 

@@ -8,7 +8,7 @@ import pytest
 import robots
 from framework import Line, NoLaw, Spline, load_plan, locate_singularities, plan_crossing, simulate
 from framework.cli import main
-from framework.crossing.path_modification import MAX_SHARE, plan_with_modified_path
+from framework.crossing.path_modification import MAX_BEND_SHARE, plan_with_modified_path
 from framework.crossing.saved import save_plan
 from tests.crossing.test_orthogonal_path import PLACE, bent
 from tests.oracles.planar import without_rotors
@@ -34,7 +34,7 @@ def test_a_path_orthogonal_to_the_twist_is_bent_as_little_as_the_torque_limit_al
     away = np.linalg.norm(plan.path(s) - path(s), axis=1)
     assert 0.9 * found.moved < away.max() <= found.moved * (1 + 1e-4)
     assert found.turned == 0.0
-    assert 0.0 < found.share < MAX_SHARE
+    assert 0.0 < found.share < MAX_BEND_SHARE
     # where it crosses, its tangent has turned towards t_s
     for crossing in plan.crossings:
         assert abs(plan.path(crossing.s, 1) @ twist) > 1e-3 * np.linalg.norm(plan.path(crossing.s, 1))

@@ -12,7 +12,7 @@ import pytest
 import robots
 from framework import ParallelRobot, assemble, plan_scene
 from framework.errors import InvalidInput
-from framework.export.mjcf import INERTIA, MASS, mjcf_text, qpos_of, ranges_left_out
+from framework.export.mjcf import MIN_INERTIA, MIN_MASS, mjcf_text, qpos_of, ranges_left_out
 from framework.export.mjcf_loops import equality_axes
 from framework.simulation.accelerations import accelerations
 from framework.simulation.equations import EquationsOfMotion
@@ -52,8 +52,10 @@ def with_stand_ins(robot):
     tree = pin.Model(robot.model)
     for j in range(1, tree.njoints):
         body = tree.inertias[j]
-        lacking = max(0.0, INERTIA - np.linalg.eigvalsh(body.inertia)[0])
-        tree.inertias[j] = pin.Inertia(max(body.mass, MASS), body.lever, body.inertia + lacking * np.eye(3))
+        lacking = max(0.0, MIN_INERTIA - np.linalg.eigvalsh(body.inertia)[0])
+        tree.inertias[j] = pin.Inertia(
+            max(body.mass, MIN_MASS), body.lever, body.inertia + lacking * np.eye(3)
+        )
     return tree
 
 
@@ -83,7 +85,7 @@ def test_balls_are_those_of_mujoco(tmp_path):
     theirs, q = tree_in_mujoco(model, data), assemble(robot, [-0.5, 0.3]).q
     ours = tree_in_pinocchio(robot, with_stand_ins(robot), robot.reference.q, data.qvel.copy())
     for one, two in zip(theirs, ours, strict=True):
-        np.testing.assert_allclose(one, two, rtol=0, atol=10 * INERTIA)  # of the thin rods' stand-ins
+        np.testing.assert_allclose(one, two, rtol=0, atol=10 * MIN_INERTIA)  # of the thin rods' stand-ins
     data.qpos[:] = qpos_of(robot.model, q)
     mujoco.mj_forward(model, data)
     assert np.abs(data.efc_pos).max() < 1e-13

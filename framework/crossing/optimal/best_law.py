@@ -27,6 +27,7 @@ from framework.tolerances import LIMIT_MARGIN
 DEGREES = (40, 80)  # of the squared speed; the second where the first has no law
 MAX_CROSSINGS_AT_FIRST_DEGREE = 4  # more are tried with the second degree at once
 MIN_ROW_TORQUE_RATIO = 0.7  # torque over the peak, below which its row is left out of further rounds
+QUICKEST_MARGIN = 1e-6  # of the duration: a law this near to the quickest is made of it alone
 MAX_ROW_ROUNDS = 8  # of solving with further rows where a limit was exceeded
 # peak torque of a slow law over that of the quickest, tried in turn
 PEAK_RATIOS = (1.002, 1.005, 1.01, 1.02, 1.05, 1.2, 1.5, 2.0, 4.0)
@@ -170,7 +171,7 @@ def _lasting(program: SpeedProgram, cones: ConeProgram, quick: Optimum) -> Array
     """
     duration = (program.specification.duration or 0.0) / program.units.time
     stretch = program.on_path.stretch
-    if duration_of(quick.y, stretch) > duration * (1.0 - 1e-6):  # a rounding away, or nearly so
+    if duration_of(quick.y, stretch) > duration * (1.0 - QUICKEST_MARGIN):
         return adjusted(quick.y, cones.equalities, duration, stretch)
     everywhere = program.speeds_between[:: FIRST_ROW_STRIDE * DENSE_POINTS_RATIO]
     slower = replace(

@@ -21,9 +21,9 @@ from framework.dynamics.motor_friction import motor_friction
 from framework.kinematics.continuation.tracking import track_path
 from framework.motion.optimal_law import Smoothstep
 
-SAMPLES = 241
-BESIDE = np.geomspace(1e-5, 0.05, 25)  # of the duration, instants beside a crossing
-TOLERANCE = 1e-9  # of a limit, by which a corner of the region may exceed it
+SPEED_SAMPLES = 241
+CROSSING_OFFSETS = np.geomspace(1e-5, 0.05, 25)  # of the duration, instants beside a crossing
+CORNER_ROUNDING = 1e-9  # of a limit, by which a corner of the region may exceed it
 
 
 class MotorDemand(NamedTuple):
@@ -95,10 +95,10 @@ def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
 
 def _instants(plan: CrossingPlan) -> Array:
     """Instants from start to end, dense beside the crossings and never on them."""
-    times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, SAMPLES)))
+    times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, SPEED_SAMPLES)))
     for crossing in plan.crossings:
-        times = times[np.abs(times - crossing.time) > BESIDE[0] * plan.duration]
-        near = crossing.time + plan.duration * np.concatenate([-BESIDE, BESIDE])
+        times = times[np.abs(times - crossing.time) > CROSSING_OFFSETS[0] * plan.duration]
+        near = crossing.time + plan.duration * np.concatenate([-CROSSING_OFFSETS, CROSSING_OFFSETS])
         times = np.concatenate([times, near[(near > 0) & (near < plan.duration)]])
     return np.unique(times)
 
@@ -124,7 +124,7 @@ def highest_speed(required: MotorDemand, torque_limit: Array, speed_limit: Array
     for i, j in combinations(range(bound.shape[1]), 2):
         for corner in _corners(rows[:, (i, j)], bound[:, (i, j)]):
             size = 1.0 + np.abs(rows * corner[:, None]).sum(axis=-1)  # of the terms that a row sums up
-            inside = np.all(np.einsum("tmk,tk->tm", rows, corner) <= bound + TOLERANCE * size, axis=1)
+            inside = np.all(np.einsum("tmk,tk->tm", rows, corner) <= bound + CORNER_ROUNDING * size, axis=1)
             best = np.where(inside & (corner[:, 0] > best), corner[:, 0], best)
     if not limited.any():
         best = np.full(len(rest), np.inf)

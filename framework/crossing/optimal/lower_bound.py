@@ -26,16 +26,19 @@ from framework.kinematics.continuation.tracking import Branch, track_path
 from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve_cone_program
 from framework.motion.optimal_law import Smoothstep
 from framework.singularity.points_on_path import locate_singularities
+from framework.tolerances import SAME_PLACE
 
-CELLS = 120
+PATH_CELLS = 120
 MAX_TANGENTS = 20  # of damping
-SAMPLES = 2001  # of the speed of a plan
-LEAST_SPEED = 1e-3  # of the mean or largest speed, about which damping is linearised
-SETTLED = 1e-3  # share by which the optimum changes no more
-AGAIN = (1.0, 0.5, 2.0)  # units of time over the plan's duration, one after the other if the solver gives up
+CROSSING_OFFSET = 1e-6  # in s, beside a crossing, where a cell's middle would be on it
+SPEED_SAMPLES = 2001  # of the speed of a plan
+MIN_LINEARISED_SPEED_RATIO = 1e-3  # of the mean or largest speed, about which damping is linearised
+OPTIMUM_CHANGE = 1e-3  # share by which the optimum changes no more
+# units of time over the plan's duration, one after the other if the solver gives up
+TIME_UNITS = (1.0, 0.5, 2.0)
 
 
-def estimated_best(plan: CrossingPlan, cells: int = CELLS) -> float | None:
+def estimated_best(plan: CrossingPlan, cells: int = PATH_CELLS) -> float | None:
     """The least duration [s], or the least peak of torque over its limit, that any law could have.
 
     Of the undeformed robot, with its damping and the dry friction planned with, under what the plan's law was
@@ -58,7 +61,7 @@ def estimated_best(plan: CrossingPlan, cells: int = CELLS) -> float | None:
         on_path = _on_path(branch, places, edges, before)
         optimum, units = _solved(on_path, edges, plan, specification, torque)
         size = optimum.duration * units.time if specification.goal == "time" else optimum.peak
-        if before is None or abs(size / best - 1.0) <= SETTLED:
+        if before is None or abs(size / best - 1.0) <= OPTIMUM_CHANGE:
             break
         best, before = size, _speed_between(edges, optimum.y * units.time**-2)
     else:
@@ -78,7 +81,7 @@ def _solved(
     Raises:
         NotConverged: the solver finds none.
     """
-    for factor in AGAIN:
+    for factor in TIME_UNITS:
         units = Units(factor * plan.duration, torque)
         longest = None if specification.most is None else specification.most / units.time
         optimum = solve_cone_program(
@@ -92,16 +95,16 @@ def _solved(
 
 def _speed_of(plan: CrossingPlan) -> SquaredSpeed:
     """s'^2 of a plan as a function of s."""
-    t = np.linspace(0.0, plan.duration, SAMPLES)
+    t = np.linspace(0.0, plan.duration, SPEED_SAMPLES)
     s, speed = plan.law(t), plan.law(t, 1)
-    least = LEAST_SPEED / plan.duration
+    least = MIN_LINEARISED_SPEED_RATIO / plan.duration
     return lambda at: np.interp(at, s, np.maximum(speed, least) ** 2)
 
 
 def _speed_between(edges: Array, inner: Array) -> SquaredSpeed:
     """s'^2 as a function of s, linear between its values at the edges, zero at both ends."""
     z = np.concatenate([[0.0], inner, [0.0]])
-    least = LEAST_SPEED**2 * float(z.max())
+    least = MIN_LINEARISED_SPEED_RATIO**2 * float(z.max())
     return lambda at: np.maximum(np.interp(at, edges, z), least)
 
 
@@ -130,7 +133,7 @@ def _on_path(
     rows = [(sigma, row) for sigma, several in conditions for row in several if row[3] == 0.0]
     crossings = np.array([sigma for sigma, _ in rows])
     for s in crossings:
-        middle = np.where(np.abs(middle - s) < 1e-9, s + 1e-6, middle)
+        middle = np.where(np.abs(middle - s) < SAME_PLACE, s + CROSSING_OFFSET, middle)
     demanded = demand(branch, Smoothstep(0), middle, None, "rigid", before)
     return OnPath(middle, demanded, crossings, np.array([row for _, row in rows]).reshape(-1, 4))
 

@@ -10,7 +10,7 @@ from framework.errors import NoLaw
 from framework.motion.law import Law
 from framework.tolerances import AT_REST, OVERSHOOT
 
-SAMPLES = 2001  # equidistant instants at which a law is looked at
+LAW_SAMPLES = 2001  # equidistant instants at which a law is looked at
 ADVICE = "choose other times or speeds, or law optimal"
 
 
@@ -26,7 +26,7 @@ def check_advance(law: Law, s: Sequence[float], name: str) -> None:
     Raises:
         NoLaw: says where and when.
     """
-    times = np.linspace(0.0, law.duration, SAMPLES)
+    times = np.linspace(0.0, law.duration, LAW_SAMPLES)
     values = law(times)
     refused = f"{name}: the law does not always advance: it"
     for end, beyond in ((0.0, -values), (1.0, values - 1.0)):

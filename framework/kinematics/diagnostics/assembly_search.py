@@ -36,7 +36,7 @@ MAX_STARTS = 32  # a group of loops, at most
 ENOUGH_POSES = 8  # closed poses of a group to choose from
 MAX_EVALUATIONS = (100, 20)  # of the loop equations: in the search for nearly closed ones, and to close them
 START_SPREADS = (0.25, 0.5, 1.0)  # share of each joint's range that starts are drawn from, in turn
-SEED = 0
+RANDOM_SEED = 0
 MIN_JOINT_ROOM = 1e-9  # of a joint [rad, lengths of the robot], or of how far away its limits are
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian from the reference
 ROUGH_TOLERANCE, FINE_TOLERANCE = 1e-6, 1e-12  # relative change, and slope, at which the two searches end
@@ -183,7 +183,7 @@ def _nearest(group: _Group) -> Array:
     limited = np.isfinite(group.lower)
     reach = np.where(turning, np.pi, 1.0)
     low, high = np.where(limited, group.lower, -reach), np.where(limited, group.upper, reach)
-    reference, rng = np.clip(0.0, low, high), np.random.default_rng(SEED)
+    reference, rng = np.clip(0.0, low, high), np.random.default_rng(RANDOM_SEED)
     poses: list[Array] = []
     least, best = np.inf, reference
     for k in range(MAX_STARTS):

@@ -27,6 +27,7 @@ from framework.model.readers.missing_fields import Options
 from framework.model.readers.transmissions import Motor
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.xml_reading import attribute, axis_of, only, origin_of, required
+from framework.tolerances import FILE_ROUNDING
 
 ELEMENTS = ("constraint",)
 _KINDS = {"continuous": "revolute", "link": "fixed"} | {
@@ -79,7 +80,7 @@ def _turns(element: ElementTree.Element, where: str, kind: str) -> tuple[Array, 
         # the first axis is x of the first frame, the second is y of the second frame
         return turning("x", axis), turning("y", other)
     other = axis_of(child, f"{where}: <child_axis>") if child is not None else axis
-    if kind == "prismatic" and np.linalg.norm(np.cross(axis, other)) > 1e-12 * np.linalg.norm(
+    if kind == "prismatic" and np.linalg.norm(np.cross(axis, other)) > FILE_ROUNDING * np.linalg.norm(
         axis
     ) * np.linalg.norm(other):
         raise RobotFileError(

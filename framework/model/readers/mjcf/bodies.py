@@ -9,7 +9,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import JointDynamics
+from framework.model.description import SMALLEST_LENGTH, JointDynamics
 from framework.model.placement import placement
 from framework.model.readers.left_out import LeftOut
 from framework.model.readers.mjcf.geoms import UnknownInertia, inertial_element, visual_element
@@ -166,7 +166,7 @@ class Bodies:
         several = kind in ("ball", "free")
         ref = 0.0 if several else unit * numbers(f"{where} ref", attributes.get("ref", "0"), 1)[0]
         axis = np.array(numbers(f"{where} axis", attributes.get("axis", "0 0 1"), 3))
-        if not several and np.linalg.norm(axis) < 1e-13:
+        if not several and np.abs(axis).max() < SMALLEST_LENGTH:
             raise RobotFileError(f"{where} axis: the axis is zero")
         child = body if last else self.new_name(f"{name}_link")
         self.new_link(child)

@@ -11,10 +11,12 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, short
-from framework.model.description import SHORTEST
+from framework.model.description import SMALLEST_LENGTH
 from framework.model.placement import about, from_quaternion, placement
 from framework.model.xml_reading import numbers
+from framework.tolerances import FILE_ROUNDING
 
+UNIT_ROUNDING = 1e-15  # of a unit vector
 MAX_NESTING_DEPTH = 200  # bodies in bodies, defaults in defaults
 TURNS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 
@@ -95,7 +97,7 @@ class CompilerSettings:
         values = numbers(
             f"{where} {key}", attributes[key], {"quat": 4, "axisangle": 4, "xyaxes": 6}.get(key, 3)
         )
-        if key != "euler" and max(map(abs, values[: 4 if key == "quat" else 3])) < SHORTEST:
+        if key != "euler" and max(map(abs, values[: 4 if key == "quat" else 3])) < SMALLEST_LENGTH:
             raise RobotFileError(f"{where} {key}: zero has no direction")
         if key == "quat":
             turn = from_quaternion(values[0], values[1], values[2], values[3])
@@ -118,7 +120,7 @@ def between_ends(where: str, text: str) -> tuple[Array, float]:
     ends = np.array(numbers(f"{where} fromto", text, 6))
     along = ends[:3] - ends[3:]
     half = 0.5 * float(np.linalg.norm(along))
-    if half < SHORTEST:
+    if half < SMALLEST_LENGTH:
         raise RobotFileError(f"{where} fromto: the two ends coincide")
     return placement(least_turn(along), 0.5 * (ends[:3] + ends[3:])), half
 
@@ -127,15 +129,16 @@ def least_turn(z: Array) -> Array:
     """The least turn that brings z to this direction."""
     z = z / np.linalg.norm(z)
     axis = np.cross((0.0, 0.0, 1.0), z)
-    if np.linalg.norm(axis) < 1e-15:
+    if np.linalg.norm(axis) < UNIT_ROUNDING:
         return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
     return about(axis, math.atan2(float(np.linalg.norm(axis)), float(z[2])))
 
 
 def _from_xy(x: Array, y: Array, where: str) -> Array:
     x = x / np.linalg.norm(x)
+    y = y / max(float(np.linalg.norm(y)), SMALLEST_LENGTH)
     y = y - (x @ y) * x
-    if np.linalg.norm(y) < 1e-12:
+    if np.linalg.norm(y) < FILE_ROUNDING:
         raise RobotFileError(f"{where}: the two axes are parallel")
     y = y / np.linalg.norm(y)
     return np.column_stack([x, y, np.cross(x, y)])
