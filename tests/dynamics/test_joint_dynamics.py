@@ -19,6 +19,7 @@ from framework.model.description import Closure, JointDynamics, Platform
 from framework.model.robot_file import read_robot_file
 from framework.model.robot_file_writer import write_robot_file
 from framework.singularity.points_on_path import search_path
+from tests.oracles.equations_of_motion import defects_of
 
 L1 = 0.25  # [m] proximal links of the 5R
 START, END = [0.1, 0.345], [-0.05, 0.195]
@@ -229,3 +230,59 @@ def test_what_acts_on_joints_is_written_and_read_again(tmp_path):
     }
     description = replace(robots.load("five_bar").description, joints=joints)
     assert read_robot_file(write_robot_file(description, tmp_path)).joints == joints
+
+
+@pytest.mark.parametrize("flexibility", ["flexible_joints", "flexible_links"])
+def test_a_polynomial_law_of_an_elastic_robot_with_damping_leaves_nothing_of_the_equations(flexibility):
+    joints = {"left_elbow": JointDynamics(damping=0.05), "right_motor": JointDynamics(damping=0.3)}
+    description = replace(robots.load("five_bar").description, joints=joints)
+    robot = ParallelRobot.from_description(description, flexibility=flexibility)
+    plan = plan_crossing(robot, Line(START, END), duration=1.5, times=[1.0], speeds=[1.5])
+    undamped = plan_crossing(
+        robots.load("five_bar", flexibility=flexibility),
+        Line(START, END),
+        duration=1.5,
+        times=[1.0],
+        speeds=[1.5],
+    )
+    t = np.linspace(0.1, 1.4, 9)
+    peak = max(plan.peak_torque.values())
+    assert np.abs(plan.torque(t) - undamped.torque(t)).max() > 1e-2 * peak
+    left = defects_of(plan)
+    assert max(left.force, left.open, left.speed, left.acceleration) < 1e-8
+
+
+TWO_CRANKS = """<robot name="two_cranks"><link name="base"/><link name="crank_1"/><link name="crank_2"/>
+  <link name="coupler"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+    <inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="j1" type="continuous"><parent link="base"/><child link="crank_1"/><axis xyz="0 1 0"/></joint>
+  <joint name="j2" type="continuous"><parent link="base"/><child link="crank_2"/>
+    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/></joint>
+  <joint name="elbow" type="continuous"><parent link="crank_1"/><child link="coupler"/>
+    <origin xyz="0 0 0.3"/><axis xyz="0 1 0"/></joint></robot>"""
+TWO_CRANKS_FILE = """version: 1
+urdf: two_cranks.urdf
+platform: {joints: [j2]}
+actuators: [{joint: j1}]
+frames:
+- {name: far_end, parent: coupler, xyz: [0.4, 0, 0]}
+- {name: top, parent: crank_2, xyz: [0, 0, 0.3]}
+closures: [{name: far, frames: [far_end, top], axes: [x, z]}]
+joints: {j1: {armature: 0.5}, j2: {armature: 0.5}}
+reference: {j1: 0.5, j2: 0.5, elbow: -0.5}
+"""
+
+
+def test_armature_counts_at_both_cranks_of_which_one_has_the_motor(tmp_path):
+    """The coupler translates: tau = (2 I + m l^2) phi" - m g l sin phi, phi from the vertical."""
+    (tmp_path / "two_cranks.urdf").write_text(TWO_CRANKS)
+    file = tmp_path / "two_cranks.yaml"
+    file.write_text(TWO_CRANKS_FILE)
+    plan = plan_crossing(ParallelRobot.from_file(file), Line([0.5], [1.1]), duration=0.8)
+    t = np.linspace(0.0, 0.8, 33)
+    phi, acceleration = (plan.platform(t, order)[:, 0] for order in (0, 2))
+    expected = (2 * 0.5 + 2.0 * 0.3**2) * acceleration - 2.0 * 9.81 * 0.3 * np.sin(phi)
+    torque = plan.torque(t)[:, 0]
+    np.testing.assert_allclose(torque, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+    single = expected - 0.5 * acceleration  # with the armature of one crank alone
+    assert np.abs(torque - single).max() > 0.2 * np.abs(expected).max()

@@ -48,6 +48,7 @@ PLANNED = (
     ForeignFile("sliding_fingers.xml", {}, 1, 0),
     ForeignFile("two_cranks.xml", {"motors": ["j1"]}, 1, 0),
     ForeignFile("head_on_six_rods.xml", {}, 6, 6),
+    ForeignFile("stretched_leg.xml", {"base": "hip"}, 2, 0),
 )
 
 
