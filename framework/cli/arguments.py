@@ -37,7 +37,7 @@ def take_kept_level(options: argparse.Namespace) -> KeptLevel | None:
         return None
     if options.scene is None:
         raise InvalidInput("--flexibility auto: is kept by a scene of the robot file; give --scene")
-    overridden = [key for key in _typed(options) if key != "keep_limits"]
+    overridden = [key for key in typed_options(options) if key != "keep_limits"]
     if overridden:
         raise InvalidInput(
             f"{TYPED[overridden[0]].flag}: the rung of --flexibility auto was found for the motion of the "
@@ -126,7 +126,7 @@ def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
 
 def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
     """Return the request of the options; an option that is typed overrides the scene's."""
-    typed = _typed(options)
+    typed = typed_options(options)
     along = path(options, robot)
     if options.scene is not None:
         return scene_request(robot, options.scene, **typed)
@@ -137,22 +137,39 @@ def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
 
 def path_and_motion(options: argparse.Namespace, robot: ParallelRobot) -> tuple[Path | str, dict[str, Any]]:
     """Return the name of the scene or the path, and the options of the motion that were typed."""
-    along, typed = path(options, robot), _typed(options)
+    along, typed = path(options, robot), typed_options(options)
     return along if options.scene is None else options.scene, typed
 
 
 def request_of_any_duration(options: argparse.Namespace, robot: ParallelRobot, along: Path) -> Request:
     """Return the request of the options along a path; the duration is 1 s where none is typed."""
-    return Request.of(robot, along, **{"duration": 1.0, **_typed(options)})
+    return Request.of(robot, along, **{"duration": 1.0, **typed_options(options)})
 
 
-def _typed(options: argparse.Namespace) -> dict[str, Any]:
+def typed_options(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the motion that were typed."""
     values = vars(options)
     typed = {key: values[key] for key in TYPED if values.get(key) is not None}
     if "margin" in typed:
         typed["margin"] = share("--margin", typed["margin"])
+    for name in {"torque_limit", "speed_limit"} & typed.keys():
+        typed[name] = limits(TYPED[name].flag, typed[name])
     return typed
+
+
+def limits(option: str, words: Sequence[str]) -> list[float | None] | dict[str, float | None]:
+    """Parse limits of motors: numbers, or JOINT=N of some; `none` is no limit."""
+    by_joint = ["=" in word for word in words]
+    if any(by_joint) and not all(by_joint):
+        raise InvalidInput(f"{option}: needs either numbers or JOINT=N of some, got {' '.join(words)}")
+    pairs = [word.rpartition("=") for word in words]
+    try:
+        values = [None if value == "none" else float(value) for *_, value in pairs]
+    except ValueError:
+        raise InvalidInput(f"{option}: needs numbers, JOINT=N or none, got {' '.join(words)}") from None
+    if not any(by_joint):
+        return values
+    return {joint: value for (joint, *_), value in zip(pairs, values, strict=True)}
 
 
 def share(name: str, text: str) -> float:

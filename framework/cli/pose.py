@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> Report:
 def _limits(robot: ParallelRobot, q: Array, options: argparse.Namespace) -> PlatformLimits | None:
     """Compute the platform's limits; None where the platform does not determine the motors."""
     try:
-        return platform_limits(robot, q, torque_limit=options.torque_limit, speed_limit=options.speed_limit)
+        return platform_limits(robot, q, **arguments.typed_options(options))
     except NotAssembled:
         return None
 

@@ -202,18 +202,18 @@ class PlanOptions:
     torque_limit: Limit = field(
         default=None,
         metadata=_meaning(
-            "largest torque [N m] of all motors, or of each, motor side",
-            "; a force [N] where a motor slides. The robot file's by default; never exceeded by the "
-            "optimal law",
-            typed={"type": float, "nargs": "+", "metavar": "N"},
+            "largest torque [N m] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
+            "; a force [N] where a motor slides. In Python a number, a list or a dict by joint, None for "
+            "no limit. The robot file's by default; never exceeded by the optimal law",
+            typed={"nargs": "+", "metavar": "N"},
         ),
     )
     speed_limit: Limit = field(
         default=None,
         metadata=_meaning(
-            "largest speed [rad/s] of all motors, or of each, motor side",
-            ". The robot file's by default; never exceeded by the optimal law",
-            typed={"type": float, "nargs": "+", "metavar": "N"},
+            "largest speed [rad/s] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
+            "; as torque_limit",
+            typed={"nargs": "+", "metavar": "N"},
         ),
     )
     margin: float = field(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from framework.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.crossing.request import Request
 from framework.dynamics.motor_friction import motor_friction
-from framework.dynamics.motor_limits import Limit
+from framework.dynamics.motor_limits import motor_limits
 from framework.kinematics.parallel_robot import ParallelRobot
 
 
@@ -54,26 +53,20 @@ class Specification(ReadOnlyArrays):
         return self.duration if self.duration is not None else self.longest
 
 
-def motor_limits(robot: ParallelRobot, request: Request) -> tuple[Array, Array]:
+def limits_within_margin(robot: ParallelRobot, request: Request) -> tuple[Array, Array]:
     """Return the limits of torques [N m] and speeds [rad/s] (n_a,), motor side, the margin taken off.
 
     Infinite where neither the request nor the robot file has a limit.
     """
-    motors, share = robot.description.actuators, 1.0 - request.margin
-    torque = _limits(request.torque_limit, [motor.torque_limit for motor in motors])
-    speed = _limits(request.speed_limit, [motor.speed_limit for motor in motors])
+    share = 1.0 - request.margin
+    torque = motor_limits(robot, "torque_limit", request.torque_limit)
+    speed = motor_limits(robot, "speed_limit", request.speed_limit)
     return torque * share, speed * share
-
-
-def _limits(limit: Limit, in_file: Sequence[float | None]) -> Array:
-    if limit is not None:
-        return np.broadcast_to(np.array(limit), (len(in_file),)).copy()
-    return np.array([np.inf if limit is None else limit for limit in in_file])
 
 
 def specification_of(robot: ParallelRobot, request: Request) -> Specification:
     """Return what an optimal law for this request is to be best at, within the limits of the motors."""
-    limits = motor_limits(robot, request)
+    limits = limits_within_margin(robot, request)
     return Specification(
         request.goal,
         request.duration,

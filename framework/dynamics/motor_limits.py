@@ -1,33 +1,54 @@
-"""Limits of the motors given beside a robot: one for all of them, or one for each."""
+"""Limits of the motors: those of the robot file, and those that are stated beside the robot."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot
 
-Limit = float | Sequence[float] | Array | None
+# Of all motors; of each, None or infinite where a motor has no limit; or of some, by joint.
+Limit = float | Sequence[float | None] | Mapping[str, float | None] | Array | None
 
 
-def limits_of_motors(robot: ParallelRobot, name: str, given: Limit) -> tuple[float, ...] | None:
-    """Check limits: one positive number for all motors, or one for each; None if nothing is given.
+def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
+    """Return the limits of all motors (n_a,), motor side, infinite where there is none.
+
+    Args:
+        name: `torque_limit` [N m, or N where a motor slides] or `speed_limit` [rad/s, m/s].
+        stated: one positive number for all motors; one for each, in the order of `robot.actuator_names`; or
+            by joint, the others as in the robot file. None or infinite: that motor has no limit. None alone:
+            the limits of the robot file.
 
     Raises:
-        InvalidInput: it is neither.
+        InvalidInput: another number of limits, a joint without a motor, or a limit that is not positive.
     """
-    if given is None:
-        return None
+    in_file = [getattr(actuator, name) for actuator in robot.description.actuators]
+    if stated is None:
+        return _unlimited_where_none(in_file)
+    if isinstance(stated, Mapping):
+        limits = dict(zip(robot.actuator_names, in_file, strict=True))
+        for joint in stated:
+            if joint not in limits:
+                raise InvalidInput(f"{name}: {choose_from('motor', joint, limits)}")
+        values = list({**limits, **stated}.values())
+    else:
+        values = [stated] if np.ndim(stated) == 0 else list(stated)  # type: ignore[arg-type]
     try:
-        values: Array = np.atleast_1d(np.array(np.nan if isinstance(given, bool) else given, dtype=float))
+        numbers = _unlimited_where_none(values)
     except (TypeError, ValueError):
-        values = np.empty(0)
-    if values.shape not in ((1,), (robot.n_a,)) or not np.all(np.isfinite(values)) or np.any(values <= 0):
+        numbers = np.empty(0)
+    are_truths = any(isinstance(value, bool) for value in values)
+    if are_truths or len(numbers) not in (1, robot.n_a) or not np.all(numbers > 0):
         raise InvalidInput(
-            f"{name}: needs one positive number, or one for each motor "
-            f"({', '.join(robot.actuator_names)}), got {given!r}"
+            f"{name}: needs one positive number, or one for each motor ({', '.join(robot.actuator_names)}), "
+            f"None where there is no limit, or some by joint, got {short(stated)}"
         )
-    return tuple(values.tolist())
+    return np.broadcast_to(numbers, robot.n_a).copy()
+
+
+def _unlimited_where_none(limits: Sequence[float | None]) -> Array:
+    return np.array([np.inf if limit is None else limit for limit in limits], dtype=float)

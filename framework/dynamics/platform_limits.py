@@ -23,7 +23,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.forces import tree_forces
-from framework.dynamics.motor_limits import Limit, limits_of_motors
+from framework.dynamics.motor_limits import Limit, motor_limits
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at
@@ -63,7 +63,7 @@ def platform_limits(
 
     Args:
         q: as `assemble` or `forward_kinematics` give it.
-        torque_limit: of all motors, or of each (n_a,), motor side [N m]; that of the robot file by default.
+        torque_limit: motor side [N m], as `motor_limits` takes it; that of the robot file by default.
         speed_limit: the same [rad/s].
 
     Raises:
@@ -74,30 +74,20 @@ def platform_limits(
     expect_robot(robot)
     require_square(robot)
     closed = assembled_at(robot, q)
-    actuators = robot.description.actuators
-    torque = _limits(robot, "torque_limit", torque_limit, [actuator.torque_limit for actuator in actuators])
-    speed = _limits(robot, "speed_limit", speed_limit, [actuator.speed_limit for actuator in actuators])
+    torque = motor_limits(robot, "torque_limit", torque_limit)
+    speed = motor_limits(robot, "speed_limit", speed_limit)
     G, rates = motor_speeds(robot, closed.linearised)
     rest = np.zeros((1, robot.n))
     motion = motion_at(robot, closed, rest, rest)
     weight = (tree_forces(robot, motion) @ rates[0])[0]
     size = robot.platform_scale  # forces times lengths, speeds over lengths
     wrenches = speeds = None
-    if torque is not None:
+    if np.isfinite(torque).all():
         forces = zonotope(-weight * size, torque[:, None] * G[0] * size)
         wrenches = _in_units(forces, size)
-    if speed is not None:
+    if np.isfinite(speed).all():
         speeds = _in_units(slabs(G[0] * size, speed), 1.0 / size)
     return PlatformLimits(robot, wrenches, speeds, weight)
-
-
-def _limits(robot: ParallelRobot, name: str, given: Limit, in_file: list[float | None]) -> Array | None:
-    """Return one limit a motor (n_a,): the given one, else the robot file's; None where a motor has none."""
-    limits = limits_of_motors(robot, name, given)
-    if limits is not None:
-        return np.broadcast_to(limits, robot.n_a).copy()
-    stated = [value for value in in_file if value is not None]
-    return np.array(stated) if len(stated) == len(in_file) else None
 
 
 def _in_units(scaled: Polytope, size: Array) -> Polytope:

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Arc, InvalidInput, Line, Spline, plan_crossing, plan_scene
+from framework import Arc, InvalidInput, Line, ParallelRobot, Spline, load_plan, plan_crossing, plan_scene
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import add_motion, add_options, add_path
 from framework.crossing.options import OPTIONS, TYPED
 from framework.crossing.request import Request
-from framework.crossing.saved import plan_document
+from framework.crossing.saved import plan_document, save_plan
 from framework.crossing.scenes import scene_request
-from framework.crossing.specification import motor_limits
+from framework.crossing.specification import limits_within_margin
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 ASKED = {"duration": 1.5, "times": [1.0], "speeds": [1.5]}
@@ -120,7 +120,7 @@ def test_misuse_is_told_with_what_was_expected(robot, options, says):
 
 def test_limits_are_those_asked_for_or_the_robot_file_s_less_the_margin(robot):
     asked = Request.of(robot, LINE, duration=1.5, torque_limit=0.4, margin=0.25)
-    torque, speed = motor_limits(robot, asked)
+    torque, speed = limits_within_margin(robot, asked)
     np.testing.assert_allclose(torque, [0.3, 0.3], rtol=1e-15)
     motors = robot.description.actuators
     in_file = [np.inf if motor.speed_limit is None else 0.75 * motor.speed_limit for motor in motors]
@@ -162,3 +162,47 @@ def test_the_example_of_the_help_is_as_it_says():
     example = DocTestParser().get_doctest(getdoc(plan_crossing), {}, "plan_crossing", None, None)
     assert len(example.examples) == 4
     assert DocTestRunner().run(example).failed == 0
+
+
+@pytest.mark.parametrize(
+    ("stated", "expected"),
+    [
+        (0.4, [0.4, 0.4]),
+        ([0.4, None], [0.4, np.inf]),
+        ([np.inf, 0.3], [np.inf, 0.3]),
+        ({"right_motor": 0.3}, [np.inf, 0.3]),
+        ({"right_motor": 0.3, "left_motor": None}, [np.inf, 0.3]),
+    ],
+)
+def test_limits_are_one_for_all_one_for_each_or_by_joint(robot, stated, expected):
+    asked = Request.of(robot, LINE, duration=1.5, torque_limit=stated)
+    assert asked.torque_limit == tuple(expected)
+    limited = replace(
+        robot.description,
+        actuators=tuple(replace(motor, torque_limit=0.7) for motor in robot.description.actuators),
+    )
+    asked = Request.of(ParallelRobot.from_description(limited), LINE, duration=1.5, torque_limit=stated)
+    left_to_the_file = isinstance(stated, dict) and "left_motor" not in stated
+    assert asked.torque_limit == ((0.7, 0.3) if left_to_the_file else tuple(expected))
+
+
+@pytest.mark.parametrize(
+    ("stated", "says"),
+    [
+        ({"left_moto": 0.3}, "torque_limit: unknown motor 'left_moto'; did you mean 'left_motor'"),
+        ({"left_motor": 0.0}, "torque_limit: needs one positive number"),
+        ([0.3, float("nan")], "torque_limit: needs one positive number"),
+        ("0.3 a lot", "torque_limit: needs one positive number"),
+        (True, "torque_limit: needs one positive number"),
+    ],
+)
+def test_limits_that_cannot_be_are_told(robot, stated, says):
+    with pytest.raises(InvalidInput, match=says):
+        Request.of(robot, LINE, duration=1.5, torque_limit=stated)
+
+
+def test_a_plan_with_a_motor_without_limit_comes_back(robot, tmp_path):
+    plan = plan_crossing(robot, LINE, duration=1.5, torque_limit={"left_motor": 0.2})
+    assert np.abs(plan.torque(np.linspace(0.0, 1.5, 401))[:, 0]).max() <= 0.2
+    save_plan(plan, tmp_path)
+    assert load_plan(tmp_path).request == plan.request
