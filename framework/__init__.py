@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> Any:
-        """A public name, or all: imported when the first is asked for.
+        """Return a public name; all are imported when the first is asked for.
 
         The command line begins here, and has to hear Ctrl-C before half a second of imports has passed.
         """

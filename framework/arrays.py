@@ -16,7 +16,7 @@ _Any = TypeVar("_Any", bound=NDArray[Any])
 
 
 def read_only(array: _Any) -> _Any:
-    """The array if nobody can write to it or to what it is a view of, else a copy to which nobody can."""
+    """Return the array if nobody can write to it or to what it is a view of, else a read-only copy."""
     if array.flags.writeable or not array.flags.owndata:
         array = array.copy()
         array.flags.writeable = False

@@ -31,12 +31,12 @@ class CatalogueEntry:
         return self.file.stem
 
     def load(self, *, flexibility: str = "rigid") -> ParallelRobot:
-        """The robot with the springs of one flexibility; raises RobotFileError for an unknown one."""
+        """Return the robot with the springs of one flexibility; raise RobotFileError for an unknown one."""
         return ParallelRobot.from_file(self.file, flexibility=flexibility)
 
 
 def catalogue() -> Mapping[str, CatalogueEntry]:
-    """All registered robots, by name."""
+    """Return all registered robots, by name."""
     entries: dict[str, CatalogueEntry] = {}
     for point in entry_points(group="crossing.catalogue"):
         entries.update(point.load())
@@ -44,7 +44,7 @@ def catalogue() -> Mapping[str, CatalogueEntry]:
 
 
 def robot_file(name_or_path: str) -> Path:
-    """The file, ours or of a foreign dialect, that a catalogue name or a path stands for.
+    """Return the file, ours or of a foreign dialect, that a catalogue name or a path stands for.
 
     Raises:
         InvalidInput: neither a known name nor a robot file.

@@ -81,7 +81,7 @@ def short(value: object) -> str:
 
 
 def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
-    """Sentence for a name that is not in a list: what was given, the nearest name, the valid ones."""
+    """Return the sentence for a name that is not in a list: the given, the nearest and the valid names."""
     names = sorted(valid)
     near = _nearest(str(given), names)
     hint = f"; did you mean {near!r}?" if near else ""
@@ -97,7 +97,7 @@ _COMPARED = 1_000_000  # letters of the given name times those of the valid ones
 
 
 def _nearest(given: str, names: Sequence[str]) -> str | None:
-    """The name most like the given one, if one is like it and there are not too many to compare."""
+    """Return the name most like the given one, if one is like it and there are not too many to compare."""
     if len(given) * sum(map(len, names)) > _COMPARED:
         return None
     return next(iter(get_close_matches(given, names, n=1)), None)
@@ -129,7 +129,7 @@ def check_order(order: object, highest: int | None = None) -> None:
 
 
 def whole_number(what: str, given: object, least: int, most: int) -> int:
-    """The given whole number between two; raises InvalidInput for anything else."""
+    """Return the given whole number between two; raise InvalidInput for anything else."""
     whole = isinstance(given, int | float | np.integer | np.floating) and not isinstance(given, bool)
     if not whole or not least <= given <= most or int(given) != given:  # type: ignore[operator,call-overload]
         raise InvalidInput(f"{what}: needs a whole number, {least} to {most}, got {short(given)}")
@@ -137,7 +137,7 @@ def whole_number(what: str, given: object, least: int, most: int) -> int:
 
 
 def finite_numbers(what: str, given: ArrayLike, count: int, *, stacks: bool = False) -> Array:
-    """The given numbers as an array (count,), or (T, count) where `stacks` of them are allowed.
+    """Return the given numbers as an array (count,), or (T, count) where `stacks` of them are allowed.
 
     Raises:
         InvalidInput: they are not numbers, not finite, or not as many.
@@ -298,7 +298,7 @@ class LostWorkers(NoAnswer):
 
 
 def point(x: Sequence[float] | Array) -> str:
-    """Coordinates for a message: `(0.1, 0.345)`; what is rounding against the others is 0."""
+    """Return coordinates for a message: `(0.1, 0.345)`; rounding against the others is 0."""
     values = np.atleast_1d(np.asarray(x, dtype=float))
     values = np.where(np.abs(values) < 1e-12 * np.abs(values).max(initial=0.0), 0.0, values)
     return "(" + ", ".join(f"{float(value):.6g}" for value in values) + ")"

@@ -22,7 +22,7 @@ def read_text(
     error: type[InvalidInput] = InvalidInput,
     largest: int = LARGEST_FILE,
 ) -> str:
-    """The text of a regular file of at most `largest` bytes, in UTF-8.
+    """Read the text of a regular file of at most `largest` bytes, in UTF-8.
 
     Raises:
         InvalidInput: or the `error` given, with `complaint` and the reason: the file is missing, is no

@@ -24,7 +24,7 @@ class Terminated(KeyboardInterrupt):
 
 
 def exit_code(stop: KeyboardInterrupt) -> int:
-    """128 and the number of the signal, as shells have it: 130 for Ctrl-C, 143 for SIGTERM."""
+    """Return 128 plus the number of the signal, as shells do: 130 for Ctrl-C, 143 for SIGTERM."""
     return 128 + (signal.SIGTERM if isinstance(stop, Terminated) else signal.SIGINT)
 
 
@@ -42,7 +42,7 @@ class Heard:
 
 @contextmanager
 def interruptible() -> Iterator[Heard]:
-    """Within, the first SIGINT or SIGTERM raises KeyboardInterrupt in the main thread; others are dropped.
+    """Let the first SIGINT or SIGTERM in the block raise KeyboardInterrupt in the main thread; drop others.
 
     Signals that the caller ignores stay ignored. In other threads than the main one nothing changes.
     """
@@ -61,7 +61,7 @@ def interruptible() -> Iterator[Heard]:
         raise heard_one.stop
 
     def lost(unraisable: sys.UnraisableHookArgs) -> None:
-        """An interruption that came up in a callback of weakref or __del__ ends there: raise it once more."""
+        """Raise an interruption once more that came up, and ended, in a callback of weakref or __del__."""
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):
             sys.__unraisablehook__(unraisable)
             return
@@ -89,7 +89,7 @@ def interruptible() -> Iterator[Heard]:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Within, SIGINT and SIGTERM wait."""
+    """Let SIGINT and SIGTERM wait until the block ends."""
     if threading.current_thread() is not threading.main_thread():  # no other one is interrupted
         yield
         return

@@ -22,7 +22,7 @@ UNFINISHED = ".crossing-unfinished-"  # a name that nobody else takes: what has 
 def written_together(
     folder: Path, *, document: str | None = None, option: str = "--out", file: Path | None = None
 ) -> Iterator[Path]:
-    """A temporary folder whose files move into `folder` once the block has ended without an error.
+    """Yield a temporary folder whose files move into `folder` once the block has ended without an error.
 
     That `folder` can be written is found out before the block runs.
 
@@ -84,7 +84,7 @@ def _remove(own: tuple[Path, int]) -> None:
 
 
 def _own_folder(folder: Path) -> tuple[Path, int]:
-    """A temporary folder, and a descriptor by which it is locked for as long as this process lives."""
+    """Make a temporary folder, locked by a descriptor for as long as this process lives."""
     while True:
         temporary = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
         with suppress(FileNotFoundError):  # taken for abandoned by another process before it was locked

@@ -75,7 +75,7 @@ class DesignStudy(ReadOnlyArrays):
 
 
 def designs_of(file: str | Path, table: str | Path | None = None) -> Designs:
-    """The grid of all values that a robot file declares for its parameters, or the rows of a CSV table.
+    """Return the grid of all values that a robot file declares for its parameters, or rows of a CSV table.
 
     Args:
         table: its first line names parameters, each further one has their values.

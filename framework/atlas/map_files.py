@@ -27,7 +27,7 @@ PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
 
 
 def robot_hash(robot: ParallelRobot) -> str:
-    """SHA-256 of the robot file and of the URDF that it leads to."""
+    """Return SHA-256 of the robot file and of its URDF."""
     digest = hashlib.sha256()
     file = robot.description.file
     if file.is_file():
@@ -123,7 +123,7 @@ def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
 
 
 def _locus_arrays(workspace: WorkspaceMap) -> dict[str, np.ndarray]:
-    """The points of all curves (m, ...), and which curve each belongs to."""
+    """Return the points of all curves (m, ...), and which curve each belongs to."""
     curves = workspace.locus.curves
     return {
         "locus": np.concatenate([np.zeros((0, 2)), *(curve.x for curve in curves)]),

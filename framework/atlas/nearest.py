@@ -70,7 +70,7 @@ class NearestSingularPose(ReadOnlyArrays):
 def nearest_singular_pose(
     robot: ParallelRobot, q: ArrayLike, *, within: float | None = None, max_cells: int = MAX_CELLS
 ) -> NearestSingularPose:
-    """The nearest Type 2 singular pose to an assembled configuration q (nq,), on its working mode.
+    """Find the nearest Type 2 singular pose to an assembled configuration q (nq,), on its working mode.
 
     Args:
         within: how far to look [m if all coordinates are translations, rad if all are turns, else robot
@@ -126,7 +126,7 @@ class Foot(NamedTuple):
 
 
 def _directions(n: int) -> Array:
-    """Unit vectors (K, n), evenly spread: a circle, a spiral on the sphere, else drawn always alike."""
+    """Return unit vectors (K, n), evenly spread: a circle, a spiral on the sphere, or drawn from one seed."""
     count = RAYS.get(n, RAYS_IN_MORE)
     if n == 1:
         return np.array([[1.0], [-1.0]])
@@ -171,7 +171,7 @@ def _hits(robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: fl
 
 
 def _on_ray(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
-    """The singular pose on the ray itself, by bisection."""
+    """Find the singular pose on the ray itself, by bisection."""
     q, near, far = hit
     before = _sign(robot, q[None], near[None])[0]
     for _ in range(MAX_HALVINGS):
@@ -187,7 +187,7 @@ def _on_ray(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
 
 
 def _foot(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
-    """The foot point of x near a hit; None where Newton's method does not lead to one."""
+    """Find the foot point of x near a hit; None where Newton's method does not lead to one."""
     scale, n = robot.platform_scale, robot.n
     q, y, _ = hit
     offsets = np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)]) * DIFFERENCE_STEP * scale

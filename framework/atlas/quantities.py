@@ -45,7 +45,7 @@ class Poses(ReadOnlyArrays):
         return loaded_stack(self.robot, self.q, wrench=self.wrench)
 
     def carried(self, values: Array) -> Array:
-        """Values (T,) of the loaded poses, not a number where the load is not carried."""
+        """Return values (T,) of the loaded poses, not a number where the load is not carried."""
         return np.where(self.loaded.reason == LoadReason.CARRIED, values, np.nan)
 
 
@@ -69,7 +69,7 @@ class Quantity:
 
 
 def quantity_of_key(key: str, wrench: tuple[float, ...] | None = None) -> Quantity:
-    """The quantity of a key; KeyError for any other."""
+    """Return the quantity of a key; KeyError for any other."""
     return replace(QUANTITIES[key], wrench=wrench)
 
 
@@ -134,7 +134,7 @@ QUANTITIES = {
 def chosen(
     robot: ParallelRobot, names: Sequence[str] | None, wrench: ArrayLike | None = None
 ) -> tuple[Quantity, ...]:
-    """The quantities of these names, and g, from which the locus is drawn; without names all that apply.
+    """Return the quantities of these names, and g, from which the locus is drawn; by default all that apply.
 
     "Apply" leaves out torques that differ by gears or by a norm alone, and what takes a load.
 
@@ -174,7 +174,7 @@ def chosen(
 
 
 def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
-    """The unit for this robot: its motors may slide, its platform may only turn."""
+    """Return the unit for this robot: its motors may slide, its platform may only turn."""
     if quantity.key.endswith("torque"):
         units = (
             set(robot.torque_units)

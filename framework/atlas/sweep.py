@@ -79,7 +79,7 @@ def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8
 def _fill(
     robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], unfilled: BoolArray, parts: int
 ) -> None:
-    """`fill_grid` on one lattice (views of the whole), wave by wave."""
+    """Fill one lattice of a grid (views of the whole), wave by wave; see `fill_grid`."""
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)
     while True:
         filled = np.isfinite(q[..., 0])
@@ -180,7 +180,7 @@ def _same_branch(
 
 
 def _between(robot: ParallelRobot, one: Array, two: Array) -> Array:
-    """Tangent vectors (T, nv) from configurations to others, each (T, nq)."""
+    """Return tangent vectors (T, nv) from configurations to others, each (T, nq)."""
     if robot.model.nq == robot.model.nv:
         return two - one
     return np.concatenate([difference(robot, a, b[None]) for a, b in zip(one, two, strict=True)])

@@ -48,7 +48,7 @@ class Window(ReadOnlyArrays):
         return np.asarray((self.upper - self.lower) / (np.array(self.shape) - 1))
 
     def points(self) -> Array:
-        """Platform coordinates (I, J, n) of all poses."""
+        """Return platform coordinates (I, J, n) of all poses."""
         x = np.empty((*self.shape, len(self.held)))
         x[:] = self.held
         first, second = self.spans
@@ -57,7 +57,7 @@ class Window(ReadOnlyArrays):
 
 
 def map_axes(robot: ParallelRobot, names: tuple[str, str] | None = None) -> tuple[int, int]:
-    """The two platform coordinates of a map: those named, else the first two translations, else two turns.
+    """Return the two platform coordinates of a map: those named, or the first two translations, or two turns.
 
     Raises:
         InvalidInput: the robot has fewer than two, or not those.
@@ -77,5 +77,5 @@ def map_axes(robot: ParallelRobot, names: tuple[str, str] | None = None) -> tupl
 
 
 def held_coordinates(robot: ParallelRobot, point: ArrayLike | None) -> Array:
-    """The point about which a map lies: `at` (n,), the reference by default."""
+    """Return the point about which a map lies: `at` (n,), the reference by default."""
     return robot.reference.x if point is None else finite_numbers("at", point, robot.n)

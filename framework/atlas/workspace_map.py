@@ -126,7 +126,7 @@ def workspace_map(
     keeper: ChunkStore | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> WorkspaceMap:
-    """Quantities over a window, at the poses that continuation from the reference reaches.
+    """Compute quantities over a window, at the poses that continuation from the reference reaches.
 
     Args:
         window: what is reached over the first two translations by default, see `surveyed`.
@@ -189,7 +189,7 @@ def _filled(
 def filled_band(
     robot: ParallelRobot, window: Window, quantities: tuple[Quantity, ...], band: RowBand
 ) -> Chunk:
-    """The poses and quantities of one band."""
+    """Compute the poses and quantities of one band."""
     x = window.points()[band.first : band.first + len(band.q)]
     q, reason = band.q.copy(), band.reason.copy()
     strides = np.array([1, 2, 4])
@@ -205,7 +205,7 @@ def surveyed(
     at: ArrayLike | None = None,
     size: int = EDGE_POSES,
 ) -> Window:
-    """The window about all that the reference's working mode reaches, within bounds.
+    """Find the window about all that the reference's working mode reaches, within bounds.
 
     Those are `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at`.
 
@@ -233,20 +233,20 @@ def surveyed(
 
 
 def _cell(robot: ParallelRobot, window: Window) -> float:
-    """The longer edge of a cell [robot lengths, rad]."""
+    """Return the longer edge of a cell [robot lengths, rad]."""
     lengths = robot.platform_scale[list(window.axes)]
     return float((window.cell / lengths).max())
 
 
 def _stride(robot: ParallelRobot, window: Window) -> int:
-    """Poses between coarse ones: a power of 2."""
+    """Return the number of poses between coarse ones: a power of 2."""
     return int(
         2 ** np.clip(np.floor(np.log2(MAX_NEIGHBOUR_DISTANCE / _cell(robot, window))), 0, np.log2(BAND_ROWS))
     )
 
 
 def _seeded(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, NDArray[np.uint8]]:
-    """Configurations (I, J, nq) and reasons at every `stride`-th pose, reached from the reference.
+    """Compute configurations (I, J, nq) and reasons at every `stride`-th pose, reached from the reference.
 
     Where cells are longer than a step may be, poses between them are looked at on the way.
     """

@@ -50,12 +50,12 @@ def take_kept_level(options: argparse.Namespace) -> KeptLevel | None:
 
 
 def load(options: argparse.Namespace) -> ParallelRobot:
-    """The robot, assembled; options as for `load_mechanism`."""
+    """Load the robot, assembled; options as for `load_mechanism`."""
     return ParallelRobot.of(load_mechanism(options))
 
 
 def load_mechanism(options: argparse.Namespace) -> Mechanism:
-    """The mechanism, with the springs of --flexibility where the command has it; warns if there are none."""
+    """Load the mechanism with the springs of --flexibility where the command has it; warn without any."""
     flexibility = getattr(options, "flexibility", "rigid")
     mechanism = Mechanism.from_file(
         robot_file(options.robot), flexibility=flexibility, **_missing_fields(options)
@@ -181,7 +181,7 @@ def share(name: str, text: str) -> float:
 
 
 def planned(options: argparse.Namespace) -> CrossingPlan:
-    """The plan in the folder that ROBOT is, or the one that the options ask for.
+    """Return the plan in the folder that ROBOT is, or the one that the options ask for.
 
     Raises:
         InvalidInput: options of the motion beside a folder, which has a motion already.
@@ -195,7 +195,7 @@ def planned(options: argparse.Namespace) -> CrossingPlan:
 
 
 def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
-    """The plan in the folder that ROBOT is; None if it is no such folder.
+    """Return the plan in the folder that ROBOT is; None if it is no such folder.
 
     Raises:
         InvalidInput: options of the motion beside a folder, which has a motion already; --robot-file

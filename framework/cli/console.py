@@ -18,7 +18,7 @@ _BEGINNING_LENGTH = 800  # [characters] of a longer message that are shown befor
 
 
 def one_line(message: str) -> str:
-    """A message as one line of printable letters, its middle left out where it is long."""
+    """Return a message as one line of printable letters, its middle left out where it is long."""
     line = printable(" ".join(message.splitlines()))
     if len(line) <= MAX_MESSAGE_LENGTH:
         return line
@@ -28,7 +28,7 @@ def one_line(message: str) -> str:
 
 
 def printable(text: str) -> str:
-    """A text with its control characters (but line feeds) and lone surrogates written as escapes."""
+    """Return a text with its control characters (but line feeds) and lone surrogates written as escapes."""
     return "".join(
         letter if letter.isprintable() or letter == "\n" else " " if letter.isspace() else _escaped(letter)
         for letter in text

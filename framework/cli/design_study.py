@@ -82,7 +82,7 @@ def _draw(study: DesignStudy, folder: Path) -> None:
 
 
 def finite_window(options: argparse.Namespace) -> tuple[float, ...]:
-    """The numbers of --window."""
+    """Return the numbers of --window."""
     if not np.all(np.isfinite(options.window)):
         raise InvalidInput("--window: needs four finite numbers")
     return tuple(options.window)
@@ -121,7 +121,7 @@ def _report(study: DesignStudy, robot: str) -> Report:
 
 
 def task_size(study: DesignStudy) -> str:
-    """The poses of one map."""
+    """Return the number of poses of one map, in words."""
     return f"{study.task.size} x {study.task.size}"
 
 

@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _studied(options: argparse.Namespace) -> tuple[FidelityStudy, dict[str, Any], str]:
-    """The study, for machines and for people; what a scene may keep if it is of the scene as it stands."""
+    """Return the report on a study, and what a scene may keep of it if it is of the scene as it stands."""
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path_and_motion(options, robot)
     with progress_bar(float(len(LEVELS)), "rungs", silent=options.json) as progress:
@@ -75,7 +75,7 @@ def _studied(options: argparse.Namespace) -> tuple[FidelityStudy, dict[str, Any]
 
 
 def fidelity_text(study: FidelityStudy) -> str:
-    """A study for people."""
+    """Return the report on a study, in words."""
     plan, enough = study.highest, study.enough
     lines = [
         f"{study.robot.name}: {len(study.levels)} rungs judged to {_percent(study.tolerance)} of the path, "
@@ -126,7 +126,7 @@ def _row(study: FidelityStudy, comparison: Comparison) -> str:
 
 
 def _percent(share: float) -> str:
-    """A share in per cent; what is rounding is 0."""
+    """Return a share in per cent; rounding is 0."""
     if not np.isfinite(share):
         return "-"
     if share >= 10.0:
@@ -135,6 +135,6 @@ def _percent(share: float) -> str:
 
 
 def _where(study: FidelityStudy, errors: Array) -> str:
-    """The largest error, and where on the path it is."""
+    """Return the largest error, and its place on the path."""
     place = study.place(errors)
     return _percent(float(np.nanmax(errors))) + ("" if place is None else f" (at s = {place:.4g})")

@@ -113,12 +113,12 @@ def _lines(
 
 
 def twist_text(robot: ParallelRobot, twist: Array) -> str:
-    """The twist t_s on the platform's axes, with the unit in which it is normalised."""
+    """Return the twist t_s on the platform's axes, with the unit in which it is normalised."""
     return f"{point(twist)} of unit {'speed' if moves_point(robot, twist) else 'turning rate'}"
 
 
 def _shift(searched: SearchedPath, singular: SingularPoint) -> dict[str, float] | None:
-    """ds for each m or rad of deflection by spring; None where a deflection does not move the point."""
+    """Compute ds for each m or rad of deflection by spring; None where deflections do not move the point."""
     rates = spring_shift(searched.branch, singular)
     if np.any(np.isnan(rates)):
         return None

@@ -16,7 +16,7 @@ Report = tuple[dict[str, Any], str]  # for machines, for people
 
 
 def integer_between(least: int, most: int) -> Callable[[str], int]:
-    """Reads a whole number within bounds."""
+    """Return a reader of whole numbers within bounds, for argparse."""
 
     def read(text: str) -> int:
         try:
@@ -33,7 +33,7 @@ def integer_between(least: int, most: int) -> Callable[[str], int]:
 
 
 def command(commands: Any, name: str, run: Callable[[argparse.Namespace], Report], more: str = "") -> Any:
-    """A new command with --json; `run` gives its report. Its own help has `more` to say than the list."""
+    """Add a command with --json; `run` gives its report. Its own help has `more` to say than the list."""
     text = COMMANDS[name].text
     parser = commands.add_parser(name, help=text, description=f"{text}. {more}" if more else text)
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
@@ -42,7 +42,7 @@ def command(commands: Any, name: str, run: Callable[[argparse.Namespace], Report
 
 
 def add_robot(parser: argparse.ArgumentParser, text: str = "catalogue name, or path of a robot file") -> None:
-    """ROBOT."""
+    """Add ROBOT."""
     parser.add_argument("robot", metavar="ROBOT", help=text)
 
 
@@ -68,7 +68,7 @@ def add_missing_fields(parser: argparse.ArgumentParser) -> None:
 
 
 def add_moved_robot(parser: argparse.ArgumentParser) -> None:
-    """--robot-file, for commands that read a folder of `crossing plan --out`."""
+    """Add --robot-file, for commands that read a folder of `crossing plan --out`."""
     parser.add_argument(
         "--robot-file",
         metavar="FILE",
@@ -77,7 +77,7 @@ def add_moved_robot(parser: argparse.ArgumentParser) -> None:
 
 
 def add_flexibility(parser: argparse.ArgumentParser, *, auto: str = "") -> None:
-    """--flexibility; `auto`: the help of that choice, where the command has it."""
+    """Add --flexibility; `auto`: the help of that choice, where the command has it."""
     parser.add_argument(
         "--flexibility",
         choices=(*FLEXIBILITIES, "auto") if auto else FLEXIBILITIES,
@@ -87,7 +87,7 @@ def add_flexibility(parser: argparse.ArgumentParser, *, auto: str = "") -> None:
 
 
 def add_path(parser: argparse.ArgumentParser) -> None:
-    """--scene, or --from and --to."""
+    """Add --scene, --from and --to."""
     parser.add_argument("--scene", metavar="S", help="a scene of the robot file")
     parser.add_argument(
         "--from", dest="start", type=float, nargs="+", metavar="X", help="first platform point"
@@ -109,7 +109,7 @@ def add_motion(parser: argparse.ArgumentParser, *, without: str = "") -> None:
 
 
 def add_executor(parser: argparse.ArgumentParser) -> None:
-    """--workers and --dask, for `executor_of`."""
+    """Add --workers and --dask, for `executor_of`."""
     parser.add_argument(
         "--workers",
         type=integer_between(1, MAX_WORKERS),
@@ -122,7 +122,7 @@ def add_executor(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def progress_bar(total: float, unit: str, *, silent: bool = False) -> Iterator[Callable[[float], None]]:
-    """A bar on stderr while the block runs, if a person looks at it; call it with what is done so far."""
+    """Show a bar on stderr while the block runs, if a person looks at it; call it with the number done."""
     from tqdm import tqdm
 
     with tqdm(total=total, unit=unit, disable=True if silent else None, leave=False) as bar:

@@ -105,7 +105,7 @@ def run(options: argparse.Namespace) -> Report:
 def _planned(
     robot: ParallelRobot, request: Request, kept: KeptLevel | None, *, bend: bool
 ) -> tuple[CrossingPlan, dict[str, Any], str]:
-    """The plan; for machines and people the rung that a scene keeps, or how far --bend has bent its path."""
+    """Plan; return also the rung that a scene keeps, or how far --bend has bent its path."""
     if kept is not None:
         sentence = f"{kept.level} is enough for {100 * kept.tolerance:g} %, as the scene keeps"
         document = {"fidelity": {"rung": kept.level, "tolerance": kept.tolerance}}
@@ -221,7 +221,7 @@ def _warnings(plan: CrossingPlan) -> list[str]:
 
 
 def _idle_turns(robot: ParallelRobot) -> str:
-    """Which idle turns are held, and which go as balls drive them."""
+    """Return the idle turns that are held, and those that balls drive, in words."""
     driven = driven_turns(robot)
     kinds = {
         "held still": np.setdiff1d(robot.structure.idle, driven),

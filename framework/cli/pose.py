@@ -48,7 +48,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """Forward or inverse kinematics from the reference, springs at rest."""
+    """Report the pose of given motor angles or of a platform point, springs at rest."""
     if (options.motor_joints is None) == (options.point is None):
         raise InvalidInput("give either --motors or --platform")
     robot = arguments.load(options)
@@ -146,7 +146,7 @@ def _assembly(robot: ParallelRobot, motors: list[float]) -> Report:
 
 
 def _working(robot: ParallelRobot, point: list[float]) -> Report:
-    """All solutions of the inverse kinematics for this platform."""
+    """Report all solutions of the inverse kinematics for this platform."""
     working = working_modes(robot, point)
     lines, modes = [f"{robot.name}, {robot.flexibility}", f"  working modes     {working.sentence}"], []
     for mode in working.modes:
@@ -171,7 +171,7 @@ def _working(robot: ParallelRobot, point: list[float]) -> Report:
 
 
 def _document(classification: Classification) -> dict[str, Any]:
-    """A classification in JSON: null for what is undefined, or has no bound at a Type 2 singularity."""
+    """Return a classification for JSON: null for what is undefined, or unbounded at a Type 2 singularity."""
     document = {
         name: value.tolist() if isinstance(value, np.ndarray) else value
         for name, value in vars(classification).items()
@@ -188,7 +188,7 @@ def _finite(value: Any) -> Any:
 
 
 def _angles(robot: ParallelRobot, classification: Classification) -> str:
-    """The transmission angles, where they are defined."""
+    """Return the transmission angles, where they are defined."""
     if not np.isfinite(classification.transmission_angle).all():
         return ""
     degrees = np.rad2deg(classification.transmission_angle)
@@ -196,7 +196,7 @@ def _angles(robot: ParallelRobot, classification: Classification) -> str:
 
 
 def _worst_torques(robot: ParallelRobot, classification: Classification) -> list[str]:
-    """The line about the worst torques per newton; none for a platform that only turns."""
+    """Return the line about the worst torques per newton; none for a platform that only turns."""
     if np.isnan(classification.torque_norm):
         return []
     units = " or ".join(sorted({f"{unit}/N" for unit in robot.torque_units}))

@@ -24,7 +24,7 @@ def report_raw(
     request: Request,
     folder: FilePath | None,
 ) -> Report:
-    """The law without its proof: torques sampled as they come.
+    """Report the law without its proof: raw samples of its torques.
 
     Raises:
         InvalidInput: the optimal law is asked for, which is nothing without its proof.

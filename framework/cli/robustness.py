@@ -158,7 +158,7 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _names(options: argparse.Namespace) -> list[str]:
-    """Names of the controllers, each once."""
+    """Return the names of the controllers, each once."""
     return list(dict.fromkeys(options.controller or ["feedforward"]))
 
 

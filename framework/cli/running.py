@@ -63,7 +63,7 @@ def refused(error: BaseException, message: str, code: int, arguments: Sequence[s
 
 
 def _unexpected(error: Exception) -> str:
-    """The sentence for an error that is a fault of the program: what, where, and what to do."""
+    """Return the sentence for an error that is a fault of the program: the error, its place, the remedy."""
     package = Path(__file__).parents[1]
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename]
     ours = [frame for frame in frames if package in Path(frame.filename).parents]
@@ -79,7 +79,7 @@ def _unexpected(error: Exception) -> str:
 
 
 def error_document(error: BaseException, message: str) -> dict[str, Any]:
-    """An error for machines: its kind, the sentence, and the numbers that it carries."""
+    """Return an error for JSON: its kind, the sentence, and the numbers that it carries."""
     document: dict[str, Any] = {"kind": type(error).__name__.lstrip("_"), "message": message}
     for key in ("time", "s", "wrench", "joint", "residual", "platform"):
         value = getattr(error, key, None)

@@ -87,7 +87,7 @@ def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: boo
 
 
 def _films(options: argparse.Namespace) -> list[Film]:
-    """The motions asked for; none when the robot is to be moved by hand."""
+    """Film the motions asked for; none when the robot is to be moved by hand."""
     from framework.show.captions import plan_name
     from framework.show.film import film_plan
 

@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _unit(result: Simulation) -> tuple[str, float]:
-    """Unit of the tracking error, and how much of it is off the path."""
+    """Return the unit of the tracking error, and how much of it is off the path."""
     moves = bool(result.robot.translations.any())
     return ("m", MOTION_OFF_PATH * result.robot.length) if moves else ("rad", MOTION_OFF_PATH)
 
@@ -98,7 +98,7 @@ def _check_on_path(result: Simulation) -> None:
 
 
 def simulation_text(result: Simulation) -> str:
-    """A simulation for people."""
+    """Return the report on a simulation, in words."""
     unit, _ = _unit(result)
     iterations = "" if METHODS[result.method].settings.stages == 0 else f", {result.iterations} iterations"
     lines = [
@@ -117,7 +117,7 @@ def simulation_text(result: Simulation) -> str:
 
 
 def _write_csv(result: Simulation, plan: CrossingPlan, file: FilePath) -> None:
-    """time, platform, planned platform, motor angles, deflections; one row a sample, SI units."""
+    """Write time, platform, planned platform, motor angles, deflections; one row a sample, SI units."""
     robot, axes = result.robot, result.robot.axis_names
     names = ["time", *(f"platform_{axis}" for axis in axes), *(f"planned_{axis}" for axis in axes)]
     names += [f"motor_angle_{joint}" for joint in robot.actuator_names]

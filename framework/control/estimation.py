@@ -43,7 +43,7 @@ class Controller(Protocol):
     def reference(self) -> Reference: ...
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Motor torques (R, n_a) [N m], motor side, asked for at sampling instant k."""
+        """Compute motor torques (R, n_a) [N m], motor side, at sampling instant k."""
         ...
 
 

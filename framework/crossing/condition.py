@@ -45,7 +45,7 @@ class Condition8(NamedTuple):
         return not any(self)
 
     def acceleration(self, speed: float) -> float:
-        """The s" [1/s^2] that makes t_s . W_p vanish at this s' [1/s]; 0 when any does."""
+        """Return the s" [1/s^2] that makes t_s . W_p vanish at this s' [1/s]; 0 when any does."""
         if self.holds_anyway:
             return 0.0
         return -(self.beta * speed**2 + self.delta * speed + self.gamma) / self.alpha
@@ -74,8 +74,7 @@ class CrossingPoint(NamedTuple):
 def crossing_point(
     branch: Branch, singular: SingularPoint, deflection: Deflection | None, near: float
 ) -> CrossingPoint:
-    """The singular point of the path; with a deflection, the one it has moved to,
-    found from path coordinate `near`.
+    """Find the singular point of the path near `near` [s], moved by a deflection if there is one.
 
     Raises:
         NoLaw: the deflected robot has no singular point near.
@@ -91,7 +90,7 @@ def crossing_point(
     before: tuple[Array, ClosedStack] | None = None
 
     def closed(s: Array) -> ClosedStack:
-        """The robot on its path with the deflections, at s (T,); from its tangent where it was last."""
+        """Close the loops on the path with the deflections, at s (T,), from the last solution's tangent."""
         if before is None:
             guess = integrate(robot, branch.guess(s), np.repeat(bent, len(s), axis=0))
         else:
@@ -115,12 +114,12 @@ def crossing_point(
 
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
-    """A point of the path treated as singular whether it is or not, as rounded data would have it."""
+    """Return a point of the path treated as singular whether it is or not, as rounded data would have it."""
     return _oriented(branch, s, branch.closed(s))
 
 
 def _oriented(branch: Branch, s: float, closed: ClosedStack) -> CrossingPoint:
-    """The uncontrolled motion there, its twist pointing along the path."""
+    """Compute the uncontrolled motion there, its twist pointing along the path."""
     uncontrolled = uncontrolled_motion(branch.robot, closed.linearised)
     sign = sign_along(uncontrolled.twist, branch.robot.platform.path_twist(branch.path, s))
     return CrossingPoint(
@@ -141,7 +140,7 @@ def condition_at(branch: Branch, place: CrossingPoint, deflection: Deflection | 
 def effective(
     branch: Branch, place: CrossingPoint, condition: Condition8, deflection: Deflection | None
 ) -> Condition8:
-    """The condition of `coefficients_at`, if s" can meet it; raises as `condition_at`."""
+    """Return the condition of `coefficients_at`, if s" can meet it; raise as `condition_at`."""
     robot = branch.robot
     if condition.holds_anyway or condition.alpha != 0.0:
         return condition
@@ -194,7 +193,7 @@ def coefficients_at(branch: Branch, place: CrossingPoint, deflection: Deflection
 
 
 def without_rounding(values: Array, sizes: Array, alpha: int) -> Array:
-    """The coefficients (k,), zero where they are rounding of their terms; the one of s" is at `alpha`."""
+    """Return the coefficients (k,), zero where they are rounding of their terms; that of s" is at `alpha`."""
     rounding = CONDITION_ROUNDING if abs(values[alpha]) > NO_HOLD * sizes[alpha] else NO_HOLD
     return np.where(np.abs(values) > rounding * sizes, values, 0.0)
 
@@ -219,7 +218,7 @@ def bounds_of_terms(branch: Branch, place: CrossingPoint, rate: float) -> Array:
 def _at_speeds(
     branch: Branch, place: CrossingPoint, speeds: list[float], accelerations: list[float], *elastic: Array
 ) -> Motion:
-    """The motion at a crossing point for some s' and s", with rates and accelerations (T, n_e) of springs."""
+    """Return the motion at a crossing point for s', s" and rates and accelerations (T, n_e) of springs."""
     robot, count = branch.robot, len(speeds)
     q = np.repeat(place.q[None], count, axis=0)
     x = np.repeat(branch.path(place.s)[None], count, axis=0)

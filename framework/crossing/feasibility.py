@@ -176,6 +176,6 @@ def _feasibility(branch: Branch, place: CrossingPoint) -> Feasibility:
 
 
 def _cosine(a: Any, b: Any) -> float:
-    """|cos| of the angle between two vectors; 0 if one of them is zero or rounding."""
+    """Compute |cos| of the angle between two vectors; 0 if one of them is zero or rounding."""
     size = float(np.linalg.norm(a) * np.linalg.norm(b))
     return abs(float(np.dot(a, b))) / size if size > VECTOR_ROUNDING * float(np.linalg.norm(a)) else 0.0

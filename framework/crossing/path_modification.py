@@ -108,7 +108,7 @@ class _Modification(NamedTuple):
 
 
 def _modification_at_crossing(robot: ParallelRobot, path: Path) -> _Modification | None:
-    """The bend where the path is nearest to orthogonal to t_s; None where it has no room for one."""
+    """Return the bend where the path is nearest to orthogonal to t_s; None where it has no room for one."""
     searched = search_path(robot, path)
     candidates = []
     for singular, feasibility in zip(searched.points, feasibility_on_path(searched), strict=True):

@@ -66,7 +66,7 @@ def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingP
 def plan_request(
     robot: ParallelRobot, request: Request, *, searched: SearchedPath | None = None
 ) -> CrossingPlan:
-    """`plan_crossing` for a request of this robot.
+    """Plan a request of this robot; see `plan_crossing`.
 
     Raises:
         As `plan_crossing`.
@@ -87,7 +87,7 @@ def plan_request(
 
 
 def _best(work: _Work) -> CrossingPlan:
-    """The plan with the law that is asked for, or with the polynomial or what it falls back on."""
+    """Plan with the law that is asked for, or with the polynomial or what it falls back on."""
     request = work.request
     if request.kind == "optimal":
         return _optimal(work, "it was asked for")
@@ -150,7 +150,7 @@ def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
 
 
 def _optimal(work: _Work, reason: str) -> CrossingPlan:
-    """The plan with the optimal law."""
+    """Plan with the optimal law."""
     to_cross, request, started = work
     specification = specification_of(to_cross.branch.robot, request)
     dynamics, law, best = optimal_motion(Task(to_cross, request, specification))
@@ -175,7 +175,7 @@ def uncertified_law(
 
 
 def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tuple[SingularityCrossing, ...]]:
-    """`uncertified_law` of a request, on a path that has been searched.
+    """Compute `uncertified_law` of a request, on a path that has been searched.
 
     Raises:
         As `uncertified_law`.

@@ -41,7 +41,7 @@ class PolynomialMotion(NamedTuple):
 
 
 def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMotion:
-    """The certified motion with the polynomial of least degree; what is open of its timing is chosen.
+    """Certify the motion with the polynomial of least degree; choose what is open of its timing.
 
     Raises:
         As `plan_crossing`.
@@ -88,7 +88,7 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
 
 
 def polynomial_at_rest(to_cross: PathToCross, request: Request) -> Law:
-    """The law of the undeformed robot before anything is proved.
+    """Compute the law of the undeformed robot before anything is proved.
 
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
@@ -100,7 +100,7 @@ def polynomial_at_rest(to_cross: PathToCross, request: Request) -> Law:
 
 
 def _at_rest(to_cross: PathToCross) -> list[tuple[CrossingPoint, Condition8]]:
-    """The crossing points of the undeformed robot, and what condition (8) asks there."""
+    """Return the crossing points of the undeformed robot, and condition (8) there."""
     return [
         (place, effective(to_cross.branch, place, condition, None)) for place, condition in to_cross.at_rest
     ]

@@ -134,7 +134,7 @@ def read_document(file: FilePath, command: str) -> dict[str, Any]:
 
 @contextmanager
 def _complaints(file: FilePath) -> Iterator[None]:
-    """Complaints about a document name its file; what is missing, or of another type, is no plan of ours."""
+    """Let complaints about a document name its file, and say of a missing key that it is no plan of ours."""
     try:
         yield
     except RobotFileError:

@@ -83,28 +83,28 @@ class CrossingPlan:
         return self.dynamics.geometry
 
     def torque(self, t: ArrayLike, order: int = 0) -> Array:
-        """Motor torques [N m], motor side, or their time derivatives."""
+        """Evaluate motor torques [N m], motor side, or their time derivatives."""
         return self.dynamics.torque(t, order)
 
     def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
-        """Motor angles [rad], motor side (gear ratio times joint angle), or their derivatives."""
+        """Evaluate motor angles [rad], motor side (gear ratio times joint angle), or their derivatives."""
         return self.dynamics.motor_angle(t, order)
 
     def deflection(self, t: ArrayLike, order: int = 0) -> Array:
-        """Deflections (T, n_e) of the springs [m, rad], or their derivatives."""
+        """Evaluate deflections (T, n_e) of the springs [m, rad], or their derivatives."""
         return self.dynamics.deflection(t, order)
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
-        """Platform coordinates (T, n) [m, rad], or their derivatives up to order 4."""
+        """Evaluate platform coordinates (T, n) [m, rad], or their derivatives up to order 4."""
         return self.dynamics.platform(t, order)
 
     def configuration(self, t: ArrayLike) -> Array:
-        """All joint coordinates q (T, nq), a scalar t (nq,); passive and elastic ones too."""
+        """Evaluate all joint coordinates q (T, nq), a scalar t (nq,); passive and elastic ones too."""
         q = self.dynamics.configuration(t)
         return q if np.ndim(t) else q[0]
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
-        """Joint velocities (order 1) or accelerations (order 2), (T, nv), a scalar t (nv,)."""
+        """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv), a scalar t (nv,)."""
         v = self.dynamics.velocity(t, order)
         return v if np.ndim(t) else v[0]
 
@@ -155,7 +155,7 @@ class CrossingPlan:
         )
 
     def samples(self, count: int = 1501) -> MotionTable:
-        """The motion at equidistant instants, as motion.csv has it: columns with units, and rows."""
+        """Sample the motion at equidistant instants, as motion.csv has it: columns with units, and rows."""
         return motion_table(self.dynamics, count)
 
     def to_csv(self, file: str | PathLike[str] | IO[str], samples: int = 1501) -> None:

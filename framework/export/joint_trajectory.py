@@ -38,7 +38,7 @@ BEFORE_SPRINGS = "; before the springs of drives and links"
 def joint_trajectory(
     plan: CrossingPlan, *, samples: int = DEFAULT_SAMPLES, side: str = "joint"
 ) -> dict[str, Any]:
-    """The message as plain data, for YAML or JSON: header, joint_names and `samples` equidistant points.
+    """Return the message as plain data, for YAML or JSON: header, joint_names, `samples` equidistant points.
 
     Positions [rad, m], velocities, accelerations, effort [N m, N]; `time_from_start` {sec, nanosec}.
 
@@ -73,6 +73,6 @@ def side_told(plan: CrossingPlan, side: str = "joint") -> str:
 
 
 def _duration(seconds: float) -> dict[str, int]:
-    """builtin_interfaces/Duration."""
+    """Return a builtin_interfaces/Duration."""
     seconds_part, rest = divmod(round(float(seconds) * NANOSECONDS), NANOSECONDS)
     return {"sec": seconds_part, "nanosec": rest}

@@ -38,7 +38,7 @@ CLOSING_POINT_DISTANCE = 0.1  # robot lengths between the points that close a hi
 
 
 def mjcf_text(robot: ParallelRobot) -> str:
-    """The robot with its springs as MJCF; the keyframe `reference` is its assembled reference.
+    """Return the robot with its springs as MJCF; the keyframe `reference` is its assembled reference.
 
     Raises:
         InvalidInput: a loop that MuJoCo has no equality for, see `mjcf_loops.equality_axes`.
@@ -67,7 +67,7 @@ def mjcf_text(robot: ParallelRobot) -> str:
 
 
 def qpos_of(model: pin.Model, q: Array) -> Array:
-    """q (nq,) as MuJoCo has it: quaternions with their real part first."""
+    """Return q (nq,) as MuJoCo has it: quaternions with their real part first."""
     qpos = q.copy()
     for joint in model.joints[1:]:
         if is_ball(joint):
@@ -77,7 +77,7 @@ def qpos_of(model: pin.Model, q: Array) -> Array:
 
 
 def ranges_left_out(robot: ParallelRobot) -> tuple[str, ...]:
-    """Joints whose range in the URDF is not written, since the reference is outside."""
+    """Return joints whose range in the URDF is not written, since the reference is outside."""
     return tuple(positions_beyond_limits(robot.limits, robot.reference.q[None]))
 
 
@@ -99,7 +99,7 @@ def _add_motors(robot: ParallelRobot, root: ElementTree.Element) -> None:
 
 
 def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Element) -> ElementTree.Element:
-    """The body behind joint j, in that of its parent."""
+    """Return the body behind joint j, in that of its parent."""
     model = robot.model
     name, column = str(model.names[j]), model.joints[j].idx_v
     body = ElementTree.SubElement(
@@ -140,7 +140,7 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
 
 
 def _accepted(inertia: Array) -> Array:
-    """An inertia matrix that MuJoCo takes: with principal moments that a body can have.
+    """Return an inertia matrix that MuJoCo takes: with principal moments that a body can have.
 
     Planar robots are often given one moment of three; each of the others becomes half of it, which nothing in
     the plane feels. The lesser two grow by what their sum lacks: by rounding if the body is a thin rod.
@@ -151,7 +151,7 @@ def _accepted(inertia: Array) -> Array:
 
 
 def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[ElementTree.Element]) -> None:
-    """The equalities, and the sites that they and the platform stand on."""
+    """Add the equalities, and the sites that they and the platform stand on."""
     names = frame_names(robot)
     frames = dict(zip(names, robot.frames, strict=True))
     axes = equality_axes(robot)

@@ -49,7 +49,7 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
 
 
 def _more_locked(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
-    """The first kind that locks a closure's axes, and others that are closed at configurations (K, nq)."""
+    """Return the first kind that locks a closure's axes, and other axes, closed at configurations (K, nq)."""
     lacking = dict[tuple[str, ...], float]()
     placements, names = frames_at(robot, poses), frame_names(robot)
     for axes in OFF_ORIGIN:
@@ -71,7 +71,7 @@ def _more_locked(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[
 
 
 def _configurations_beside(robot: ParallelRobot) -> Array:
-    """Assembled configurations (K, nq) at and beside the reference, springs at rest and deflected."""
+    """Return assembled configurations (K, nq) at and beside the reference, springs at rest and deflected."""
     rest, aside = robot.reference.q, np.zeros((1, robot.model.nv))
     share = np.random.default_rng(0).uniform(-1, 1, robot.n_e)
     aside[0, robot.elastic] = TRIED_DEFLECTION * robot.column_scale[robot.elastic] * share
@@ -80,7 +80,7 @@ def _configurations_beside(robot: ParallelRobot) -> Array:
 
 
 def frame_names(robot: ParallelRobot) -> list[str]:
-    """Names of `robot.frames`, in their order."""
+    """Return names of `robot.frames`, in their order."""
     closures = robot.description.closures
     ends = (name for closure in closures for name in closure.frames)
     return list(dict.fromkeys([robot.description.platform.frame, *ends]))

@@ -58,7 +58,7 @@ _MESSAGE: Table = {
 
 
 def read_joint_trajectory(file: str | Path) -> TrajectoryFile:
-    """The trajectory in a YAML or JSON file (which is YAML, too).
+    """Read the trajectory in a YAML or JSON file (which is YAML, too).
 
     Raises:
         RobotFileError: it cannot be read; or names the key, what was given and what is valid: a key is
@@ -99,7 +99,7 @@ def _parsed(content: str) -> Any:
 
 
 def _seconds(where: str, given: Any) -> float:
-    """builtin_interfaces/Duration in seconds."""
+    """Read a builtin_interfaces/Duration, in seconds."""
     duration = read_table(where, given, _DURATION)
     if duration["sec"] < 0 or not 0 <= duration["nanosec"] < NANOSECONDS:
         raise RobotFileError(

@@ -107,7 +107,7 @@ class FidelityStudy(ReadOnlyArrays):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The numbers, for JSON."""
+        """Return the numbers, for JSON."""
         return {
             "robot": self.robot.name,
             "tolerance": self.tolerance,

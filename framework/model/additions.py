@@ -53,7 +53,7 @@ def add_frames(root: ElementTree.Element, frames: Sequence[AddedFrame]) -> None:
 
 
 def _add_box(link: ElementTree.Element, frame: AddedFrame) -> None:
-    """A box with edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on, if all three are there."""
+    """Add a box with edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on, if all three are given."""
     squares = 6.0 / frame.mass * (sum(frame.inertia) - 2.0 * np.array(frame.inertia))
     if squares.min() <= 0.0:
         return

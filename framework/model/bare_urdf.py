@@ -16,7 +16,7 @@ _LIMIT = ("lower", "upper", "effort", "velocity")
 
 
 def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
-    """A copy of the URDF without shapes, materials and what else does not move.
+    """Return a copy of the URDF without shapes, materials and what else does not move.
 
     The URDF must be one that `check_urdf` or `UrdfTree` has checked.
     """

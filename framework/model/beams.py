@@ -51,7 +51,7 @@ class Material:
 
     @staticmethod
     def isotropic(E: float, poisson: float) -> Material:
-        """The material of modulus `E` and Poisson's ratio, G = E / (2 (1 + poisson)).
+        """Return the material of modulus `E` and Poisson's ratio, G = E / (2 (1 + poisson)).
 
         Raises:
             InvalidInput: E is not positive, or the ratio not between -1 and 0.5.
@@ -85,7 +85,7 @@ class Section:
 
     @staticmethod
     def tube(outer: float, inner: float = 0.0, shear: float | None = None) -> Section:
-        """A round bar or tube of these radii [m].
+        """Return a round bar or tube of these radii [m].
 
         Raises:
             InvalidInput: not 0 <= inner < outer.
@@ -98,7 +98,7 @@ class Section:
 
     @staticmethod
     def rectangle(width: float, height: float, shear: float | None = None) -> Section:
-        """A full rectangle, `width` [m] along y and `height` along z; J by Saint-Venant's series."""
+        """Return a full rectangle, `width` [m] along y and `height` along z; J by Saint-Venant's series."""
         _positive(width=width, height=height)
         a, b = max(width, height), min(width, height)
         odd = np.arange(1, 200, 2)
@@ -117,7 +117,7 @@ class SplitBeam(NamedTuple):
 
 
 def beam_stiffness(section: Section, material: Material, length: float) -> dict[str, float]:
-    """Diagonal stiffness [N/m, N m/rad] by axis of a beam along x, seen from its middle. Exact there.
+    """Compute the diagonal stiffness [N/m, N m/rad] by axis of a beam along x, at its middle. Exact there.
 
     Raises:
         InvalidInput: the length is not positive.
@@ -147,7 +147,7 @@ def beam_spring(
     length: float,
     axes: tuple[str, ...] = AXES,
 ) -> Spring:
-    """The virtual joint of a link, behind the fixed joint `after` in the middle of its beam.
+    """Return the virtual joint of a link, behind the fixed joint `after` in the middle of its beam.
 
     The child frame of `after` has x along the beam; see `split_beam`. With fewer `axes` the others are
     rigid. Exact for small loads at the tip (see the module).
@@ -166,7 +166,7 @@ def tip_spring(
     length: float,
     axes: tuple[str, ...] = AXES,
 ) -> Spring:
-    """The virtual joint of a link, behind the fixed joint `after` at its tip; lacks the cross terms.
+    """Return the virtual joint of a link, behind the fixed joint `after` at its tip; lacks the cross terms.
 
     Exact where the tip carries either only a force (its displacement) or only a moment (its rotation).
 
@@ -180,7 +180,7 @@ def tip_spring(
 
 
 def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> SplitBeam:
-    """The URDF with a fixed joint halfway along the fixed joint `tip`, which reaches from a link's
+    """Return the URDF with a fixed joint halfway along the fixed joint `tip`, which reaches from a link's
     origin to its tip.
 
     The new joint is `<tip>_middle`; the tip stays where it was. Link masses stay on the near half. Its child
@@ -225,7 +225,7 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
 
 
 def _section_axes(along: Array, y: ArrayLike | None) -> Array:
-    """Axes of a beam's frame as columns (3, 3), for directions (3,) of the beam and of its section's y."""
+    """Return a beam's axes as columns (3, 3), from directions (3,) of the beam and of its section's y."""
     if y is None:
         if 1.0 + along[0] < 0.5 * BEAM_NEAR_MINUS_X**2:
             raise InvalidInput(

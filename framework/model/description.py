@@ -31,7 +31,7 @@ CLOSURE_KINDS = tuple(_LOCKED)
 
 
 def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
-    """What a closure of this kind locks: axes in the frame of the first body, or the distance.
+    """Return what a closure of this kind locks: axes in the frame of the first body, or the distance.
 
     `axis` in {x, y, z} is the axis of the joint; the kinds are tabled for z and turned cyclically.
 
@@ -207,7 +207,7 @@ class RobotDescription:
     parameters: Mapping[str, float] = field(default_factory=dict)  # the values that its file was read with
 
     def least_flexibility(self, flexibility: str) -> str:
-        """The least flexibility with the springs of this one: rigid for a robot without springs.
+        """Return the least flexibility with the springs of this one: rigid for a robot without springs.
 
         Raises:
             InvalidInput: unknown flexibility.
@@ -216,7 +216,7 @@ class RobotDescription:
         return next(least for least in FLEXIBILITIES if self.active_springs(least) == springs)
 
     def active_springs(self, flexibility: str) -> tuple[Spring, ...]:
-        """The springs of one flexibility, in file order.
+        """Return the springs of one flexibility, in file order.
 
         Raises:
             InvalidInput: unknown flexibility.

@@ -41,7 +41,7 @@ def naming(path: Path | str) -> Iterator[None]:
 
 
 def parse_xml(text: str) -> ElementTree.Element:
-    """The root of an XML text without a document type.
+    """Parse an XML text without a document type; return its root.
 
     Raises:
         RobotFileError: it has one (entities can grow without bound), has more than MAX_XML_ELEMENTS elements,
@@ -73,7 +73,7 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def parse_yaml(text: str) -> Any:
-    """The content of a YAML text, if it is of a sensible size with its aliases written out.
+    """Parse a YAML text, if it is of a sensible size with its aliases written out.
 
     Raises:
         RobotFileError: it is not, has a duplicate key, or is no YAML.
@@ -136,7 +136,7 @@ def _too_many() -> RobotFileError:
 
 
 def _size(node: yaml.Node, known: dict[int, int]) -> int:
-    """Values of a node with its aliases written out; an alias of itself counts as too many."""
+    """Count the values of a node with its aliases written out; an alias of itself counts as too many."""
     if id(node) in known:
         return known[id(node)]
     known[id(node)] = MAX_YAML_VALUES + 1  # for those met again below themselves

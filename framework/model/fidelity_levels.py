@@ -75,7 +75,7 @@ def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
 
 
 def _payload(description: RobotDescription, root: ElementTree.Element) -> frozenset[str]:
-    """Names of the links whose inertia is the payload's."""
+    """Return names of the links whose inertia is the payload's."""
     platform, urdf = description.platform.frame, check_urdf(description.file, root)
     (link,) = (link for link in root.findall("link") if link.get("name") == platform)
     mass = link.find("inertial/mass")

@@ -19,7 +19,7 @@ Reader = Callable[[str, Any], T]
 
 
 class Field(NamedTuple):
-    """How the value of a key is read, and what it is where the key is left out."""
+    """The reader of a key's value, and its default."""
 
     read: Reader[Any]
     default: Any = None
@@ -27,12 +27,12 @@ class Field(NamedTuple):
 
 
 def required(read: Reader[Any]) -> Field:
-    """A key that must be there."""
+    """Declare a key that must be given."""
     return Field(read, required=True)
 
 
 def optional(read: Reader[Any], default: Any = None) -> Field:
-    """A key that may be left out."""
+    """Declare a key that may be left out."""
     return Field(read, default)
 
 
@@ -40,7 +40,7 @@ Table = Mapping[str, Field]
 
 
 def below(where: str, key: object) -> str:
-    """The place of a key in the mapping at `where`; that of the file is empty."""
+    """Return the place of a key in the mapping at `where`; that of the file is empty."""
     return f"{where}.{key}" if where else str(key)
 
 
@@ -48,7 +48,7 @@ def below(where: str, key: object) -> str:
 
 
 def mapping(where: str, given: Any) -> dict[Any, Any]:
-    """A mapping of whatever keys.
+    """Read a mapping of any keys.
 
     Raises:
         RobotFileError: it is none.
@@ -61,7 +61,7 @@ def mapping(where: str, given: Any) -> dict[Any, Any]:
 def read_table(
     where: str, given: Any, table: Table, *, others: Collection[str] | None = ()
 ) -> dict[str, Any]:
-    """The value of each key of the table; `others` may be there too, None for any.
+    """Read the value of each key of the table; `others` may be given too, None for any.
 
     Raises:
         RobotFileError: a key is missing or unknown, or its reader refuses the value.
@@ -85,12 +85,12 @@ def read_table(
 
 
 def record(table: Table, make: Callable[[str, dict[str, Any]], T]) -> Reader[T]:
-    """A mapping with these keys, made into something out of its place and its values."""
+    """Return a reader of a mapping with these keys; `make` takes its place and its values."""
     return lambda where, given: make(where, read_table(where, given, table))
 
 
 def named(read: Reader[T], read_name: Reader[str] | None = None) -> Reader[dict[str, T]]:
-    """A mapping from names to values of one kind."""
+    """Return a reader of a mapping from names to values of one kind."""
 
     def read_named(where: str, given: Any) -> dict[str, T]:
         values = {}
@@ -103,7 +103,7 @@ def named(read: Reader[T], read_name: Reader[str] | None = None) -> Reader[dict[
 
 
 def list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
-    """A list of values of one kind."""
+    """Return a reader of a list of values of one kind."""
 
     def read_list(where: str, given: Any) -> tuple[T, ...]:
         if not isinstance(given, list):
@@ -114,12 +114,12 @@ def list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
 
 
 def one_or_list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
-    """A list of values of one kind, or one such value."""
+    """Return a reader of a list of values of one kind, or of one such value."""
     return lambda where, given: list_of(read)(where, given if isinstance(given, list) else [given])
 
 
 def entries(read: Reader[T]) -> Reader[tuple[T, ...]]:
-    """A list with at least one entry."""
+    """Return a reader of a list with at least one entry."""
 
     def read_entries(where: str, given: Any) -> tuple[T, ...]:
         if not isinstance(given, list) or not given:
@@ -133,19 +133,19 @@ def entries(read: Reader[T]) -> Reader[tuple[T, ...]]:
 
 
 def anything(where: str, given: Any) -> Any:
-    """Whatever it is."""
+    """Read any value."""
     return given
 
 
 def text(where: str, given: Any) -> str:
-    """A text that is not empty."""
+    """Read a text that is not empty."""
     if not isinstance(given, str) or not given:
         raise RobotFileError(f"{where}: needs a text, got {given!r}")
     return given
 
 
 def one_of(what: str, valid: Collection[str]) -> Reader[str]:
-    """One of some names; `what` they are."""
+    """Return a reader of one of the valid names; `what` is the kind of thing that they name."""
 
     def read_name(where: str, given: Any) -> str:
         if not isinstance(given, str) or given not in valid:
@@ -156,14 +156,14 @@ def one_of(what: str, valid: Collection[str]) -> Reader[str]:
 
 
 def integer(where: str, given: Any) -> int:
-    """A whole number."""
+    """Read a whole number."""
     if not isinstance(given, int) or isinstance(given, bool):
         raise RobotFileError(f"{where}: needs a whole number, got {given!r}")
     return given
 
 
 def number(where: str, given: Any) -> float:
-    """A finite number of at most LARGEST_NUMBER; a text, too: YAML 1.1 reads 1e5 as one."""
+    """Read a finite number of at most LARGEST_NUMBER; a text, too: YAML 1.1 reads 1e5 as one."""
     try:
         if isinstance(given, bool) or not isinstance(given, int | float | str):
             raise ValueError
@@ -180,7 +180,7 @@ def number(where: str, given: Any) -> float:
 
 
 def positive(where: str, given: Any) -> float:
-    """A finite number greater than zero."""
+    """Read a finite number greater than zero."""
     value = number(where, given)
     if value <= 0:
         raise RobotFileError(f"{where}: must be greater than zero, got {given!r}")
@@ -188,7 +188,7 @@ def positive(where: str, given: Any) -> float:
 
 
 def not_negative(where: str, given: Any) -> float:
-    """A finite number of at least zero."""
+    """Read a finite number of at least zero."""
     value = number(where, given)
     if value < 0:
         raise RobotFileError(f"{where}: must not be negative, got {given!r}")
@@ -196,7 +196,7 @@ def not_negative(where: str, given: Any) -> float:
 
 
 def vector3(where: str, given: Any) -> tuple[float, float, float]:
-    """Three finite numbers."""
+    """Read three finite numbers."""
     vector = list_of(number)(where, given)
     if len(vector) != 3:
         raise RobotFileError(f"{where}: needs three numbers, got {given!r}")

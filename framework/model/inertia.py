@@ -18,7 +18,7 @@ ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
 def symmetric(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
-    """The matrix (3, 3) of six ENTRIES."""
+    """Return the matrix (3, 3) of six ENTRIES."""
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 

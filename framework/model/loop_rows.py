@@ -50,13 +50,13 @@ class LoopRows(ReadOnlyArrays):
         return bool(self.coupled.any())
 
     def coupling_residual(self, q: Array) -> Array:
-        """Values (T, c) of the c coupling rows at configurations q (T, nq)."""
+        """Compute the values (T, c) of the c coupling rows at configurations q (T, nq)."""
         rows = self.coupled
         joint, of = self.places[rows].T
         return np.asarray(q[:, joint] - self.ratio[rows] * q[:, of] - self.offset[rows])
 
     def coupling_jacobian(self, nv: int) -> Array:
-        """Derivatives (m, nv) of the coupling rows along the joints; zero in other rows."""
+        """Return derivatives (m, nv) of the coupling rows along the joints; zero in other rows."""
         jacobian, rows = np.zeros((len(self.names), nv)), np.flatnonzero(self.coupled)
         joint, of = self.columns[rows].T
         jacobian[rows, joint] = 1.0
@@ -64,7 +64,7 @@ class LoopRows(ReadOnlyArrays):
         return jacobian
 
     def take(self, rows: IntArray) -> LoopRows:
-        """The table of some of the rows."""
+        """Return the table of some of the rows."""
         tables = {name: table for name, table in vars(self).items() if isinstance(table, np.ndarray)}
         names = tuple(self.names[i] for i in rows)
         return LoopRows(**{name: table[rows] for name, table in tables.items()}, names=names)
@@ -84,7 +84,7 @@ class CoupledJoints(NamedTuple):
 def loop_rows(
     closures: Sequence[Closure], frames: Sequence[str], couplings: Sequence[CoupledJoints] = ()
 ) -> LoopRows:
-    """One row for each locked axis of each closure, one a coupling; `frames` names those of the mechanism."""
+    """Make one row for each locked axis of each closure, and one a coupling; `frames` are the mechanism's."""
     table: list[tuple[float, ...]] = []
     names: list[str] = []
     for closure in closures:
@@ -121,7 +121,7 @@ def loop_rows(
 
 
 def _perpendicular_pair(locked_axis: int, locked: set[int]) -> tuple[int, int, float]:
-    """Axes (of the first, of the second frame) to keep perpendicular, and the sign, to lock a rotation.
+    """Return the axes of first and second frame to keep perpendicular, and the sign, to lock a rotation.
 
     With i, j, k cyclic, R = 1 + [phi]x gives x_j . (R x_k) = -phi_i and x_k . (R x_j) = +phi_i.
     """
@@ -145,13 +145,13 @@ class LockedDirections(NamedTuple):
     closures: tuple[str, ...]  # (d,) names
 
     def take(self, which: IntArray) -> LockedDirections:
-        """Some of them."""
+        """Return some of the directions."""
         names = tuple(self.closures[i] for i in which)
         return LockedDirections(self.first[which], self.second[which], self.axis[which], names)
 
 
 def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> LockedDirections:
-    """One direction for each closure that locks two rotations, two for each that locks all."""
+    """Make one direction for each closure that locks two rotations, two for each that locks all."""
     table, names = [], []
     for closure in closures:
         turns = [axis for axis in closure.axes if axis.startswith("r")]

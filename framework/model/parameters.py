@@ -37,7 +37,7 @@ _FUNCTIONS: Mapping[str, Callable[..., float]] = {
 
 
 def declared_parameters(text: str) -> dict[str, list[float]]:
-    """The values of each parameter that the text of a robot file declares, its own first.
+    """Return the values of each parameter that the text of a robot file declares, its own first.
 
     Raises:
         RobotFileError: `parameters` is no mapping of names to numbers or lists of numbers.
@@ -54,7 +54,7 @@ def declared_parameters(text: str) -> dict[str, list[float]]:
 
 
 def with_parameters(text: str, given: Mapping[str, float] | None = None) -> tuple[str, dict[str, float]]:
-    """The text of a robot file with its placeholders filled, and the values that were taken.
+    """Fill the placeholders of a robot file's text; return it with the values that were taken.
 
     Args:
         given: values of some parameters, in place of their own.
@@ -71,7 +71,7 @@ def with_parameters(text: str, given: Mapping[str, float] | None = None) -> tupl
 
 
 def filled(text: str, values: Mapping[str, float]) -> str:
-    """A text with each `${...}` replaced by its number.
+    """Replace each `${...}` of a text by its number.
 
     Raises:
         RobotFileError: one is no arithmetic with these parameters, or has no finite value.

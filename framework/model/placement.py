@@ -13,7 +13,7 @@ Vector3 = tuple[float, float, float]
 
 
 def placement(rotation: Array | None = None, translation: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:
-    """The placement (4, 4) of a rotation matrix and a translation."""
+    """Return the placement (4, 4) of a rotation matrix and a translation."""
     matrix = np.eye(4)
     if rotation is not None:
         matrix[:3, :3] = rotation
@@ -22,26 +22,26 @@ def placement(rotation: Array | None = None, translation: Sequence[float] | Arra
 
 
 def inverse(matrix: Array) -> Array:
-    """The inverse of a placement."""
+    """Return the inverse of a placement."""
     turn = matrix[:3, :3].T
     return placement(turn, -turn @ matrix[:3, 3])
 
 
 def about(axis: Sequence[float] | Array, angle: float) -> Array:
-    """The rotation matrix of a turn about an axis (Rodrigues); the axis needs no unit length."""
+    """Return the rotation matrix of a turn about an axis (Rodrigues); the axis needs no unit length."""
     x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew)
 
 
 def from_rpy(rpy: Sequence[float]) -> Array:
-    """The rotation matrix of a URDF's roll, pitch and yaw."""
+    """Return the rotation matrix of a URDF's roll, pitch and yaw."""
     roll, pitch, yaw = rpy
     return np.asarray(about((0, 0, 1), yaw) @ about((0, 1, 0), pitch) @ about((1, 0, 0), roll))
 
 
 def to_rpy(rotation: Array) -> Vector3:
-    """Roll, pitch and yaw of a rotation matrix, to rounding at every pitch.
+    """Compute roll, pitch and yaw of a rotation matrix, to rounding at every pitch.
 
     The yaw is taken out before the roll is read, so that the two fit each other where the pitch is
     a quarter turn and neither is determined alone.
@@ -53,7 +53,7 @@ def to_rpy(rotation: Array) -> Vector3:
 
 
 def from_quaternion(w: float, x: float, y: float, z: float) -> Array:
-    """The rotation matrix of a quaternion of any length but zero."""
+    """Return the rotation matrix of a quaternion of any length but zero."""
     w, x, y, z = np.array([w, x, y, z]) / math.hypot(w, x, y, z)
     return np.array(
         [
@@ -65,7 +65,7 @@ def from_quaternion(w: float, x: float, y: float, z: float) -> Array:
 
 
 def turning(name: str, axis: Sequence[float] | Array) -> Array:
-    """A rotation matrix whose column `name` (x, y or z) is the axis; exact for axes of the frame."""
+    """Return a rotation matrix whose column `name` (x, y or z) is the axis; exact for axes of the frame."""
     main = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     helper = np.eye(3)[int(np.argmin(np.abs(main)))]
     second = np.cross(main, helper)

@@ -47,7 +47,7 @@ VERSION = 1
 
 
 def read_robot_file(file: str | Path) -> RobotDescription:
-    """The description in a robot file.
+    """Read the description in a robot file.
 
     Raises:
         RobotFileError: the file or its URDF is missing or malformed, or a key is unknown, missing,
@@ -61,7 +61,7 @@ def read_robot_file(file: str | Path) -> RobotDescription:
 
 
 def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> ParsedRobot:
-    """The description in the content of the robot file `path`, and its URDF with these `parameters`.
+    """Parse the content of the robot file `path`, and its URDF with these `parameters`.
 
     Raises:
         RobotFileError: as `read_robot_file`, without the name of the file.
@@ -127,7 +127,7 @@ _TREE: Table = {
 def _urdf(
     folder: Path, tree: Mapping[str, Any], parameters: Mapping[str, float]
 ) -> tuple[str, ElementTree.Element, Urdf]:
-    """The URDF with what the robot file changes in it, as text and parsed, and its names."""
+    """Return the URDF with the robot file's changes, as text and parsed, and its names."""
     path = locate_urdf(folder, tree["urdf"])
     urdf_text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
     with naming(f"urdf: {path}"):
@@ -176,7 +176,7 @@ def _moments(where: str, given: Any) -> tuple[float, float, float]:
 
 
 def _check_scenes(description: RobotDescription) -> None:
-    """A point of a path has one number for each coordinate of the platform."""
+    """Check that a point of a path has one number for each coordinate of the platform."""
     axes = description.platform.names
     for name, scene in description.scenes.items():
         for i, point in enumerate(scene.points):
@@ -188,7 +188,7 @@ def _check_scenes(description: RobotDescription) -> None:
 
 
 def _check_names(description: RobotDescription, urdf: Urdf) -> None:
-    """Names must be unique, and virtual joints must not take a name of the URDF."""
+    """Check that names are unique, and that no virtual joint takes a name of the URDF."""
     groups = {
         "actuators": [actuator.joint for actuator in description.actuators],
         "closures": [closure.name for closure in description.closures],

@@ -63,7 +63,7 @@ def write_robot_file(
 
 
 def spring_entry(spring: Spring) -> dict[str, Any]:
-    """A spring as an entry of `springs` in a robot file."""
+    """Return a spring as an entry of `springs` in a robot file."""
     entry: dict[str, Any] = {"name": spring.name, "part": spring.part, "after": spring.after}
     if spring.motion:
         entry["motion"] = list(spring.motion)
@@ -71,7 +71,7 @@ def spring_entry(spring: Spring) -> dict[str, Any]:
 
 
 def robot_document(description: RobotDescription) -> dict[str, Any]:
-    """The content of the robot file; its URDF is NAME.urdf."""
+    """Return the content of the robot file; its URDF is NAME.urdf."""
     document: dict[str, Any] = {
         "version": VERSION,
         "urdf": f"{description.name}.urdf",
@@ -108,7 +108,7 @@ def _actuator(actuator: Actuator) -> dict[str, Any]:
 
 
 def _joints(description: RobotDescription) -> dict[str, dict[str, float]]:
-    """What acts on each coordinate; on a ball as on one joint where it is alike about all its axes."""
+    """Return the entry `joints`: springs, damping, friction; a ball is one joint if its axes are alike."""
     written = {name: _joint(joint) for name, joint in description.joints.items()}
     for joint in ElementTree.fromstring(description.urdf_text).findall("joint"):
         name = joint.get("name", "")
@@ -121,7 +121,7 @@ def _joints(description: RobotDescription) -> dict[str, dict[str, float]]:
 
 
 def _joint(joint: JointDynamics) -> dict[str, float]:
-    """What is not zero, and what the URDF beside it may say otherwise."""
+    """Return what is not zero of a joint, and what the URDF may declare otherwise."""
     keys = ("damping", "friction")
     return {key: value for key, value in asdict(joint).items() if value or key in keys}
 
@@ -157,7 +157,7 @@ def _yaml_text(description: RobotDescription, comments: Iterable[str] = ()) -> s
 
 
 def _urdf_text(text: str, old: Path, new: Path) -> str:
-    """The URDF, its relative mesh files seen from the new folder."""
+    """Return the URDF, its relative mesh files seen from the new folder."""
     root = ElementTree.fromstring(text)
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "")

@@ -47,7 +47,7 @@ PATH_KINDS = {"line": 2, "arc": 3, "spline": 2}  # least number of points
 
 
 def robot_table(urdf: Urdf, *, is_coupled: bool = False) -> Table:
-    """The keys of the robot on the tree of this URDF; couplings of joints may be its only loops."""
+    """Return the keys of the robot on the tree of this URDF; couplings of joints may be its only loops."""
     movable = [name for name, kind in urdf.joints.items() if kind in MOVING]
     closure = _closure(urdf)
     return {
@@ -71,7 +71,7 @@ def _axes(where: str, given: Any) -> tuple[str, ...]:
 
 
 def _frame(urdf: Urdf) -> Reader[str]:
-    """The link of a frame: a joint stands for its child, which moves when a spring behind it gives."""
+    """Return the link of a frame: a joint stands for its child, which moves when a spring behind it gives."""
 
     def read(where: str, given: Any) -> str:
         name = one_of("frame", urdf.names)(where, given)
@@ -81,7 +81,7 @@ def _frame(urdf: Urdf) -> Reader[str]:
 
 
 def _platform(urdf: Urdf) -> Reader[Platform]:
-    """A frame with its axes, or joints; their frame is the link behind the last one if none is given."""
+    """Return a reader of a frame with axes, or of joints, whose frame is by default the last one's link."""
     movable = [name for name, kind in urdf.joints.items() if kind in MOVING]
     on_axes = {"frame": required(_frame(urdf)), "axes": required(_axes)}
     of_joints = {
@@ -116,7 +116,7 @@ def _actuator(urdf: Urdf) -> Reader[Actuator]:
 
 
 def _closure(urdf: Urdf) -> Reader[Closure]:
-    """One that locks axes, said by a kind or one by one, or one that keeps a distance."""
+    """Return a reader of a closure: it locks axes, given by a kind or one by one, or keeps a distance."""
     table = {"name": required(text), "frames": required(_pair(urdf))}
     by_kind = {"kind": required(text), "axis": optional(text, "z")}
     by_length = {"kind": required(text), "length": required(positive)}
@@ -141,7 +141,7 @@ def _closure(urdf: Urdf) -> Reader[Closure]:
 
 
 def _pair(urdf: Urdf) -> Reader[tuple[str, str]]:
-    """Two frames of different bodies."""
+    """Return a reader of two frames of different bodies."""
 
     def read(where: str, given: Any) -> tuple[str, str]:
         pair = list_of(_frame(urdf))(where, given)
@@ -157,7 +157,7 @@ def _pair(urdf: Urdf) -> Reader[tuple[str, str]]:
 
 
 def _coupling(movable: Sequence[str]) -> Reader[Coupling]:
-    """A loop equation between two joints of one degree of freedom."""
+    """Return a reader of a loop equation between two joints of one degree of freedom."""
     table = {
         "joint": required(one_of("joint", movable)),
         "of": required(one_of("joint", movable)),
@@ -183,7 +183,7 @@ _JOINT: Table = {
 
 
 def _joints(urdf: Urdf) -> Reader[dict[str, dict[str, float]]]:
-    """What is said of each coordinate; a joint of several stands for all its coordinates."""
+    """Return a reader of the entries of each coordinate; a joint of several stands for all of them."""
     several = [name for name, kind in urdf.joints.items() if kind in SEVERAL]
 
     def read(where: str, given: Any) -> dict[str, dict[str, float]]:
@@ -210,7 +210,7 @@ def _given_only(_: str, values: dict[str, Any]) -> dict[str, float]:
 def joint_dynamics(
     declared: Mapping[str, Mapping[str, float]], given: Mapping[str, Mapping[str, float]]
 ) -> dict[str, JointDynamics]:
-    """What acts on each coordinate: what the URDF declares, with what the robot file gives in its place."""
+    """Return springs, damping and friction of each coordinate; the robot file overrides the URDF."""
     return {
         name: JointDynamics(**{**declared.get(name, {}), **given.get(name, {})})
         for name in dict.fromkeys([*declared, *given])
@@ -226,7 +226,7 @@ class JointSpring(NamedTuple):
 
 
 def _spring(urdf: Urdf, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
-    """One behind a joint, or one on a joint of the URDF."""
+    """Return a reader of a spring behind a joint, or on a joint of the URDF."""
     virtual = {
         "name": required(text),
         "part": required(one_of("part", ("joint", "link"))),
@@ -280,7 +280,7 @@ _SCENE: Table = {
 
 
 def _scene(where: str, values: dict[str, Any]) -> Scene:
-    """A scene still without its name."""
+    """Make a scene, still without its name."""
     paths = {kind: values.pop(kind) for kind in PATH_KINDS}
     kinds = [kind for kind, points in paths.items() if points is not None]
     if len(kinds) != 1:

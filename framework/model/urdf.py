@@ -35,7 +35,7 @@ class Urdf:
         return [*self.links, *self.joints]
 
     def body(self, frame: str) -> str:
-        """The link nearest to the root that is rigidly connected to a frame: the name of its body."""
+        """Return the link nearest to the root that is rigidly connected to a frame: the name of its body."""
         link = frame if frame in self.links else self.children[frame]
         while link in self.parents and self.joints[self.parents[link][0]] == "fixed":
             link = self.parents[link][1]
@@ -43,7 +43,7 @@ class Urdf:
 
 
 def locate_urdf(folder: Path, reference: str) -> Path:
-    """The file that a robot file in `folder` means by `urdf: reference`.
+    """Return the file that a robot file in `folder` means by `urdf: reference`.
 
     A path is taken from the folder. package://NAME/REST is share/NAME/REST as the Python distribution NAME
     has installed it or, failing that, under the prefix of this interpreter (where conda puts it).
@@ -77,7 +77,7 @@ def locate_urdf(folder: Path, reference: str) -> Path:
 
 
 def check_urdf(path: Path, root: ElementTree.Element) -> Urdf:
-    """Names of a URDF, once it was judged; `path` is for messages.
+    """Check a URDF and return its names; `path` is for messages.
 
     Raises:
         RobotFileError: not a tree of known joint types, or a number that is none.

@@ -63,14 +63,14 @@ class Tree(NamedTuple):
 
 
 def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
-    """Names of the coordinates of a joint of this type; none of a fixed one."""
+    """Return names of the coordinates of a joint of this type; none of a fixed one."""
     if kind in SEVERAL:
         return tuple(f"{name}{suffix}" for suffix in SEVERAL[kind])
     return (name,) if kind in MOVING else ()
 
 
 def read_tree(root: ElementTree.Element) -> Tree:
-    """The links and joints below `<robot>`.
+    """Read the links and joints below `<robot>`.
 
     Raises:
         RobotFileError: they are not a tree of known joints and possible bodies, or too many.
@@ -97,7 +97,7 @@ def read_tree(root: ElementTree.Element) -> Tree:
 
 
 def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
-    """The root of the tree of links; raises RobotFileError if there is no one tree."""
+    """Return the root of the tree of links; raise RobotFileError if there is no one tree."""
     for joint in joints.values():
         if joint.child == joint.parent:
             raise RobotFileError(f"joint {joint.name!r}: joins {joint.child!r} with itself")
@@ -121,7 +121,7 @@ def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
 
 
 def depths_below(root: str, parents: Mapping[str, str]) -> dict[str, int]:
-    """How many joints lie between the root and each link that hangs from it, by the parent of each link."""
+    """Count the joints between the root and each link below it, from the parent of each link."""
     children: dict[str, list[str]] = {}
     for child, parent in parents.items():
         children.setdefault(parent, []).append(child)
@@ -135,7 +135,7 @@ def depths_below(root: str, parents: Mapping[str, str]) -> dict[str, int]:
 
 
 def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
-    """Names of the elements with this tag, each there once.
+    """Return names of the elements with this tag, each there once.
 
     Raises:
         RobotFileError: an element has no name, or that of another.
@@ -150,7 +150,7 @@ def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
 
 
 def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
-    """A joint between two of these links; what has no meaning is taken out of the element.
+    """Read a joint between two of these links; remove what has no meaning from the element.
 
     Raises:
         RobotFileError: its type, links, axis, limit or placement cannot be right.
@@ -219,7 +219,7 @@ def check_link(link: ElementTree.Element, extent: float) -> None:
 
 
 def declared_motors(root: ElementTree.Element) -> list[str]:
-    """Joints with a transmission or a command interface, as ROS says which joints are driven."""
+    """Return joints with a transmission or a command interface, as ROS says which joints are driven."""
     names = [joint.get("name", "") for joint in root.findall("transmission/joint")]
     names += [
         joint.get("name", "")
@@ -230,7 +230,7 @@ def declared_motors(root: ElementTree.Element) -> list[str]:
 
 
 def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
-    """Damping and dry friction of <dynamics>, by coordinate, where they are not zero.
+    """Return damping and dry friction of <dynamics>, by coordinate, where they are not zero.
 
     Raises:
         RobotFileError: a number is none, or negative.
@@ -254,7 +254,7 @@ def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
 
 
 def declared_couplings(root: ElementTree.Element) -> list[Coupling]:
-    """The couplings of <mimic>: position = multiplier * that of the other + offset; taken out of the URDF.
+    """Take the couplings of <mimic> out of the URDF: position = multiplier * that of the other + offset.
 
     Raises:
         RobotFileError: no such joint, or a number is none.
@@ -280,5 +280,5 @@ def declared_couplings(root: ElementTree.Element) -> list[Coupling]:
 
 
 def local_name(tag: str) -> str:
-    """A tag without its namespace."""
+    """Return a tag without its namespace."""
     return tag.rsplit("}", 1)[-1]

@@ -12,12 +12,12 @@ AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
 
 def vector_text(values: Iterable[float]) -> str:
-    """Numbers to their last digit."""
+    """Write numbers to their last digit."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def origin_element(matrix: Array) -> ElementTree.Element:
-    """The `<origin>` of a placement (4, 4)."""
+    """Return the `<origin>` of a placement (4, 4)."""
     return ElementTree.Element(
         "origin", xyz=vector_text(matrix[:3, 3]), rpy=vector_text(to_rpy(matrix[:3, :3]))
     )
@@ -33,7 +33,7 @@ def joint_element(
     axis: str | None = None,
     effort: str = "1e9",
 ) -> ElementTree.Element:
-    """A `<joint>` that goes as far as it wants: a limit stands there where URDF asks for one."""
+    """Return a `<joint>` without limits; where URDF requires a limit, with one that nothing reaches."""
     element = ElementTree.Element("joint", name=name, type=kind)
     ElementTree.SubElement(element, "parent", link=parent)
     ElementTree.SubElement(element, "child", link=child)
@@ -47,5 +47,5 @@ def joint_element(
 
 
 def no_limit(effort: str = "1e9") -> ElementTree.Element:
-    """A `<limit>` that nothing reaches."""
+    """Return a `<limit>` that nothing reaches."""
     return ElementTree.Element("limit", lower="-1e9", upper="1e9", effort=effort, velocity="1e9")

@@ -27,7 +27,7 @@ MAX_MESH_BYTES = 100_000_000
 
 
 class Shape(NamedTuple):
-    """One solid on one node."""
+    """A solid on a node."""
 
     node: int
     kind: str  # box, cylinder, sphere, mesh
@@ -38,7 +38,7 @@ class Shape(NamedTuple):
     faces: IntArray | None = None  # (F, 3)
 
     def corners(self) -> Array:
-        """The corners (8, 3) of a box around it, in the node's frame."""
+        """Return the corners (8, 3) of a box around the shape, in the node's frame."""
         if self.vertices is not None:
             low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         else:
@@ -52,7 +52,7 @@ class Shape(NamedTuple):
 
 
 def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]:
-    """The visuals of the URDF; those that are malformed, or whose mesh cannot be read, are left out."""
+    """Read the visuals of the URDF; leave out malformed ones, and those whose mesh cannot be read."""
     root = ElementTree.fromstring(description.urdf_text)
     materials = {material.get("name"): material for material in root.findall("material")}
     shapes = []
@@ -73,7 +73,7 @@ Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, si
 
 
 def _solid(description: RobotDescription, geometry: ElementTree.Element | None) -> Solid:
-    """What a `<geometry>` is; raises ValueError for what cannot be drawn."""
+    """Read a `<geometry>`; raise ValueError for what cannot be drawn."""
     for shape in geometry if geometry is not None else ():
         if shape.tag == "box":
             return "box", _sizes(shape.get("size"), 3), None, None
@@ -87,7 +87,7 @@ def _solid(description: RobotDescription, geometry: ElementTree.Element | None) 
 
 
 def _mesh(description: RobotDescription, element: ElementTree.Element) -> tuple[Array, IntArray]:
-    """Vertices (V, 3) and faces (F, 3) of a mesh file."""
+    """Return vertices (V, 3) and faces (F, 3) of a mesh file."""
     reference = element.get("filename", "").removeprefix("file://")
     file = locate_urdf(description.file.parent, reference)  # RobotFileError is a ValueError
     if not (reference and os.path.isfile(file) and os.path.getsize(file) <= MAX_MESH_BYTES):
@@ -101,7 +101,7 @@ def _mesh(description: RobotDescription, element: ElementTree.Element) -> tuple[
 
 
 def _origin(element: ElementTree.Element | None) -> Array:
-    """The placement (4, 4) of an `<origin>`."""
+    """Return the placement (4, 4) of an `<origin>`."""
     if element is None:
         return np.eye(4)
     xyz, rpy = (np.array(_numbers(element.get(key, "0 0 0"), 3)) for key in ("xyz", "rpy"))
@@ -111,7 +111,7 @@ def _origin(element: ElementTree.Element | None) -> Array:
 def _color(
     material: ElementTree.Element | None, materials: Mapping[str | None, ElementTree.Element]
 ) -> Color:
-    """The colour of a visual, its own or that of the material it names."""
+    """Return the colour of a visual, its own or that of the material it names."""
     color_element = material.find("color") if material is not None else None
     if color_element is None and material is not None and material.get("name") in materials:
         color_element = materials[material.get("name")].find("color")

@@ -20,7 +20,7 @@ from framework.model.placement import from_rpy, placement
 def numbers(
     where: str, text: str | None, count: int, *, largest: float = LARGEST_NUMBER
 ) -> tuple[float, ...]:
-    """`count` finite numbers out of an attribute.
+    """Parse `count` finite numbers of an attribute.
 
     Raises:
         RobotFileError: another count, or one that is no finite number or larger than `largest`.
@@ -45,7 +45,7 @@ def numbers(
 def only(
     element: ElementTree.Element, where: str, children: Iterable[str], attributes: Iterable[str]
 ) -> None:
-    """Complain about children and attributes that are not known, and children given twice."""
+    """Refuse children and attributes that are not known, and children given twice."""
     tags = [child.tag for child in element]
     for tag in tags:
         if tag not in children:
@@ -58,7 +58,7 @@ def only(
 
 
 def required(element: ElementTree.Element, where: str, tag: str) -> ElementTree.Element:
-    """The child with this tag."""
+    """Return the child with this tag."""
     found = element.find(tag)
     if found is None:
         given = ", ".join(f"<{child.tag}>" for child in element) or "nothing"
@@ -67,7 +67,7 @@ def required(element: ElementTree.Element, where: str, tag: str) -> ElementTree.
 
 
 def attribute(element: ElementTree.Element, where: str, key: str) -> str:
-    """An attribute that must be there and not empty."""
+    """Return an attribute that must be there and not empty."""
     value = element.get(key)
     if not value:
         given = ", ".join(element.attrib) or "nothing"
@@ -76,7 +76,7 @@ def attribute(element: ElementTree.Element, where: str, key: str) -> str:
 
 
 def origin_of(element: ElementTree.Element | None, where: str) -> Array:
-    """The placement of an `<origin xyz rpy>`; the identity without one."""
+    """Return the placement of an `<origin xyz rpy>`; the identity without one."""
     xyz, rpy = origin_numbers(element, where)
     return placement(from_rpy(rpy) if any(rpy) else None, xyz)
 
@@ -84,7 +84,7 @@ def origin_of(element: ElementTree.Element | None, where: str) -> Array:
 def origin_numbers(
     element: ElementTree.Element | None, where: str
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The xyz (3,) [m] and rpy (3,) [rad] of an `<origin>`; zeros without one."""
+    """Return the xyz (3,) [m] and rpy (3,) [rad] of an `<origin>`; zeros without one."""
     if element is None:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     only(element, where, (), ("xyz", "rpy"))
@@ -93,7 +93,7 @@ def origin_numbers(
 
 
 def axis_of(element: ElementTree.Element, where: str) -> Array:
-    """The direction of an `<axis xyz>`, which must not be zero."""
+    """Return the direction of an `<axis xyz>`, which must not be zero."""
     only(element, where, (), ("xyz",))
     axis = np.array(numbers(f"{where} xyz", attribute(element, where, "xyz"), 3))
     if np.abs(axis).max() < SMALLEST_LENGTH:

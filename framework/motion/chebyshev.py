@@ -32,7 +32,7 @@ def nodes(size: int) -> Array:
 
 @lru_cache(maxsize=64)
 def _transform(size: int) -> Array:
-    """Matrix (size, size) from values at `nodes(size)` to Chebyshev coefficients."""
+    """Return the matrix (size, size) from values at `nodes(size)` to Chebyshev coefficients."""
     k = np.arange(size)
     matrix = np.cos(np.pi * np.outer(k, size - 1 - k) / (size - 1)) * (2.0 / (size - 1))
     matrix[:, [0, -1]] *= 0.5
@@ -92,7 +92,7 @@ def real_roots(series: Array, *, margin: float = SAME_PLACE) -> Array:
 
 @lru_cache(maxsize=64)
 def _colleague(degree: int) -> tuple[Array, Array]:
-    """The colleague matrix of T_degree, rotated for accuracy, and what the other coefficients weigh in it."""
+    """Return the colleague matrix of T_degree, rotated for accuracy, and the other coefficients' weights."""
     weights = np.full(degree, 0.5)
     weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
     return chebyshev.chebcompanion(np.eye(degree + 1)[degree])[::-1, ::-1], weights
@@ -213,7 +213,7 @@ class TimeGrid(ReadOnlyArrays):
 
 @lru_cache(maxsize=64)
 def derivative_matrix(size: int, order: int = 1) -> Array:
-    """Matrix (size, size) from Chebyshev coefficients to those of the derivative of this order."""
+    """Return the matrix (size, size) from Chebyshev coefficients to those of the derivative of this order."""
     matrix = np.eye(size)
     kept = max(size - order, 0)
     matrix[:kept] = chebyshev.chebder(matrix, order, axis=0)[:kept]
@@ -224,14 +224,14 @@ def derivative_matrix(size: int, order: int = 1) -> Array:
 
 @lru_cache(maxsize=16)
 def _differentiation(size: int) -> tuple[Array, Array]:
-    """Matrices (size, size) that differentiate values at `nodes(size)` once and twice."""
+    """Return matrices (size, size) that differentiate values at `nodes(size)` once and twice."""
     _, first, second = basis_values(size)
     return first @ _transform(size), second @ _transform(size)
 
 
 @lru_cache(maxsize=32)
 def basis_values(size: int) -> tuple[Array, Array, Array]:
-    """Chebyshev polynomials and their first and second derivatives at `nodes(size)`, each (size, size)."""
+    """Return Chebyshev polynomials and their first two derivatives at `nodes(size)`, each (size, size)."""
     derivative = derivative_matrix(size)
     orders = _values(size), _values(size) @ derivative, _values(size) @ (derivative @ derivative)
     for matrix in orders:
@@ -241,7 +241,7 @@ def basis_values(size: int) -> tuple[Array, Array, Array]:
 
 @lru_cache(maxsize=64)
 def _values(size: int) -> Array:
-    """Matrix (size, size) from Chebyshev coefficients to values at `nodes(size)`."""
+    """Return the matrix (size, size) from Chebyshev coefficients to values at `nodes(size)`."""
     matrix = np.asarray(chebyshev.chebvander(nodes(size), size - 1), dtype=float)
     matrix.flags.writeable = False
     return matrix

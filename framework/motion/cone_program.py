@@ -171,11 +171,11 @@ class _Formulation:
         return _Formulation(program, goal, start, free, parts)
 
     def affine(self, rows: Array, offset: Array | float = 0.0) -> _Values:
-        """Rows on the coefficients, in terms of the unknowns."""
+        """Return rows on the coefficients, in terms of the unknowns."""
         return self.parts.rows("x", rows @ self.free, rows @ self.start + offset)
 
     def torque_below(self, name: str, rows: BoolArray) -> list[_Values]:
-        """|torque| <= the unknown of this name, at some rows."""
+        """Return |torque| <= the unknown of this name, at some rows."""
         largest = self.parts.rows(name, np.ones((int(np.count_nonzero(rows)), 1)))
         torque = self.program.torque
         return [largest, self.affine(torque.matrix[rows], torque.offset[rows])]
@@ -215,7 +215,7 @@ class _Formulation:
         return cones
 
     def objective(self, about: Array | None) -> tuple[Array, Array]:
-        """Q (k, k) on the part x, and c of all unknowns, of x' Q x / 2 + c x that is minimised."""
+        """Return Q (k, k) on the part x, and c of all unknowns, of the objective x' Q x / 2 + c x."""
         program, parts, start, free = self.program, self.parts, self.start, self.free
         cost = np.zeros(parts.size)
         if self.goal == "time":
@@ -307,7 +307,7 @@ def _interleaved(members: list[_Values]) -> _Values:
 
 
 def eliminate(equalities: Affine) -> tuple[Array, Array]:
-    """y_p (n,) of least size and N (n, n - k) with matrix @ (y_p + N x) + offset = 0 for all x.
+    """Find y_p (n,) of least size and N (n, n - k) with matrix @ (y_p + N x) + offset = 0 for all x.
 
     Rows (k, n) that say the same, or nothing, are left out; contradictions are met as well as can be.
     """

@@ -65,7 +65,7 @@ class Infeasible(NamedTuple):
         return self._replace(proof=self.proof - inside * (rows.T @ combined))
 
     def _in_cones(self) -> tuple[Array, Array, Array]:
-        """Entries of q not to be negative, and of its cones the first ones and the lengths of the others."""
+        """Return the entries of q not to be negative, of its cones the first ones and the others' lengths."""
         sizes = np.array(self.cones, dtype=int)
         linear, others = np.split(self.proof, [len(self.proof) - int(sizes.sum())])
         starts: IntArray = np.cumsum(sizes) - sizes

@@ -158,7 +158,7 @@ class Law(ReadOnlyArrays):
         return Law.from_conditions([*ends, *inner], duration)
 
     def to_dict(self) -> dict[str, Any]:
-        """The law as plan.json has it."""
+        """Return the law as plan.json has it."""
         return {
             "degree": self.degree,
             "chebyshev": self.coefficients.tolist(),

@@ -43,7 +43,7 @@ class Smoothstep:
     order: int
 
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """phi or its derivative of the given order, with the shape of sigma; exact near both ends."""
+        """Evaluate phi or its derivative of an order, with the shape of sigma; exact near both ends."""
         sigma = np.asarray(sigma, dtype=float)
         if order == 0:
             from scipy.special import betainc  # takes time to import, and not all plans need it
@@ -54,7 +54,7 @@ class Smoothstep:
         return np.asarray(np.where(sigma > 0.5, (-1.0) ** (order + 1) * value, value))
 
     def inverse(self, s: ArrayLike) -> Array:
-        """sigma with phi(sigma) = s."""
+        """Solve phi(sigma) = s for sigma."""
         from scipy.special import betaincinv
 
         return np.asarray(betaincinv(self.order + 1, self.order + 1, np.asarray(s, dtype=float)))
@@ -70,7 +70,7 @@ class Stretch:
     at: tuple[float, ...] = ()  # sigma
 
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """xi or its derivative up to order 3, with the shape of sigma."""
+        """Evaluate xi or its derivative up to order 3, with the shape of sigma."""
         sigma = np.asarray(sigma, dtype=float)
         start, end = self._ends
         scaled = 2.0 * (self._raw(sigma, order) - (0.0 if order else start)) / (end - start)
@@ -99,7 +99,7 @@ class Stretch:
         return np.asarray(identity + STRETCH_HEIGHT * bends.sum(axis=-1))
 
     def inverse(self, xi: ArrayLike) -> Array:
-        """sigma with the given xi."""
+        """Solve xi(sigma) = xi for sigma."""
         xi = np.asarray(xi, dtype=float)
         grid = np.linspace(0.0, 1.0, 513)
         sigma = np.interp(xi, self(grid), grid)
@@ -110,7 +110,7 @@ class Stretch:
 
 @lru_cache(maxsize=64)
 def _slope_powers(smoothness: int, order: int) -> Array:
-    """Powers of sigma in the derivative of phi of this order, at least 1."""
+    """Return powers of sigma in the derivative of phi of this order, at least 1."""
     bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
     integral = polynomial.polyint(bump)
     return np.asarray(polynomial.polyder(bump / polynomial.polyval(1.0, integral), order - 1), dtype=float)
@@ -172,7 +172,7 @@ class OptimalLaw(ReadOnlyArrays):
         return TimeFunction(slowness.edges, series), read_only(begin)
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma up to order 3, by the chain rule."""
+        """Evaluate z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma up to order 3, by the chain rule."""
         xi = self.stretch(sigma)
         if order == 0:
             return np.asarray(chebyshev.chebval(xi, self.coefficients))
@@ -185,14 +185,14 @@ class OptimalLaw(ReadOnlyArrays):
         return np.asarray(z[2] * steps[0] ** 3 + 3 * z[1] * steps[0] * steps[1] + z[0] * steps[2])
 
     def time(self, sigma: ArrayLike) -> Array:
-        """The instant t [s] at which the parameter is sigma, with the shape of sigma."""
+        """Compute the instant t [s] at which the parameter is sigma, with the shape of sigma."""
         within, begin = self._time
         flat = np.atleast_1d(np.asarray(sigma, dtype=float))
         panel = np.clip(np.searchsorted(within.edges, flat, side="right") - 1, 0, len(begin) - 2)
         return np.asarray((begin[panel] + within(flat)[:, 0]).reshape(np.shape(sigma)))
 
     def parameter(self, t: ArrayLike) -> Array:
-        """sigma at the instants t [s]: t(sigma) inverted to rounding by Newton's method within its panel.
+        """Compute sigma at the instants t [s]: invert t(sigma) to rounding by Newton's method in its panel.
 
         Raises:
             InvalidInput: t lies outside [0, duration], or is not finite.
@@ -204,7 +204,7 @@ class OptimalLaw(ReadOnlyArrays):
         return _parameter(self, flat.tobytes()).reshape(times.shape)
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
-        """s(t) or its derivative [1/s^order] up to order 4, with the shape of t.
+        """Evaluate s(t) or its derivative [1/s^order] up to order 4, with the shape of t.
 
         Raises:
             InvalidInput: t lies outside [0, duration], or the order is above 4.
@@ -213,7 +213,7 @@ class OptimalLaw(ReadOnlyArrays):
         return self.at_parameter(self.parameter(t), order)
 
     def at_parameter(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """s or its time derivative [1/s^order] where the parameter is sigma."""
+        """Evaluate s or its time derivative [1/s^order] where the parameter is sigma."""
         phi = [self.phi(sigma, k) for k in range(order + 1)]
         if order == 0:
             return phi[0]
@@ -237,12 +237,12 @@ class OptimalLaw(ReadOnlyArrays):
         return np.concatenate(([0.0], inner, [self.duration]))
 
     def advance(self, smoothness: int) -> float:
-        """Least z over its mean: s' > 0 between the ends because it is positive."""
+        """Return the least z over its mean: s' > 0 between the ends because it is positive."""
         mean = float(chebyshev.chebint(self.coefficients, lbnd=-1) @ np.ones(self.degree + 2)) / 2
         return least_value(self.coefficients) / mean
 
     def to_dict(self) -> dict[str, Any]:
-        """The law as plan.json has it."""
+        """Return the law as plan.json has it."""
         return {
             "kind": self.kind,
             "smoothness": self.smoothness,
@@ -255,7 +255,7 @@ class OptimalLaw(ReadOnlyArrays):
 
 @lru_cache(maxsize=16)  # s and its derivatives are asked for one after the other, at the same instants
 def _parameter(law: OptimalLaw, instants: bytes) -> Array:
-    """sigma (T,) at the instants (T,) [s] of the law; not to be written to."""
+    """Return sigma (T,) at the instants (T,) [s] of the law, read-only."""
     flat = np.frombuffer(instants)
     within, begin = law._time
     panel = np.clip(np.searchsorted(begin, flat, side="right") - 1, 0, len(begin) - 2)
@@ -275,7 +275,7 @@ def _parameter(law: OptimalLaw, instants: bytes) -> Array:
 
 
 def slowness_on_panels(series: Array, stretch: Stretch) -> TimeFunction:
-    """dt/d sigma = z^(-1/2) of a Chebyshev series (size,) for z in xi(sigma), on panels that resolve it.
+    """Resolve dt/d sigma = z^(-1/2) on panels, of a Chebyshev series (size,) for z in xi(sigma).
 
     A panel is cut in half until its last coefficients are lost in the duration, or in what rounding of z
     leaves of dt/d sigma where z comes near to zero.

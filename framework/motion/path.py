@@ -43,7 +43,7 @@ def expect_path(given: object) -> None:
 
 
 def _points(points: Any, least: int, kind: str) -> Array:
-    """Points (m, n) as an array; raises InvalidInput when they do not make a path."""
+    """Return points (m, n) as an array; raise InvalidInput if they do not make a path."""
     try:
         array = np.array(points, dtype=float)
     except (TypeError, ValueError):
@@ -222,7 +222,7 @@ class Spline(PointPath):
 
 
 def along(path: Path, law_values: list[Array]) -> list[Array]:
-    """Time derivatives of x(s(t)), orders 0 .. len(law_values) - 1 (at most 4), each (T, n).
+    """Compute time derivatives of x(s(t)), orders 0 .. len(law_values) - 1 (at most 4), each (T, n).
 
     `law_values[k]` (T,) is the k-th time derivative of s. Faa di Bruno's formula, written out.
     """

@@ -57,12 +57,12 @@ def check_path(path: Path) -> None:
 
 @cache
 def _gauss() -> tuple[Array, Array]:
-    """Nodes and weights (5,) on [-1, 1]."""
+    """Return nodes and weights (5,) on [-1, 1]."""
     return np.polynomial.legendre.leggauss(5)
 
 
 def _intervals(path: Path) -> tuple[Array, Array]:
-    """Starts and lengths of intervals (DIFFERENCE_INTERVALS,) in [0, 1] that contain no knot."""
+    """Return starts and lengths of intervals (DIFFERENCE_INTERVALS,) in [0, 1] that contain no knot."""
     knots = np.asarray(path.knots, dtype=float)
     edges = np.concatenate(([0.0], knots, [1.0]))
     if not np.all(np.diff(edges) > 0):
@@ -74,7 +74,7 @@ def _intervals(path: Path) -> tuple[Array, Array]:
 
 
 def _values(path: Path, s: Array, order: int) -> Array:
-    """path(s, order) as an array (T, n) of finite numbers."""
+    """Evaluate path(s, order) as an array (T, n) of finite numbers."""
     values = np.asarray(path(s, order), dtype=float)
     if values.shape != (len(s), path.n) or not np.all(np.isfinite(values)):
         raise InvalidInput(

@@ -19,7 +19,7 @@ R = TypeVar("R")
 def completed(
     task: Callable[[K], R], chunks: Iterable[K], executor: Executor | None
 ) -> Iterator[tuple[K, R]]:
-    """Chunks with their results as they are finished; in order, in this process, without an executor.
+    """Yield chunks with their results as they finish; without an executor in this process, in order.
 
     What waits is cancelled when the iteration ends early. An executor must be able to pickle the task.
     """

@@ -60,7 +60,7 @@ class Workers(Executor):
             thread.start()
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """A future of a call, which `LostWorkers` ends if each process that tries it is killed."""
+        """Submit a call; `LostWorkers` ends its future if each process that tries it is killed."""
         future: Future[T] = Future()
         with self._lock:
             if self._closed:
@@ -117,7 +117,7 @@ class Workers(Executor):
             self._ended(worker)
 
     def _computed(self, task: _Task, worker: _Worker | None) -> _Worker | None:
-        """Settle a task; returns the process that is left, if any."""
+        """Settle a task; return the process that is left, if any."""
         try:
             message = pickle.dumps(task.call)
         except PICKLING_ERRORS as error:
@@ -170,7 +170,7 @@ class Workers(Executor):
         return _Worker(process, ours)
 
     def _ended(self, worker: _Worker) -> None:
-        """Without its pipe a process ends; a dead one is put away."""
+        """Close the pipe of a process, by which it ends; put a dead one away."""
         worker.pipe.close()
         worker.process.join()
         with self._lock:

@@ -85,7 +85,7 @@ def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
 
 
 def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
-    """Limits (n_a,) of torque [N m] and speed [rad/s]."""
+    """Return limits (n_a,) of torque [N m] and speed [rad/s]."""
     unlimited = np.full(plan.robot.n_a, max(plan.peak_torque.values()))
     if plan.optimality is None:
         return unlimited, np.full(plan.robot.n_a, np.inf)
@@ -94,7 +94,7 @@ def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
 
 
 def _instants(plan: CrossingPlan) -> Array:
-    """Instants from start to end, dense beside the crossings and never on them."""
+    """Return instants from start to end, dense beside the crossings and never on them."""
     times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, SPEED_SAMPLES)))
     for crossing in plan.crossings:
         times = times[np.abs(times - crossing.time) > CROSSING_OFFSETS[0] * plan.duration]
@@ -104,7 +104,7 @@ def _instants(plan: CrossingPlan) -> Array:
 
 
 def _accelerations(required: MotorDemand, speed: Array, limit: Array) -> tuple[Array, Array]:
-    """The least and the largest s" (T,) that the motors allow at these s' (T,)."""
+    """Compute the least and the largest s" (T,) that the motors allow at these s' (T,)."""
     constant, per_speed, per_z, per_u, _ = required
     at_zero = constant + (per_speed + per_z * speed[:, None]) * speed[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -113,7 +113,7 @@ def _accelerations(required: MotorDemand, speed: Array, limit: Array) -> tuple[A
 
 
 def highest_speed(required: MotorDemand, torque_limit: Array, speed_limit: Array) -> Array:
-    """The largest s' (T,) at which some s" keeps all limits: a corner of their region."""
+    """Compute the largest s' (T,) at which some s" keeps all limits: a corner of their region."""
     constant, per_speed, per_z, per_u, motor_speed = required
     limited = np.isfinite(torque_limit)
     # rows (T, m, 3) of (s', s'^2, s") and right-hand sides (T, m), each for both signs of a torque

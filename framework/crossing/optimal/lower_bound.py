@@ -39,7 +39,7 @@ TIME_UNITS = (1.0, 0.5, 2.0)
 
 
 def estimated_best(plan: CrossingPlan, cells: int = PATH_CELLS) -> float | None:
-    """The least duration [s], or the least peak of torque over its limit, that any law could have.
+    """Estimate the least duration [s], or the least peak of torque over its limit, of any law.
 
     Of the undeformed robot, with its damping and the dry friction planned with, under what the plan's law was
     asked for. None for energy and for a polynomial.
@@ -76,7 +76,7 @@ def estimated_best(plan: CrossingPlan, cells: int = PATH_CELLS) -> float | None:
 def _solved(
     on_path: OnPath, edges: Array, plan: CrossingPlan, specification: Specification, torque: Array
 ) -> tuple[Optimum, Units]:
-    """The optimum of a specification and the units of its time [s] and of `torque` (n_a,) [N m].
+    """Compute the optimum of a specification, and the units of its time [s] and of `torque` (n_a,) [N m].
 
     Raises:
         NotConverged: the solver finds none.
@@ -94,7 +94,7 @@ def _solved(
 
 
 def _speed_of(plan: CrossingPlan) -> SquaredSpeed:
-    """s'^2 of a plan as a function of s."""
+    """Return s'^2 of a plan as a function of s."""
     t = np.linspace(0.0, plan.duration, SPEED_SAMPLES)
     s, speed = plan.law(t), plan.law(t, 1)
     least = MIN_LINEARISED_SPEED_RATIO / plan.duration
@@ -102,20 +102,20 @@ def _speed_of(plan: CrossingPlan) -> SquaredSpeed:
 
 
 def _speed_between(edges: Array, inner: Array) -> SquaredSpeed:
-    """s'^2 as a function of s, linear between its values at the edges, zero at both ends."""
+    """Return s'^2 as a function of s, linear between its values at the edges, zero at both ends."""
     z = np.concatenate([[0.0], inner, [0.0]])
     least = MIN_LINEARISED_SPEED_RATIO**2 * float(z.max())
     return lambda at: np.maximum(np.interp(at, edges, z), least)
 
 
 def _at_rest(branch: Branch, friction: Array) -> Array:
-    """The larger torque (n_a,) [N m] of both ends, where a smooth law leaves gravity and dry friction."""
+    """Compute the larger torque (n_a,) [N m] of both ends, of gravity and dry friction under a smooth law."""
     demanded = demand(branch, Smoothstep(2), np.array([0.0, 1.0]), None, "rigid")
     return np.asarray(np.abs(demanded.torque.constant + demanded.friction(friction)).max(axis=0))
 
 
 def _edges(crossings: Array, cells: int) -> Array:
-    """Ends of the cells in s, narrower towards both ends of the path, each crossing in the middle of one."""
+    """Return ends of the cells in s, narrower towards both ends of the path; crossings are in a middle."""
     edges = 0.5 - 0.5 * np.cos(np.pi * np.arange(cells + 1) / cells)
     for s in crossings:
         half = 0.25 * np.pi / cells * np.sqrt(s * (1.0 - s))
@@ -139,7 +139,7 @@ def _on_path(
 
 
 def _program(on_path: OnPath, edges: Array, specification: Specification, units: Units) -> ConeProgram:
-    """The program on the values of z at the inner edges of the cells."""
+    """Return the program on the values of z at the inner edges of the cells."""
     width = np.diff(edges)
     cells, n = len(width), len(edges) - 2
     whole = np.eye(n + 2)[:, 1:-1]

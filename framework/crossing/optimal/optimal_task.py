@@ -60,7 +60,7 @@ class Task(NamedTuple):
 def crossing_places(
     task: Task, deflections: Deflections | None, before: Sequence[CrossingPoint] | None
 ) -> list[CrossingPoint]:
-    """The crossing points of the robot with these deflections; `before` are points near them."""
+    """Find the crossing points of the robot with these deflections; `before` are points near them."""
     places = []
     for k, target in enumerate(task.targets):
         if not isinstance(target, SingularPoint):

@@ -64,7 +64,7 @@ class DeflectionsOnPath(NamedTuple):
     in_time: TimeFunction
 
     def __call__(self, sigma: Array, order: int = 0) -> Array:
-        """q_e or its derivative in sigma up to order 2, (M, n_e)."""
+        """Evaluate q_e or its derivative in sigma up to order 2, (M, n_e)."""
         t = np.minimum(self.law.time(sigma), self.law.duration)
         if order == 0:
             return self.in_time(t)
@@ -92,7 +92,7 @@ class Demand(NamedTuple):
     direction: Array | None = None  # (M, n_a) motor speeds over ds/dt, if dry friction acts on any
 
     def friction(self, size: Array, take: Array | None = None) -> Array:
-        """Torques (M, n_a) of dry friction of this size (n_a,), or those at combinations `take` (R, M)."""
+        """Return torques (M, n_a) of dry friction of this size (n_a,), or at combinations `take` (R, M)."""
         if self.direction is None:
             return np.zeros((len(self.speed if take is None else take), len(size)))
         return np.asarray(size * signs(self.direction if take is None else take @ self.direction))
@@ -106,7 +106,7 @@ def demand(
     geometry: str,
     before: SquaredSpeed | None = None,
 ) -> Demand:
-    """Torques and speeds of the motors at points sigma (M,), damping linearised about the law `before`.
+    """Compute torques and speeds of the motors at sigma (M,), damping linearised about the law `before`.
 
     As in `resolve`: with geometry "rigid" forces are those of the undeformed robot, and only the motors move
     by what the springs give way.
@@ -140,7 +140,7 @@ def _direction(branch: Branch, s: Array, three: Motion) -> Array | None:
 def _linearised_forces(
     robot: ParallelRobot, motion: Motion, sigma: Array, before: SquaredSpeed | None
 ) -> Array:
-    """Forces (3 M, nv) of the open tree on `_three_motions`: at rest, per z and per u.
+    """Return forces (3 M, nv) of the open tree on `_three_motions`: at rest, per z and per u.
 
     Damping is an affine function of z; without a law `before` it is left out.
     """
@@ -162,7 +162,7 @@ def crossing_rows(
     deflections: Deflections | None,
     before: SquaredSpeed | None = None,
 ) -> tuple[float, Array]:
-    """sigma of a crossing, and what has to vanish there, (k, 4): (constant, per z, per u, per u').
+    """Return sigma of a crossing, and its conditions (k, 4): (constant, per z, per u, per u') vanish.
 
     The first row is t_s . W_p. What is not beyond rounding is zero: all of it on a straight path orthogonal
     to t_s, and the share of u on a bent one.
@@ -176,7 +176,7 @@ def crossing_rows(
 def _rows_about(
     branch: Branch, phi: Smoothstep, sigma: float, place: CrossingPoint, before: SquaredSpeed | None
 ) -> Array:
-    """The conditions of all motions that escape the undeformed robot; at a touch also their derivatives.
+    """Return the conditions of all uncontrolled motions of the rigid robot; at a touch their derivatives too.
 
     A null vector of the bordered system is smooth about the place, and so is what it makes of the forces.
     """
@@ -212,7 +212,7 @@ def _wrench_row(
     deflections: Deflections | None,
     before: SquaredSpeed | None,
 ) -> tuple[float, Array]:
-    """sigma of a crossing, and t_s . W_p there as (constant, per z, per u)."""
+    """Return sigma of a crossing, and t_s . W_p there as (constant, per z, per u)."""
     robot = branch.robot
     sigma, q, x = phi.inverse(np.array([place.s])), place.q[None], branch.path(np.array([place.s]))
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
@@ -234,7 +234,7 @@ def _three_motions(
     deflections: Deflections | None,
     closed: ClosedStack | None = None,
 ) -> Motion:
-    """All coordinates at points sigma (M,) for (z, u) = (0, 0), (1, 0), (0, 1), stacked (3 M,)."""
+    """Return all coordinates at points sigma (M,) for (z, u) = (0, 0), (1, 0), (0, 1), stacked (3 M,)."""
     robot, s = branch.robot, phi(sigma)
     if closed is None:
         guess = branch.guess(s)

@@ -49,7 +49,7 @@ class Units(NamedTuple):
 
 
 def points_of(degree: int, crossings: Array, stretch: Stretch) -> Array:
-    """sigma of Chebyshev points that resolve torques of z of this degree and stay clear of the crossings."""
+    """Return sigma of Chebyshev points that resolve torques of z of this degree, clear of the crossings."""
     sizes = [3 * degree + 1 + extra for extra in range(10)]  # odd ones have a point in the middle
     places = stretch(crossings)
 
@@ -75,7 +75,7 @@ class Basis(NamedTuple):
         return Basis(values, slope * (values @ derivative_matrix(degree + 1)))  # u = z'/2
 
     def du(self, sigma: Array, stretch: Stretch) -> Array:
-        """Values of u' = z"/2."""
+        """Return values of u' = z"/2."""
         once, twice = (self.z @ derivative_matrix(self.z.shape[1], order) for order in (1, 2))
         return np.asarray(0.5 * (stretch(sigma, 1)[:, None] ** 2 * twice + stretch(sigma, 2)[:, None] * once))
 
@@ -131,13 +131,13 @@ class SpeedProgram:
         return self.scale * matrix / self.units.torque[:, None], constant / self.units.torque
 
     def torque_rows(self, take: Array) -> Affine:
-        """Torques of all motors at combinations `take` (R, M) of the points, (R n_a)."""
+        """Return torques of all motors at combinations `take` (R, M) of the points, (R n_a)."""
         matrix, offset = self._torque
         rows = np.tensordot(take, matrix, axes=1)
         return Affine(rows.reshape(-1, self.degree + 1), (take @ offset + self._friction(take)).ravel())
 
     def _friction(self, take: Array) -> Array:
-        """Torques (R, n_a) of dry friction at combinations `take` (R, M) of the points, in units."""
+        """Return torques (R, n_a) of dry friction at combinations `take` (R, M) of the points, in units."""
         return self.on_path.demand.friction(self.specification.friction, take) / self.units.torque
 
     @cached_property
@@ -153,7 +153,7 @@ class SpeedProgram:
         return np.asarray(chebyshev.chebvander(_fine(len(self.on_path.sigma)), self.degree), dtype=float)
 
     def torques(self, y: Array) -> Array:
-        """Sizes of the torques over their units between the points and at the crossings (R, n_a)."""
+        """Return sizes of the torques over their units between the points and at the crossings (R, n_a)."""
         matrix, offset = self._torque
         return np.asarray(np.abs(self.between @ (matrix @ y + offset) + self._friction(self.between)))
 
@@ -199,7 +199,7 @@ class SpeedProgram:
 def conditions_on_speed(
     sigma: Array, conditions: Array, degree: int, stretch: Stretch, scale: float = 1.0
 ) -> Affine:
-    """constant + per_z z + per_u u + per_du u' at sigma (k,), z of this degree in multiples of `scale`."""
+    """Return constant + per_z z + per_u u + per_du u' at sigma (k,), z of this degree in units of `scale`."""
     basis = Basis.at(sigma, degree, stretch)
     constant, per_z, per_u, per_du = conditions.T[:, :, None]
     rows = per_z * basis.z + per_u * basis.u
@@ -216,5 +216,5 @@ def _fine(size: int) -> Array:
 
 @lru_cache(maxsize=8)
 def _dense(size: int) -> Array:
-    """Values between `size` Chebyshev points, from those at them."""
+    """Return the matrix that interpolates between `size` Chebyshev points."""
     return evaluate(_fine(size), series_through(np.eye(size)))
