@@ -52,7 +52,7 @@ ELASTIC = {
 }
 OFFSETS = (1e-3, 1e-8, 1e-9, 1e-10, 1e-12)  # of the imposed point from the locus, in s
 DEPTHS = (1e-3, 1e-6, 1e-7, -1e-9, -1e-6, -1e-3)  # [m] by which a path reaches over the locus
-GAPS = (1e-2, 1e-5, 1e-10, 0.0)  # [m] left between the end of a path and the locus; 1e-8 takes very long
+GAPS = (1e-2, 1e-5, 1e-10, 0.0)  # [m] left between the end of a path and the locus
 SHORT = (1e-2, -1e-6)  # [m] by which a leg is not stretched
 PASSING = (1e-2, 1e-8)  # [m] between a path and the left motor
 FIVE_BARS = (8, 12)  # of the random ones, upright, those that take less than a second
