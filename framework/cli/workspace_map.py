@@ -10,7 +10,7 @@ import numpy as np
 from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
 from framework.atlas.quantities import QUANTITIES, Quantity, chosen, unit_of
-from framework.atlas.window import Window, held_coordinates, map_axes
+from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import EDGE_POSES, WorkspaceMap, surveyed, workspace_map
 from framework.cli import arguments
 from framework.cli.design_study import STUDY_EDGE_POSES, finite_window, report_design_study
@@ -33,7 +33,6 @@ from framework.output import written_together
 from framework.parallel.kept import KeptChunks, forget
 from framework.parallel.tasks import executor_of
 
-MAX_EDGE_POSES = 4000
 MORE = (
     "Poses are reached from the reference by continuation, so the map never leaves its working mode; what is "
     "not reached has no value and a reason."

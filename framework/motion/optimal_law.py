@@ -23,10 +23,10 @@ from numpy.polynomial import chebyshev, polynomial
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order
 from framework.motion.chebyshev import TimeFunction, TimeGrid, extrema, nodes
+from framework.motion.path import HIGHEST_ORDER
 from framework.tolerances import NEWTON_STEP, SAME_PLACE, SLOWNESS_ROUNDING
 
 HIGHEST_SMOOTHNESS = 6  # beyond, the squared speed grows so much at the ends that its digits are lost
-HIGHEST_ORDER = 4  # derivatives of s that an elastic robot's torque needs
 PANEL_NODES = 24  # nodes of a panel of t(sigma)
 SLOWNESS_TAIL = 1e-15  # of the duration, what a panel may lose by the last coefficients of dt/d sigma
 MAX_PANELS = 1024

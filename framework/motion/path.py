@@ -20,7 +20,7 @@ from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order, expect_call
 from framework.tolerances import DEGENERATE_PATH
 
-HIGHEST_ORDER = 4  # derivatives that an elastic robot's torque needs
+HIGHEST_ORDER = 4  # derivatives of x, and of s, that an elastic robot's torque needs
 NO_KNOTS: Array = read_only(np.empty(0))
 MAX_COORDINATE = 1e30  # [m, rad] coordinate whose powers do not overflow
 

@@ -22,12 +22,12 @@ from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
 from framework.proofs.hessian_bounds import ChainBounds, LeverChain
 from framework.proofs.interval_newton import LinearEnclosure
+from framework.proofs.rounding import REACH_MARGIN
 from framework.tolerances import FRAME_ROUNDING, LOOP_GAP
 
 MAX_JOINTS = 4
 INITIAL_PARTS = 2  # of a whole turn
 SLIDE_SLOPE_ROUNDING = 1e-9  # of the unit by which translations change with a slide
-REACH_MARGIN = 1.01  # of a bound on a slide, over its rounding
 RANDOM_SEED = 5
 
 

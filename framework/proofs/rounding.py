@@ -12,6 +12,7 @@ import numpy as np
 from framework.arrays import Array
 
 UNIT_ROUNDOFF = 2.0**-53
+REACH_MARGIN = 1.01  # of a bound on a length, over its rounding
 WIDENING_RATIO = 1.1  # of a box over what a map of it into itself needs
 ROUND_UP = 1.0 + 1e-10  # more than rounding takes from a sum of some hundred numbers without sign
 

@@ -12,12 +12,11 @@ from framework.arrays import Array
 from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
 from framework.proofs.interval_newton import LinearEnclosure
-from framework.proofs.rounding import gamma
+from framework.proofs.rounding import REACH_MARGIN, gamma
 from framework.proofs.study_quadric import Displacements
 
 MAX_BOXES = 3_000_000  # in each chart, some 40 s
 CHART_OVERLAP = 1.3  # |x| of known solutions that are looked at in a chart, 1 being its edge
-REACH_MARGIN = 1.01  # of a bound on |p|, over its rounding
 
 
 def are_all_real(group: Displacements, coefficients: Array, slack: Array, z: Array) -> bool:

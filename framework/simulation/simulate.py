@@ -26,6 +26,7 @@ from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, choose_from, finite_numbers, whole_number
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.motion.law import MAX_DURATION, MIN_DURATION
 from framework.simulation.consistent import consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
 from framework.simulation.equations import EquationsOfMotion
@@ -39,7 +40,6 @@ DEFAULT_SAMPLES = 501
 SAMPLE_RANGE = (2, 10_000_000)
 STAGE_RANGE = (3, 30)
 MIN_TOLERANCE = 1e-14  # [rad, robot lengths]: less is rounding
-DURATION_RANGE = (1e-30, 1e30)  # [s] as for laws
 
 
 def simulate(
@@ -146,10 +146,8 @@ def _duration(duration: float | None, planned: PlannedMotion | None) -> float:
         if planned is None:
             raise InvalidInput("duration: required [s] when the drive is a function")
         return planned.duration
-    if not DURATION_RANGE[0] <= finite_numbers("duration", [duration], 1)[0] <= DURATION_RANGE[1]:
-        raise InvalidInput(
-            f"duration: must lie in [{DURATION_RANGE[0]:g}, {DURATION_RANGE[1]:g}] s, got {duration!r}"
-        )
+    if not MIN_DURATION <= finite_numbers("duration", [duration], 1)[0] <= MAX_DURATION:
+        raise InvalidInput(f"duration: must lie in [{MIN_DURATION:g}, {MAX_DURATION:g}] s, got {duration!r}")
     duration = float(duration)
     if planned is not None and duration > planned.duration * (1 + SAME_PLACE):
         raise InvalidInput(f"duration: the planned motion ends at {planned.duration:g} s, got {duration!r}")
