@@ -1,4 +1,9 @@
-"""Plan a crossing: locate the singular points, meet condition (8) in each, prove the torques finite."""
+"""Plan a crossing: locate the singular points, meet condition (8) in each, prove the torques finite.
+
+Two laws are planned with, the polynomial and the optimal one; `_best` chooses. A third is a `PlannedLaw`
+with a function like `_polynomial` here, its name in `LAWS` of `options`, and its way back from plan.json in
+`restored._law`.
+"""
 
 from __future__ import annotations
 

@@ -5,7 +5,11 @@ joint that carries one of them is the derivative along that joint (Ball's recipr
 table of rows (`Mechanism.rows`) serves every kind of joint, and a joint that carries both bodies or
 neither leaves no entry at all: a kind is data, not code.
 
-The directions that closures keep alike, which tell a closed loop from one that is turned over.
+An equation that locks no axis, as `distance`, is a flag of `LoopRows` (model/loop_rows) with its value, its
+derivative and its drift here, and its curvature in simulation/curvature: the witness has its own. The proofs
+know it by a term of proofs/equation_terms with bounds in proofs/derivative_bounds.
+
+Here are also the directions that closures keep alike, which tell a closed loop from one that is turned over.
 
 A rotation is locked by keeping axes of the two frames perpendicular (see `LoopRows`). That is exact near the
 right pose, but holds as well with a hinge's axis turned round, or two welded frames turned by 120 degrees

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from framework.errors import RobotFileError, choose_from
 
+# Each has the springs of those before it; `Spring.exists_in` says from which one on a spring's `part` exists.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
 # numbers of a robot, in SI units: powers of others overflow or vanish
 LARGEST_NUMBER, SMALLEST_LENGTH = 1e30, 1e-30
