@@ -1,8 +1,8 @@
 """Condition (8) on a path: alpha s" + beta s'^2 + gamma + delta s' = 0 at the singular point.
 
 At a Type 2 singularity the motors hold no wrench along the platform's twist t_s. Their torques stay finite if
-the motion asks for none there: t_s . W_p = 0, with W_p the wrench that inertia and weight of all bodies ask of
-the platform (Briot and Arakelian 2010, condition (8)).
+the motion asks for none there: t_s . W_p = 0, with W_p the wrench that inertia and weight of all bodies ask
+of the platform (Briot and Arakelian 2010, condition (8)).
 
 t_s . W_p = motion . r with r the RNEA of the open tree and `motion` the joint rates that belong to t_s
 (motors locked). On a path, r is affine in s" and quadratic in s', and its coefficients come out of a few
