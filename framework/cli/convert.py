@@ -26,23 +26,24 @@ def run(options: argparse.Namespace) -> Report:
     """Write NAME.yaml and NAME.urdf into --out."""
     parsed = arguments.parsed(options, propose=propose)
     description = parsed.description
-    left_out = [f"left out: {'; '.join(parsed.left_out)}"] if parsed.left_out else []
+    remarks = list(parsed.remarks)
     if friction := _dry_friction(parsed):
-        left_out.append(f"in the file, but no plan counts with it: dry friction of {friction} (joint side)")
-    written = write_robot_file(description, options.out, comments=(*parsed.remarks, *left_out))
+        remarks.append(f"in the file, but no plan counts with it: dry friction of {friction} (joint side)")
+    written = write_robot_file(description, options.out, comments=remarks)
+    left_out = [f"left out: {'; '.join(description.left_out)}"] if description.left_out else []
     document = {
         "robot": description.name,
         "dialect": parsed.dialect,
         "file": str(written),
         "urdf": str(written.with_suffix(".urdf")),
         "remarks": list(parsed.remarks),
-        "left_out": list(parsed.left_out),
+        "left_out": list(description.left_out),
     }
     loops = [closure.name for closure in description.closures]
     loops += [coupling.name for coupling in description.couplings]
     lines = [
         f"{description.name}, read as {DIALECTS[parsed.dialect]}: loops closed by {', '.join(loops)}",
-        *(f"  {remark}" for remark in (*parsed.remarks, *left_out)),
+        *(f"  {remark}" for remark in (*remarks, *left_out)),
         f"  written to        {written}",
         f"  next              crossing check {written}",
     ]

@@ -90,6 +90,12 @@ def fidelity_text(study: FidelityStudy) -> str:
             f"  growth            what is off grows {study.indicators.growth:.2g} times: weight and torques "
             f"carry the platform away, and nothing corrects them"
         )
+    if study.neglected_work:
+        lines.append(
+            f"  in no rung        dry friction of {plan.neglected_friction}: "
+            f"{_percent(study.neglected_work)} of the motors' work"
+        )
+    lines += [f"  in no rung        {what}" for what in study.robot.description.left_out]
     if enough is not None:
         torque, platform = (_where(study, errors) for errors in (enough.torque_error, enough.platform_error))
         lines += [

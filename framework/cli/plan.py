@@ -204,6 +204,7 @@ def _warnings(plan: CrossingPlan) -> list[str]:
     lines = []
     if plan.neglected_friction:
         lines.append(f"  left out          dry friction: {plan.neglected_friction} (joint side)")
+    lines += [f"  left out          {what}" for what in plan.robot.description.left_out]
     for joint, excess in plan.exceeded.items():
         lines.append(f"  warning           {joint} exceeds its limits: {excess}")
     if plan.certificate.end_speed > NOTABLE_END_SPEED:

@@ -29,6 +29,7 @@ from framework.crossing.scenes import scene_request
 from framework.errors import InvalidInput, NoAnswer, choose_from
 from framework.fidelity.fidelity_indicators import Indicators, indicators_of
 from framework.fidelity.model_comparison import Comparison, HighestLevel, model_of
+from framework.fidelity.neglected_friction import neglected_work
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import FLEXIBILITIES, RobotDescription
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
@@ -62,8 +63,15 @@ class FidelityStudy(ReadOnlyArrays):
         return max(comparison.torque, comparison.platform) <= self.tolerance
 
     @cached_property
+    def neglected_work(self) -> float:
+        """Work of dry friction that no level has, over that of the motors."""
+        return neglected_work(self.highest)
+
+    @cached_property
     def enough(self) -> Comparison | None:
         """The least level that is enough; None if none is, not even the highest."""
+        if self.neglected_work > self.tolerance:
+            return None
         return next((level for level in self.levels if self.is_enough(level)), None)
 
     @cached_property
@@ -98,6 +106,12 @@ class FidelityStudy(ReadOnlyArrays):
         """The error that says why no model is accurate enough; None if one is."""
         if self.enough is not None:
             return None
+        if self.neglected_work > self.tolerance:
+            return NoAnswer(
+                f"{self.robot.name}: no model is accurate to {100 * self.tolerance:g} %: dry friction that "
+                f"none of them has ({self.highest.neglected_friction}) takes "
+                f"{100 * self.neglected_work:.2g} % of the motors' work"
+            )
         top = self.levels[-1]
         how = top.reason or f"leave the path by {100 * top.platform:.2g} % of its length"
         return NoAnswer(
@@ -118,6 +132,11 @@ class FidelityStudy(ReadOnlyArrays):
             "enough": None if self.enough is None else self.enough.level.name,
             "foretold": self.indicated.level.name,
             "growth": _finite(self.indicators.growth),
+            "neglected": {
+                "dry_friction": self.highest.neglected_friction,
+                "share_of_work": self.neglected_work,
+                "left_out": list(self.robot.description.left_out),
+            },
             "rungs": [self._entry(comparison) for comparison in self.levels],
             "simulating": self.simulating,
             "seconds": self.seconds,

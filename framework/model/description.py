@@ -206,6 +206,7 @@ class RobotDescription:
     reference: Mapping[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)  # the values that its file was read with
+    left_out: tuple[str, ...] = ()  # what acts by the file that it was converted from, and is not in this one
 
     def least_flexibility(self, flexibility: str) -> str:
         """Return the least flexibility with the springs of this one: rigid for a robot without springs.
@@ -229,12 +230,11 @@ class RobotDescription:
 
 class ParsedRobot(NamedTuple):
     """What a file says: a description, the root of the URDF that its `urdf_text` holds, parsed once and not
-    to be changed, and the dialect that it is written in (`readers.recognise.DIALECTS`). Of a foreign file
-    `left_out` names what acts and is not read, and `remarks` say what was proposed where it is silent.
+    to be changed, and the dialect that it is written in (`readers.recognise.DIALECTS`). `remarks` say what
+    was proposed where a foreign file is silent.
     """
 
     description: RobotDescription
     urdf: ElementTree.Element
     dialect: str = "robot file"
-    left_out: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()

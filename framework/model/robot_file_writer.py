@@ -91,6 +91,8 @@ def robot_document(description: RobotDescription) -> dict[str, Any]:
         document["reference"] = dict(description.reference)
     if description.scenes:
         document["scenes"] = {name: _scene(scene) for name, scene in description.scenes.items()}
+    if description.left_out:
+        document["left_out"] = list(description.left_out)
     return document
 
 

@@ -60,6 +60,7 @@ def robot_table(urdf: Urdf, *, is_coupled: bool = False) -> Table:
         "gravity": optional(vector3, (0.0, 0.0, -9.81)),
         "reference": optional(named(number, one_of("joint", urdf.coordinates)), {}),
         "scenes": optional(_scenes, {}),
+        "left_out": optional(list_of(text), ()),
     }
 
 

@@ -12,7 +12,7 @@ from framework.cli import main
 from framework.crossing.optimal.limit_curves import limit_curves
 from framework.crossing.optimal.lower_bound import estimated_best
 from framework.dynamics.motor_friction import PlannedFriction
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, NoLaw
 from framework.model.description import JointDynamics
 from framework.model.robot_file_writer import write_robot_file
 
@@ -172,3 +172,13 @@ def test_an_elastic_robot_counts_friction_too():
     speed = plan.motor_angle(t, 1)
     surely = np.abs(speed) > 1e-6 * np.abs(speed).max()
     np.testing.assert_allclose(share[surely], (rubbed * np.sign(speed))[surely], atol=1e-15)
+
+
+def test_a_motor_too_weak_to_hold_the_robot_is_refused_and_dry_friction_is_said_not_to_count():
+    """The five-bar of the paper set upright, where its payload asks for more than the limit."""
+    upright = replace(robots.load("five_bar").description, gravity=(0.0, -9.81, 0.0))
+    for joints, said in (({}, False), ({"left_elbow": JointDynamics(friction=0.1)}, True)):
+        robot = ParallelRobot.from_description(replace(upright, joints=joints))
+        with pytest.raises(NoLaw, match="must hold") as caught:
+            plan_crossing(robot, LINE, law="optimal", optimize="time", torque_limit=1e-3)
+        assert ("dry friction, which may hold some of it, not counted" in str(caught.value)) is said

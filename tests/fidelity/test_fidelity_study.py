@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -10,11 +11,13 @@ import pytest
 
 import robots
 from framework import InvalidInput, NoAnswer, ParallelRobot, UnboundedTorque, fidelity_study, plan_scene
+from framework.cli import main
 from framework.crossing.scenes import scene_path
 from framework.fidelity.fidelity_study import FidelityStudy, kept_options
 from framework.fidelity.model_comparison import model_of
-from framework.model.description import KeptLevel
+from framework.model.description import JointDynamics, KeptLevel
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, with_bodies
+from framework.model.robot_file_writer import write_robot_file
 from tests.oracles import five_bar as oracle
 from tests.robots.every_robot import in_stages
 
@@ -218,3 +221,35 @@ def test_the_path_of_a_scene_is_judged_like_the_scene():
     other = fidelity_study(robot, scene_path(scene), duration=scene.duration)
     np.testing.assert_array_equal([j.torque for j in one.levels], [j.torque for j in other.levels])
     assert one.length == pytest.approx(np.hypot(0.15, 0.05), rel=1e-12)
+
+
+def with_friction(size: float) -> ParallelRobot:
+    """The 5R with dry friction [N m] at its left elbow, which has no motor."""
+    joints = {"left_elbow": JointDynamics(friction=size)}
+    description = replace(robots.load("five_bar").description, joints=joints, left_out=("a tendon: 3 N",))
+    return ParallelRobot.from_description(description)
+
+
+def test_dry_friction_that_no_level_has_is_counted_by_its_work(capsys, tmp_path):
+    """f times the angle that the elbow turns, over the motors' work, each part taken positive."""
+    study = fidelity_study(with_friction(0.001), "A", tolerance=0.01)
+    plan, t = study.highest, np.linspace(0.0, study.highest.duration, 20001)
+    coordinates = plan.robot.coordinates
+    turned = coordinates.positions(plan.dynamics.configuration(t))
+    elbow = turned[:, coordinates.names.index("left_elbow")]
+    work = np.abs(
+        np.diff(plan.motor_angle(t), axis=0) * 0.5 * (plan.torque(t)[1:] + plan.torque(t)[:-1])
+    ).sum()
+    assert study.neglected_work == pytest.approx(0.001 * np.abs(np.diff(elbow)).sum() / work, rel=1e-3)
+    assert study.neglected_work < 0.01
+    assert study.enough is not None
+    assert main(["fidelity", str(write_robot_file(study.robot.description, tmp_path)), "--scene", "A"]) == 0
+    shown = capsys.readouterr().out
+    assert "in no rung        dry friction of left_elbow 0.001 N m" in shown
+    assert "in no rung        a tendon: 3 N" in shown
+
+
+def test_where_friction_that_no_level_has_is_beyond_the_tolerance_none_is_enough():
+    study = fidelity_study(with_friction(5.0), "A", tolerance=0.01)
+    assert study.enough is None
+    assert re.search(r"dry friction that none of them has \(left_elbow 5 N m\) takes", str(study.refusal))

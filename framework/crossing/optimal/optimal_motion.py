@@ -267,9 +267,11 @@ def _refusal(
     holding = _holding(task, program.on_path)
     if holding is not None:
         where, unit = "start" if holding.s == 0 else "end", _unit(task, holding.joint)
+        rubs = task.branch.robot.joint_friction.any()
+        uncounted = " (dry friction, which may hold some of it, not counted)" if rubs else ""
         return NoLaw(
             f"{name}: no law is admissible: at the {where} {holding.joint} must hold {holding.torque:.4g} "
-            f"{unit} at rest, and may {holding.limit:.4g}",
+            f"{unit} at rest{uncounted}, and may {holding.limit:.4g}",
             proof=holding,
         )
     if not isinstance(obstacle, Infeasible):

@@ -80,9 +80,9 @@ def describe(
     description = replace(
         resolved.description,
         urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
+        left_out=(*several, *left_out_of(tree, left_out)),
     )
-    texts = (*several, *left_out_of(tree, left_out))
-    return ParsedRobot(description, tree.root, left_out=texts, remarks=resolved.remarks)
+    return ParsedRobot(description, tree.root, remarks=resolved.remarks)
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:

@@ -25,8 +25,8 @@ def test_a_tendon_over_coupled_joints_is_a_transmission_to_one():
 
 
 def test_what_acts_beside_the_base_stops_nothing_and_is_not_named():
-    assert parse_any(GRIPPER, base="palm", propose=propose).left_out == ()
-    left_out = " ".join(parse_any(GRIPPER, propose=propose, locked={}).left_out)
+    assert parse_any(GRIPPER, base="palm", propose=propose).description.left_out == ()
+    left_out = " ".join(parse_any(GRIPPER, propose=propose, locked={}).description.left_out)
     assert left_out == ""  # the arm carries the loops and has no motor: it is held
 
 
@@ -68,7 +68,7 @@ def test_a_site_between_two_ends_stands_half_way(tmp_path):
 
 def test_a_fluid_is_left_out_by_name(tmp_path):
     text = FIVE_BAR.replace("<option ", '<option density="1.2" viscosity="1.8e-5" ')
-    assert proposed(tmp_path, text).left_out == (
+    assert proposed(tmp_path, text).description.left_out == (
         "<option> density 1.2, viscosity 1.8e-5: the drag of the fluid",
     )
 
