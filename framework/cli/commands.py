@@ -71,6 +71,11 @@ class OneLineParser(argparse.ArgumentParser):
 class _Version(argparse.Action):
     """--version, looked up when it is asked for."""
 
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
+        super().__init__(
+            option_strings, dest=argparse.SUPPRESS, default=argparse.SUPPRESS, nargs=0, help=help
+        )
+
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
         parser.exit(message=f"crossing {version('parallel-singularity-crossing')}\n")
 
@@ -85,7 +90,7 @@ def parser_of(arguments: Sequence[str]) -> argparse.ArgumentParser:
         description="Carry parallel robots through Type 2 singularities with finite motor torques.",
     )
     parser.set_defaults(json=False)
-    parser.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
+    parser.add_argument("--version", action=_Version, help="say the version and end")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=OneLineParser)
     if arguments and arguments[0] in COMMANDS:
         import_module(f"framework.cli.{COMMANDS[arguments[0]].module}").add(commands)

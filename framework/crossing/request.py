@@ -9,7 +9,7 @@ import numpy as np
 
 from framework.crossing.options import OPTIONS, PlanOptions, takes_options
 from framework.dynamics.inverse_dynamics import checked_geometry
-from framework.dynamics.motor_limits import motor_limits
+from framework.dynamics.motor_limits import motor_limits, shortest_form
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
@@ -26,8 +26,8 @@ class Request(PlanOptions):
 
     `Request.of` makes one. What was left open and depends on the robot alone is filled in: geometry and
     smoothness. What planning has to choose is None: the duration, times and speeds of crossings, `at` where
-    the singular points are to be located, and `optimize`. Limits are those stated, one for each motor,
-    infinite where there is none; None leaves them to the robot file (`motor_limits`).
+    the singular points are to be located, and `optimize`. Limits are those stated, in their
+    shortest form (`motor_limits.shortest_form`); None leaves them to the robot file.
 
     Raises:
         InvalidInput: numbers or options that cannot be right, or that contradict each other.
@@ -53,7 +53,7 @@ class Request(PlanOptions):
         }
         for name in ("torque_limit", "speed_limit"):
             if options.get(name) is not None:
-                filled_in[name] = tuple(motor_limits(robot, name, options[name]).tolist())
+                filled_in[name] = shortest_form(motor_limits(robot, name, options[name]))
         request = Request(path=path, **{**options, **filled_in})
         request.check_limited(robot)
         return request

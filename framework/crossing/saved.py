@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import asdict, fields
-from math import isfinite
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -94,9 +93,6 @@ def _request_document(request: Request) -> dict[str, Any]:
             f"motion with plan.to_csv"
         )
     rest = {field.name: getattr(request, field.name) for field in fields(request) if field.name != "path"}
-    for name in ("torque_limit", "speed_limit"):  # JSON has no infinite numbers
-        if rest[name] is not None:
-            rest[name] = [limit if isfinite(limit) else None for limit in rest[name]]
     return {"path": {path.kind: path.points.tolist()}, **rest}
 
 

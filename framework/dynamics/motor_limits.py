@@ -50,5 +50,11 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     return np.broadcast_to(numbers, robot.n_a).copy()
 
 
+def shortest_form(limits: Array) -> tuple[float | None, ...]:
+    """Return limits (n_a,) as one number if they are all the same, and None for what is infinite."""
+    values = tuple(limit if np.isfinite(limit) else None for limit in limits.tolist())
+    return values[:1] if len(set(values)) == 1 else values
+
+
 def _unlimited_where_none(limits: Sequence[float | None]) -> Array:
     return np.array([np.inf if limit is None else limit for limit in limits], dtype=float)

@@ -74,5 +74,5 @@ def _typed(key: str, value: Any) -> str:
     return f"{option} {_listed(value)}".rstrip() if isinstance(value, tuple) else f"{option} {value}"
 
 
-def _listed(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)
+def _listed(values: Iterable[float | None]) -> str:
+    return " ".join("none" if value is None else repr(float(value)) for value in values)
