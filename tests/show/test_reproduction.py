@@ -47,6 +47,7 @@ def asked(plan, line):
         {"duration": 1.5000000000000002, "smoothness": 3, "keep_limits": True},
         {"times": None, "speeds": None, "optimize": "energy", "torque_limit": (0.3, 0.4), "margin": 0.1},
         {"times": None, "speeds": None, "duration": None, "longest": 1.7, "speed_limit": (99.0,)},
+        {"times": None, "speeds": None, "torque_limit": (0.3, None)},
     ],
 )
 def test_a_command_line_asks_for_the_same(plan, change):
