@@ -12,9 +12,6 @@ import numpy as np
 from framework.arrays import Array, IntArray
 from framework.tolerances import MIN_PROOF_REACH
 
-# Largest entry of the unknowns that a proof is to rule out; in units near those of the optimum all are near 1
-CONE_MARGIN = 1e-12  # of its length, by which a vector may be outside of its cone
-
 
 class Infeasible(NamedTuple):
     """A proof that no x is admissible, A x + s = b, s in the cone K: q in K's dual, A' q = 0, b' q < 0."""
@@ -22,9 +19,7 @@ class Infeasible(NamedTuple):
     proof: Array
     matrix: Any  # A
     right: Array  # b
-    cones: tuple[
-        int, ...
-    ]  # sizes of the second-order cones, the last rows of A; the rest of K is nonnegative
+    cones: tuple[int, ...]  # sizes of second-order cones, the last rows of A; the rest of K is nonnegative
 
     @property
     def contradiction(self) -> tuple[float, float]:
@@ -48,7 +43,8 @@ class Infeasible(NamedTuple):
         if not np.isfinite(self.proof).all():
             return False
         linear, heads, lengths = self._in_cones()
-        inside = (linear >= 0.0).all() and (heads >= (1.0 - CONE_MARGIN) * lengths).all()
+        rounding = np.finfo(float).eps * np.array(self.cones)  # of lengths, sums of as many terms
+        inside = (linear >= 0.0).all() and (heads >= (1.0 - rounding) * lengths).all()
         return bool(inside and self.reach > MIN_PROOF_REACH)
 
     def refined(self) -> Infeasible:
