@@ -86,16 +86,8 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     Raises:
         InvalidInput: a film has no singular instant, or there are several robots or paths.
     """
+    _check_alike(films)
     first = films[0]
-    for film in films:
-        if (
-            not film.instants
-            or film.robot.name != first.robot.name
-            or not np.allclose(film.path(_COMPARED_S), first.path(_COMPARED_S), rtol=0.0, atol=1e-12)
-        ):
-            raise InvalidInput(
-                "one eye is for motions of one robot along one path, through a singularity each"
-            )
     ax = figure()[1][0] if ax is None else ax
     twist = eye_twist(films)
     s = first.law(first.time)
@@ -136,6 +128,19 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     )
     legend_above(ax)
     return ax
+
+
+def _check_alike(films: Sequence[Film]) -> None:
+    first = films[0]
+    for film in films:
+        if (
+            not film.instants
+            or film.robot.name != first.robot.name
+            or not np.allclose(film.path(_COMPARED_S), first.path(_COMPARED_S), rtol=0.0, atol=1e-12)
+        ):
+            raise InvalidInput(
+                "one eye is for motions of one robot along one path, through a singularity each"
+            )
 
 
 def eye_twist(films: Sequence[Film]) -> Array:

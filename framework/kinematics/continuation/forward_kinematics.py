@@ -179,7 +179,12 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
     if first_place is None or start.clearance < RANK_LOST:  # on the meeting of two modes
         return Way(np.zeros(1), (start,))
     short = np.abs(first_place.rate / robot.column_scale).max() < MAX_SINGLE_STEP
-    way = follow(robot, first_place, arrive, belongs, end=end, step=1.0 if short else FIRST_STEP_RATIO)
+    step = 1.0 if short else FIRST_STEP_RATIO
+    return _up_to_the_meeting(follow(robot, first_place, arrive, belongs, end=end, step=step))
+
+
+def _up_to_the_meeting(way: Way) -> Way:
+    """Return a way up to where it first comes nearest to another assembly mode, if it meets one."""
     near = np.array([place.clearance for place in way.places])
     closer = near[1:] < near[:-1]  # not where it leads away from such a place
     meeting = np.flatnonzero((near[1:] < BRANCHES_MEET) & closer)
