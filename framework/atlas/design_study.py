@@ -258,7 +258,7 @@ def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs
         if name not in declared:
             raise InvalidInput(f"{table}: {choose_from('parameter', name, declared)}")
     if len(set(names)) < len(names):
-        raise InvalidInput(f"{table}: a parameter is there twice: {', '.join(names)}")
+        raise InvalidInput(f"{table}: needs each parameter once, got {', '.join(names)}")
     short = next((row for row in rows if len(row) != len(names)), None)
     if short is not None:
         raise InvalidInput(f"{table}: needs {len(names)} numbers in each line, got {', '.join(short)}")
@@ -268,6 +268,6 @@ def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs
         values = np.array(rows[1:], dtype=float)
     except ValueError as error:
         raise InvalidInput(f"{table}: {error}") from None
-    if not np.all(np.isfinite(values)):
-        raise InvalidInput(f"{table}: needs finite numbers")
+    for row in values[~np.isfinite(values).all(axis=1)]:
+        raise InvalidInput(f"{table}: needs finite numbers, got {row.tolist()}")
     return Designs(names, values)

@@ -160,17 +160,18 @@ def chosen(
             )
         if "torque" in name and not robot.translations.any():
             raise InvalidInput(
-                f"quantity {name}: it is told against a unit force, and the platform of {robot.name} "
-                f"only turns"
+                f"quantity {name}: is the torque against a unit force, and the platform of {robot.name} only turns"
             )
     quantities_chosen = tuple(QUANTITIES[name] for name in dict.fromkeys(names))
     if wrench is None:
         return quantities_chosen
-    if not any(one.loaded for one in quantities_chosen):
-        loaded = [one.key for one in QUANTITIES.values() if one.loaded]
-        raise InvalidInput(f"wrench: counts for {' and '.join(loaded)} alone")
-    given = tuple(given_wrench(robot, wrench).tolist())
-    return tuple(replace(one, wrench=given) if one.loaded else one for one in quantities_chosen)
+    if not any(quantity.loaded for quantity in quantities_chosen):
+        loaded = [quantity.key for quantity in QUANTITIES.values() if quantity.loaded]
+        raise InvalidInput(f"wrench: counts for {' and '.join(loaded)} alone; ask for one of them")
+    load = tuple(given_wrench(robot, wrench).tolist())
+    return tuple(
+        replace(quantity, wrench=load) if quantity.loaded else quantity for quantity in quantities_chosen
+    )
 
 
 def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:

@@ -84,7 +84,7 @@ def _draw(study: DesignStudy, folder: Path) -> None:
 def finite_window(options: argparse.Namespace) -> tuple[float, ...]:
     """Return the numbers of --window."""
     if not np.all(np.isfinite(options.window)):
-        raise InvalidInput("--window: needs four finite numbers")
+        raise InvalidInput(f"--window: needs four finite numbers, got {options.window}")
     return tuple(options.window)
 
 

@@ -32,7 +32,7 @@ def report_raw(
     if request.kind == "optimal":
         raise InvalidInput("--raw samples the polynomial law only, which needs no proof to be chosen")
     if request.keep_limits:
-        raise InvalidInput("--keep-limits: goes with a plan; --raw proves nothing")
+        raise InvalidInput("--keep-limits: is for a plan, and --raw proves none; leave one of them out")
     searched = search_path(robot, request.path)
     law, crossings = law_before_proof(searched, request)
     raw = finite_difference_torques(

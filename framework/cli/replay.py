@@ -36,7 +36,10 @@ def replayed(options: argparse.Namespace) -> Report:
         ) from None
     names = options.controller or list(failures)
     if len(names) != 1 or names[0] not in failures:
-        raise InvalidInput(f"--controller: give one of this study: {', '.join(map(str, failures))}")
+        raise InvalidInput(
+            f"--controller: give one of this study: {', '.join(map(str, failures))}; got "
+            f"{' '.join(options.controller or ()) or 'none'}"
+        )
     name, number = names[0], options.replay
     if number >= runs:
         raise InvalidInput(f"--replay: the study has the runs 0 to {runs - 1}, got {number}")

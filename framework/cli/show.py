@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> Report:
     if options.html == "":
         raise InvalidInput("--html: needs the name of a file, got an empty text")
     if options.html is not None and options.picture is not None:
-        raise InvalidInput("--picture: needs a call without --html")
+        raise InvalidInput("--picture: give either --picture or --html")
     films = _films(options)
     if options.picture is not None:
         from framework.show.moving import film_picture

@@ -111,7 +111,7 @@ def run(options: argparse.Namespace) -> Report:
     if options.study:
         return report_design_study(options)
     if options.table is not None:
-        raise InvalidInput("--table: goes with --study")
+        raise InvalidInput("--table: is read with --study only; add it, or leave --table out")
     robot = arguments.load(options)
     path = None if options.scene is None else scene_path(scene(robot, options.scene))
     quantities = chosen(robot, options.quantity, options.wrench)

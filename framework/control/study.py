@@ -107,7 +107,7 @@ def run_study(
     if runs < 1 or isinstance(runs, bool):
         raise InvalidInput(f"runs: needs at least 1, got {runs!r}")
     if seed < 0:
-        raise InvalidInput(f"seed: a whole number of at least 0, got {seed!r}")
+        raise InvalidInput(f"seed: needs a whole number of at least 0, got {seed!r}")
     started = time.perf_counter()
     finished = _chosen(keeper.found() if keeper is not None else [], runs)
 

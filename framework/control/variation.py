@@ -32,7 +32,7 @@ class Spread:
                 raise InvalidInput(f"{field.name}: must be a number of at least 0, got {value!r}")
         for name in ("payload", "stiffness"):
             if getattr(self, name) >= 1:
-                raise InvalidInput(f"{name}: a share below 1, got {getattr(self, name)!r}")
+                raise InvalidInput(f"{name}: must be a share below 1, got {getattr(self, name)!r}")
 
 
 @dataclass(frozen=True, eq=False)

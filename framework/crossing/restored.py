@@ -29,7 +29,7 @@ from framework.crossing.scenes import path_of
 from framework.crossing.specification import specification_of
 from framework.crossing.timing import CrossingTime
 from framework.dynamics.inverse_dynamics import check_law, resolve
-from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from
+from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from, short
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw, check_duration
@@ -194,7 +194,7 @@ def _numbers(key: str, saved: Any, shape: tuple[int, ...] | None = None) -> Arra
     values = np.array(saved, dtype=float)
     fits = (values.ndim == 1 and values.size >= 2) if shape is None else values.shape == shape
     if not fits or not np.all(np.isfinite(values)):
-        raise InvalidInput(f"{key}: must be a list of finite numbers")
+        raise InvalidInput(f"{key}: must be a list of finite numbers, got {short(saved)}")
     return values
 
 
