@@ -160,7 +160,8 @@ def chosen(
             )
         if "torque" in name and not robot.translations.any():
             raise InvalidInput(
-                f"quantity {name}: is the torque against a unit force, and the platform of {robot.name} only turns"
+                f"quantity {name}: is the torque against a unit force, and the platform of {robot.name} "
+                f"only turns"
             )
     quantities_chosen = tuple(QUANTITIES[name] for name in dict.fromkeys(names))
     if wrench is None:
