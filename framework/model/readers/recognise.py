@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -164,7 +165,20 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
         "onshape": onshape.read_onshape,
     }
     dialect = _dialect_of_xml(root)
-    return read[dialect](path, root, options)._replace(dialect=dialect)
+    try:
+        return read[dialect](path, root, options)._replace(dialect=dialect)
+    except RobotFileError as error:
+        raise RobotFileError(f"{_line_of_element(str(error), text)}{error}") from None
+
+
+def _line_of_element(message: str, text: str) -> str:
+    """The line where the element stands with whose name a message begins; empty where none is found."""
+    named = re.match(r"(?:<\w+>: )?<?(\w+)>? '([^']+)'", message)
+    if named is None:
+        return ""
+    tag, name = named.groups()
+    found = re.search(rf"<{tag}\b[^>]*?\bname\s*=\s*[\"']{re.escape(name)}[\"']", text)
+    return "" if found is None else f"line {text.count(chr(10), 0, found.start()) + 1}: "
 
 
 def _from_yaml(path: Path, text: str, options: Options, given: Mapping[str, float] | None) -> ParsedRobot:

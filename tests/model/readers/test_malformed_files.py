@@ -481,3 +481,18 @@ def test_no_torn_file_crashes(name, tmp_path):
         at, length = random_.randrange(len(text)), random_.choice((1, 2, 10, 10**6))
         torn = text[:at] + random_.choice(("", "<", '"', ":", "\x00", "]", "\n  - ")) + text[at + length :]
         assert "\n" not in complaint(written(tmp_path, name, torn), name)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("sites", 'site name="left_tip" pos="0.25 0 0"', 'site name="left_tip" pos="a"'),
+        ("sites", 'site1="left_tip"', 'site1="tip"'),
+        ("ros", 'type="spherical"', 'type="ball"'),
+        ("loop_joint", 'type="spherical"', 'type="planar"'),
+    ],
+)
+def test_the_line_of_an_element_that_cannot_be_read_is_named(name, old, new, tmp_path):
+    text = GOOD[name].read_text().replace(old, new, 1)
+    message = refused(written(tmp_path, name, text), **options(name))
+    assert f": line {text[: text.index(new)].count(chr(10)) + 1}: " in message
