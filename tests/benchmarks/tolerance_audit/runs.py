@@ -34,7 +34,7 @@ PRELOADED = (
     "pinocchio",
     "yaml",
 )
-PATIENCE = 6.0  # [s] of processor time for a scene, which takes a tenth of one, at most two
+PATIENCE = 15.0  # [s] of processor time for a scene, which takes a tenth of one, at most four
 
 
 class Scene(NamedTuple):
