@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
@@ -34,3 +35,16 @@ def test_the_names_that_the_guide_gives_are_in_the_files_it_links_to(row: str) -
     whole = "".join(path.read_text(encoding="utf-8") for path in texts if path.is_file())
     for name in re.findall(r"(?<!\[)`([A-Za-z_]+)`(?!\])", row.split("|")[2]):
         assert name in whole, name
+
+
+# in linalg each file stands for itself
+ROOMS = [path.parent for path in sorted(GUIDE.parent.rglob("*/__init__.py")) if path.parent.name != "linalg"]
+
+
+@pytest.mark.parametrize("room", ROOMS, ids=lambda room: room.relative_to(GUIDE.parent).as_posix())
+def test_a_room_says_which_of_its_files_to_open_first(room: Path) -> None:
+    module = ast.parse((room / "__init__.py").read_text(encoding="utf-8"))
+    text = " ".join((ast.get_docstring(module) or "").split())
+    opened = re.search(r"Open(?: first)? `(\w+)`", text)
+    assert opened is not None
+    assert (room / f"{opened[1]}.py").exists()

@@ -1,4 +1,4 @@
-"""What a map shows, pose by pose: one line a quantity, with its name in words and its unit."""
+"""The quantities of a map, pose by pose: one line a quantity, with its name in words and its unit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the options of a command line ask for: the robot, the path, the motion."""
+"""The robot, the path and the motion that a command line asks for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a planned crossing is driven by a motor controller, and what happens when the model is wrong.
+"""Motor controllers that drive a planned crossing, and studies of their robustness to errors of the model.
 
     reference = reference_of(plan, period=1e-3)
     study = run_study(tuned_controller("lqr", reference), ControlLoop(), Spread(payload=0.05), runs=200)

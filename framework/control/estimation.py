@@ -1,4 +1,4 @@
-"""What a controller sees of R runs at one sampling instant, and what it concludes about the platform.
+"""The measurements of R runs at one sampling instant, and the platform's state estimated from them.
 
 With encoders on the motors alone, the platform's coordinates follow from the motor angles by the inverse
 of G = d(motor angles)/dx, and G is singular at Type 2 like A: close to it the naive conclusion is noise

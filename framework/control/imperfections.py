@@ -1,4 +1,4 @@
-"""What stands between a controller and its robot: friction of the motors, and torques that come late."""
+"""Friction of the motors and delay of their torques, between a controller and its robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run of a study depends on, as robustness.json keeps it: with its seed it gives the run back."""
+"""The set-up of a study, as robustness.json keeps it: with its seed it reproduces any run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a real robot differs from its model: payload, springs, geometry, friction, timing, noise."""
+"""Differences of a real robot from its model: payload, springs, geometry, friction, timing, noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where on the path condition (8) is to hold."""
+"""The points of the path at which condition (8) is to hold."""
 
 from __future__ import annotations
 

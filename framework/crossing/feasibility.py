@@ -1,4 +1,4 @@
-"""What condition (8) asks of any law at a singular point, told before a law is sought.
+"""Condition (8) of the undeformed robot at a singular point, before any law is sought.
 
 alpha s" + beta s'^2 + gamma + delta s' = 0 on the undeformed robot: gamma is what the weight (and springs of
 the robot itself) do in the uncontrolled motion, beta what the bends of path and joints ask, delta what

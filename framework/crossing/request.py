@@ -1,4 +1,4 @@
-"""What is asked of a plan: one record, checked where it is made, from a scene, a command line or a call."""
+"""The request of a plan: one record, checked when it is made, from a scene, a command line or a call."""
 
 from __future__ import annotations
 

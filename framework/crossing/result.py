@@ -1,4 +1,4 @@
-"""What planning gives: the crossings, the law with its torques, and its proof."""
+"""The result of planning: the crossings, the law with its torques, and its proof."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an optimal law is to be best at, within the limits asked for or the robot file's."""
+"""The goal of an optimal law, and the limits asked for or in the robot file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When and how fast to cross, when the user leaves it open: a law that always advances."""
+"""Times and speeds of the crossings where the user leaves them open: those of a law that always advances."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from framework.tolerances import FILE_ROUNDING, RANK_ROUNDING
 
 
 class ActionLines(NamedTuple):
-    """For each of F instants and each motor a line, from the platform's origin."""
+    """A line for each of F instants and each motor, from the platform's origin."""
 
     place: Array  # (F, n_a, 3) [m] the point of the line that is nearest to the origin
     way: Array  # (F, n_a, 3) unit

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Certificate:
-    """How well a result is resolved.
+    """The numbers by which a result proves itself.
 
     nodes: Chebyshev nodes in time, all panels together.
     tail: largest of the last Chebyshev coefficients of torques and deflections over the largest one.

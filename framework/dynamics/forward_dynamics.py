@@ -1,4 +1,4 @@
-"""From motor torques to accelerations, with the forces in loops and joints, for one state or a stack.
+"""Forward dynamics: accelerations of motor torques, and the forces in loops and joints, of one state or many.
 
 The accelerations are those of the simulation (`simulation.accelerations`), regular at Type 2; what loops and
 joints then carry is computed as for a motion that is prescribed (`instant`).

@@ -1,4 +1,4 @@
-"""What loops and joints carry.
+"""Wrenches in loops and joints.
 
 With r the forces of the open tree (RNEA, less the wrenches of the world), S the motors' columns, J the
 Jacobian of all loop equations, redundant ones too,

@@ -1,1 +1,5 @@
-"""What other programs read: a simulator's model of a robot, a controller's trajectory out of a plan."""
+"""Files for other programs: a simulator's model of a robot, a controller's trajectory of a plan.
+
+Open `mjcf` first, the model for MuJoCo, whose equalities are in `mjcf_loops`. `joint_trajectory` is the
+message for ros2_control, `trajectory_file` reads it back.
+"""

@@ -1,4 +1,4 @@
-"""Which model of a robot is enough for a motion: each level of fidelity compared with the highest.
+"""The least model of a robot that is enough for a motion: each level of fidelity against the highest.
 
 A level plans the motion with what it knows. Its torques then drive the forward simulation of the highest
 model that the robot's file can express, from rest at the start of the path, and nothing corrects them on

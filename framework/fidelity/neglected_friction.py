@@ -1,4 +1,4 @@
-"""What dry friction costs that no model has: that of joints without a motor.
+"""The torque of dry friction that no model has: that of joints without a motor.
 
 Its torque on the motors has no bound near Type 2, where condition (8) is met without it; its work has.
 """

@@ -1,4 +1,4 @@
-"""How a mechanism moves. Open `linearised_loops` first: everything here is made of F(q) = 0 and dF/dq.
+"""The kinematics of a mechanism. Open `linearised_loops` first: all here is made of F(q) = 0 and dF/dq.
 
 What a robot is
     tree_model          pinocchio's tree, the names of its coordinates, their limits

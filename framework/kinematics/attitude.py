@@ -1,4 +1,4 @@
-"""How a platform that turns is described by one, two or three coordinates: charts of SO(3).
+"""The attitude of a platform in one, two or three coordinates: charts of SO(3).
 
 A chart turns the attitude R of the platform's frame into coordinates. To first order their rates are what
 k couples yield on the angular velocity w of the frame,

@@ -1,4 +1,4 @@
-"""How the idle turns go, which neither the platform nor the loops determine.
+"""The motion of idle turns, which neither the platform nor the loops determine.
 
 A rod between two balls may turn about its own line and moves no centre of mass by that. Where nothing acts on
 such a turn it is held still. Where balls have damping (or armature, which counts where no damping does), it

@@ -1,4 +1,4 @@
-"""From the platform to the joints: Newton's method on the loops at prescribed platform coordinates.
+"""Inverse kinematics: Newton's method on the loops at prescribed platform coordinates.
 
 With x and the deflections q_e given, F(q) = [platform(q) - x ; closures(q)] = 0 fixes all other
 coordinates. Its Jacobian along them is square and regular everywhere but in Type 1 singularities; in

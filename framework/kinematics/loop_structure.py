@@ -1,4 +1,4 @@
-"""What counts of a mechanism, decided once at its assembled reference: rows that repeat others, idle joints.
+"""Independent loop equations and idle joints of a mechanism, decided once at its assembled reference.
 
 A planar robot written in 3D closes its loop out of the plane for nothing; such rows are redundant
 everywhere, and found by rank-revealing QR. A rank that drops in passing is a singularity and is the business

@@ -1,4 +1,4 @@
-"""Where the joints and frames of a robot are, and which way they move, along a motion: what is drawn."""
+"""Placements and velocities of a robot's joints and frames along a motion, to be drawn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a locus is followed: a region about a pose, in one working mode or in all, and starts drawn in it."""
+"""The region in which a locus is followed: about a pose, in one working mode or all; and starts in it."""
 
 from __future__ import annotations
 

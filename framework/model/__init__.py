@@ -1,4 +1,4 @@
-"""What the robot is. Open `description` first: readers make these records, and all else starts from them.
+"""The description of a robot. Open `description` first: readers make its records, all else starts there.
 
 The records
     description         robot, closures, springs, scenes: frozen, without a file

@@ -1,4 +1,4 @@
-"""What a robot file says, as frozen records. No file is read and no pinocchio called here."""
+"""The content of a robot file, as frozen records. No file is read and no pinocchio called here."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Platform:
-    """What is prescribed: the motion of a frame on these axes of the base frame, or positions of joints.
+    """The prescribed motion: that of a frame on these axes of the base frame, or positions of joints.
 
     Of two turns the order counts, see `framework.kinematics.attitude`.
     """
@@ -129,7 +129,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class JointDynamics:
-    """What acts along one coordinate of the tree, on the joint side of a gear, whether it has a motor or not.
+    """Armature, spring, damping and friction along one coordinate of the tree, on the joint side of a gear.
 
         torque of the joint = armature a + damping v + stiffness (q - rest) + friction sign(v)
 
@@ -229,9 +229,10 @@ class RobotDescription:
 
 
 class ParsedRobot(NamedTuple):
-    """What a file says: a description, the root of the URDF that its `urdf_text` holds, parsed once and not
-    to be changed, and the dialect that it is written in (`readers.recognise.DIALECTS`). `remarks` say what
-    was proposed where a foreign file is silent.
+    """The content of a file of any dialect.
+
+    `urdf` is the root of `description.urdf_text`, parsed once and not to be changed; `dialect` is one of
+    `readers.recognise.DIALECTS`; `remarks` say what was proposed where a foreign file is silent.
     """
 
     description: RobotDescription

@@ -13,7 +13,7 @@ BODIES = ("none", "payload", "all")
 
 @dataclass(frozen=True)
 class Level:
-    """What one model of a robot takes into account.
+    """One model of a robot: its bodies, springs and geometry.
 
     bodies: which of them have mass: none, the payload, all. Rotors always have their inertia.
     flexibility: which springs exist.

@@ -1,4 +1,4 @@
-"""Which inertia a body can have: the one test for every file that gives one.
+"""The test whether a body can have an inertia, the same for every file that gives one.
 
 The inertia about the centre of mass is the integral of (r.r 1 - r r') dm over the body. Its principal moments
 are I1 = b + c, I2 = a + c, I3 = a + b with a, b, c >= 0 the second moments of mass along its axes: none is

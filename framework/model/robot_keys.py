@@ -1,4 +1,4 @@
-"""What the keys of a robot file hold, below those of its tree: a table a mapping, key to reader."""
+"""The keys of a robot file, below those of its tree: one table for each mapping, key to reader."""
 
 from __future__ import annotations
 

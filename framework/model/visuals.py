@@ -1,4 +1,4 @@
-"""What a robot looks like, as its URDF says: the solids that hang on its joints.
+"""The visuals of a URDF: the solids on its joints.
 
 A shape hangs on a `node`, the number of a pinocchio joint (0 is the base), at a fixed placement. Sizes are
 in metres; cylinders have their axis along z, as in URDF.

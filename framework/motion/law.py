@@ -1,4 +1,4 @@
-"""When the platform is where: the polynomial motion law s(t) from its boundary conditions.
+"""The polynomial motion law s(t) from its boundary conditions.
 
 The law is solved in normalised time and in the Chebyshev basis. In raw powers of t the twelfth-degree
 law of the paper has coefficients of size 400 that cancel, and rounding them to two decimals moves the

@@ -1,4 +1,4 @@
-"""When the platform is where: a law of free shape, written down as the speed of a path parameter.
+"""The motion law of free shape s(t), written as the speed of a path parameter.
 
     s = phi(sigma),    z(sigma) = (d sigma/dt)^2,    u = z'/2          (prime: d/d sigma)
 

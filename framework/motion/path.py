@@ -1,4 +1,4 @@
-"""Where the platform goes: paths x(s), s in [0, 1], with derivatives in s.
+"""Paths x(s) of the platform, s in [0, 1], with derivatives in s.
 
 All paths share one call, `path(s, order)`: s of shape (T,) gives (T, n), a scalar gives (n,).
 `knots` (inside (0, 1)) are the places where a path is only finitely smooth; functions of time get a

@@ -1,4 +1,4 @@
-"""What is proved by interval arithmetic and continuation: modes, margins, singular sets.
+"""Proofs by interval arithmetic and continuation: modes, margins, singular sets.
 
 No plan stands on it.
 

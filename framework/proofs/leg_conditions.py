@@ -1,4 +1,4 @@
-"""What each leg asks of the platform's pose while the motors are locked: linear conditions on displacements.
+"""The conditions of each leg on the platform's pose while the motors are locked, linear in displacements.
 
 A leg is a chain of joints from the base to the platform: of the tree and of one or more closures. Its passive
 joints are moved at random and the platform's displacements noted; what linear condition on the functions of

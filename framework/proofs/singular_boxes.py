@@ -1,4 +1,4 @@
-"""What a box of joints holds of a set of singular poses: the test by which `singular_paving` decides.
+"""The test of `singular_paving`: whether a box of joints holds poses of a singular set.
 
 A set is the poses in which a block of dF/dq loses rank, F = [platform - x ; loops], which they do where the
 bordered scalar g of the block is zero. A box is dropped where the loops cannot close in it or g is not zero

@@ -1,4 +1,4 @@
-"""How the loop forces J(q)' lambda turn with the robot: their derivative by q at fixed multipliers.
+"""The derivative of the loop forces J(q)' lambda by q at fixed multipliers.
 
 The second derivative of a frame's motion is a product of its first ones: with i a column of the joint of j
 or of one before it, d(omega_j)/dq_i = omega_i x omega_j and d^2 p/dq_i dq_j = omega_i x l_j, with (l_j,

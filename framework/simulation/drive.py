@@ -1,4 +1,4 @@
-"""What drives a simulated robot: a planned motion, a torque of time, or a feedback, all asked alike."""
+"""The drive of a simulated robot: a planned motion, a torque of time or a feedback, called alike."""
 
 from __future__ import annotations
 

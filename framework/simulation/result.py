@@ -1,4 +1,4 @@
-"""What `simulate` gives: the motion, and the numbers by which it proves itself."""
+"""The result of `simulate`: the motion, and the numbers by which it proves itself."""
 
 from __future__ import annotations
 

@@ -1,1 +1,17 @@
-"""Where the motors lose hold: measure, rank deficiency, points on a path, classes, the locus."""
+"""Singularities: their measure, rank deficiency, points on a path, classes. Open `points_on_path` first.
+
+The measure
+    type2                the measure g of one pose, and the twist t_s that the motors do not hold
+    bordered_system      bordered matrices, by which g is smooth and has a sign
+    piecewise_measure    g along a path, as Chebyshev series on panels
+
+Along a path
+    points_on_path       singular points, classified
+    rank_deficiency      all places where a matrix loses rank; `extrema_of_g`, `root_of_g` are its tools
+    spring_shift         how far deflections move a singular point
+
+At one pose
+    pose_classes         every kind of singularity
+    distances            distances from singularities, for design
+    jogging              a robot moved by hand
+"""

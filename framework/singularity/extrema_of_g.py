@@ -1,4 +1,4 @@
-"""Where g turns near zero: the path touches the locus, crosses it twice within a short stretch, or misses.
+"""Extrema of g near zero: the path touches the locus, crosses it twice within a short stretch, or misses.
 
 An extremum is polished on panels centred on it, and what rounding leaves of g there is measured by the same
 panel: the last coefficients of its series. Whether the path touches, crosses twice or misses is decided

@@ -1,4 +1,4 @@
-"""Where a path meets a singularity: its singular points, classified, and the Type 1 ones refused."""
+"""The singular points of a path, classified; those of Type 1 are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a square matrix loses rank along a path: all places, to rounding, with the contact.
+"""The places where a square matrix loses rank along a path: all of them, to rounding, with the contact.
 
 Roots and extrema of g on the `panels` of the path are candidates; each is polished on the robot itself.
 Where several singular values vanish at once so do all entries of G: that place is where the sum of their

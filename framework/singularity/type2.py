@@ -1,4 +1,4 @@
-"""How near a robot is to a Type 2 singularity, and which twist t_s its motors cannot hold.
+"""The measure of a Type 2 singularity, and the twist t_s that the motors cannot hold.
 
 Type 2: the passive columns P of the independent loop equations lose rank, P eta = 0; with the motors
 locked the passive joints may move along eta, and the platform along t_s. Its measure is that of

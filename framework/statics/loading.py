@@ -66,7 +66,7 @@ LOAD_WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class LoadedStack(ReadOnlyArrays):
-    """Where T configurations have come under the load; those with a reason have not borne all of it."""
+    """T configurations under the load; those with a reason have not borne all of it."""
 
     q: Array  # (T, nq)
     reason: NDArray[np.uint8]  # (T,) `LoadReason`

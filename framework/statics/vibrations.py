@@ -1,4 +1,4 @@
-"""How quickly a robot vibrates on its springs, motors free to turn: regular at Type 2 too.
+"""Frequencies of a robot on its springs, motors free to turn: regular at Type 2 too.
 
 With locked motors the first frequency vanishes there, see `statics.stiffness.locked_motor_frequency`.
 """

@@ -1,1 +1,9 @@
-"""The optimal law: the cone program and what is around it."""
+"""The optimal law: the cone program and what is around it. Open `optimal_motion` first.
+
+* `optimal_task`: what is asked, and the conditions at the crossings;
+* `phase_plane`: torques and condition (8) as functions affine in the squared speed z and u = z'/2;
+* `speed_program`: these as rows of a cone program (`framework.motion.cone_program` solves it);
+* `best_law`: the law of its optimum, or the proof that there is none;
+* `optimal_motion`: law and certified torques in turn;
+* `lower_bound`: an estimate of the best possible; `limit_curves`: speeds that the motors allow.
+"""

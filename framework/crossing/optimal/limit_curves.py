@@ -1,4 +1,4 @@
-"""How fast the motors let a robot go along its path, and how they let it speed up: curves over s.
+"""The speeds and accelerations along the path that the motors allow: curves over s.
 
 At each s the limits |c + d s' + p s'^2 + q s"| <= limit of all motors leave a region of (s', s"), with dry
 friction of the motors in c and viscous damping in d. Where two of its edges meet is the highest s' (the

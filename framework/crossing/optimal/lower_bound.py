@@ -1,4 +1,4 @@
-"""How good a law could be at most: the phase plane without smoothness at the ends, on a refined grid.
+"""An estimate of the best possible law: the phase plane without smoothness at the ends, on a refined grid.
 
 z = (ds/dt)^2 is linear on each cell of the path, zero at both ends; torques are looked at in the middle of
 the cells, and a crossing is the middle of one. Accelerations may jump: up to the size of the cells this is a

@@ -1,4 +1,4 @@
-"""What an optimal law is asked for, and what it has to meet where the robot is singular."""
+"""The task of an optimal law: its specification, and its conditions where the robot is singular."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot asks of the speed along its path: torques and condition (8), affine in z and u.
+"""Torques and condition (8) along a path, affine in z and u of the speed.
 
 On a path x(phi(sigma)) with deflections q_e(sigma) all coordinates are functions of sigma, and with
 z = (d sigma/dt)^2, u = z'/2 (see `optimal_law`)

@@ -1,4 +1,4 @@
-"""What a refusal says beside its reason, and the limits that a plan was asked to keep."""
+"""Advice beside the reason of a refusal, and the limits that a plan was asked to keep."""
 
 from __future__ import annotations
 

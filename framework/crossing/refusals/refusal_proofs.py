@@ -1,4 +1,4 @@
-"""What a refusal of a law rests on, in numbers that anyone can check: `NoLaw.proof`."""
+"""Proofs of refusals, in numbers that anyone can check: `NoLaw.proof`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the motors to the pose: all joints and the platform for given motor joints, near a known pose.
+"""Forward kinematics: all joints and the platform for given motor joints, followed from a known pose.
 
 The motors turn from where they are to where they are asked for, all at once and in proportion, and the loops
 take the passive joints along: P dq_p = -J_a dq_a, with P and J_a the passive and the actuated columns of the

@@ -1,4 +1,4 @@
-"""Where a way ends: the turning point of a branch at a singularity, by a direct root.
+"""The turning point in which a branch ends at a singularity, by a direct root.
 
 While the motors turn, or the platform goes along its path, the loop equations F(y, s) = 0 draw a curve in the
 joints y that follow and the share s of the way. It is smooth where M = dF/dy loses rank as long as the way

@@ -1,4 +1,4 @@
-"""What `check` says of a mechanism before anything is planned. Open `diagnosis` first.
+"""The diagnosis of a mechanism before anything is planned. Open `diagnosis` first.
 
 * `diagnosis`: the findings, and what to do about what is wrong or remarkable;
 * `mobility`: degrees of freedom, and the axes along which the platform can move;

@@ -1,4 +1,4 @@
-"""What a robot looks like before anything is planned: mobility, rank, masses, closure, mode."""
+"""The diagnosis of a robot before anything is planned: mobility, rank, masses, closure, mode."""
 
 from __future__ import annotations
 

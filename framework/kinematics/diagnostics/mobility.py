@@ -1,4 +1,4 @@
-"""Which motions the loops leave to a robot, who says how they go, and which platform axes would do.
+"""The freedoms that the loops leave to a robot, what determines them, and platform axes that would do.
 
 At a configuration the joints have f freedoms: as many as there are joints less independent loop equations,
 springs locked. A motion in which no motor and no platform coordinate takes part is one of two kinds:
