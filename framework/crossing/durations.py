@@ -29,7 +29,7 @@ from framework.crossing.refusals.uncrossable_points import stops_at
 from framework.crossing.request import Request
 from framework.crossing.specification import specification_of
 from framework.crossing.timing import MIN_SEPARATION
-from framework.errors import NoLaw, NotConverged
+from framework.errors import InvalidInput, NoLaw, NotConverged
 from framework.motion.law import Condition, Law
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
 from framework.singularity.points_on_path import SearchedPath
@@ -206,7 +206,10 @@ def _advancing(
                 (feasibility.s, float(v), _acceleration(feasibility, float(v), weight))
             )
         ]
-        laws.append(Law.rest_to_rest(1.0, smoothness, inner)(LAW_CHECK_TIMES, 1))
+        try:
+            laws.append(Law.rest_to_rest(1.0, smoothness, inner)(LAW_CHECK_TIMES, 1))
+        except InvalidInput:  # too near to each other or to an end
+            return np.inf, 0.0
     plain, by_weight = laws[0], laws[1] - laws[0]  # s' T without weight, and what the weight adds at T = unit
     up, down = by_weight > 0, by_weight < 0
     if np.any(plain[~up & ~down] <= 0):

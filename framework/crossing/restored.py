@@ -28,7 +28,7 @@ from framework.crossing.saved import FILE, LAW_KINDS, VERSION
 from framework.crossing.scenes import path_of
 from framework.crossing.specification import specification_of
 from framework.crossing.timing import CrossingTime
-from framework.dynamics.inverse_dynamics import check_law, resolve
+from framework.dynamics.inverse_dynamics import check_law, resolve_law
 from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from, short
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -96,9 +96,9 @@ def restored_plan(
         check_law(law)
     try:
         to_cross = path_to_cross(search_path(robot, request.path), request)
-        dynamics = resolve(
+        dynamics = resolve_law(
             to_cross.searched,
-            lambda *_: law,
+            law,
             geometry=request.geometry,
             tolerance=request.tolerance,
             friction=request.friction,

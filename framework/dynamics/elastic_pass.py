@@ -42,7 +42,22 @@ def one_pass(
     Raises:
         NotAssembled: the deflections tear the loops.
     """
-    q_e, motion = moving(branch, grid, law, function, before)
+    return _pass(branch, law, function, *moving(branch, grid, law, function, before))
+
+
+def known_pass(
+    branch: Branch, grid: TimeGrid, law: MotionLaw, deflections: tuple[Array, Array, Array]
+) -> Pass:
+    """The pass with deflections (T, n_e) at the nodes that are known with two time derivatives.
+
+    Raises:
+        NotAssembled: the deflections tear the loops.
+    """
+    motion = moving_with(branch, grid, law, deflections)
+    return _pass(branch, law, grid.fit(deflections[0]), deflections[0], motion)
+
+
+def _pass(branch: Branch, law: MotionLaw, function: TimeFunction, q_e: Array, motion: Motion) -> Pass:
     forces = joint_forces(branch.robot, motion)
     caused = -forces.spring_force / branch.robot.stiffness  # Eq. (3b) with linear springs
     return Pass(law, function, q_e, motion, forces, caused)
@@ -52,10 +67,21 @@ def moving(
     branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, before: Pass | None
 ) -> tuple[Array, Motion]:
     """Deflections (T, n_e) and all coordinates at the nodes."""
-    robot = branch.robot
+    values = grid.values(function)
+    return values[0], moving_with(branch, grid, law, values, before)
+
+
+def moving_with(
+    branch: Branch,
+    grid: TimeGrid,
+    law: MotionLaw,
+    deflections: tuple[Array, Array, Array],
+    before: Pass | None = None,
+) -> Motion:
+    """All coordinates at the nodes with deflections (T, n_e) and two time derivatives of them."""
+    robot, (q_e, *rates) = branch.robot, deflections
     s = [law(grid.times, order) for order in range(3)]
     x, dx, ddx = along(branch.path, s)
-    q_e, *rates = grid.values(function)
     if before is None:
         step = np.zeros((len(x), robot.model.nv))
         step[:, robot.elastic] = q_e
@@ -66,8 +92,8 @@ def moving(
         near = integrate(robot, before.motion.q, joint_rates(robot, linearised, ahead, q_e - before.q_e))
     closed = close_loops(robot, x, near)
     if not robot.n_e:
-        return q_e, motion_at(robot, closed, dx, ddx)
-    return q_e, motion_at(robot, closed, dx, ddx, *rates)
+        return motion_at(robot, closed, dx, ddx)
+    return motion_at(robot, closed, dx, ddx, *rates)
 
 
 def spring_scale(robot: ParallelRobot) -> Array:

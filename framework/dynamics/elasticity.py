@@ -31,8 +31,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.elastic_pass import Pass, moving, one_pass, spring_scale
+from framework.dynamics.elastic_pass import Pass, known_pass, moving, one_pass, spring_scale
 from framework.dynamics.forces import Forces
+from framework.dynamics.known_deflections import KnownDeflections
 from framework.errors import NoAnswer, NotConverged
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.motion_rates import Motion
@@ -115,6 +116,18 @@ def solve_deflections(
         function = grid.resolved(start(grid.times))
         here = one_pass(branch, grid, choose_law(function, before), function, None)
     return _Iteration(branch, grid, choose_law, tolerance).run(here)
+
+
+def given_deflections(
+    branch: Branch, grid: TimeGrid, law: MotionLaw, known: KnownDeflections
+) -> DeflectionSolution:
+    """Deflections that are known, and how far they are from those that their forces cause.
+
+    Raises:
+        NotAssembled: they tear the loops.
+    """
+    here = known_pass(branch, grid, law, known(grid.times))
+    return _Iteration(branch, grid, lambda *_: law, 0.0)._result(here, here.function)
 
 
 def _small_displacements(branch: Branch, grid: TimeGrid, here: Pass) -> DeflectionSolution:

@@ -16,12 +16,19 @@ import pinocchio as pin
 from framework.arrays import Array
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.elastic_pass import Pass
-from framework.dynamics.elasticity import DeflectionSolution, LawChoice, solve_deflections
+from framework.dynamics.elasticity import (
+    DeflectionSolution,
+    LawChoice,
+    given_deflections,
+    solve_deflections,
+)
 from framework.dynamics.forces import motor_torque
+from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.motor_friction import FRICTIONS, PlannedFriction, motor_friction
 from framework.dynamics.near_misses import unseen_near_miss
 from framework.dynamics.refusals import not_resolved, not_settled
 from framework.dynamics.residuals import check_idle_joints, measure_neglected
+from framework.dynamics.restoration import deflections_of
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.dynamics.singularity_crossings import (
     check_bounded,
@@ -32,8 +39,10 @@ from framework.dynamics.singularity_crossings import (
 )
 from framework.errors import (
     InvalidInput,
+    NoAnswer,
     NotAssembled,
     NotConverged,
+    UnboundedTorque,
     choose_from,
     expect_call,
 )
@@ -94,7 +103,29 @@ def inverse_dynamics(
     if friction not in FRICTIONS:
         raise InvalidInput(choose_from("friction", friction, FRICTIONS))
     searched = search_path(robot, path)
-    return resolve(searched, lambda *_: law, geometry=geometry, tolerance=tolerance, friction=friction)
+    return resolve_law(searched, law, geometry=geometry, tolerance=tolerance, friction=friction)
+
+
+def resolve_law(
+    searched: SearchedPath, law: MotionLaw, *, geometry: str, tolerance: float, friction: str
+) -> InverseDynamics:
+    """`resolve` a law as it is, with its deflections from `restoration` where the passes do not find them."""
+
+    def with_deflections(known: KnownDeflections | None) -> InverseDynamics:
+        return resolve(
+            searched, lambda *_: law, geometry=geometry, tolerance=tolerance, friction=friction, known=known
+        )
+
+    try:
+        return with_deflections(None)
+    except (NotConverged, UnboundedTorque):
+        if geometry == "rigid":
+            raise
+        try:
+            return with_deflections(deflections_of(searched.branch, law))
+        except NoAnswer:
+            pass  # what was said first says more
+        raise
 
 
 def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
@@ -120,8 +151,12 @@ def resolve(
     geometry: str,
     tolerance: float,
     friction: str,
+    known: KnownDeflections | None = None,
 ) -> InverseDynamics:
-    """Double the nodes until the torques are resolved, or tell why they never are."""
+    """Double the nodes until the torques are resolved, or tell why they never are.
+
+    With the deflections that are `known`, if any; else they are sought.
+    """
     check_tolerance(tolerance)
     branch = searched.branch
     law = choose_law(None, None)
@@ -146,16 +181,19 @@ def resolve(
             return _tails(branch.robot, grid, here) <= tolerance
 
         try:
-            state = solve_deflections(
-                branch,
-                grid,
-                choose_law,
-                geometry,
-                start,
-                law,
-                tolerance=min(tolerance, TORQUE_TAIL),
-                is_fine=is_fine,
-            )
+            if known is not None:
+                state = given_deflections(branch, grid, law, known)
+            else:
+                state = solve_deflections(
+                    branch,
+                    grid,
+                    choose_law,
+                    geometry,
+                    start,
+                    law,
+                    tolerance=min(tolerance, TORQUE_TAIL),
+                    is_fine=is_fine,
+                )
         except NotAssembled as failure:
             check_bounded(branch.robot, crossings, pole)
             raise NotConverged(
@@ -180,6 +218,8 @@ def resolve(
         if not fixed_geometry:
             crossings = tuple(deformed_crossing(result, crossing) for crossing in crossings)
             pole = max(RESOLVABLE_TAIL, certificate.change)
+        if known is not None:
+            instants = np.array([crossing.time for crossing in crossings])
         left = max(certificate.tail, certificate.change)
         enough = min(enough, left)
         changes.append(certificate.change)

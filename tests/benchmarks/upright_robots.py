@@ -54,6 +54,9 @@ SPREAD, BULGE = 0.3, 0.15  # of the length of the scene's path: of its ends, and
 AGAIN = 1 / 6  # share of the paths that meet the locus more than once
 BESIDE = (1e-3, 1e-6, 1e-9)  # [s] before and after each crossing
 FORCE, OPEN = 1e-9, 1e-11  # of the largest force; [m, rad]
+END_SPEED = (
+    1e-3  # of the largest speed of a motor, at the ends: what the law's jumps leave of the springs' rates
+)
 
 
 class Drawn(NamedTuple):
@@ -176,8 +179,10 @@ def main() -> None:
                     asked.robot(softness), asked.path, duration=asked.duration, law=arguments.law
                 )
                 defect = judged(plan)
-                outcome = "planned" if is_right(defect) else "WRONG"
-                words = f"{plan.law.kind}, force {defect.force:.1e}, loops {defect.open:.1e}"
+                at_rest = plan.certificate.end_speed <= END_SPEED
+                outcome = "planned" if is_right(defect) and at_rest else "WRONG"
+                words = f"{plan.law.kind}, force {defect.force:.1e}, loops {defect.open:.1e}, "
+                words += f"speed at the ends {plan.certificate.end_speed:.1e}"
             except NoAnswer as refusal:
                 outcome, words = "refused", f"{type(refusal).__name__}: {refusal}"
             outcomes[outcome] += 1

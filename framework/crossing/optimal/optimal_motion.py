@@ -1,8 +1,8 @@
 """The best motion along a path: cone program and certified inverse dynamics in turn.
 
-A rigid robot needs each once. An elastic one is optimised with its deflections frozen as functions of the
-path parameter, and resolved anew; while `resolve` iterates on the deflections of one law, that law follows
-the condition (8) of the deflected robot with the least change of its speed.
+A rigid robot needs each once. An elastic one follows the law nearest to that of the program whose deflections
+are in balance; then the program is solved again with these, as functions of the path parameter, as long as
+the certified motion becomes better.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from framework.crossing.optimal.best_law import (
     off_limits,
     within_limits,
 )
+from framework.crossing.optimal.elastic_balance import in_balance
 from framework.crossing.optimal.optimal_task import (
     Task,
     check_speeds,
@@ -44,13 +45,12 @@ from framework.crossing.optimal.speed_program import (
 from framework.crossing.refusals.refusal_proofs import HoldingTorque, NoAdmissibleSpeed
 from framework.crossing.specification import Specification
 from framework.dynamics.inverse_dynamics import resolve
+from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.result import InverseDynamics
-from framework.errors import InvalidInput, NoLaw, NotConverged
-from framework.motion.chebyshev import TimeFunction
+from framework.errors import NoLaw, NotConverged
 from framework.motion.cone_program import Optimum, Unsolved
 from framework.motion.exact_duration import adjusted
 from framework.motion.infeasibility import Infeasible
-from framework.motion.law import MotionLaw
 from framework.motion.optimal_law import OptimalLaw
 from framework.tolerances import PEAK_TORQUE_MISMATCH
 
@@ -58,6 +58,9 @@ MAX_PASSES = 8  # of optimising and resolving in turn
 ROUGHNESS_WEIGHT_GROWTH = 30.0  # factor on the weight, for a law that could not be resolved
 MAX_ROUGHNESS_WEIGHT = 1e-2
 MAX_DEGREE_GAP = 5e-3  # cost above the bound of the degree, over it: more, and a higher degree is tried
+ELASTIC_DEGREE_GAP = 2e-2  # the same where deflections have to be resolved as well, at the cost of its cube
+ELASTIC_ROUGHNESS_WEIGHT = 1e-5  # of laws whose deflections are to be resolved
+ENERGY_SAMPLES = 2001
 MAX_TANGENTS = 20  # of damping linearised about the previous law
 SQUARED_SPEED_CHANGE = 1e-3  # largest relative one from a law to the next that has settled
 SPEED_SAMPLES = 201  # of the path, at which that change is measured
@@ -82,9 +85,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
         As `resolve`.
     """
     check_unfolded(task)
-    deflections: Deflections | None = None
     places = crossing_places(task, None, None)
-    specification = task.specification
     elastic, damped = task.branch.robot.n_e > 0, task.branch.robot.is_damped
     if elastic and damped:
         raise NoLaw(
@@ -92,16 +93,18 @@ def optimal_motion(task: Task) -> OptimalMotion:
             f"law polynomial, or flexibility rigid"
         )
     check_speeds(task, places)
+    if elastic:
+        return _elastic(task, places)
     program, best = _first(task, places)
-    degree, units = program.degree, program.units
-    roughness, excess = ROUGHNESS_WEIGHT, np.inf
+    roughness, degree = ROUGHNESS_WEIGHT, program.degree
+    specification = task.specification
     for k in range(MAX_PASSES):
         try:
             if k > 0:
-                again = _program(task, places, deflections, specification, degree, units)
+                again = _program(task, places, None, specification, degree, program.units)
                 best = _solved(replace(again, roughness=roughness), task)
             if damped:
-                best = _damped(task, places, specification, best, units, roughness)
+                best = _damped(task, places, specification, best, program.units, roughness)
         except NotConverged:
             higher = [more for more in DEGREES if more > degree]
             if not higher:
@@ -109,31 +112,71 @@ def optimal_motion(task: Task) -> OptimalMotion:
             degree = higher[0]
             continue
         try:
-            dynamics, law = _resolved(task, best.law, places)
+            dynamics, law, _ = _resolved(task, best.law, None)
         except NotConverged:
-            # deflections rarely settle at the third trial
-            if roughness >= MAX_ROUGHNESS_WEIGHT or (elastic and k > 0):
+            if roughness >= MAX_ROUGHNESS_WEIGHT:
                 raise
             roughness *= ROUGHNESS_WEIGHT_GROWTH
             continue
         excess = _excess(dynamics, task.specification)
-        settled = not elastic
-        if elastic:
-            settled = (
-                abs(_peak(dynamics, best.reference) / best.peak - 1.0) <= PEAK_TORQUE_MISMATCH
-                and deflections is not None
-            )
-            deflections = DeflectionsOnPath(law, dynamics.deflections)
-            places = crossing_places(task, deflections, places)
-        if settled and excess <= 1.0:
+        if excess <= 1.0:
             return OptimalMotion(dynamics, law, best)
-        if excess > 1.0 and settled:
+        specification = specification.tightened((1.0 - LIMIT_TIGHTENING) / excess)
+    raise NotConverged(
+        f"{task.branch.robot.name}: no law within all limits is resolved in {MAX_PASSES} passes",
+        residual=abs(excess - 1.0),
+    )
+
+
+def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
+    """Programs and balances in turn, as long as the certified motion becomes better.
+
+    Each program has the deflections of the motion before, as functions of the path parameter.
+    """
+    first, _ = _first(task, places, ELASTIC_DEGREE_GAP)
+    specification, roughness = task.specification, ELASTIC_ROUGHNESS_WEIGHT
+    deflections: Deflections | None = None
+    known: KnownDeflections | None = None
+    kept: OptimalMotion | None = None
+    for _ in range(MAX_PASSES):
+        try:
+            program = _program(task, places, deflections, specification, first.degree, first.units)
+            best = _solved(replace(program, roughness=roughness), task)
+            dynamics, law, known = _resolved(task, best.law, known)
+        except (NoLaw, NotConverged):
+            if kept is not None:
+                return kept
+            if roughness >= MAX_ROUGHNESS_WEIGHT:
+                raise
+            roughness *= ROUGHNESS_WEIGHT_GROWTH
+            continue
+        new, excess = OptimalMotion(dynamics, law, best), _excess(dynamics, task.specification)
+        if excess <= 1.0:
+            if kept is not None and not _cost(task, new) < (1.0 - PEAK_TORQUE_MISMATCH) * _cost(task, kept):
+                return min(new, kept, key=lambda motion: _cost(task, motion))
+            kept = new
+        elif deflections is not None:
             specification = specification.tightened((1.0 - LIMIT_TIGHTENING) / excess)
+        deflections = DeflectionsOnPath(law, dynamics.deflections)
+        places = crossing_places(task, deflections, places)
+    if kept is not None:
+        return kept
     raise NotConverged(
         f"{task.branch.robot.name}: law and deflections do not settle together in {MAX_PASSES} passes; use "
         f"stiffer springs, law polynomial, or geometry rigid",
         residual=abs(excess - 1.0),
     )
+
+
+def _cost(task: Task, motion: OptimalMotion) -> float:
+    """What the goal counts, of a certified motion."""
+    goal, best = task.specification.goal, motion.best
+    if goal == "time":
+        return motion.dynamics.duration
+    if goal == "peak_torque":
+        return _peak(motion.dynamics, best.reference)
+    t = np.linspace(0.0, motion.dynamics.duration, ENERGY_SAMPLES)
+    return float(np.trapezoid(((motion.dynamics.torque(t) / best.reference) ** 2).sum(axis=1), t))
 
 
 def best_undeformed(task: Task) -> Best:
@@ -192,7 +235,9 @@ def _meeting_conditions(task: Task, places: Sequence[CrossingPoint], law: Optima
     return law
 
 
-def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[SpeedProgram, Best]:
+def _first(
+    task: Task, places: Sequence[CrossingPoint], gap: float = MAX_DEGREE_GAP
+) -> tuple[SpeedProgram, Best]:
     """Return the program of the least degree that leaves little to be gained, and its best law."""
     best_of_degrees: tuple[SpeedProgram, Best] | None = None
     failures: list[tuple[SpeedProgram, Infeasible | Unsolved]] = []
@@ -204,7 +249,7 @@ def _first(task: Task, places: Sequence[CrossingPoint]) -> tuple[SpeedProgram, B
             continue
         if best_of_degrees is None or best.cost < best_of_degrees[1].cost:
             best_of_degrees = program, best
-        if best.cost <= (1.0 + MAX_DEGREE_GAP) * best.bound:
+        if best.cost <= (1.0 + gap) * best.bound:
             break
     if best_of_degrees is None:  # what the highest degree cannot do no lower one can
         proved = [failure for failure in failures if isinstance(failure[1], Infeasible)]
@@ -304,47 +349,22 @@ def _unit(task: Task, joint: str) -> str:
 
 
 def _resolved(
-    task: Task, law: OptimalLaw, places: Sequence[CrossingPoint]
-) -> tuple[InverseDynamics, OptimalLaw]:
-    """Certify the motion of this law, its speed changed with the conditions of the deflecting robot."""
-    branch, searched = task.branch, task.to_cross.searched
-    tolerance, friction = task.request.tolerance, task.request.friction
-    at_rest = crossing_places(task, None, None)
-
-    def follow(
-        places_on_path: Sequence[CrossingPoint], deflections: Deflections | None, base: OptimalLaw
-    ) -> OptimalLaw:
-        sigma, conditions = conditions_at(task, places_on_path, deflections)
-        equalities = conditions_on_speed(sigma, conditions, base.degree, base.stretch)
-        try:
-            y = adjusted(base.coefficients, equalities, base.duration, base.stretch)
-        except InvalidInput:
-            raise NotConverged(
-                f"{branch.robot.name}: no law near the best crosses where the deflected robot is singular; "
-                f"use stiffer springs, law polynomial, or geometry rigid",
-                residual=np.inf,
-            ) from None
-        return OptimalLaw(y, base.smoothness, base.duration, base.dense_at)
-
-    if not branch.robot.n_e or task.geometry == "rigid":
-        dynamics = resolve(
-            searched, lambda *_: law, geometry=task.geometry, tolerance=tolerance, friction=friction
-        )
-        return dynamics, law
-    near, chosen = list(places), [law]
-
-    def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> MotionLaw:
-        last = next((known for known in reversed(chosen) if known is previous), None)
-        if deflections is None or last is None:
-            chosen.append(follow(at_rest, None, law))
-        else:
-            on_path = DeflectionsOnPath(last, deflections)
-            near[:] = crossing_places(task, on_path, near)
-            chosen.append(follow(near, on_path, law))
-        return chosen[-1]
-
-    dynamics = resolve(searched, choose_law, geometry=task.geometry, tolerance=tolerance, friction=friction)
-    return dynamics, next(known for known in reversed(chosen) if known is dynamics.law)
+    task: Task, law: OptimalLaw, before: KnownDeflections | None
+) -> tuple[InverseDynamics, OptimalLaw, KnownDeflections | None]:
+    """Certify the motion of this law, or of the nearest one that lets an elastic robot through."""
+    known = None
+    robot = task.branch.robot
+    if robot.n_e and task.geometry == "deformed" and robot.n_a == robot.n:
+        law, known = in_balance(task, law, before)
+    dynamics = resolve(
+        task.to_cross.searched,
+        lambda *_: law,
+        geometry=task.geometry,
+        tolerance=task.request.tolerance,
+        friction=task.request.friction,
+        known=known,
+    )
+    return dynamics, law, known
 
 
 def _sampled(dynamics: InverseDynamics) -> tuple[Array, Array]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from framework.crossing.condition import condition_at, crossing_point
+from framework.crossing.optimal.elastic_balance import in_balance
 from framework.crossing.optimal.optimal_motion import best_undeformed, optimal_motion
 from framework.crossing.optimal.optimal_task import check_speeds, check_unfolded
 from framework.crossing.plan import plan_request
@@ -17,6 +18,7 @@ from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.refusals import not_resolved, not_settled
 from framework.dynamics.residuals import check_idle_joints, measure_neglected
+from framework.dynamics.restoration import restored
 from framework.dynamics.singularity_crossings import (
     check_bounded,
     check_crossings,
@@ -89,6 +91,7 @@ MOTION = (  # under either law, or one of the user's own
     _reason('deflected, the path is orthogonal to t_s: s" has no effect', NotConverged, condition_at),
     _reason("loops do not close on the way, or rates do not exist", NotAssembled, close_loops, motion_at),
     _reason("no deflections cause the forces that hold them", NotConverged, solve_deflections, not_settled),
+    _reason("no law near this one has deflections in balance", NotConverged, restored, in_balance),
     _reason("springs tear the loops open", NotConverged, resolve),
     _reason("torques, deflections or a near miss are not resolved", NotConverged, not_resolved),
     _reason("the deflected robot meets a singularity of its own", NoLaw, check_crossings),

@@ -1,0 +1,61 @@
+"""The law nearest to a given one that an elastic robot can follow with deflections as smooth as the law.
+
+Its scalars are the values of t_s . W_p where the undeformed robot is singular: what condition (8) lacks there
+so that the loaded robot passes where it is singular.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.crossing.optimal.optimal_task import Task, conditions_at, crossing_places
+from framework.crossing.optimal.speed_program import conditions_on_speed
+from framework.dynamics.known_deflections import KnownDeflections
+from framework.dynamics.restoration import coefficients_for, restored
+from framework.errors import InvalidInput, NotConverged
+from framework.motion.clock import OnParameter
+from framework.motion.cone_program import Affine
+from framework.motion.exact_duration import adjusted
+from framework.motion.optimal_law import OptimalLaw
+
+SCALAR_STEP = 1e-4  # of the terms of a condition, for differences
+
+
+def in_balance(
+    task: Task, law: OptimalLaw, before: KnownDeflections | None
+) -> tuple[OptimalLaw, KnownDeflections]:
+    """Find the law and its deflections, from those of a law before if there was one.
+
+    Raises:
+        NotConverged: there is none near.
+    """
+    places = crossing_places(task, None, None)
+    sigma, conditions = conditions_at(task, places, None)
+    equalities = conditions_on_speed(sigma, conditions, law.degree, law.stretch)
+    met = equalities.matrix @ law.coefficients
+
+    def family(scalars: Array) -> OnParameter:
+        wanted = met + np.pad(scalars, (0, len(met) - len(scalars)))
+        try:
+            y = adjusted(
+                law.coefficients, Affine(equalities.matrix, -wanted), law.duration, law.stretch, relative=True
+            )
+            changed = OptimalLaw(y, law.smoothness, law.duration, law.dense_at)
+        except InvalidInput:
+            raise NotConverged(
+                f"{task.branch.robot.name}: no law near the best crosses where the deflected robot is "
+                f"singular; use stiffer springs, law polynomial, or geometry rigid",
+                residual=np.inf,
+            ) from None
+        return OnParameter(changed, task.branch.path.knots)
+
+    sizes = np.linalg.norm(equalities.matrix * law.coefficients, axis=1)[: len(places)]
+    found = restored(
+        task.branch,
+        family,
+        SCALAR_STEP * np.where(sizes > 0.0, sizes, 1.0),
+        coefficients_for(law.degree),
+        before,
+    )
+    return family(found.scalars).law, found.deflections

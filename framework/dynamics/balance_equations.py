@@ -1,0 +1,192 @@
+"""The balance of a motion with unknown deflections and an unknown law, as equations for their coefficients.
+
+Unknown are the deflections l, one Chebyshev series from knot to knot of the path, and scalars c of the law. F
+of `loaded_balance` is to vanish at twice as many points as there are coefficients,
+
+    F_l dl + F_l' dl' + F_l" dl" + F_c dc = -F,
+
+in the least squares and but for what changes F next to nothing.
+
+Where springs carry inertia F = 0 is a differential equation. Near an end or a knot it has solutions that die
+away within milliseconds, of motions that do not begin or end at rest; so rates at the ends and jumps at the
+knots are asked to vanish as well, with so little weight that F has to give nothing for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from framework.arrays import Array
+from framework.dynamics.loaded_balance import Course, LoadedBalance, balance_along, slopes_along, spring_units
+from framework.kinematics.continuation.tracking import Branch
+from framework.motion.chebyshev import coefficients, derivative_matrix, nodes
+from framework.motion.clock import Clock
+from framework.motion.path import along
+
+WEAK = 1e-6  # of the size of the columns: what changes F by less is left alone
+AT_REST, MISFIT_AT_REST = 1e-5, 1e-6  # weight of ends and knots over F_l; misfit below which it is less
+DEFLECTION_STEP = 1e-5  # in units of the springs, for differences
+
+Family = Callable[[Array], Clock]  # laws by their scalars (k,)
+
+
+class CoursePoints(NamedTuple):
+    """Course and clock at 2 N Chebyshev points of each panel."""
+
+    course: Course
+    s: Array  # (T,)
+    bases: tuple[Array, Array, Array]  # (T, N) what a coefficient makes of deflections, rates, accelerations
+
+
+class BalanceState(NamedTuple):
+    """Coefficients, in units of the springs, and scalars, with what is out of balance."""
+
+    series: Array  # (panels, N, n_e)
+    scalars: Array  # (k,)
+    points: CoursePoints
+    balance: LoadedBalance
+
+    @property
+    def misfit(self) -> float:
+        """What is out of balance, over the largest load."""
+        return float(np.abs(self.balance.F).max() / self.balance.size)
+
+
+class Slopes(NamedTuple):
+    """What deflections, their rates and accelerations, and scalars change of the loads, along the panels."""
+
+    series: Array  # (panels, M, f d)
+    directions: int  # d
+
+    def at(self, size: int) -> Array:
+        """At `size` nodes of all panels, (panels size, f, d)."""
+        values = chebyshev.chebvander(nodes(size), self.series.shape[1] - 1) @ self.series
+        return np.asarray(values.reshape(len(self.series) * size, -1, self.directions))
+
+
+class BalanceEquations:
+    """Those of a path and a family of laws, with `steps` (k,) of the scalars for differences."""
+
+    def __init__(self, branch: Branch, family: Family, steps: Array) -> None:
+        self.branch, self.family, self.steps = branch, family, steps
+        self.units = spring_units(branch.robot)
+        self.stiffness = float((branch.robot.stiffness * self.units**2).max())  # of each spring, in its unit
+        self.orders = 3 if branch.robot.elastic_inertia or branch.robot.is_damped else 1
+
+    def at(
+        self, series: Array, scalars: Array, *, stiffer: float = 1.0, near: Array | None = None
+    ) -> BalanceState:
+        """The state with these unknowns, from configurations near (T, nq).
+
+        Raises:
+            NotAssembled: the deflections tear the loops.
+        """
+        points = self._points(series, scalars)
+        guess = self.branch.guess(points.s) if near is None else near
+        balance = balance_along(self.branch.robot, points.course, guess, stiffer=stiffer)
+        return BalanceState(series, scalars, points, balance)
+
+    def _points(self, series: Array, scalars: Array) -> CoursePoints:
+        clock, (panels, N, n_e) = self.family(scalars), series.shape
+        half = 0.5 * np.diff(clock.edges)[:, None]
+        s, rate, acceleration = clock.motion((clock.edges[:-1, None] + half * (nodes(2 * N) + 1.0)).ravel())
+        per = np.repeat(1.0 / half, 2 * N)
+        r, a = (per * rate)[:, None], (per * acceleration)[:, None]
+        values = np.asarray(chebyshev.chebvander(nodes(2 * N), N - 1))
+        value, slope, bend = (
+            np.tile(basis, (panels, 1))
+            for basis in (values, values @ derivative_matrix(N), values @ derivative_matrix(N, 2))
+        )
+        bases = np.asarray(value), np.asarray(r * slope), np.asarray(r**2 * bend + a * slope)
+        bent = [(basis.reshape(panels, 2 * N, N) @ series).reshape(-1, n_e) * self.units for basis in bases]
+        return CoursePoints(Course(*along(self.branch.path, s), *bent), s[0], bases)
+
+    def slopes(self, state: BalanceState) -> Slopes:
+        """What each unknown changes at a state.
+
+        Raises:
+            NotAssembled: a step tears the loops.
+        """
+        course, panels = state.points.course, len(state.series)
+        duration = self.family(state.scalars).law.duration
+        still = Course(*(np.zeros_like(part) for part in course))
+        directions, sizes = [], []
+        parts = (("l", DEFLECTION_STEP), ("dl", 1.0 / duration), ("ddl", duration**-2.0))
+        for part, size in parts[: self.orders]:
+            for k, unit in enumerate(self.units):
+                bent = np.zeros_like(course.l)
+                bent[:, k] = size * unit
+                directions.append(still._replace(**{part: bent}))
+                sizes.append(size)
+        for k, step in enumerate(self.steps):
+            change = step * np.eye(len(self.steps))[k]
+            more, less = (self._points(state.series, state.scalars + d).course for d in (change, -change))
+            directions.append(Course(*(0.5 * (a - b) for a, b in zip(more, less, strict=True))))
+            sizes.append(float(step))
+        changes = slopes_along(self.branch.robot, state.balance, directions) / np.array(sizes)
+        return Slopes(coefficients(changes.reshape(panels, len(changes) // panels, -1)), len(sizes))
+
+    def step(self, state: BalanceState, slopes: Slopes) -> tuple[Array, Array, float]:
+        """The step of series and scalars, and the misfit that it would leave if F were linear."""
+        series, F = state.series, state.balance.F.ravel()
+        matrix = self._matrix(state, slopes)
+        rest, moving = self._at_rest(state)
+        step = _least_squares(np.concatenate([matrix, rest]), -np.concatenate([F, moving]), series.size)
+        left = float(np.abs(matrix @ step + F).max() / state.balance.size)
+        return step[: series.size].reshape(series.shape), step[series.size :], left
+
+    def _matrix(self, state: BalanceState, slopes: Slopes) -> Array:
+        """What the unknowns change of F: (T n_e, panels N n_e + k)."""
+        panels, N, n_e = state.series.shape
+        change = np.einsum("tfe,tfd->ted", state.balance.Y, slopes.at(2 * N))
+        rows, columns = 2 * N * n_e, N * n_e
+        matrix = np.zeros((panels * rows, panels * columns + len(self.steps)))
+        for k in range(panels):
+            here = slice(2 * N * k, 2 * N * (k + 1))
+            block = np.zeros((2 * N, n_e, N, n_e))
+            for order, basis in enumerate(state.points.bases[: self.orders]):
+                F = change[here, :, order * n_e : (order + 1) * n_e]
+                block += F[:, :, None, :] * basis[here][:, None, :, None]
+            matrix[k * rows : (k + 1) * rows, k * columns : (k + 1) * columns] = block.reshape(rows, columns)
+        matrix[:, panels * columns :] = change[:, :, self.orders * n_e :].reshape(panels * rows, -1)
+        return matrix
+
+    def _at_rest(self, state: BalanceState) -> tuple[Array, Array]:
+        """What the unknowns change of rates at the ends and jumps at the knots, and what these are."""
+        panels, N, n_e = state.series.shape
+        duration = self.family(state.scalars).law.duration
+        basis, slope = (part.reshape(panels, 2 * N, N) for part in state.points.bases[:2])
+        rows = np.zeros((2 * panels, panels, N))
+        rows[0, 0], rows[1, -1] = duration * slope[0, 0], duration * slope[-1, -1]
+        for k in range(panels - 1):
+            for row, part in ((2 + 2 * k, basis), (3 + 2 * k, duration * slope)):
+                rows[row, k], rows[row, k + 1] = part[k, -1], -part[k + 1, 0]
+        weight = AT_REST * min(1.0, state.misfit / MISFIT_AT_REST) * state.balance.stiffer * self.stiffness
+        now = np.einsum("rpn,pne->re", rows, state.series).ravel()
+        matrix = np.einsum("rpn,ef->repnf", rows, np.eye(n_e)).reshape(len(now), -1)
+        return weight * np.pad(matrix, ((0, 0), (0, len(self.steps)))), weight * now
+
+
+def longer(series: Array, count: int) -> Array:
+    """The same functions (panels, N, n_e) with as many coefficients, or what is left of them with fewer."""
+    return np.pad(series[:, :count], ((0, 0), (0, max(count - series.shape[1], 0)), (0, 0)))
+
+
+def _least_squares(matrix: Array, right: Array, scalars_from: int) -> Array:
+    """y of least |matrix y - right| but for what is WEAK; columns of scalars weigh as much as others."""
+    from scipy.linalg import cho_factor, cho_solve
+
+    size = np.linalg.norm(matrix, axis=0)
+    size[:scalars_from] = np.maximum(size[:scalars_from], np.median(size[:scalars_from]))
+    size[size == 0.0] = 1.0  # a scalar that changes nothing
+    matrix = matrix / size
+    normal = matrix.T @ matrix
+    normal[np.diag_indices(len(normal))] += WEAK**2
+    try:
+        return np.asarray(cho_solve(cho_factor(normal), matrix.T @ right) / size)
+    except np.linalg.LinAlgError:  # rounding hides what is weak
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=WEAK)[0] / size)

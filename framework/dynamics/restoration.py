@@ -1,0 +1,172 @@
+"""Deflections that hold the forces they cause, with the least change of the law that lets them be smooth.
+
+Near the singular point of the loaded robot, deflections in balance look like l^2 + (s - s_0) l = eps; only
+eps = 0 lets a smooth l through: for that the law has one scalar a crossing. Both are found together by the
+method of Gauss and Newton on `balance_equations`. Nothing is divided by the measure of the singularity, and
+no second derivative is fed back from pass to pass. What a step cannot make better for want of coefficients
+gets more of them; where no step helps, springs are stiffer first and then softened.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.dynamics.balance_equations import BalanceEquations, BalanceState, Family, Slopes, longer
+from framework.dynamics.known_deflections import KnownDeflections
+from framework.dynamics.loaded_balance import spring_units
+from framework.dynamics.singularity_crossings import panel_edges
+from framework.errors import InvalidInput, NoAnswer, NotConverged
+from framework.kinematics.continuation.tracking import Branch
+from framework.motion.clock import Clock, InTime, OnParameter
+from framework.motion.law import MotionLaw
+from framework.motion.optimal_law import OptimalLaw
+
+FALLING, QUICKLY = 0.5, 0.1  # shares of the misfit that a step leaves: at most, and if slopes are still good
+SETTLED, ROUNDING = 3e-13, 1e-11  # misfit that is enough, and that may be all there is to be had
+UNRESOLVED = 1e-2  # largest misfit that may be for want of coefficients
+FIRST, FIRST_RATIO = (
+    48,
+    1.25,
+)  # coefficients at first; of an optimal law, over its degree
+FEWEST_MORE, MOST_MORE = 1.25, 2.0  # times the coefficients, when some are to be added
+MOST_UNKNOWNS, MOST_COEFFICIENTS = 4000, 400
+MOST_STEPS, SHORTEST = 12, 1 / 16  # with as many coefficients; of a step
+STIFFEST, SOFTENING, LEAST_SOFTENING = 32.0, 2.0, 1.1  # times the springs, and from one trial to the next
+
+
+class Restored(NamedTuple):
+    """Deflections, and the scalars of the law that they belong to."""
+
+    deflections: KnownDeflections
+    scalars: Array  # (k,)
+    misfit: float  # of the balance, over the largest load
+
+
+def restored(
+    branch: Branch, family: Family, steps: Array, first: int, start: KnownDeflections | None = None
+) -> Restored:
+    """Find deflections and scalars of the law in balance.
+
+    Args:
+        family: the law by its scalars, zero at first.
+        steps: by how much to change these for a difference (k,).
+        first: coefficients of the deflections at first.
+        start: deflections to begin with.
+
+    Raises:
+        NotConverged: no step brings them into balance, or the robot has redundant motors.
+        NotAssembled: the first deflections tear the loops.
+    """
+    robot, scalars = branch.robot, np.zeros(len(steps))
+    if robot.n_a > robot.n:
+        raise NotConverged(
+            f"{robot.name}: deflections under redundant motors are not unique where the passes do not settle",
+            residual=np.inf,
+        )
+    series = np.zeros((len(family(scalars).edges) - 1, first, robot.n_e))
+    if start is not None:
+        series = longer(start.series / spring_units(robot), first)
+    state = _resolved(equations := BalanceEquations(branch, family, steps), _held(equations, series, scalars))
+    deflections = KnownDeflections(family(state.scalars), state.series * equations.units)
+    return Restored(deflections, state.scalars, state.misfit)
+
+
+def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
+    """Find the deflections that a law makes as it is.
+
+    Raises:
+        As `restored`.
+    """
+    clock: Clock = InTime(law, panel_edges(branch.path, law))
+    first = FIRST
+    if isinstance(law, OptimalLaw):
+        clock, first = OnParameter(law, branch.path.knots), coefficients_for(law.degree)
+    return restored(branch, lambda _: clock, np.zeros(0), first).deflections
+
+
+def coefficients_for(degree: int) -> int:
+    """How many coefficients the deflections of an optimal law of this degree have at first."""
+    return int(FIRST_RATIO * degree) + 10
+
+
+def _held(equations: BalanceEquations, series: Array, scalars: Array) -> BalanceState:
+    """A state that only more coefficients can make better; by way of stiffer springs if need be.
+
+    Raises:
+        NotConverged: none is found.
+    """
+    state, held = _settled(equations, equations.at(series, scalars))
+    if held:
+        return state
+    known, held = _settled(equations, equations.at(0.0 * series, scalars, stiffer=STIFFEST))
+    stiffer, softening = STIFFEST, SOFTENING
+    while held and softening > LEAST_SOFTENING:
+        softer = max(stiffer / softening, 1.0)
+        start = equations.at(known.series * (stiffer / softer), known.scalars, stiffer=softer)
+        state, settles = _settled(equations, start)
+        if settles and softer == 1.0:
+            return state
+        if settles:
+            known, stiffer = state, softer
+        else:
+            softening = np.sqrt(softening)
+    springs = f"springs {stiffer:.2g} times as stiff {'do' if held else 'do not either'}"
+    raise NotConverged(
+        f"{equations.branch.robot.name}: no deflections found that hold the forces they cause, under the law "
+        f"tried or one near it; {springs}",
+        residual=state.misfit,
+    )
+
+
+def _settled(equations: BalanceEquations, state: BalanceState) -> tuple[BalanceState, bool]:
+    """The state after all steps that help, and whether only more coefficients can help it."""
+    slopes: Slopes | None = None
+    for _ in range(MOST_STEPS):
+        fresh = slopes is None
+        slopes = equations.slopes(state) if slopes is None else slopes
+        bent, changed, left = equations.step(state, slopes)
+        if state.misfit <= SETTLED or (left > FALLING * state.misfit and state.misfit <= UNRESOLVED):
+            return state, True
+        new = _moved(equations, state, bent, changed)
+        if new is None and fresh:
+            break
+        if new is None or new.misfit > QUICKLY * state.misfit:
+            slopes = None
+        state = new or state
+    return state, False
+
+
+def _resolved(equations: BalanceEquations, state: BalanceState) -> BalanceState:
+    """The state with more coefficients, until its balance is settled or no more are to be had."""
+    most = min(MOST_COEFFICIENTS, MOST_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
+    before, held = np.inf, True
+    while held and SETTLED < state.misfit < max(FALLING * before, ROUNDING) and state.series.shape[1] < most:
+        before = state.misfit
+        more = np.clip(np.log(SETTLED) / np.log(before), FEWEST_MORE, MOST_MORE)
+        count = min(int(more * state.series.shape[1]) + 1, most)
+        state, held = _settled(equations, equations.at(longer(state.series, count), state.scalars))
+    return state
+
+
+def _moved(
+    equations: BalanceEquations, state: BalanceState, bent: Array, changed: Array
+) -> BalanceState | None:
+    """The state after a step, halved until it helps; None if it does not."""
+    share = 1.0
+    while share >= SHORTEST:
+        try:
+            new = equations.at(
+                state.series + share * bent,
+                state.scalars + share * changed,
+                stiffer=state.balance.stiffer,
+                near=state.balance.loaded.motion.q,
+            )
+            if new.misfit < (1.0 - 0.1 * share) * state.misfit:
+                return new
+        except (NoAnswer, InvalidInput):  # loops are torn, or the law stands still
+            pass
+        share *= 0.5
+    return None

@@ -1,0 +1,59 @@
+"""Deflections and law found together: balance, rest at both ends, and one answer whatever it started from."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from framework import CrossingPlan, plan_crossing
+from framework.dynamics.balance_equations import BalanceEquations
+from framework.dynamics.inverse_dynamics import resolve_law
+from framework.dynamics.restoration import deflections_of
+from framework.singularity.points_on_path import search_path
+from tests.benchmarks.upright_robots import drawn, is_right, judged
+
+KINDS = {"light five-bar": 7, "heavy five-bar": 1, "orthoglide": 5}  # none has a polynomial that advances
+
+
+@cache
+def planned(kind: str) -> CrossingPlan:
+    """An upright robot with elastic drives and links, across its locus."""
+    asked = drawn(KINDS[kind])
+    return plan_crossing(asked.robot(1.0), asked.path, duration=asked.duration, law="optimal")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_equations_of_motion_hold_beside_the_crossing_too(kind):
+    assert is_right(judged(planned(kind)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_motion_begins_and_ends_at_rest(kind):
+    plan = planned(kind)
+    quickest = np.abs(plan.dynamics.deflection(np.linspace(0.0, plan.duration, 201), 1)).max(axis=0)
+    for t in (0.0, plan.duration):
+        assert np.all(np.abs(plan.dynamics.deflection(t, 1)) <= 1e-4 * quickest)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_law_alone_has_the_torques_that_were_planned_with_it(kind):
+    plan = planned(kind)
+    searched = search_path(plan.robot, plan.path)
+    again = resolve_law(searched, plan.law, geometry="deformed", tolerance=1e-10, friction="driven")
+    t = np.linspace(0.0, plan.duration, 101)
+    assert np.abs(again.torque(t) - plan.torque(t)).max() <= 1e-7 * np.abs(plan.torque(t)).max()
+
+
+def test_one_step_squares_a_small_error():
+    plan = planned("light five-bar")
+    branch = search_path(plan.robot, plan.path).branch
+    known = deflections_of(branch, plan.law)
+    equations = BalanceEquations(branch, lambda _: known.clock, np.zeros(0))
+    series = known.series / equations.units
+    falling = (1.0 + np.arange(series.shape[1])[:, None]) ** -4.0
+    off = 1e-3 * np.abs(series).max() * falling * np.random.default_rng(0).normal(size=series.shape)
+    state = equations.at(series + off, np.zeros(0))
+    bent, _, _ = equations.step(state, equations.slopes(state))
+    assert equations.at(state.series + bent, np.zeros(0)).misfit <= 1e-3 * state.misfit
