@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path as FilePath
 from textwrap import wrap
@@ -66,33 +67,14 @@ def plot_map(
         workspace, quantity, entries=2 + sum(map(bool, _about_locus(workspace))) + int(lost.any())
     )
     ax, scale = _axes(workspace, header) if ax is None else (ax, None)
-    palette, norm = colours(workspace, key)
-    values = workspace.values[key]
     edges = [cell_edges(span) for span in workspace.window.spans]
     ax.set_facecolor(UNREACHED)
     if lost.any():
         shade = np.ma.masked_where(~lost, lost)
         ax.pcolormesh(*edges, shade.T, cmap=ListedColormap([NOT_CARRIED]), rasterized=True, linewidth=0)
-    mesh = ax.pcolormesh(
-        *edges, np.ma.masked_invalid(values).T, cmap=palette, norm=norm, rasterized=True, linewidth=0
-    )
-    finite = values[np.isfinite(values)]
-    below, above = (
-        bool(finite.size) and finite.min() < norm.vmin,
-        bool(finite.size) and finite.max() > norm.vmax,
-    )
-    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
-    beside = {"ax": ax, "pad": 0.03} if scale is None else {"cax": scale}
-    bar = ax.figure.colorbar(mesh, extend=extend[below, above], **beside)
-    bar.set_label(f"[{unit_of(robot, quantity)}]")
+    _draw_values(workspace, quantity, edges, ax, scale)
     halo = [withStroke(linewidth=2.8, foreground="white")]
-    for k, curve in enumerate(workspace.locus.curves):
-        label = "singular locus (Type 2)" if k == 0 else None
-        ax.plot(*curve.x.T, color=LOCUS, linewidth=1.4, path_effects=halo, label=label)
-    if len(workspace.locus.unexplained):
-        ax.plot(*workspace.locus.unexplained.T, "x", color=LOCUS, markersize=3, label=UNEXPLAINED)
-    if workspace.locus.why_not:
-        ax.plot([], [], " ", label=NOT_TRACED)
+    _draw_locus(workspace, ax, halo)
     axes = list(workspace.window.axes)
     if path is not None:
         line = path(np.linspace(0.0, 1.0, PATH_SAMPLES))[:, axes]
@@ -107,6 +89,34 @@ def plot_map(
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor="#9aa4af", label="not reached")
     _frame(workspace, header, ax)
     return ax
+
+
+def _draw_values(
+    workspace: WorkspaceMap, quantity: Quantity, edges: Sequence[Array], ax: Axes, scale: Axes | None
+) -> None:
+    """Draw the values of a quantity as colours, and their scale on axes of its own or beside the map."""
+    palette, norm = colours(workspace, quantity.key)
+    values = workspace.values[quantity.key]
+    mesh = ax.pcolormesh(
+        *edges, np.ma.masked_invalid(values).T, cmap=palette, norm=norm, rasterized=True, linewidth=0
+    )
+    finite = values[np.isfinite(values)]
+    below = bool(finite.size) and finite.min() < norm.vmin
+    above = bool(finite.size) and finite.max() > norm.vmax
+    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
+    beside = {"ax": ax, "pad": 0.03} if scale is None else {"cax": scale}
+    bar = ax.figure.colorbar(mesh, extend=extend[below, above], **beside)
+    bar.set_label(f"[{unit_of(workspace.robot, quantity)}]")
+
+
+def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> None:
+    for k, curve in enumerate(workspace.locus.curves):
+        label = "singular locus (Type 2)" if k == 0 else None
+        ax.plot(*curve.x.T, color=LOCUS, linewidth=1.4, path_effects=halo, label=label)
+    if len(workspace.locus.unexplained):
+        ax.plot(*workspace.locus.unexplained.T, "x", color=LOCUS, markersize=3, label=UNEXPLAINED)
+    if workspace.locus.why_not:
+        ax.plot([], [], " ", label=NOT_TRACED)
 
 
 class _Header(NamedTuple):

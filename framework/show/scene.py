@@ -110,20 +110,25 @@ def _film_document(film: Film, curves_about: CurvesAbout, limit: Array) -> dict[
         "lines": _action_lines(film),
         "t_s": _arrows(platform_twists(robot, film.q, film.t_s)),
         "W_p": _arrows(platform_wrenches(robot, film.q, film.W_p)),
-        "instants": [
-            {
-                "time": instant.time,
-                "wrench": float(np.copysign(instant.wrench, np.interp(instant.time, film.time, power))),
-                "how": how(film, instant),
-                "place": _nearest(platform, film.time, instant.time),
-                "where": f"{', '.join(robot.axis_names)} = {point(instant.platform)}",
-            }
-            for instant in film.instants
-        ],
+        "instants": _instants(film, platform, power),
         "springs": _springs(film, document["length"]),
         "locus": _locus(film, platform, curves_about),
     }
     return document
+
+
+def _instants(film: Film, platform: Array, power: Array) -> list[dict[str, Any]]:
+    """Return the singular instants, with the platform's places and t_s . W_p (F,) of all frames."""
+    return [
+        {
+            "time": instant.time,
+            "wrench": float(np.copysign(instant.wrench, np.interp(instant.time, film.time, power))),
+            "how": how(film, instant),
+            "place": _nearest(platform, film.time, instant.time),
+            "where": f"{', '.join(film.robot.axis_names)} = {point(instant.platform)}",
+        }
+        for instant in film.instants
+    ]
 
 
 def drawn_robot(robot: ParallelRobot, poses: Array) -> dict[str, Any]:

@@ -136,6 +136,12 @@ def by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integrati
             task.advanced(float(edges[k + 1] / task.duration))
     q, v = (np.array(part) for part in zip(*states, strict=True))
     missed = _left_out(robot, v, h)
+    _check_resolved(robot, missed, h)
+    trajectory = Cubics(robot, edges[: len(q)], q, v)
+    return Integration(trajectory, np.array(work), exchanged, tuple(occurred), missed, len(q) - 1)
+
+
+def _check_resolved(robot: ParallelRobot, missed: float, h: float) -> None:
     if missed > FIXED_STEP_ERROR:
         enough = h * (0.1 * FIXED_STEP_ERROR / missed) ** 0.5
         raise NotConverged(
@@ -143,8 +149,6 @@ def by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integrati
             f"out; take steps of {enough:.1g} s, or method stiff",
             residual=missed,
         )
-    trajectory = Cubics(robot, edges[: len(q)], q, v)
-    return Integration(trajectory, np.array(work), exchanged, tuple(occurred), missed, len(q) - 1)
 
 
 def _left_out(robot: ParallelRobot, v: Array, h: float) -> float:

@@ -120,17 +120,11 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     linearised = closed.linearised
     escaping = escaping_motions(robot, linearised)
     rest = _motions_of_a_locked_platform(robot, linearised)
-    motors = np.linalg.svd(rest[:, : robot.n_a], compute_uv=False) if len(rest) else np.zeros(0)
     gained = max(escaping.freedoms - robot.n, 0)
     kinds = set(escaping.kinds)
-    moving_motors = int(np.sum(motors > RANK_LOST))
-    legs: tuple[str, ...] = ()
-    if moving_motors > gained:
+    is_type_1, legs = _type_1(robot, rest[:, : robot.n_a], gained)
+    if is_type_1:
         kinds.add("type_1")
-        share = np.linalg.norm(rest[:, : robot.n_a], axis=0)
-        legs = tuple(
-            name for name, size in zip(robot.actuator_names, share, strict=True) if size > RANK_LOST**0.5
-        )
     if escaping.corank and _is_singular_everywhere(robot, closed.q[0]):
         kinds.add("architectural")
     contact = ""
@@ -161,6 +155,20 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
         pressure_angle=distances.pressure_angle[0],
         transmission_angle=distances.transmission_angle[0],
     )
+
+
+def _type_1(robot: ParallelRobot, rates: Array, gained: int) -> tuple[bool, tuple[str, ...]]:
+    """Return whether motors move a resting platform by more than the gained freedoms, and their names.
+
+    Args:
+        rates: (k, n_a) of the motors in the motions of a locked platform.
+    """
+    values = np.linalg.svd(rates, compute_uv=False) if len(rates) else np.zeros(0)
+    if int(np.sum(values > RANK_LOST)) <= gained:
+        return False, ()
+    share = np.linalg.norm(rates, axis=0)
+    moving = zip(robot.actuator_names, share, strict=True)
+    return True, tuple(name for name, size in moving if size > RANK_LOST**0.5)
 
 
 def _motions_of_a_locked_platform(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
