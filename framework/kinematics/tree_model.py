@@ -179,10 +179,10 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
     exceeded = {}
     for joint, coordinate, lower, upper, unit in limits:
         least, largest = float(np.min(q[:, coordinate])), float(np.max(q[:, coordinate]))
-        beyond = []
-        if least < lower - SAME_PLACE:
+        beyond, slack = [], SAME_PLACE * max(abs(lower), abs(upper))
+        if least < lower - slack:
             beyond.append(f"{least:.6g} {unit} of {lower:.6g}")
-        if largest > upper + SAME_PLACE:
+        if largest > upper + slack:
             beyond.append(f"{largest:.6g} {unit} of {upper:.6g}")
         if beyond:
             exceeded[joint] = "position " + " and ".join(beyond)

@@ -18,6 +18,7 @@ from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.locus.traced_locus import REGION_REACH, trace_locus
+from framework.tolerances import SAME_PLACE
 
 NEWTON_STEPS = 10  # Newton steps to a neighbouring point
 MAX_JOINT_STEP = 0.5  # [rad, lengths] that a step may move a joint by
@@ -26,7 +27,6 @@ PATCH_SIZE = 0.12  # half an edge of the patch, in lengths of the robot
 MAX_PATCH_HEIGHT = 0.2  # [robot lengths] over its plane: a steeper patch is left out
 DIFFERENCE_STEP = 1e-4  # [robot lengths] for the slope of g
 SECANT_STEPS, MIN_SECANT_STEP = 5, 1e-9  # of points pulled onto the locus; over the largest height
-HELD_COORDINATE_ROUNDING = 1e-9  # [m, rad]
 
 
 class LocusCurves(NamedTuple):
@@ -41,9 +41,8 @@ class LocusCurves(NamedTuple):
         """Whether these are the curves about x (T, n) too: the same held coordinates, well inside."""
         off = np.abs(x - self.about)
         held = np.delete(off, self.axes, axis=1)
-        return bool(
-            held.max(initial=0.0) < HELD_COORDINATE_ROUNDING and off[:, self.axes].max() < 0.5 * self.reach
-        )
+        kept = held.max(initial=0.0) < SAME_PLACE * self.reach
+        return bool(kept and off[:, self.axes].max() < 0.5 * self.reach)
 
 
 class _Reached(NamedTuple):

@@ -168,6 +168,7 @@ def _axes(workspace: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
 def lies_in(workspace: WorkspaceMap, path: Path) -> bool:
     """Whether a path keeps the coordinates that the map holds."""
     apart = np.abs(path(np.linspace(0.0, 1.0, PATH_SAMPLES)) - workspace.window.held)
+    apart /= workspace.robot.platform_scale
     return bool(np.delete(apart, workspace.window.axes, axis=1).max(initial=0.0) < SAME_PLACE)
 
 
