@@ -77,5 +77,5 @@ def map_axes(robot: ParallelRobot, names: tuple[str, str] | None = None) -> tupl
 
 
 def held_coordinates(robot: ParallelRobot, point: ArrayLike | None) -> Array:
-    """Return the point about which a map lies: `at` (n,), the reference by default."""
+    """Return the point about which a map lies: `point` (n,), the reference by default."""
     return robot.reference.x if point is None else finite_numbers("at", point, robot.n)

@@ -91,7 +91,7 @@ def rotations(placements: Array) -> Array:
 
 
 def frame_motions(mechanism: Mechanism, frames: FrameStack, q: Array, v: Array) -> FrameMotions:
-    """Compute twists and drift accelerations of the frames `at` q (T, nq) with joint rates v (T, nv)."""
+    """Compute twists and drift accelerations of the `frames` at q (T, nq) with joint rates v (T, nv)."""
     model, scratch = mechanism.model, scratch_of(mechanism)
     data, velocities, accelerations = scratch.data, scratch.velocities, scratch.accelerations
     rest = np.zeros(model.nv)

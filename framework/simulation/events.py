@@ -47,7 +47,7 @@ def occurrences(
 ) -> list[Occurrence]:
     """Find events between two instants in order of time, up to the first terminal one.
 
-    `seen` carries the last values from one call to the next: rounding must not lose a zero between two steps.
+    `last_values` are carried from one call to the next: rounding must not lose a zero between two steps.
     The function is looked at `looks` times on the way: two zeros between neighbouring looks go unseen.
     """
     from scipy.optimize import brentq

@@ -142,7 +142,7 @@ class RobotStack:
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 
     def at_other_velocities(self, terms: Terms, q: Array, v: Array) -> Terms:
-        """Return the terms `at` configurations q (R, nq) for other velocities v (R, nv)."""
+        """Return the terms `terms` at configurations q (R, nq) for other velocities v (R, nv)."""
         bias, dJ = np.empty_like(terms.bias), np.empty_like(terms.tree_rate)
         model, data = self.robots[0].model, scratch_of(self.robots[0]).data
         several = len(self.robots) > 1

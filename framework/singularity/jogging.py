@@ -111,8 +111,8 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
     """Compute the motion along t_s that the motors hardly notice; None where the loops open on it.
 
     With the motors locked the loops allow it to first order. It is made with the loops closed exactly; then
-    the motors move, by the square of what the platform does. `way`: how far the platform goes, in lengths of
-    the robot.
+    the motors move, by the square of what the platform does. `shift`: how far the platform goes, in robot
+    lengths.
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))

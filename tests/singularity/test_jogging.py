@@ -153,7 +153,7 @@ def test_on_the_locus_the_platform_moves_along_t_s_and_the_motors_by_the_square_
     on = move_platform(robot, middle.q, 1, float(np.sqrt(0.06)))
     travel = []
     for way in (0.04, 0.02, 0.01):
-        loose = loose_motion(robot, on, way=way)
+        loose = loose_motion(robot, on, shift=way)
         assert loose.shift == pytest.approx(way * robot.length)
         np.testing.assert_allclose(loose.q[4], on.q, atol=1e-12)
         assert max(gap(robot, q) for q in loose.q) < 1e-9

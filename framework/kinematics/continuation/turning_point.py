@@ -65,7 +65,7 @@ def turning_points(
 
     Args:
         columns: the joints (k,) that follow.
-        given: (T, nv) by how much the others move on the whole way.
+        turn: (T, nv) by how much the others move on the whole way.
         evaluate: F at configurations (T, nq) and shares (T,), outside [0, 1] as well while it is searched.
     """
     scale, count = robot.column_scale, len(q)
