@@ -128,18 +128,30 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str]) -> Resolve
 
 
 def _part(description: RobotDescription, tree: UrdfTree) -> str:
-    """The option that takes one branch of a robot with loops of its own, such as a leg; empty without any."""
+    """The option that takes one of several parts with loops of their own, such as a leg; empty if none."""
     motors = [tree.path_to_base(tree.joints[a.joint].child) for a in description.actuators]
-    loops = [
-        [tree.path_to_base(tree.link_of(frame)) for frame in closure.frames]
-        for closure in description.closures
-    ]
+    pairs = [closure.frames for closure in description.closures]
+    loops = [[tree.path_to_base(tree.link_of(frame)) for frame in frames] for frames in pairs]
     for joint in sorted(tree.joints.values(), key=lambda joint: len(tree.path_to_base(joint.child))):
         within = {sum(joint in path for path in ends) for ends in loops}
         driven = sum(joint in path for path in motors)
         if 1 < driven < len(motors) and within == {0, 2}:
             return f"take a part of the robot (such as --base {joint.child}), "
-    return ""
+    first, *others = _loops_apart(description, tree) or [[]]
+    held = [name for joints in others for name in joints]
+    return f"hold the loops beside those of {first[0]} (such as --lock {' '.join(held)}), " if held else ""
+
+
+def _loops_apart(description: RobotDescription, tree: UrdfTree) -> list[list[str]]:
+    """The joints of loops that share some, group by group."""
+    groups: list[list[str]] = []
+    for closure in description.closures:
+        chains = tree.moving_chains(*map(tree.link_of, closure.frames))
+        joints = [joint.name for chain in chains for joint in chain]
+        sharing = [group for group in groups if set(group) & set(joints)]
+        groups = [group for group in groups if group not in sharing]
+        groups.append(list(dict.fromkeys([*(name for group in sharing for name in group), *joints])))
+    return groups
 
 
 def _within_limits(description: RobotDescription) -> tuple[_Motions, list[str]] | None:

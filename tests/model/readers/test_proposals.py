@@ -5,9 +5,10 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from framework import ParallelRobot, check_robot
+from framework import Line, ParallelRobot, check_robot, plan_crossing
 from framework.errors import RobotFileError
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.readers.recognise import parse_any
@@ -137,3 +138,61 @@ def test_the_only_urdf_beside_a_yaml_is_its_own(tmp_path):
     for name, renamed in (("robot.yaml", "robot.yaml"), ("robot.urdf", "model_full_v2.urdf")):
         (tmp_path / renamed).write_text((DATA / "gepetto" / name).read_text())
     assert parse_any(tmp_path / "robot.yaml", propose=propose).dialect == "gepetto"
+
+
+def test_frames_place_and_class_what_they_hold(tmp_path):
+    """The right leg of the five-bar in two frames, one of which turns it and one of which is a class."""
+    start, end = FIVE_BAR.index('<body name="right_crank"'), FIVE_BAR.index("  </worldbody>")
+    leg = FIVE_BAR[start:end]
+    for old, new in (
+        ('pos="0.2 0 0"', 'pos="0.1 0.05 0" axisangle="0 0 1 -0.7"'),
+        ('childclass="passive"', ""),
+        ('<joint name="right_elbow"/>', '<frame childclass="passive"><joint name="right_elbow"/></frame>'),
+        (
+            '<site name="right_tip" pos="0.25 0 0"/>',
+            '<frame pos="0.2 0 0"><site name="right_tip" pos="0.05 0 0"/></frame>',
+        ),
+    ):
+        assert old in leg
+        leg = leg.replace(old, new)
+    cosine, sine = np.cos(0.7), np.sin(0.7)
+    x, y = 0.2 - (0.1 * cosine - 0.05 * sine), -(0.1 * sine + 0.05 * cosine)
+    frame = f'<frame pos="{x} {y} 0" euler="0 0 0.7">{leg}</frame>'
+    framed = proposed(tmp_path, FIVE_BAR[:start] + frame + FIVE_BAR[end:]).description
+    plain = proposed(tmp_path, FIVE_BAR).description
+    robots = [ParallelRobot.from_description(each) for each in (framed, plain)]
+    assert robots[0].reference.x == pytest.approx(robots[1].reference.x, abs=1e-9)
+    line = Line([0.1, 0.345], [0.05, 0.3])
+    torques = [plan_crossing(robot, line, duration=1.0).torque(0.4) for robot in robots]
+    assert torques[0] == pytest.approx(torques[1], rel=1e-9)
+
+
+def test_copies_in_the_world_are_not_read_and_copies_in_a_body_are_refused(tmp_path):
+    copies = '<replicate count="5" offset="0.1 0 0"><body><freejoint/><geom size="0.01"/></body></replicate>'
+    text = FIVE_BAR.replace("<worldbody>", f"<worldbody>{copies}")
+    assert proposed(tmp_path, text).description.closures == proposed(tmp_path, FIVE_BAR).description.closures
+    inside = '<joint name="left_elbow"/>'
+    with pytest.raises(RobotFileError, match="copies in a body"):
+        proposed(tmp_path, FIVE_BAR.replace(inside, inside + copies))
+
+
+def test_of_two_legs_that_stand_on_one_body_the_other_is_held_as_the_refusal_says(tmp_path):
+    root = ElementTree.fromstring(FIVE_BAR)
+    root.remove(root.find("keyframe"))
+    world = root.find("worldbody")
+    for body in world.findall("body"):
+        world.remove(body)
+        world.extend(_named(body, side) for side in ("a", "b"))
+    for section in ("equality", "actuator"):
+        elements = root.find(section)
+        for element in list(elements):
+            elements.remove(element)
+            elements.extend(_named(element, side) for side in ("a", "b"))
+    text = ElementTree.tostring(root, encoding="unicode")
+    with pytest.raises(
+        RobotFileError, match=r"hold the loops beside those of \w+ \(such as --lock "
+    ) as caught:
+        proposed(tmp_path, text)
+    names = str(caught.value).partition("--lock ")[2].partition(")")[0].split()
+    taken = proposed(tmp_path, text, locked=dict.fromkeys(names)).description
+    assert ParallelRobot.from_description(taken).n == 2

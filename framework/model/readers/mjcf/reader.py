@@ -21,6 +21,7 @@ from framework.model.readers.left_out import LeftOut
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.mjcf.bodies import WORLD, Bodies
 from framework.model.readers.mjcf.equalities import loops_of
+from framework.model.readers.mjcf.frames import without_frames
 from framework.model.readers.mjcf.includes import with_includes
 from framework.model.readers.mjcf.motors import motors_of, reference_of
 from framework.model.readers.mjcf.settings import CompilerSettings
@@ -61,6 +62,7 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
     if not worlds:
         raise RobotFileError("<worldbody> is missing")
     for world in worlds:
+        without_frames(bodies.settings, world)
         bodies.body_content(world, WORLD, None, 0)
     if sum(len(section) for section in root.findall("equality")) > MAX_LOOPS:
         raise RobotFileError(f"<equality>: at most {MAX_LOOPS} equalities are read")
