@@ -17,6 +17,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
+from tqdm import tqdm
+
 from tests.benchmarks.tolerance_audit.constants import (
     Change,
     Constant,
@@ -124,7 +126,8 @@ def planned(scenes: Sequence[Scene], change: Change | None = None) -> Run:
     if change is not None:
         change_on_import(change)
     loaded: dict[tuple[str, str], Any] = {}
-    outcomes = {scene.name: _outcome(scene, loaded) for scene in scenes}
+    progress = tqdm(scenes, desc="unchanged", unit="scene", leave=False, disable=change is not None)
+    outcomes = {scene.name: _outcome(scene, loaded) for scene in progress}
     return Run(outcomes, time.process_time() - began)
 
 
@@ -133,7 +136,8 @@ def watched(scenes: Sequence[Scene], constants: Sequence[Constant]) -> dict[str,
     watch_on_import(constants)
     import framework  # noqa: F401 - for all scenes, each of which is planned in a further process
 
-    return {scene.name: in_a_process(_watching, scene) for scene in scenes}
+    progress = tqdm(scenes, desc="watched", unit="scene", leave=False)
+    return {scene.name: in_a_process(_watching, scene) for scene in progress}
 
 
 def _watching(scene: Scene) -> Watching:
