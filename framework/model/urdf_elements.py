@@ -19,7 +19,7 @@ from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, short
 from framework.model.description import Coupling
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
-from framework.model.xml_reading import attribute, axis_of, numbers, origin_numbers, origin_of, required
+from framework.model.xml_reading import attribute, axis_of, child_element, numbers, origin_numbers, origin_of
 from framework.tolerances import POINT_BODY_GYRATION
 
 MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom
@@ -162,7 +162,7 @@ def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
         raise RobotFileError(f"{where}: {choose_from('type', kind, JOINT_TYPES)}")
     ends = []
     for end in ("parent", "child"):
-        link = attribute(required(element, where, end), f"{where}: <{end}>", "link")
+        link = attribute(child_element(element, where, end), f"{where}: <{end}>", "link")
         if link not in links:
             raise RobotFileError(f"{where}: {end}: {choose_from('link', link, links)}")
         ends.append(link)
@@ -174,7 +174,7 @@ def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
         direction = axis_of(axis, f"{where}: <axis>")
     limit = element.find("limit")
     if kind in ("revolute", "prismatic"):
-        limit = required(element, where, "limit")
+        limit = child_element(element, where, "limit")
         for key in ("effort", "velocity"):
             attribute(limit, f"{where}: <limit>", key)
     if kind in MOVING and limit is not None:
@@ -205,11 +205,11 @@ def check_link(link: ElementTree.Element, extent: float) -> None:
     if inertial is None:
         return
     origin_numbers(inertial.find("origin"), f"{where}: <inertial> <origin>")
-    mass = required(inertial, f"{where}: <inertial>", "mass")
+    mass = child_element(inertial, f"{where}: <inertial>", "mass")
     (kilograms,) = numbers(f"{where}: <mass>", attribute(mass, f"{where}: <mass>", "value"), 1)
     if kilograms < 0:
         raise RobotFileError(f"{where}: <mass>: must not be negative, got {short(mass.get('value'))}")
-    inertia = required(inertial, f"{where}: <inertial>", "inertia")
+    inertia = child_element(inertial, f"{where}: <inertial>", "inertia")
     values = [
         numbers(f"{where}: <inertia> {key}", attribute(inertia, f"{where}: <inertia>", key), 1)[0]
         for key in ENTRIES

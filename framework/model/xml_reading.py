@@ -57,8 +57,8 @@ def only(
             raise RobotFileError(f"{where}: {choose_from('attribute', attribute, attributes)}")
 
 
-def required(element: ElementTree.Element, where: str, tag: str) -> ElementTree.Element:
-    """Return the child with this tag."""
+def child_element(element: ElementTree.Element, where: str, tag: str) -> ElementTree.Element:
+    """Return the child with this tag; raise RobotFileError where it is missing."""
     found = element.find(tag)
     if found is None:
         given = ", ".join(f"<{child.tag}>" for child in element) or "nothing"

@@ -94,7 +94,7 @@ def test_the_designs_are_the_grid_of_all_values_or_the_rows_of_a_table(tmp_path)
         ("l3\n1\n", "unknown parameter"),
         ("l1\nx\n", "table.csv"),
         ("l1\n", "line of values"),
-        ("l1,l1\n1,2\n", "twice"),
+        ("l1,l1\n1,2\n", "each parameter once"),
         ("l1,l2\n1\n", "table.csv"),
         ("l1\ninf\n", "finite"),
     ):

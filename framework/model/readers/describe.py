@@ -18,7 +18,7 @@ from framework.model.description import (
 )
 from framework.model.readers.base_link import couplings_of_the_rest, lock, lock_all_but, loops_of_the_rest
 from framework.model.readers.left_out import LeftOut, left_out_of
-from framework.model.readers.missing_fields import Known, Options, checked_reference, resolve
+from framework.model.readers.missing_fields import Known, Options, checked_reference, completed_description
 from framework.model.readers.transmissions import Motor, actuators_of
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_keys import joint_dynamics
@@ -76,7 +76,7 @@ def describe(
         reference={name: value for name, value in near.items() if name in tree.coordinates},
     )
     known = Known(tree, description, platform, tuple(likely_motors))
-    resolved = resolve(options, known)
+    resolved = completed_description(options, known)
     description = replace(
         resolved.description,
         urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
@@ -97,7 +97,7 @@ def _check_closures(closures: Sequence[Closure]) -> None:
 
 
 def _no_loop(options: Options, closure: Closure | None) -> RobotFileError:
-    """What to say where nothing is left of the loops of a file."""
+    """Return the error where nothing is left of the loops of a file."""
     if options.base is not None:
         return RobotFileError(f"--base: no loop moves that link {options.base!r} carries")
     if closure is None or options.locked:
@@ -118,6 +118,6 @@ def _name(root: ElementTree.Element, file: Path) -> str:
 
 
 def _acting(tree: UrdfTree, joints: Mapping[str, JointDynamics]) -> dict[str, JointDynamics]:
-    """What acts on the coordinates that move: what the reader of the dialect says, else <dynamics>."""
+    """Return springs, damping and friction of the coordinates that move: the dialect's, or <dynamics>."""
     declared = joint_dynamics(declared_dynamics(tree.root), {})
     return {name: value for name, value in {**declared, **joints}.items() if name in tree.coordinates}

@@ -1,4 +1,4 @@
-"""What a foreign file says and the records do not hold: named with what it is worth, where it matters."""
+"""Content of a foreign file that the records do not hold, named with its size where it matters."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class LeftOut(NamedTuple):
 
 
 def left_out_of(tree: UrdfTree, items: Iterable[LeftOut]) -> tuple[str, ...]:
-    """What is left out of the parts that still move, each once.
+    """Return what is left out of the parts that still move, each once.
 
     Raises:
         RobotFileError: it decides how they move.

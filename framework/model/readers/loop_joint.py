@@ -23,7 +23,7 @@ from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.transmissions import Motor
 from framework.model.readers.urdf_tree import UrdfTree
-from framework.model.xml_reading import attribute, axis_of, only, origin_of, required
+from framework.model.xml_reading import attribute, axis_of, child_element, only, origin_of
 
 ELEMENTS = ("loop_joint",)
 _OTHERS = ("fixed_frame",)
@@ -51,7 +51,7 @@ def read_loop_joints(file: Path, root: ElementTree.Element, options: Options) ->
 def _fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
     name = attribute(element, "<fixed_frame>", "name")
     where = f"fixed_frame {name!r}"
-    parent = attribute(required(element, where, "parent"), f"{where}: <parent>", "link")
+    parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
     tree.add_frame(
         name, tree.link(f"{where}: <parent>", parent), origin_of(element.find("origin"), f"{where}: <origin>")
     )
@@ -68,7 +68,7 @@ def _loop_joint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
         raise RobotFileError(f"{where}: {choose_from('type', given, _KINDS)}")
     kind, turn = _KINDS[given.lower()], np.eye(3)
     if kind in ("revolute", "prismatic"):
-        turn = turning("z", axis_of(required(element, where, "axis"), f"{where}: <axis>"))
+        turn = turning("z", axis_of(child_element(element, where, "axis"), f"{where}: <axis>"))
     ends = [child for child in element if child.tag in ("link1", "link2")]
     if len(ends) != 2:
         raise RobotFileError(f"{where}: needs two links (<link1>, <link2>), got {len(ends)}")

@@ -1,4 +1,4 @@
-"""What a foreign file leaves out - platform, axes, motors, reference - and a person must say or agree to."""
+"""Platform, axes, motors and reference that a foreign file leaves out: a person must say or agree to them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _MAX_LISTED_NAMES = 24
 
 
 class Known(NamedTuple):
-    """What a file says of a robot whose platform or motors it may leave out."""
+    """The content of a file that may leave out platform and motors."""
 
     tree: UrdfTree
     description: RobotDescription  # its platform is the base on no axes, its motors those of the file
@@ -31,7 +31,7 @@ class Resolved(NamedTuple):
 
 @dataclass(frozen=True)
 class Options:
-    """What was said beside the file; None is left to the file.
+    """The options given beside the file; None leaves it to the file.
 
     `reference` [rad, m] goes by the names of joints, of a ball J by J_rx, J_ry, J_rz (a rotation vector); a
     foreign file's zero pose is the reference unless it says something else. `locked` [rad, m] holds joints,
@@ -56,8 +56,8 @@ class Options:
 Propose = Callable[[Options, Known], Resolved]
 
 
-def resolve(options: Options, known: Known) -> Resolved:
-    """What the options say, else the file, else what is proposed.
+def completed_description(options: Options, known: Known) -> Resolved:
+    """Complete a description: by the options, else by the file, else by what is proposed.
 
     Raises:
         RobotFileError: something is said nowhere (names the options and the candidates), or an

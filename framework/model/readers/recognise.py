@@ -1,4 +1,4 @@
-"""Which dialect a file is written in, and the description in it."""
+"""Recognise the dialect of a file, and read the description in it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,13 @@ from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.parameters import with_parameters
 from framework.model.readers import gepetto, loop_joint, onshape, ros_constraint, urdf_plus
-from framework.model.readers.missing_fields import Known, Options, Propose, checked_reference, resolve
+from framework.model.readers.missing_fields import (
+    Known,
+    Options,
+    Propose,
+    checked_reference,
+    completed_description,
+)
 from framework.model.readers.mjcf.reader import read_mjcf
 from framework.model.readers.ros_constraint import read_ros_constraint
 from framework.model.readers.sdf import raise_for_sdf
@@ -36,28 +42,9 @@ DIALECTS = {
 _OWN_KEYS = ("version", "urdf", "platform", "actuators", "closures")
 
 
-def read_any(
-    file: str | Path,
-    *,
-    platform: str | None = None,
-    axes: Sequence[str] | None = None,
-    motors: Sequence[str] | None = None,
-    reference: Mapping[str, float] | None = None,
-    base: str | None = None,
-    locked: Mapping[str, float | None] | None = None,
-    platform_joints: Sequence[str] | None = None,
-) -> RobotDescription:
-    """The description in a file of any dialect: see `parse_any`, which says more."""
-    return parse_any(
-        file,
-        platform=platform,
-        axes=axes,
-        motors=motors,
-        reference=reference,
-        base=base,
-        locked=locked,
-        platform_joints=platform_joints,
-    ).description
+def read_any(file: str | Path, **options: Any) -> RobotDescription:
+    """Read the description in a file of any dialect; options as for `parse_any`."""
+    return parse_any(file, **options).description
 
 
 def parse_any(
@@ -73,7 +60,7 @@ def parse_any(
     propose: Propose | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> ParsedRobot:
-    """The description in a file of any dialect, recognised by its content, its URDF and the dialect.
+    """Read a file of any dialect, recognised by its content: its description, its URDF and the dialect.
 
     The options say what a foreign file does not, and overrule what it does: the `platform` frame and
     its `axes` or `platform_joints`, the joints that are `motors` or `locked` [rad, m] (at the reference where
@@ -214,7 +201,7 @@ def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
     reference = checked_reference(options, tree.coordinates, description.reference)
     description = replace(description, reference=reference)
     return robot._replace(
-        description=resolve(options, Known(tree, description, description.platform)).description
+        description=completed_description(options, Known(tree, description, description.platform)).description
     )
 
 

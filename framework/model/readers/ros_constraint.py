@@ -26,7 +26,7 @@ from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.transmissions import Motor
 from framework.model.readers.urdf_tree import UrdfTree
-from framework.model.xml_reading import attribute, axis_of, only, origin_of, required
+from framework.model.xml_reading import attribute, axis_of, child_element, only, origin_of
 from framework.tolerances import FILE_ROUNDING
 
 ELEMENTS = ("constraint",)
@@ -61,7 +61,7 @@ def _constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     kind = _KINDS[given.lower()]
     frames = []
     for end, turn in zip(("parent", "child"), _turns(element, where, kind), strict=True):
-        found = required(element, where, end)
+        found = child_element(element, where, end)
         only(found, f"{where}: <{end}>", (), ("link",))
         link = tree.link(f"{where}: <{end}>", attribute(found, f"{where}: <{end}>", "link"))
         origin = origin_of(element.find(f"{end}_origin"), f"{where}: <{end}_origin>")
@@ -73,10 +73,10 @@ def _turns(element: ElementTree.Element, where: str, kind: str) -> tuple[Array, 
     """Turns of the two frames that put the axes where the closure wants them."""
     if kind in ("fixed", "spherical"):
         return np.eye(3), np.eye(3)
-    axis = axis_of(required(element, where, "parent_axis"), f"{where}: <parent_axis>")
+    axis = axis_of(child_element(element, where, "parent_axis"), f"{where}: <parent_axis>")
     child = element.find("child_axis")
     if kind == "universal":
-        other = axis_of(required(element, where, "child_axis"), f"{where}: <child_axis>")
+        other = axis_of(child_element(element, where, "child_axis"), f"{where}: <child_axis>")
         # the first axis is x of the first frame, the second is y of the second frame
         return turning("x", axis), turning("y", other)
     other = axis_of(child, f"{where}: <child_axis>") if child is not None else axis

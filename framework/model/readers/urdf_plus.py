@@ -31,7 +31,7 @@ from framework.model.readers.missing_fields import Options
 from framework.model.readers.transmissions import Motor
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.urdf_elements import MOVING
-from framework.model.xml_reading import attribute, axis_of, numbers, only, origin_of, required
+from framework.model.xml_reading import attribute, axis_of, child_element, numbers, only, origin_of
 
 ELEMENTS = ("loop", "coupling")
 _KINDS = {"revolute": "revolute", "continuous": "revolute"} | {
@@ -41,7 +41,7 @@ _WITHOUT_AXIS = ("spherical", "fixed")
 
 
 def read_urdf_plus(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
-    """The description in a URDF+ file.
+    """Read the description in a URDF+ file.
 
     Raises:
         RobotFileError: names the element.
@@ -69,7 +69,7 @@ def _loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
         raise RobotFileError(f"{where}: {choose_from('type', kind, _KINDS)}")
     turn: Array = np.eye(3)
     if kind not in _WITHOUT_AXIS:
-        turn = turning("z", axis_of(required(element, where, "axis"), f"{where}: <axis>"))
+        turn = turning("z", axis_of(child_element(element, where, "axis"), f"{where}: <axis>"))
     frames = []
     for end in ("predecessor", "successor"):
         link, origin = _end(tree, element, where, end)
@@ -83,7 +83,7 @@ def _coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
     only(element, where, ("predecessor", "successor", "ratio"), ("name", "type"))
     first, _ = _end(tree, element, where, "predecessor")
     second, _ = _end(tree, element, where, "successor")
-    value = required(element, where, "ratio")
+    value = child_element(element, where, "ratio")
     only(value, f"{where}: <ratio>", (), ("value",))
     (ratio,) = numbers(f"{where}: <ratio>", attribute(value, f"{where}: <ratio>", "value"), 1)
     if first == second:
@@ -104,7 +104,7 @@ def _coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
 
 
 def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> tuple[str, Array]:
-    found = required(element, where, end)
+    found = child_element(element, where, end)
     where = f"{where}: <{end}>"
     only(found, where, ("origin",), ("link",))
     link = tree.link(where, attribute(found, where, "link"))

@@ -23,7 +23,7 @@ from framework.model.readers.mjcf.settings import (
 )
 from framework.model.urdf_elements import coordinates_of
 from framework.model.urdf_writing import joint_element, origin_element, vector_text
-from framework.model.xml_reading import numbers, required
+from framework.model.xml_reading import child_element, numbers
 
 WORLD = "world"
 _BODY = ("name", "childclass", "mocap", "pos", *TURNS, "gravcomp", "user", "sleep")
@@ -99,7 +99,7 @@ class Bodies:
                 self.links[link].append(shape)
 
     def body(self, element: ElementTree.Element, parent: str, childclass: str | None, depth: int) -> None:
-        """One body: the joints that carry it, its mass, and what is in it."""
+        """Read one body: the joints that carry it, its mass, and its children."""
         given = element.get("name") or None  # MuJoCo takes an empty name for none
         name = given or self.new_name(f"body_{len(self.bodies)}")
         if given is not None:
@@ -142,7 +142,7 @@ class Bodies:
     def joint_attributes(
         self, element: ElementTree.Element, where: str, childclass: str | None
     ) -> dict[str, str]:
-        """What a joint says; `<freejoint>` takes no defaults."""
+        """Return the attributes of a joint with their defaults; `<freejoint>` takes none."""
         if element.tag == "joint":
             return self.settings.attributes(element, f"{where}: <joint>", childclass)
         known(element, f"{where}: <freejoint>", _FREEJOINT)
@@ -175,7 +175,7 @@ class Bodies:
         in_urdf = "revolute" if limits and kind == "hinge" else _IN_URDF[kind]
         element = joint_element(name, in_urdf, parent, child, origin=at, axis=along)
         for key, value in zip(("lower", "upper"), limits, strict=False):
-            required(element, where, "limit").set(key, repr(value))
+            child_element(element, where, "limit").set(key, repr(value))
         self.root.append(element)
         limit = symmetric_range(attributes, where, "actuatorfrcrange")
         self.coordinates[name] = Coordinate(kind, ref, limit, origin)
@@ -233,7 +233,7 @@ class Bodies:
         """Name the force that holds a body up, if there is one: it is left out."""
         (share,) = numbers(f"body {body!r} gravcomp", element.get("gravcomp", "0"), 1)
         if share:
-            mass = float(required(inertial, body, "mass").get("value", "0"))
+            mass = float(child_element(inertial, body, "mass").get("value", "0"))
             force = share * mass * float(np.linalg.norm(self.settings.gravity))
             self.left_out.append(LeftOut(f"body {body!r} gravcomp {share:g}: {force:.3g} N", (body,)))
 

@@ -48,11 +48,8 @@ def inertial_element(
     elif settings.from_geoms == "false":
         return None
     else:
-        parts = [
-            part
-            for geom in element.findall("geom")
-            if (part := _geom_inertia(settings, geom, link, childclass)) is not None
-        ]
+        shapes = [_geom_inertia(settings, geom, link, childclass) for geom in element.findall("geom")]
+        parts = [shape for shape in shapes if shape is not None]
         if not parts:
             return None
         mass, com, matrix = _together(parts)
@@ -68,7 +65,7 @@ def inertial_element(
 
 
 def _given_inertia(settings: CompilerSettings, element: ElementTree.Element, where: str) -> _Inertia:
-    """What an `<inertial>` gives."""
+    """Return the inertia of an `<inertial>`."""
     if "mass" not in element.attrib:
         raise RobotFileError(f"{where}: mass is missing")
     (mass,) = numbers(f"{where} mass", element.get("mass"), 1)

@@ -108,7 +108,7 @@ def _fixed_tendons(root: ElementTree.Element, bodies: Bodies) -> dict[str, dict[
     return fixed
 
 
-def reference_of(root: ElementTree.Element, bodies: Bodies) -> dict[str, float]:
+def keyframe_reference(root: ElementTree.Element, bodies: Bodies) -> dict[str, float]:
     """Joint angles of the first key, from the zero pose; empty without one."""
     key = root.find("keyframe/key")
     if key is None or "qpos" not in key.attrib:

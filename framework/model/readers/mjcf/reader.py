@@ -23,7 +23,7 @@ from framework.model.readers.mjcf.bodies import WORLD, Bodies
 from framework.model.readers.mjcf.equalities import loops_of
 from framework.model.readers.mjcf.frames import without_frames
 from framework.model.readers.mjcf.includes import with_includes
-from framework.model.readers.mjcf.motors import motors_of, reference_of
+from framework.model.readers.mjcf.motors import keyframe_reference, motors_of
 from framework.model.readers.mjcf.settings import CompilerSettings
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
 from framework.model.xml_reading import numbers
@@ -71,7 +71,7 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
     closures, couplings = loops_of(root, bodies, tree, frames)
     motors = motors_of(root, bodies)
     bodies.left_out.extend(_fluid(root, bodies))
-    reference = reference_of(root, bodies)
+    reference = keyframe_reference(root, bodies)
     return describe(
         tree,
         file,
