@@ -128,7 +128,7 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str]) -> Resolve
 
 
 def _part(description: RobotDescription, tree: UrdfTree) -> str:
-    """The option that takes one of several parts with loops of their own, such as a leg; empty if none."""
+    """Return the option that takes one of several parts with loops of their own, such as a leg, if any."""
     motors = [tree.path_to_base(tree.joints[a.joint].child) for a in description.actuators]
     pairs = [closure.frames for closure in description.closures]
     loops = [[tree.path_to_base(tree.link_of(frame)) for frame in frames] for frames in pairs]
@@ -143,7 +143,7 @@ def _part(description: RobotDescription, tree: UrdfTree) -> str:
 
 
 def _loops_apart(description: RobotDescription, tree: UrdfTree) -> list[list[str]]:
-    """The joints of loops that share some, group by group."""
+    """Return the joints of loops that share some, group by group."""
     groups: list[list[str]] = []
     for closure in description.closures:
         chains = tree.moving_chains(*map(tree.link_of, closure.frames))
@@ -155,7 +155,7 @@ def _loops_apart(description: RobotDescription, tree: UrdfTree) -> list[list[str
 
 
 def _within_limits(description: RobotDescription) -> tuple[_Motions, list[str]] | None:
-    """As `_closed`, at the nearest closed pose within the joints' limits; None if there is no other."""
+    """Return `_closed` at the nearest closed pose within the joints' limits; None if there is no other."""
     mechanism = Mechanism.from_description(description)
     if not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
         return None
@@ -246,7 +246,7 @@ def _idle(motions: _Motions) -> Array:
 
 
 def _to_hold(motions: _Motions, left: Array, description: RobotDescription, tree: UrdfTree) -> str:
-    """The option that holds motions (nv, k), by joints with springs if there are, else far from the base."""
+    """Return the option that holds motions (nv, k), by joints with springs, else by joints far from the base."""
     motors = [actuator.joint for actuator in description.actuators]
     springs = [name for name, acting in description.joints.items() if acting.stiffness]
     names = [name for name in dict.fromkeys([*springs, *reversed(tree.movable)]) if name in tree.movable]

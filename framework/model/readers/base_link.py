@@ -57,12 +57,12 @@ def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: Mapping[
 
 
 def loops_of_the_rest(tree: UrdfTree, closures: Sequence[Closure]) -> list[Closure]:
-    """The closures that still have a joint that moves between their frames."""
+    """Return the closures that still have a joint that moves between their frames."""
     return [c for c in closures if any(tree.moving_chains(*map(tree.link_of, c.frames)))]
 
 
 def couplings_of_the_rest(tree: UrdfTree, couplings: Sequence[Coupling]) -> list[Coupling]:
-    """The couplings of two joints that still move; where one is held, the other becomes held with it.
+    """Return the couplings of two joints that still move; where one is held, the other becomes held with it.
 
     Raises:
         RobotFileError: the joint that is held says nothing of the other, by a ratio of zero.

@@ -43,7 +43,7 @@ def describe(
     reference: Mapping[str, float] | None = None,
     left_out: Sequence[LeftOut] = (),
 ) -> ParsedRobot:
-    """The records of a tree and its loops, once the options have said what the file does not; and its URDF.
+    """Make the records of a tree and its loops, completed by the options; return them with the URDF.
 
     What --base does not carry and what --lock names is held, and nothing that acts there matters.
 
@@ -109,7 +109,7 @@ def _no_loop(options: Options, closure: Closure | None) -> RobotFileError:
 
 
 def _name(root: ElementTree.Element, file: Path) -> str:
-    """The model's own name, else that of its file, else of its folders; fit to name a file."""
+    """Return the model's own name, else that of its file, else of its folders; fit to name a file."""
     for name in (root.get("name", ""), file.stem, *(folder.name for folder in file.absolute().parents[:2])):
         clean = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
         if name.lower() not in _NO_NAMES and clean.strip("_"):

@@ -30,7 +30,7 @@ _U_JOINTS = tuple(f"UJOINT_{a}{b}" for a in "XYZ" for b in "XYZ" if a != b)
 
 
 def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: Options) -> ParsedRobot:
-    """The description in the content of a robot.yaml and the tree of its URDF.
+    """Read the description in the content of a robot.yaml and the tree of its URDF.
 
     Raises:
         RobotFileError: names the key.

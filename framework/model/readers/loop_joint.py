@@ -32,7 +32,7 @@ _KINDS = {"continuous": "revolute"} | {kind: kind for kind in ("spherical", "fix
 
 
 def read_loop_joints(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
-    """The description in a URDF with `<loop_joint>` elements.
+    """Read the description in a URDF with `<loop_joint>` elements.
 
     Raises:
         RobotFileError: names the element.

@@ -110,7 +110,7 @@ def _check_axes(option: str, kind: str, names: Sequence[str], valid: Sequence[st
 def _actuators(
     motors: Sequence[str] | None, joints: Sequence[str], known: Sequence[Actuator]
 ) -> tuple[Actuator, ...]:
-    """The motors of the file, or those of the options with what the file knows of them."""
+    """Return the motors of the file, or those of the options with what the file knows of them."""
     if motors is None:
         return tuple(known)
     by_joint = {actuator.joint: actuator for actuator in known}
@@ -127,7 +127,7 @@ def _actuators(
 def checked_reference(
     options: Options, coordinates: Sequence[str], near: Mapping[str, float]
 ) -> dict[str, float]:
-    """The reference of the file with that of the options over it; `coordinates` are those of all joints."""
+    """Return the file's reference, overridden by the options'; `coordinates` are those of all joints."""
     for name in options.reference:
         if name not in coordinates:
             raise RobotFileError(f"--reference: {choose_from('movable joint', name, coordinates)}")
@@ -140,7 +140,7 @@ def _few(names: Sequence[str]) -> str:
 
 
 def names_list(where: str, value: object) -> tuple[str, ...]:
-    """A list of texts.
+    """Read a list of texts.
 
     Raises:
         RobotFileError: it is not.

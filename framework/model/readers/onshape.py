@@ -29,7 +29,7 @@ def has_closing_frames(root: ElementTree.Element) -> bool:
 
 
 def read_onshape(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
-    """The description in a URDF with closing frames.
+    """Read the description in a URDF with closing frames.
 
     Raises:
         RobotFileError: one of a pair of closing frames is missing, or as `describe`.

@@ -159,7 +159,7 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
 
 
 def _line_of_element(message: str, text: str) -> str:
-    """The line where the element stands with whose name a message begins; empty where none is found."""
+    """Return the line of the element with whose name a message begins; empty where none is found."""
     named = re.match(r"(?:<\w+>: )?<?(\w+)>? '([^']+)'", message)
     if named is None:
         return ""
@@ -183,13 +183,13 @@ def _from_yaml(path: Path, text: str, options: Options, given: Mapping[str, floa
 
 
 def _urdf_beside(path: Path) -> Path:
-    """The URDF of Gepetto's YAML: by its name, else the only one in its folder."""
+    """Return the URDF of Gepetto's YAML: by its name, else the only one in its folder."""
     urdf, others = path.with_suffix(".urdf"), list(path.parent.glob("*.urdf"))
     return others[0] if len(others) == 1 and not os.path.isfile(urdf) else urdf
 
 
 def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
-    """Our robot file with what the options overrule."""
+    """Complete our robot file by the options."""
     if options.base is not None or options.locked:
         option = "--base" if options.base is not None else "--lock"
         raise RobotFileError(

@@ -38,7 +38,7 @@ _PARTS = ("parent", "parent_origin", "parent_axis", "child", "child_origin", "ch
 
 
 def read_ros_constraint(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
-    """The description in a URDF with `<constraint>` elements.
+    """Read the description in a URDF with `<constraint>` elements.
 
     Raises:
         RobotFileError: names the element.
@@ -70,7 +70,7 @@ def _constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
 
 
 def _turns(element: ElementTree.Element, where: str, kind: str) -> tuple[Array, Array]:
-    """Turns of the two frames that put the axes where the closure wants them."""
+    """Return turns of the two frames that put the axes where the closure wants them."""
     if kind in ("fixed", "spherical"):
         return np.eye(3), np.eye(3)
     axis = axis_of(child_element(element, where, "parent_axis"), f"{where}: <parent_axis>")

@@ -6,7 +6,7 @@ from framework.errors import RobotFileError
 
 
 def raise_for_sdf() -> None:
-    """Point to a converter.
+    """Raise the error that points to a converter.
 
     Raises:
         RobotFileError: always.

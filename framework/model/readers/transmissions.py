@@ -19,14 +19,14 @@ class Motor(NamedTuple):
 
     @classmethod
     def on(cls, joint: str) -> Motor:
-        """A motor straight on a joint."""
+        """Return a motor straight on a joint."""
         return cls(joint, {joint: 1.0})
 
 
 def actuators_of(
     motors: Sequence[Motor], tree: UrdfTree, couplings: Sequence[Coupling]
 ) -> tuple[list[Actuator], list[str]]:
-    """The motors that drive one joint that moves, and the names of those that drive several.
+    """Return the motors that drive one joint that moves, and the names of those that drive several.
 
     A tendon over joints that couplings make one is a transmission to that one. Of two motors on a joint,
     such as a servo's position and speed, the first is taken.
@@ -47,7 +47,7 @@ def actuators_of(
 def shares_of_leaders(
     shares: Mapping[str, float], tree: UrdfTree, couplings: Sequence[Coupling]
 ) -> dict[str, float]:
-    """What pulls at joints, as pulling at those that no coupling makes follow another; held ones left out."""
+    """Return shares of joints as shares of those that no coupling makes follow another, held ones left out."""
     followed = {coupling.joint: coupling for coupling in couplings}
     leaders: dict[str, float] = {}
     for name, value in shares.items():

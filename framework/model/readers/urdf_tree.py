@@ -84,7 +84,7 @@ class UrdfTree:
         return [name for joint in self.joints.values() for name in joint.coordinates]
 
     def link(self, where: str, name: str | None) -> str:
-        """A link's name, if there is one.
+        """Return a link's name, if there is one.
 
         Raises:
             RobotFileError: there is none.
@@ -94,13 +94,13 @@ class UrdfTree:
         return str(name)
 
     def link_of(self, frame: str) -> str:
-        """The link that carries a frame of the tree."""
+        """Return the link that carries a frame of the tree."""
         if frame in self.links:
             return frame
         return self._added[frame] if frame in self._added else self.joints[frame].child
 
     def path_to_base(self, link: str) -> list[Joint]:
-        """The joints from a link down to the base."""
+        """Return the joints from a link down to the base."""
         path = []
         while link in self.parent_joint:
             path.append(self.parent_joint[link])
@@ -108,14 +108,14 @@ class UrdfTree:
         return path
 
     def at_zero(self, link: str) -> Array:
-        """Placement of a link in the base with all joints at zero."""
+        """Return the placement of a link in the base with all joints at zero."""
         matrix = np.eye(4)
         for joint in self.path_to_base(link):
             matrix = joint.origin @ matrix
         return matrix
 
     def moving_chains(self, first: str, second: str) -> tuple[list[Joint], list[Joint]]:
-        """The movable joints that carry one link and not the other, for each of the two."""
+        """Return the movable joints that carry one link and not the other, for each of the two."""
         one, two = self.path_to_base(first), self.path_to_base(second)
         shared = {joint.name for joint in one} & {joint.name for joint in two}
 
@@ -125,18 +125,18 @@ class UrdfTree:
         return own(one), own(two)
 
     def axis_at_zero(self, joint: Joint) -> Array:
-        """Direction of a joint's axis in the base, all joints at zero."""
+        """Return the direction of a joint's axis in the base, all joints at zero."""
         direction = (self.at_zero(joint.parent) @ joint.origin)[:3, :3] @ joint.axis
         return np.asarray(direction / np.linalg.norm(direction))
 
     # -------------------------------------------------------------- small edits
 
     def frame_at(self, name: str, link: str, where: Array) -> str:
-        """A frame on a link: the link's own where the placement is the identity, else one added."""
+        """Return a frame on a link: the link's own where the placement is the identity, else one added."""
         return link if np.array_equal(where, np.eye(4)) else self.add_frame(name, link, where)
 
     def add_frame(self, name: str, link: str, where: Array) -> str:
-        """A frame added to a link; its name, with underscores behind where that was taken."""
+        """Return a frame added to a link; its name, with underscores behind where that was taken."""
         if len(self._added) >= MAX_TREE_ELEMENTS:
             raise RobotFileError(f"more than {MAX_TREE_ELEMENTS} frames besides links and joints")
         free = name
@@ -212,7 +212,7 @@ class UrdfTree:
         return names
 
     def same_turning(self, name: str, first: str, second: str) -> Closure | None:
-        """A closure that keeps two links turned alike as at zero, if all joints between turn in parallel.
+        """Return a closure that keeps two links turned as at zero, if all joints between turn in parallel.
 
         Then the turn of each link is the sum of its joints' angles, and "the sums are equal" is a loop
         equation; None where it is none.

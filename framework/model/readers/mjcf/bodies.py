@@ -69,7 +69,7 @@ class Bodies:
         self.links[name] = ElementTree.SubElement(self.root, "link", name=name)
 
     def new_name(self, wanted: str) -> str:
-        """A name that no link has."""
+        """Return a name that no link has."""
         name = wanted
         while name in self.names:
             name += "_"
@@ -79,7 +79,7 @@ class Bodies:
     def body_content(
         self, element: ElementTree.Element, link: str, childclass: str | None, depth: int
     ) -> None:
-        """Geoms, sites and bodies below one body; its joints and inertia are already there."""
+        """Read geoms, sites and bodies below one body; its joints and inertia are already there."""
         if depth > MAX_NESTING_DEPTH:
             raise RobotFileError(f"body {link!r}: more than {MAX_NESTING_DEPTH} bodies inside each other")
         carried = ("joint", "freejoint", "inertial") if link != WORLD else ()
@@ -185,7 +185,7 @@ class Bodies:
         return child
 
     def range(self, where: str, attributes: dict[str, str], unit: float, ref: float) -> tuple[float, ...]:
-        """Lower and upper limit [rad, m] from the zero pose; empty without limits."""
+        """Return lower and upper limit [rad, m] from the zero pose; empty without limits."""
         limited = word(attributes, where, "limited", ("true", "false", "auto"), "auto")
         lower, upper = numbers(f"{where} range", attributes.get("range", "0 0"), 2)
         if limited == "false" or (limited == "auto" and lower == upper == 0.0):
@@ -199,7 +199,7 @@ class Bodies:
     def acting(
         self, name: str, kind: str, attributes: dict[str, str], unit: float, ref: float
     ) -> JointDynamics:
-        """Inertia, damping, dry friction and spring of a joint; these are per radian whatever the unit."""
+        """Return inertia, damping, dry friction and spring of a joint, per radian whatever the unit."""
         where = f"joint {name!r}"
         values = {"armature": 0.0, "damping": 0.0, "frictionloss": 0.0, "stiffness": 0.0}
         for key in values:
@@ -238,7 +238,7 @@ class Bodies:
             self.left_out.append(LeftOut(f"body {body!r} gravcomp {share:g}: {force:.3g} N", (body,)))
 
     def site(self, element: ElementTree.Element, link: str, childclass: str | None) -> None:
-        """A site with a name becomes a frame."""
+        """Make a frame of a site with a name."""
         name = element.get("name")
         attributes = self.settings.attributes(element, f"site {name!r}", childclass)
         if not name:
@@ -252,6 +252,6 @@ class Bodies:
 
 
 def symmetric_range(attributes: dict[str, str], where: str, key: str) -> float | None:
-    """The upper end of a range that is as wide on either side; None without one."""
+    """Return the upper end of a range that is as wide on either side; None without one."""
     low, high = numbers(f"{where} {key}", attributes.get(key, "0 0"), 2)
     return high if high > 0 and low == -high else None

@@ -25,7 +25,7 @@ _JOINT_EQUALITY = (*_EQUALITY, "joint1", "joint2", "polycoef")
 def loops_of(
     root: ElementTree.Element, bodies: Bodies, tree: UrdfTree, frames: Mapping[str, str]
 ) -> tuple[list[Closure], list[Coupling]]:
-    """The loops of a file whose bodies became the tree; `frames` has the tree's frame of each site.
+    """Read the loops of a file whose bodies became the tree; `frames` has the tree's frame of each site.
 
     Joints that an equality holds become fixed in the tree.
 
@@ -45,7 +45,7 @@ def loops_of(
 
 
 def _joints_of_tendons(root: ElementTree.Element, equality: ElementTree.Element) -> tuple[str, ...]:
-    """The joints that the tendons of an equality pull at."""
+    """Return the joints that the tendons of an equality pull at."""
     names = {equality.get("tendon1"), equality.get("tendon2")} - {None}
     tendons = [tendon for section in root.findall("tendon") for tendon in section]
     return tuple(
@@ -64,7 +64,7 @@ def _loop(
     element: ElementTree.Element,
     number: int,
 ) -> Closure | Coupling | None:
-    """The loop of one equality; None for one that is off, left out, or holds a joint (which is done)."""
+    """Read the loop of one equality; None for one that is off, left out, or holds a joint (which is done)."""
     kinds = {"connect": _CONNECT, "weld": _WELD, "joint": _JOINT_EQUALITY}
     if element.tag in _OTHERS:
         text = f"<equality>: {element.tag} {element.get('name', '')!r}: only bodies and joints are joined"
@@ -98,7 +98,7 @@ def _loop(
 
 
 def _sites(bodies: Bodies, where: str, attributes: dict[str, str]) -> tuple[str, str]:
-    """The two sites that coincide."""
+    """Return the two sites that coincide."""
     for key in ("body1", "body2", "anchor", "relpose"):
         if key in attributes:
             raise RobotFileError(f"{where}: give either two sites or bodies, got a site and {key}")
@@ -114,7 +114,7 @@ def _sites(bodies: Bodies, where: str, attributes: dict[str, str]) -> tuple[str,
 def _bodies(
     bodies: Bodies, tree: UrdfTree, where: str, tag: str, attributes: dict[str, str]
 ) -> tuple[tuple[str, Array], tuple[str, Array]]:
-    """The two bodies, and the placements in them that coincide."""
+    """Return the two bodies, and the placements in them that coincide."""
     if "body1" not in attributes:
         raise RobotFileError(f"{where}: needs body1, or site1 and site2")
     links = []
@@ -144,7 +144,7 @@ def _bodies(
 def _joint_equality(
     bodies: Bodies, tree: UrdfTree, name: str, where: str, attributes: dict[str, str]
 ) -> Closure | Coupling | None:
-    """The coupling of two joints; a joint that is held alone becomes fixed.
+    """Read the coupling of two joints; a joint that is held alone becomes fixed.
 
     Equal turns about parallel axes of one body are a closure, which all proofs know. MuJoCo's polynomial is
     between the ways of the two from their zero pose, as ours is.

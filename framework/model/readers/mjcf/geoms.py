@@ -37,7 +37,7 @@ class _Inertia(NamedTuple):
 def inertial_element(
     settings: CompilerSettings, element: ElementTree.Element, link: str, childclass: str | None
 ) -> ElementTree.Element | None:
-    """The URDF's `<inertial>` of a body: its own, else that of its geoms; None for a body without mass."""
+    """Return the URDF's `<inertial>` of a body: its own, else that of its geoms; None without mass."""
     found = element.findall("inertial")
     if len(found) > 1:
         raise RobotFileError(f"body {link!r}: duplicate <inertial>")
@@ -90,7 +90,7 @@ def _given_inertia(settings: CompilerSettings, element: ElementTree.Element, whe
 def _geom_inertia(
     settings: CompilerSettings, element: ElementTree.Element, link: str, childclass: str | None
 ) -> _Inertia | None:
-    """The inertia of a geom; None for one without mass."""
+    """Return the inertia of a geom; None for one without mass."""
     where = f"body {link!r}: <geom>"
     attributes = settings.attributes(element, where, childclass)
     density = numbers(f"{where} density", attributes.get("density", repr(DEFAULT_DENSITY)), 1)[0]
@@ -109,7 +109,7 @@ def _geom_inertia(
 def _geometry(
     settings: CompilerSettings, attributes: Mapping[str, str], where: str
 ) -> tuple[str, tuple[float, ...], Array]:
-    """Type, sizes and placement of a geom."""
+    """Return type, sizes and placement of a geom."""
     kind = attributes.get("type", "mesh" if "mesh" in attributes else "sphere")
     if kind not in GEOMS:
         if kind not in ("plane", "hfield", "mesh", "sdf"):
@@ -129,7 +129,7 @@ def _geometry(
 def visual_element(
     settings: CompilerSettings, element: ElementTree.Element, link: str, childclass: str | None
 ) -> ElementTree.Element | None:
-    """The URDF's `<visual>` of a primitive geom; a capsule is drawn as a cylinder. None for other shapes."""
+    """Return the URDF's `<visual>` of a primitive geom, a cylinder for a capsule; None for other shapes."""
     where = f"body {link!r}: <geom>"
     kind, size, where_at = _geometry(settings, settings.attributes(element, where, childclass), where)
     visual = ElementTree.Element("visual")
@@ -155,7 +155,7 @@ def _sizes(attributes: Mapping[str, str], where: str, count: int) -> tuple[float
 
 
 def _solid(kind: str, size: tuple[float, ...]) -> tuple[float, Array]:
-    """Volume of a primitive, and its principal moments of inertia for one kilogram."""
+    """Compute the volume of a primitive, and its principal moments of inertia for one kilogram."""
     if kind in ("sphere", "ellipsoid"):
         a, b, c = size if kind == "ellipsoid" else (size[0],) * 3
         return 4 / 3 * math.pi * a * b * c, np.array([b * b + c * c, a * a + c * c, a * a + b * b]) / 5
@@ -175,7 +175,7 @@ def _solid(kind: str, size: tuple[float, ...]) -> tuple[float, Array]:
 
 
 def _together(parts: list[_Inertia]) -> _Inertia:
-    """Several solids in one (Steiner)."""
+    """Merge several solids into one (Steiner)."""
     mass = sum(part.mass for part in parts)
     centre = np.sum([part.mass * part.centre for part in parts], axis=0) / mass
     total = np.zeros((3, 3))

@@ -12,7 +12,7 @@ from framework.model.xml_reading import attribute
 
 
 def with_includes(root: ElementTree.Element, folder: Path) -> ElementTree.Element:
-    """The root of an MJCF file with all its includes put in, which are files below or beside `folder`.
+    """Return the root of an MJCF file with all its includes put in, which are files below or beside `folder`.
 
     Raises:
         RobotFileError: a file cannot be read, is no MJCF, or is included twice (which MuJoCo refuses, too).

@@ -22,7 +22,7 @@ _OTHERS = ("cylinder", "muscle", "adhesion", "plugin", "dcmotor")
 
 
 def motors_of(root: ElementTree.Element, bodies: Bodies) -> list[Motor]:
-    """The motors on hinges, slides and fixed tendons of them; others are named as left out.
+    """Read the motors on hinges, slides and fixed tendons of them; name others as left out.
 
     Raises:
         RobotFileError: names the element.
@@ -55,7 +55,7 @@ def _motor(
     attributes: dict[str, str],
     where: str,
 ) -> Motor | None:
-    """The motor of an element; None for one that is left out."""
+    """Return the motor of an element; None for one that is left out."""
     valid = [joint for joint, coordinate in bodies.coordinates.items() if coordinate.kind in _SCALAR]
     joint = attributes.get("joint", attributes.get("jointinparent"))
     shares: Mapping[str, float] | None = None
@@ -81,7 +81,7 @@ def _motor(
 
 
 def _fixed_tendons(root: ElementTree.Element, bodies: Bodies) -> dict[str, dict[str, float]]:
-    """The joints of each fixed tendon with their coefficients; what else a tendon does is left out."""
+    """Return the joints of each fixed tendon with their coefficients; what else a tendon does is left out."""
     fixed: dict[str, dict[str, float]] = {}
     for tendon in (element for section in root.findall("tendon") for element in section):
         name = tendon.get("name", "")
@@ -109,7 +109,7 @@ def _fixed_tendons(root: ElementTree.Element, bodies: Bodies) -> dict[str, dict[
 
 
 def keyframe_reference(root: ElementTree.Element, bodies: Bodies) -> dict[str, float]:
-    """Joint angles of the first key, from the zero pose; empty without one."""
+    """Return joint angles of the first key, from the zero pose; empty without one."""
     key = root.find("keyframe/key")
     if key is None or "qpos" not in key.attrib:
         return {}

@@ -35,7 +35,7 @@ _SECTIONS = (*("compiler", "option", "default", "worldbody", "equality", "tendon
 
 
 def _fluid(root: ElementTree.Element, bodies: Bodies) -> list[LeftOut]:
-    """The fluid of <option> that drags at all bodies."""
+    """Return the fluid of <option> that drags at all bodies."""
     given = {key: value for option in root.findall("option") for key, value in option.attrib.items()}
     around = [
         f"{key} {given[key]}"
@@ -47,7 +47,7 @@ def _fluid(root: ElementTree.Element, bodies: Bodies) -> list[LeftOut]:
 
 
 def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
-    """The description in an MJCF file.
+    """Read the description in an MJCF file.
 
     Raises:
         RobotFileError: names the element.

@@ -79,14 +79,14 @@ class CompilerSettings:
     def attributes(
         self, element: ElementTree.Element, where: str, childclass: str | None, tag: str | None = None
     ) -> dict[str, str]:
-        """The attributes of an element over those of its class."""
+        """Return the attributes of an element over those of its class."""
         name = element.get("class", childclass or "main")
         if name not in self.defaults:
             raise RobotFileError(f"{where}: {choose_from('class', name, self.defaults)}")
         return {**self.defaults[name].get(tag or element.tag, {}), **element.attrib}
 
     def placed(self, attributes: Mapping[str, str], where: str) -> Array:
-        """The placement of `pos` and one of the ways to write an orientation."""
+        """Return the placement of `pos` and one of the ways to write an orientation."""
         given = [key for key in TURNS if key in attributes]
         if len(given) > 1:
             raise RobotFileError(f"{where}: needs one orientation, got {' and '.join(given)}")
@@ -116,7 +116,7 @@ class CompilerSettings:
 
 
 def between_ends(where: str, text: str) -> tuple[Array, float]:
-    """The placement half-way between two ends (`fromto`), z along them, and half their distance."""
+    """Return the placement half-way between two ends (`fromto`), z along them, and half their distance."""
     ends = np.array(numbers(f"{where} fromto", text, 6))
     along = ends[:3] - ends[3:]
     half = 0.5 * float(np.linalg.norm(along))
@@ -126,7 +126,7 @@ def between_ends(where: str, text: str) -> tuple[Array, float]:
 
 
 def least_turn(z: Array) -> Array:
-    """The least turn that brings z to this direction."""
+    """Return the least turn that brings z to this direction."""
     z = z / np.linalg.norm(z)
     axis = np.cross((0.0, 0.0, 1.0), z)
     if np.linalg.norm(axis) < UNIT_ROUNDING:
@@ -145,14 +145,14 @@ def _from_xy(x: Array, y: Array, where: str) -> Array:
 
 
 def known(element: ElementTree.Element, where: str, valid: tuple[str, ...]) -> None:
-    """Complain about attributes that are not known."""
+    """Refuse attributes that are not known."""
     for key in element.attrib:
         if key not in valid:
             raise RobotFileError(f"{where}: {choose_from('attribute', key, valid)}")
 
 
 def word(attributes: Mapping[str, Any], where: str, key: str, valid: tuple[str, ...], default: str) -> str:
-    """An attribute that is one of a few words."""
+    """Read an attribute that is one of a few words."""
     value = str(attributes.get(key, default))
     if value not in valid:
         raise RobotFileError(f"{where} {key}: {choose_from('value', value, valid)}")
