@@ -246,7 +246,7 @@ def _idle(motions: _Motions) -> Array:
 
 
 def _to_hold(motions: _Motions, left: Array, description: RobotDescription, tree: UrdfTree) -> str:
-    """Return the option that holds motions (nv, k), by joints with springs, else by joints far from the base."""
+    """Return the option that holds motions (nv, k), by joints with springs, else far from the base."""
     motors = [actuator.joint for actuator in description.actuators]
     springs = [name for name, acting in description.joints.items() if acting.stiffness]
     names = [name for name in dict.fromkeys([*springs, *reversed(tree.movable)]) if name in tree.movable]

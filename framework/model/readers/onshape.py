@@ -37,15 +37,15 @@ def read_onshape(file: Path, root: ElementTree.Element, options: Options) -> Par
     tree = UrdfTree(root)
     pairs: dict[str, dict[str, str]] = {}
     for link in tree.links:
-        if found := _END.fullmatch(link):
-            pairs.setdefault(found["name"] + (found["second"] or ""), {})[found["end"]] = link
+        if match := _END.fullmatch(link):
+            pairs.setdefault(match["name"] + (match["second"] or ""), {})[match["end"]] = link
     closures = []
     for name, ends in pairs.items():
         if len(ends) < 2:
-            (there,) = ends.values()
+            (only_link,) = ends.values()
             end, missing = ("1", "2") if "1" in ends else ("2", "1")
-            missing = re.sub(rf"_{end}(_z)?$", rf"_{missing}\1", there)
-            raise RobotFileError(f"link {there!r}: the other end of its loop, {missing!r}, is missing")
+            missing = re.sub(rf"_{end}(_z)?$", rf"_{missing}\1", only_link)
+            raise RobotFileError(f"link {only_link!r}: the other end of its loop, {missing!r}, is missing")
         closures.append(Closure(name, (ends["1"], ends["2"]), locked_axes("spherical")))
     driven = [Motor.on(name) for name in tree.motors if name in tree.movable]
     return describe(tree, file, options, closures, motors=driven)

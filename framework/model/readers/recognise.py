@@ -164,12 +164,14 @@ def _line_of_element(message: str, text: str) -> str:
     if named is None:
         return ""
     tag, name = named.groups()
-    found = re.search(rf"<{tag}\b[^>]*?\bname\s*=\s*[\"']{re.escape(name)}[\"']", text)
-    return "" if found is None else f"line {text.count(chr(10), 0, found.start()) + 1}: "
+    match = re.search(rf"<{tag}\b[^>]*?\bname\s*=\s*[\"']{re.escape(name)}[\"']", text)
+    return "" if match is None else f"line {text.count(chr(10), 0, match.start()) + 1}: "
 
 
-def _from_yaml(path: Path, text: str, options: Options, given: Mapping[str, float] | None) -> ParsedRobot:
-    text, parameters = with_parameters(text, given)
+def _from_yaml(
+    path: Path, text: str, options: Options, parameters_given: Mapping[str, float] | None
+) -> ParsedRobot:
+    text, parameters = with_parameters(text, parameters_given)
     content = parse_yaml(text)
     dialect = _dialect_of_yaml(content)
     if dialect == "robot file":
@@ -206,11 +208,11 @@ def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
 
 
 def _pair_in(folder: Path) -> Path:
-    found = [folder / name for name in ("robot.yaml", f"{Path(os.path.realpath(folder)).name}.yaml")]
-    for path in found:
+    candidates = [folder / name for name in ("robot.yaml", f"{Path(os.path.realpath(folder)).name}.yaml")]
+    for path in candidates:
         if os.path.isfile(path):
             return path
     if os.path.isfile(folder / "plan.json"):
         raise RobotFileError(f"{folder}: holds a plan, where a robot is needed: give its name or its file")
-    names = " or ".join(path.name for path in found)
+    names = " or ".join(path.name for path in candidates)
     raise RobotFileError(f"{folder}: a folder without {names}, and without the plan.json of a plan")

@@ -61,9 +61,9 @@ def _constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     kind = _KINDS[given.lower()]
     frames = []
     for end, turn in zip(("parent", "child"), _turns(element, where, kind), strict=True):
-        found = child_element(element, where, end)
-        only(found, f"{where}: <{end}>", (), ("link",))
-        link = tree.link(f"{where}: <{end}>", attribute(found, f"{where}: <{end}>", "link"))
+        body = child_element(element, where, end)
+        only(body, f"{where}: <{end}>", (), ("link",))
+        link = tree.link(f"{where}: <{end}>", attribute(body, f"{where}: <{end}>", "link"))
         origin = origin_of(element.find(f"{end}_origin"), f"{where}: <{end}_origin>")
         frames.append(tree.frame_at(f"{name}_{end}", link, origin @ placement(turn)))
     return Closure(name, (frames[0], frames[1]), locked_axes(kind))
@@ -76,15 +76,15 @@ def _turns(element: ElementTree.Element, where: str, kind: str) -> tuple[Array, 
     axis = axis_of(child_element(element, where, "parent_axis"), f"{where}: <parent_axis>")
     child = element.find("child_axis")
     if kind == "universal":
-        other = axis_of(child_element(element, where, "child_axis"), f"{where}: <child_axis>")
+        child_axis = axis_of(child_element(element, where, "child_axis"), f"{where}: <child_axis>")
         # the first axis is x of the first frame, the second is y of the second frame
-        return turning("x", axis), turning("y", other)
-    other = axis_of(child, f"{where}: <child_axis>") if child is not None else axis
-    if kind == "prismatic" and np.linalg.norm(np.cross(axis, other)) > FILE_ROUNDING * np.linalg.norm(
+        return turning("x", axis), turning("y", child_axis)
+    child_axis = axis_of(child, f"{where}: <child_axis>") if child is not None else axis
+    if kind == "prismatic" and np.linalg.norm(np.cross(axis, child_axis)) > FILE_ROUNDING * np.linalg.norm(
         axis
-    ) * np.linalg.norm(other):
+    ) * np.linalg.norm(child_axis):
         raise RobotFileError(
             f"{where}: <child_axis>: differs from <parent_axis>; a prismatic joint does not turn, so turn "
             f"the frame by the rpy of <child_origin> instead"
         )
-    return turning("z", axis), turning("z", other if kind != "prismatic" else axis)
+    return turning("z", axis), turning("z", child_axis if kind != "prismatic" else axis)

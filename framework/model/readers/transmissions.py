@@ -47,16 +47,16 @@ def actuators_of(
 def shares_of_leaders(
     shares: Mapping[str, float], tree: UrdfTree, couplings: Sequence[Coupling]
 ) -> dict[str, float]:
-    """Return shares of joints as shares of those that no coupling makes follow another, held ones left out."""
+    """Return shares of joints as shares of those that follow no other by a coupling, held ones left out."""
     followed = {coupling.joint: coupling for coupling in couplings}
     leaders: dict[str, float] = {}
     for name, value in shares.items():
         joint, share = name, value
-        seen = {joint}
-        while joint in followed and followed[joint].of not in seen:
+        visited = {joint}
+        while joint in followed and followed[joint].of not in visited:
             share *= followed[joint].ratio
             joint = followed[joint].of
-            seen.add(joint)
+            visited.add(joint)
         if tree.joints[joint].moves:
             leaders[joint] = leaders.get(joint, 0.0) + share
     return leaders

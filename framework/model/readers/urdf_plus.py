@@ -104,8 +104,8 @@ def _coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
 
 
 def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> tuple[str, Array]:
-    found = child_element(element, where, end)
+    body = child_element(element, where, end)
     where = f"{where}: <{end}>"
-    only(found, where, ("origin",), ("link",))
-    link = tree.link(where, attribute(found, where, "link"))
-    return link, origin_of(found.find("origin"), f"{where}: <origin>")
+    only(body, where, ("origin",), ("link",))
+    link = tree.link(where, attribute(body, where, "link"))
+    return link, origin_of(body.find("origin"), f"{where}: <origin>")

@@ -116,13 +116,13 @@ class UrdfTree:
 
     def moving_chains(self, first: str, second: str) -> tuple[list[Joint], list[Joint]]:
         """Return the movable joints that carry one link and not the other, for each of the two."""
-        one, two = self.path_to_base(first), self.path_to_base(second)
-        shared = {joint.name for joint in one} & {joint.name for joint in two}
+        of_first, of_second = self.path_to_base(first), self.path_to_base(second)
+        shared = {joint.name for joint in of_first} & {joint.name for joint in of_second}
 
         def own(path: list[Joint]) -> list[Joint]:
             return [joint for joint in path if joint.name not in shared and joint.moves]
 
-        return own(one), own(two)
+        return own(of_first), own(of_second)
 
     def axis_at_zero(self, joint: Joint) -> Array:
         """Return the direction of a joint's axis in the base, all joints at zero."""
@@ -217,9 +217,9 @@ class UrdfTree:
         Then the turn of each link is the sum of its joints' angles, and "the sums are equal" is a loop
         equation; None where it is none.
         """
-        one, two = self.moving_chains(first, second)
-        axes = [self.axis_at_zero(joint) for joint in (*one, *two)]
-        if not axes or any(joint.kind in ("prismatic", *SEVERAL) for joint in (*one, *two)):
+        of_first, of_second = self.moving_chains(first, second)
+        axes = [self.axis_at_zero(joint) for joint in (*of_first, *of_second)]
+        if not axes or any(joint.kind in ("prismatic", *SEVERAL) for joint in (*of_first, *of_second)):
             return None
         if any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
             return None

@@ -118,10 +118,10 @@ class Bodies:
             attributes = self.joint_attributes(joint, where, childclass)
             if attributes.get("type") == "free" and (len(joints) > 1 or parent != WORLD):
                 raise RobotFileError(f"{where}: only a body of the world is free, and has no other joint")
-            at = numbers(f"{where}: <joint> pos", attributes.get("pos", "0 0 0"), 3)
-            last = i == len(joints) - 1 and not any(at)
-            parent = self.joint(name, i, attributes, parent, offset @ placement(None, at), last)
-            offset = placement(None, [-value for value in at])
+            position = numbers(f"{where}: <joint> pos", attributes.get("pos", "0 0 0"), 3)
+            last = i == len(joints) - 1 and not any(position)
+            parent = self.joint(name, i, attributes, parent, offset @ placement(None, position), last)
+            offset = placement(None, [-value for value in position])
         if not joints or parent != name:
             self.new_link(name)
             mount = self.new_name(f"{name}_mount")
@@ -170,10 +170,10 @@ class Bodies:
             raise RobotFileError(f"{where} axis: the axis is zero")
         child = body if last else self.new_name(f"{name}_link")
         self.new_link(child)
-        along, at = None if several else vector_text(axis), origin_element(origin)
+        along, placed = None if several else vector_text(axis), origin_element(origin)
         limits = () if several else self.range(where, attributes, unit, ref)
         in_urdf = "revolute" if limits and kind == "hinge" else _IN_URDF[kind]
-        element = joint_element(name, in_urdf, parent, child, origin=at, axis=along)
+        element = joint_element(name, in_urdf, parent, child, origin=placed, axis=along)
         for key, value in zip(("lower", "upper"), limits, strict=False):
             child_element(element, where, "limit").set(key, repr(value))
         self.root.append(element)

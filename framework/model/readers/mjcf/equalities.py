@@ -131,8 +131,8 @@ def _bodies(
         if "anchor" not in attributes:
             raise RobotFileError(f"{where}: anchor is missing")
         at = placement(None, numbers(f"{where} anchor", attributes["anchor"], 3))
-        there = inverse(between) @ at
-        return (first, at), (second, placement(None, there[:3, 3]))
+        in_second = inverse(between) @ at
+        return (first, at), (second, placement(None, in_second[:3, 3]))
     anchor = placement(None, numbers(f"{where} anchor", attributes.get("anchor", "0 0 0"), 3))
     pose = numbers(f"{where} relpose", attributes.get("relpose", "0 1 0 0 0 0 0"), 7)
     if any(pose[3:]):

@@ -65,17 +65,17 @@ def _move(
 ) -> None:
     """Place an element by a frame (4, 4) beside its own placement."""
     where = f"<{element.tag}>"
-    own = element.attrib if element.tag == "body" else settings.attributes(element, where, childclass)
+    values = element.attrib if element.tag == "body" else settings.attributes(element, where, childclass)
     if element.tag == "joint":
-        at = numbers(f"{where} pos", own.get("pos", "0 0 0"), 3)
-        axis = numbers(f"{where} axis", own.get("axis", "0 0 1"), 3)
-        element.set("pos", vector_text(frame[:3, :3] @ at + frame[:3, 3]))
+        position = numbers(f"{where} pos", values.get("pos", "0 0 0"), 3)
+        axis = numbers(f"{where} axis", values.get("axis", "0 0 1"), 3)
+        element.set("pos", vector_text(frame[:3, :3] @ position + frame[:3, 3]))
         element.set("axis", vector_text(frame[:3, :3] @ axis))
-    elif "fromto" in own:
-        ends = np.reshape(numbers(f"{where} fromto", own["fromto"], 6), (2, 3))
+    elif "fromto" in values:
+        ends = np.reshape(numbers(f"{where} fromto", values["fromto"], 6), (2, 3))
         element.set("fromto", vector_text((ends @ frame[:3, :3].T + frame[:3, 3]).ravel()))
     elif element.tag in _PLACED:
-        place = frame @ settings.placed(own, where)
+        place = frame @ settings.placed(values, where)
         x, y, z, w = pin.Quaternion(np.ascontiguousarray(place[:3, :3])).coeffs()
         for key in TURNS:
             element.attrib.pop(key, None)

@@ -38,13 +38,13 @@ def inertial_element(
     settings: CompilerSettings, element: ElementTree.Element, link: str, childclass: str | None
 ) -> ElementTree.Element | None:
     """Return the URDF's `<inertial>` of a body: its own, else that of its geoms; None without mass."""
-    found = element.findall("inertial")
-    if len(found) > 1:
+    inertials = element.findall("inertial")
+    if len(inertials) > 1:
         raise RobotFileError(f"body {link!r}: duplicate <inertial>")
-    if found and settings.from_geoms != "true":
+    if inertials and settings.from_geoms != "true":
         where = f"body {link!r}: <inertial>"
-        known(found[0], where, _INERTIAL)
-        mass, com, matrix = _given_inertia(settings, found[0], where)
+        known(inertials[0], where, _INERTIAL)
+        mass, com, matrix = _given_inertia(settings, inertials[0], where)
     elif settings.from_geoms == "false":
         return None
     else:

@@ -119,17 +119,17 @@ def keyframe_reference(root: ElementTree.Element, bodies: Bodies) -> dict[str, f
     reference = {}
     for name, coordinate in bodies.coordinates.items():
         size = width.get(coordinate.kind, 1)
-        own, values = values[:size], values[size:]
+        entries, values = values[:size], values[size:]
         if size == 1:
-            reference[name] = own[0] - coordinate.ref
+            reference[name] = entries[0] - coordinate.ref
             continue
-        if not any(own[-4:]):
+        if not any(entries[-4:]):
             raise RobotFileError(f"<key> qpos: the quaternion of {coordinate.kind} {name!r} is zero")
-        turn = from_quaternion(*own[-4:])
+        turn = from_quaternion(*entries[-4:])
         slides: list[float] = []
         if coordinate.kind == "free":  # its qpos is the pose of the body, not the way from the zero pose
             zero = coordinate.place[:3, :3]
-            slides = (zero.T @ (np.array(own[:3]) - coordinate.place[:3, 3])).tolist()
+            slides = (zero.T @ (np.array(entries[:3]) - coordinate.place[:3, 3])).tolist()
             turn = zero.T @ turn
         names = coordinates_of(name, "floating" if slides else "spherical")
         reference.update(zip(names, [*slides, *pin.log3(turn).tolist()], strict=True))

@@ -36,11 +36,11 @@ _SECTIONS = (*("compiler", "option", "default", "worldbody", "equality", "tendon
 
 def _fluid(root: ElementTree.Element, bodies: Bodies) -> list[LeftOut]:
     """Return the fluid of <option> that drags at all bodies."""
-    given = {key: value for option in root.findall("option") for key, value in option.attrib.items()}
+    values = {key: value for option in root.findall("option") for key, value in option.attrib.items()}
     around = [
-        f"{key} {given[key]}"
+        f"{key} {values[key]}"
         for key in ("density", "viscosity")
-        if numbers(f"<option> {key}", given.get(key, "0"), 1)[0] > 0.0
+        if numbers(f"<option> {key}", values.get(key, "0"), 1)[0] > 0.0
     ]
     text = f"<option> {', '.join(around)}: the drag of the fluid"
     return [LeftOut(text, tuple(bodies.coordinates))] if around else []
@@ -67,7 +67,7 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
     if sum(len(section) for section in root.findall("equality")) > MAX_LOOPS:
         raise RobotFileError(f"<equality>: at most {MAX_LOOPS} equalities are read")
     tree = UrdfTree(bodies.root)
-    frames = {name: tree.add_frame(name, link, at) for name, (link, at) in bodies.sites.items()}
+    frames = {name: tree.add_frame(name, link, place) for name, (link, place) in bodies.sites.items()}
     closures, couplings = loops_of(root, bodies, tree, frames)
     motors = motors_of(root, bodies)
     bodies.left_out.extend(_fluid(root, bodies))

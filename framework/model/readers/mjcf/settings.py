@@ -68,13 +68,13 @@ class CompilerSettings:
             raise RobotFileError("<default>: a nested default needs a class")
         if depth > MAX_NESTING_DEPTH:
             raise RobotFileError("<default>: nested too deeply")
-        own = {tag: dict(values) for tag, values in above.items()}
+        of_class = {tag: dict(values) for tag, values in above.items()}
         for child in element:
             if child.tag != "default":
-                own[child.tag] = {**own.get(child.tag, {}), **child.attrib}
-        self.defaults[name] = own
+                of_class[child.tag] = {**of_class.get(child.tag, {}), **child.attrib}
+        self.defaults[name] = of_class
         for child in element.findall("default"):
-            self._read_default(child, own, depth + 1)
+            self._read_default(child, of_class, depth + 1)
 
     def attributes(
         self, element: ElementTree.Element, where: str, childclass: str | None, tag: str | None = None
@@ -87,13 +87,13 @@ class CompilerSettings:
 
     def placed(self, attributes: Mapping[str, str], where: str) -> Array:
         """Return the placement of `pos` and one of the ways to write an orientation."""
-        given = [key for key in TURNS if key in attributes]
-        if len(given) > 1:
-            raise RobotFileError(f"{where}: needs one orientation, got {' and '.join(given)}")
+        orientations = [key for key in TURNS if key in attributes]
+        if len(orientations) > 1:
+            raise RobotFileError(f"{where}: needs one orientation, got {' and '.join(orientations)}")
         position = numbers(f"{where} pos", attributes.get("pos", "0 0 0"), 3)
-        if not given:
+        if not orientations:
             return placement(None, position)
-        key = given[0]
+        key = orientations[0]
         values = numbers(
             f"{where} {key}", attributes[key], {"quat": 4, "axisangle": 4, "xyaxes": 6}.get(key, 3)
         )
