@@ -7,7 +7,8 @@ k couples yield on the angular velocity w of the frame,
 
 and every one of A, B, C, t_s and W_p of the robot stands on this v; so W_p . v is a power in every chart.
 
-    one axis      the twist angle about that base axis [rad], counted on through full turns: v = dx
+    one axis      the twist angle about that base axis [rad], counted on through full turns: v = dx; the
+                  couple is along the axis where the platform turns about it alone
     two axes      R = R_1(x_1) R_2(x_2) R_3(free): two hinges in series, the axis named first next to the
                   base, and whatever turn about the platform's third axis follows: v = dx. Which way the
                   third axis points depends on x alone. Singular where the second angle is a right one.
@@ -30,6 +31,7 @@ import numpy as np
 from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.linalg.ordered_sums import cross, dot
 from framework.linalg.rotations import left_jacobian_series, rotation_matrix, rotation_vector
+from framework.tolerances import FILE_ROUNDING
 
 
 class Attitude(Protocol):
@@ -105,6 +107,39 @@ class TwistAngle(ReadOnlyArrays):
 
     def unwrap(self, x: Array, near: Array) -> Array:
         return _by_full_turns(x, near)
+
+
+@dataclass(frozen=True, eq=False)
+class SwingTwistAngle(TwistAngle):
+    """The same angle of a frame that turns about other axes too.
+
+    With e the axis and u = R e, dx = (e + u) . w / (1 + e . u): along e alone where w is, else not.
+    """
+
+    constant = False
+
+    def couples(self, rotation: Array) -> Array:
+        axis = np.eye(3)[self.axes]
+        both = axis + rotation[:, :, int(self.axes[0])]
+        return (both / self._size(rotation)[:, None])[:, None]
+
+    def couple_rates(self, rotation: Array, w: Array) -> Array:
+        i = int(self.axes[0])
+        turned, size = rotation[:, :, i], self._size(rotation)[:, None]
+        moved = cross(w, turned)
+        both = np.eye(3)[self.axes] + turned
+        return (moved / size - both * (moved[:, i, None] / size**2))[:, None]
+
+    def _size(self, rotation: Array) -> Array:
+        i = int(self.axes[0])
+        return np.asarray(1.0 + rotation[:, i, i])
+
+
+def twist_angle_for(angle: TwistAngle, rotations: Array) -> TwistAngle:
+    """Return the chart for a frame with these attitudes (T, 3, 3): does it turn about the axis alone?"""
+    axes = rotations[:, int(angle.axes[0])]  # the base's axis in the frame
+    alone = np.abs(axes - axes[0]).max() <= FILE_ROUNDING
+    return angle if alone else SwingTwistAngle(angle.axes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,10 +58,11 @@ class ParallelRobot(Mechanism):
         """
         mechanism, closed = assembled_mechanism(mechanism)
         numbers, description = vars(Mechanism.of(mechanism)), mechanism.description
-        platform = PlatformCoordinates.of(description.platform, mechanism.model)
+        poses = (closed.q, *nearby_configurations(mechanism, closed.q))
+        attitudes = frames_at(mechanism, np.stack(poses)).rotation[:, 0]
+        platform = PlatformCoordinates.of(description.platform, mechanism.model).charted(attitudes)
         actuated = columns_of(mechanism.model, (actuator.joint for actuator in description.actuators))
         passive = np.setdiff1d(mechanism.joints, actuated)
-        poses = (closed.q, *nearby_configurations(mechanism, closed.q))
         matrices = [motion_matrix(mechanism, platform, q) for q in poses]
         singular = singular_reference(mechanism, passive, poses, matrices)
         if singular is not None:

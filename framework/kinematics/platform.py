@@ -15,13 +15,13 @@ With translations and none or three turns, v is (linear, angular) of the frame a
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
-from framework.kinematics.attitude import Attitude, attitude_about
+from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, twist_angle_for
 from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.linalg.ordered_sums import matmul, matvec
 from framework.model.description import AXES, Platform
@@ -42,6 +42,10 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         if platform.joints:
             return JointPlatform.of_joints(platform.joints, model)
         return FramePlatform.on_axes(platform.axes)
+
+    def charted(self, rotations: Array) -> PlatformCoordinates:
+        """Return the same coordinates for a frame that has these attitudes (T, 3, 3) among others."""
+        return self
 
     @property
     def n(self) -> int:
@@ -120,6 +124,11 @@ class FramePlatform(PlatformCoordinates):
         sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)
         attitude = attitude_about(axes[turning] - 3) if len(turning) else None
         return FramePlatform(translations, sliding, axes[sliding], axes, np.eye(6)[axes], turning, attitude)
+
+    def charted(self, rotations: Array) -> FramePlatform:
+        if not isinstance(self.attitude, TwistAngle):
+            return self
+        return replace(self, attitude=twist_angle_for(self.attitude, rotations))
 
     @property
     def constant(self) -> bool:

@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import robots
-from framework import Line
+from framework import Line, ParallelRobot, plan_crossing, simulate
 from framework.kinematics.attitude import attitude_about
 from framework.kinematics.frames import frame_motions, frames_at
 from framework.kinematics.mechanism import Mechanism
@@ -25,7 +25,7 @@ from framework.model.description import Platform
 JOINTS = "joints"
 
 # two translations; one turn; both; a rotation vector; with translations; two angles, either hand; with a
-# translation; joints that turn; with one that slides
+# translation; one turn of a frame that turns otherwise too; joints that turn; with one that slides
 PLATFORMS = {
     "five_bar": None,
     "four_bar": None,
@@ -35,10 +35,25 @@ PLATFORMS = {
     "spherical_rrr": ("ry", "rx"),
     "three_rpr": ("rz", "ry"),
     "delta": ("rx", "z", "ry"),
+    "standing_quadruped": ("x", "rz"),
     "two_arms": JOINTS,
     "three_upu": JOINTS,
 }
 NAMES = list(PLATFORMS)
+
+WRIST = """<robot name="wrist"><link name="base"/><link name="fork"/>
+  <link name="hand"><inertial><origin xyz="0.1 0 0.05"/><mass value="1"/>
+    <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="roll" type="continuous"><parent link="base"/><child link="fork"/><axis xyz="1 0 0"/></joint>
+  <joint name="yaw" type="continuous"><parent link="fork"/><child link="hand"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+WRIST_FILE = """version: 1
+urdf: wrist.urdf
+platform: {frame: hand, axes: [rz]}
+actuators: [{joint: yaw}]
+couplings: [{joint: roll, of: yaw, ratio: 0.8}]
+reference: {yaw: 0.3, roll: 0.24}
+"""
 
 
 @lru_cache
@@ -49,7 +64,9 @@ def made(name: str) -> SimpleNamespace:
         return robot
     movable = [robot.coordinates.name_of(k) for k in (0, 2, robot.model.nv - 1)]
     new = Platform("", joints=tuple(movable)) if asked is JOINTS else Platform("", asked)
-    coordinates = PlatformCoordinates.of(new, robot.model)
+    poses = np.array([robot.q_near, *(nearby(robot, seed)[0] for seed in range(3))])
+    attitudes = frames_at(robot, poses).rotation[:, 0]
+    coordinates = PlatformCoordinates.of(new, robot.model).charted(attitudes)
     return SimpleNamespace(
         **{field.name: getattr(robot, field.name) for field in fields(Mechanism)},
         column_scale=robot.column_scale,
@@ -221,3 +238,17 @@ def test_wrenches_change_as_their_rates_say(name):
     screw_rates = pin.computeJointJacobiansTimeVariation(model, data, q, v).T[None]
     rates = robot.platform.wrench_rates(at, twist[:, 3:], screw_rates)
     np.testing.assert_allclose(rates, (wrenches(1) - wrenches(-1)) / (2 * h), atol=1e-8)
+
+
+def test_a_turn_about_one_axis_of_a_leg_that_also_rolls_is_planned_with_its_true_rate(tmp_path):
+    """R = Rx(0.8 yaw) Rz(yaw): the angle about z is yaw, and w_z = yaw' cos roll."""
+    (tmp_path / "wrist.urdf").write_text(WRIST)
+    file = tmp_path / "wrist.yaml"
+    file.write_text(WRIST_FILE)
+    robot = ParallelRobot.from_file(file)
+    plan = plan_crossing(robot, Line([0.2], [1.0]), duration=1.0)
+    t, h = np.linspace(0.1, 0.9, 9), 1e-5
+    yaw = (plan.platform(t + h) - plan.platform(t - h))[:, 0] / (2 * h)
+    rate = plan.dynamics.velocity(t)[:, robot.coordinates.names.index("yaw")]
+    np.testing.assert_allclose(rate, yaw, rtol=1e-7)
+    assert simulate(robot, plan).tracking_error < 1e-9
