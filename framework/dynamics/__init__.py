@@ -4,6 +4,8 @@ Torques along a path, proved
     inverse_dynamics        from a path and a law to torques, on nodes of time doubled until they resolve
     forces                  forces of the open tree, and the motors and springs that balance them
     elasticity              deflections that their own forces cause; `elastic_pass` is one pass
+    restoration             the same as a whole, law and deflections, where the passes do not find them: on
+                            `balance_equations`, `loaded_balance` and `known_deflections`
     singularity_crossings   when the motion is in a Type 2 singularity, and whether condition (8) holds there
     residuals, near_misses  what is measured on the finished motion; `refusals` are the errors
     result, certificate     the result, and the numbers by which it proves itself

@@ -7,6 +7,7 @@ What a robot is
     platform, attitude  the platform's coordinates x and its velocity v; charts of SO(3)
     assembly            the loops closed at the reference
     loop_structure      which loop equations repeat others, which joints move nothing
+    rounded_loops       loops of rounded dimensions that nearly repeat others
 
 The equations, for stacks of configurations
     pinocchio_memory    pinocchio's working memory as arrays
@@ -20,6 +21,7 @@ From the platform to the joints, and back
     motion_rates        velocities and accelerations of all joints; how dF/dq changes
     loop_matrices       the matrices of Type 1 and Type 2, without dimension
     velocity_matrices   A v = B dq_a + C dq_e
+    idle_turns          turns that neither the platform nor the loops determine
     modes               signs of working and assembly modes, legs
     continuation/       branches followed: along paths, and with the motors (forward kinematics)
 

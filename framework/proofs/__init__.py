@@ -11,5 +11,6 @@ search       leg_conditions, study_quadric, quadric_family: what legs ask, as sy
              homotopy, real_displacements: all their solutions
 completeness completeness, study_paving, leg_paving: no other solutions than those known
 bounds       derivative_bounds over equation_terms, sharp in small boxes; hessian_bounds in all
-tools        rounding, branch_and_bound, interval_newton, krawczyk
+tools        passive_joints (of given motors and platform), rounding, branch_and_bound, interval_newton,
+             krawczyk
 """
