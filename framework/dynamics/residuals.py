@@ -132,7 +132,8 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
     )
     ends = f"[{model.frames[frame.parentFrame].name}, {child.name}]"
     return (
-        f"lock that turn of the ball {model.names[joint]} by a closure {{frames: {ends}, axes: [rz]}} (or "
+        f"lock {robot.coordinates.name_of(column)} (--lock of `crossing convert`), or that turn of the ball "
+        f"{model.names[joint]} by a closure {{frames: {ends}, axes: [rz]}} (or "
         f"rx, ry: along the part that turns), or leave out its inertia about that line, and the "
         f"springs of the balls that it turns, and what is unlike about their axes"
     )

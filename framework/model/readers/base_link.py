@@ -34,14 +34,22 @@ def lock_all_but(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> N
             tree.fix(joint, *(reference.get(name, 0.0) for name in joint.coordinates))
 
 
-def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: Mapping[str, float]) -> None:
+def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str, float]) -> None:
     """Lock joints at a value [rad, m]; at the reference, else at zero, where it is None.
+
+    Of a ball J one turn may be held, J_rx, J_ry or J_rz: it becomes a cross about the other two, whose angles
+    come into the reference.
 
     Raises:
         RobotFileError: there is no such joint that moves, or it has several coordinates and a value.
     """
-    movable = [joint.name for joint in tree.joints.values() if joint.moves]
     for name, value in locked.items():
+        ball = tree.joints.get(name[:-3])
+        if ball is not None and ball.kind == "spherical" and name in ball.coordinates:
+            turn = [reference.pop(key, 0.0) for key in ball.coordinates]
+            reference.update(tree.hold_turn(ball, name[-1], value, turn))
+            continue
+        movable = [joint.name for joint in tree.joints.values() if joint.moves]
         if name not in movable:
             if name in tree.held:
                 continue  # by --base, or with another joint

@@ -184,9 +184,32 @@ class UrdfTree:
         joint.kind = "spherical"
         joint.element.set("type", joint.kind)
 
-    def replace_by_turns(self, joint: Joint, axes: str) -> list[str]:
-        """Put turns about axes (letters of x, y, z) in place of a joint; the names end in the letters."""
-        names = [f"{joint.name}_{axis.upper()}" for axis in axes]
+    def hold_turn(
+        self, ball: Joint, axis: str, value: float | None, turn: Sequence[float]
+    ) -> dict[str, float]:
+        """Make a ball a cross of two hinges, by its name with _rx, _ry, _rz, one turn held; their angles.
+
+        Args:
+            axis: letter of the turn that is held.
+            value: of that turn, ahead of the other two [rad]; None: as the reference has it.
+            turn: (3,) rotation vector of the ball in the reference [rad].
+        """
+        from scipy.spatial.transform import Rotation
+
+        others = "xyz".replace(axis, "")
+        angle = float(np.linalg.norm(turn))
+        attitude = about(turn, angle) if angle else np.eye(3)
+        held, *angles = Rotation.from_matrix(attitude).as_euler(f"{axis}{others}".upper())
+        held = held if value is None else value
+        ball.origin = ball.origin @ placement(about(np.eye(3)["xyz".index(axis)], held) if held else None)
+        names = [f"{ball.name}_r{other}" for other in others]
+        self.replace_by_turns(ball, others, names)
+        self.held[f"{ball.name}_r{axis}"] = (held,)
+        return dict(zip(names, map(float, angles), strict=True))
+
+    def replace_by_turns(self, joint: Joint, axes: str, names: Sequence[str] = ()) -> list[str]:
+        """Put turns about axes (letters of x, y, z) in place of a joint; else their names end in the letters."""
+        names = list(names) or [f"{joint.name}_{axis.upper()}" for axis in axes]
         for name in names:
             if name in self.joints or f"{name}_link" in self.links:
                 raise RobotFileError(f"joint {joint.name!r}: needs the name {name!r}, taken in the URDF")

@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from framework import ParallelRobot, check_robot, simulate
 from framework.errors import LoadedJoint, RobotFileError
 from framework.kinematics.diagnostics.proposal import propose
+from framework.kinematics.mechanism import Mechanism
 from framework.model.description import Closure
 from framework.model.readers.recognise import parse_any
 from tests.model.readers.foreign_files import DATA, PLANNED, short_move, without_dry_friction
 
+PLATFORM = {"platform": "head", "axes": ["x", "y", "z", "rx", "ry", "rz"]}
 FILES = pytest.mark.parametrize("file", PLANNED, ids=lambda file: file.name.removesuffix(".xml"))
 
 
@@ -79,3 +82,36 @@ def test_a_rod_that_a_ball_loads_by_its_angle_is_not_held_in_silence_and_the_rem
     for remedied in (locked, replace(description, joints=acting)):
         plan = short_move(ParallelRobot.from_description(remedied))
         assert plan.certificate.max_held_torque < 1e-4 * max(plan.peak_torque.values())
+
+
+@pytest.mark.parametrize("turn", [None, 0.0])
+def test_one_turn_of_a_ball_is_held_by_the_name_that_check_prints(turn):
+    """A rod on a ball and a cross: no idle turn is left there, and the head moves the rod as before."""
+    file = DATA / "head_on_six_rods.xml"
+    free = ParallelRobot.from_description(parse_any(file, propose=propose).description)
+    names = [name for name in check_robot(free).idle_joints if name.startswith("passive_6")]
+    held = parse_any(file, propose=propose, locked=dict.fromkeys(names, turn)).description
+    robot = ParallelRobot.from_description(held)
+    assert len(names) == 1
+    assert names[0] not in robot.coordinates.names
+    assert (robot.n, len(robot.structure.idle)) == (6, 5)
+    assert short_move(robot).certificate.max_residual_torque < 1e-9
+
+
+def test_a_ball_with_a_turn_held_stands_as_the_reference_had_it():
+    file, turned = (
+        DATA / "head_on_six_rods.xml",
+        {"passive_1_rx": 0.2, "passive_1_ry": -0.3, "passive_1_rz": 0.5},
+    )
+    robots = [
+        Mechanism.from_description(
+            parse_any(file, propose=None, **PLATFORM, reference=turned, **more).description
+        )
+        for more in ({}, {"locked": {"passive_1_ry": None}})
+    ]
+    rods = []
+    for robot in robots:
+        data = robot.model.createData()
+        pin.framesForwardKinematics(robot.model, data, robot.q_near)
+        rods.append(data.oMf[robot.model.getFrameId("rod_1")].homogeneous)
+    np.testing.assert_allclose(rods[1], rods[0], atol=1e-12)
