@@ -208,7 +208,7 @@ class UrdfTree:
         return dict(zip(names, map(float, angles), strict=True))
 
     def replace_by_turns(self, joint: Joint, axes: str, names: Sequence[str] = ()) -> list[str]:
-        """Put turns about axes (letters of x, y, z) in place of a joint; else their names end in the letters."""
+        """Put turns about axes (letters of x, y, z) in place of a joint, by default named by the letters."""
         names = list(names) or [f"{joint.name}_{axis.upper()}" for axis in axes]
         for name in names:
             if name in self.joints or f"{name}_link" in self.links:
