@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 from framework.arrays import Array, ReadOnlyArrays
 from framework.atlas.map_files import package_versions
 from framework.atlas.quantities import QUANTITIES, chosen, unit_of
+from framework.atlas.survey import surveyed
 from framework.atlas.window import Window, map_axes
-from framework.atlas.workspace_map import ChunkStore, WorkspaceMap, surveyed, workspace_map
+from framework.atlas.workspace_map import ChunkStore, WorkspaceMap, workspace_map
 from framework.errors import FrameworkError, InvalidInput, choose_from
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot

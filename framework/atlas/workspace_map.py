@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple, Protocol
 
@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.atlas.quantities import Quantity, chosen, quantity_values
+from framework.atlas.survey import MAX_NEIGHBOUR_DISTANCE, longest_cell_edge, seeded, surveyed
 from framework.atlas.sweep import REASON_WORDS, PoseReason, fill_grid, stepped
-from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
-from framework.errors import InvalidInput, NoAnswer, OutOfReach
-from framework.kinematics.continuation.tracking import assemble
+from framework.atlas.window import Window
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
@@ -33,13 +32,7 @@ from framework.locus.locus_on_map import MapLocus, MapPoses, locus_on_map
 from framework.parallel.tasks import completed
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
-EDGE_POSES = 200  # poses along an edge
 BAND_ROWS = 8  # of a band; poses between coarse ones at most
-MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] between neighbours that are reached one from the other
-FIRST_POSE_TRIES = 9  # coarse poses near the reference that are tried as the first one
-SURVEY_EDGE_POSES = 33  # poses along an edge of what is looked at for the reach of a robot
-SURVEY_REACH, SURVEY_TURN = 1.6, 1.6  # [robot lengths], [rad] half an edge of it
-SURVEY_MARGIN = 1.0  # [cells] of that, beyond the outermost poses reached: the next pose is not
 Chunk = Mapping[str, NDArray]
 
 
@@ -198,92 +191,17 @@ def filled_band(
     return _evaluated(robot, x[:rows], quantities, q[:rows], reason[:rows])
 
 
-def surveyed(
-    robot: ParallelRobot,
-    *,
-    axes: tuple[str, str] | None = None,
-    at: ArrayLike | None = None,
-    size: int = EDGE_POSES,
-) -> Window:
-    """Find the window about all that the reference's working mode reaches, within bounds.
-
-    Those are `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at`.
-
-    Args:
-        axes: two of the platform's axes, by default its first translations.
-        at: platform point (n,), the reference by default; its other coordinates are held.
-        size: poses along an edge.
-
-    Raises:
-        InvalidInput: see `map_axes`; or `at` has the wrong length.
-        OutOfReach: no pose near the reference is reached.
-    """
-    over, held = map_axes(robot, axes), held_coordinates(robot, at)
-    half = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(over)]
-    about = held[list(over)]
-    survey = Window(over, about - half, about + half, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), held)
-    reached = np.argwhere(_seeded(robot, survey, 1)[1] == PoseReason.REACHED)
-    low, high = reached.min(axis=0) - SURVEY_MARGIN, reached.max(axis=0) + SURVEY_MARGIN
-    lower, upper = survey.lower + low * survey.cell, survey.lower + high * survey.cell
-    lower, upper = np.maximum(lower, survey.lower), np.minimum(upper, survey.upper)
-    return Window(over, lower, upper, (size, size), held)
-
-
 # ------------------------------------------------------------------ the parts
-
-
-def _cell(robot: ParallelRobot, window: Window) -> float:
-    """Return the longer edge of a cell [robot lengths, rad]."""
-    lengths = robot.platform_scale[list(window.axes)]
-    return float((window.cell / lengths).max())
 
 
 def _stride(robot: ParallelRobot, window: Window) -> int:
     """Return the number of poses between coarse ones: a power of 2."""
-    return int(
-        2 ** np.clip(np.floor(np.log2(MAX_NEIGHBOUR_DISTANCE / _cell(robot, window))), 0, np.log2(BAND_ROWS))
-    )
-
-
-def _seeded(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, NDArray[np.uint8]]:
-    """Compute configurations (I, J, nq) and reasons at every `stride`-th pose, reached from the reference.
-
-    Where cells are longer than a step may be, poses between them are looked at on the way.
-    """
-    finer = max(1, int(np.ceil(_cell(robot, window) / MAX_NEIGHBOUR_DISTANCE)))
-    shape = tuple((count - 1) * finer + 1 for count in window.shape)
-    if max(shape) > MAX_EDGE_POSES:
-        wide = float((window.upper - window.lower).max()) / robot.length
-        raise InvalidInput(
-            f"window: {wide:.3g} robot lengths wide is more than poses can be followed over; lengths are in m"
-        )
-    x = replace(window, shape=(shape[0], shape[1])).points()
-    q = np.full((*shape, robot.model.nq), np.nan)
-    reason = np.full(shape, PoseReason.NO_NEIGHBOUR, dtype=np.uint8)
-    away = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
-    order = np.dstack(np.unravel_index(np.argsort(away, axis=None, kind="stable"), away.shape))[0]
-    refusal: NoAnswer | None = None
-    for i, j in order[:FIRST_POSE_TRIES] * stride:
-        try:
-            q[i, j] = assemble(robot, x[i, j]).q
-        except NoAnswer as error:
-            refusal = refusal or error
-            continue
-        reason[i, j] = PoseReason.REACHED
-        fill_grid(robot, x, q, reason, np.array([stride]))
-        return q[::finer, ::finer].copy(), reason[::finer, ::finer].copy()
-    raise OutOfReach(
-        f"{robot.name}: no pose of the map near the reference is reached from there: {refusal}",
-        q=robot.reference.q,
-        residual=robot.reference.residual,
-        s=0.0,
-        platform=robot.reference.x,
-        joint="",
-    ) from refusal
+    ratio = MAX_NEIGHBOUR_DISTANCE / longest_cell_edge(robot, window)
+    return int(2 ** np.clip(np.floor(np.log2(ratio)), 0, np.log2(BAND_ROWS)))
 
 
 def _bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
-    q, reason = _seeded(robot, window, _stride(robot, window))
+    q, reason = seeded(robot, window, _stride(robot, window))
     reason[reason != PoseReason.REACHED] = PoseReason.NO_NEIGHBOUR  # a nearer neighbour may reach it
     bands = []
     for first in range(0, len(q), BAND_ROWS):

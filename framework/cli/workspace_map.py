@@ -10,8 +10,9 @@ import numpy as np
 from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
 from framework.atlas.quantities import QUANTITIES, Quantity, chosen, unit_of
+from framework.atlas.survey import EDGE_POSES, surveyed
 from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
-from framework.atlas.workspace_map import EDGE_POSES, WorkspaceMap, surveyed, workspace_map
+from framework.atlas.workspace_map import WorkspaceMap, workspace_map
 from framework.cli import arguments
 from framework.cli.design_study import STUDY_EDGE_POSES, finite_window, report_design_study
 from framework.cli.parser import (

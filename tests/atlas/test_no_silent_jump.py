@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import robots
+from framework.atlas.survey import surveyed
 from framework.atlas.sweep import STEP_PARTS, PoseReason, stepped
-from framework.atlas.workspace_map import surveyed, workspace_map
+from framework.atlas.workspace_map import workspace_map
 
 CATALOGUE = (
     *("delta", "gough_stewart", "three_rrr", "three_rpr", "agile_eye", "par4", "orthoglide", "three_upu"),

@@ -13,9 +13,10 @@ import robots
 from framework import InvalidInput
 from framework.atlas.map_files import map_document, setup_document, write_map
 from framework.atlas.quantities import chosen
+from framework.atlas.survey import surveyed
 from framework.atlas.sweep import PoseReason, stepped
 from framework.atlas.window import Window, held_coordinates, map_axes
-from framework.atlas.workspace_map import surveyed, workspace_map
+from framework.atlas.workspace_map import workspace_map
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs

@@ -1,0 +1,96 @@
+"""The window of a map where none is given, and its coarse poses, reached from the reference on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from framework.arrays import Array, ArrayLike
+from framework.atlas.sweep import PoseReason, fill_grid
+from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
+from framework.errors import InvalidInput, NoAnswer, OutOfReach
+from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.parallel_robot import ParallelRobot
+
+EDGE_POSES = 200  # poses along an edge
+MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] between neighbours that are reached one from the other
+FIRST_POSE_TRIES = 9  # coarse poses near the reference that are tried as the first one
+SURVEY_EDGE_POSES = 33  # poses along an edge of what is looked at for the reach of a robot
+SURVEY_REACH, SURVEY_TURN = 1.6, 1.6  # [robot lengths], [rad] half an edge of it
+SURVEY_MARGIN = 1.0  # [cells] of that, beyond the outermost poses reached: the next pose is not
+
+
+def surveyed(
+    robot: ParallelRobot,
+    *,
+    axes: tuple[str, str] | None = None,
+    at: ArrayLike | None = None,
+    size: int = EDGE_POSES,
+) -> Window:
+    """Find the window about all that the reference's working mode reaches, within bounds.
+
+    Those are `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at`.
+
+    Args:
+        axes: two of the platform's axes, by default its first translations.
+        at: platform point (n,), the reference by default; its other coordinates are held.
+        size: poses along an edge.
+
+    Raises:
+        InvalidInput: see `map_axes`; or `at` has the wrong length.
+        OutOfReach: no pose near the reference is reached.
+    """
+    over, held = map_axes(robot, axes), held_coordinates(robot, at)
+    half = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(over)]
+    about = held[list(over)]
+    survey = Window(over, about - half, about + half, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), held)
+    reached = np.argwhere(seeded(robot, survey, 1)[1] == PoseReason.REACHED)
+    low, high = reached.min(axis=0) - SURVEY_MARGIN, reached.max(axis=0) + SURVEY_MARGIN
+    lower, upper = survey.lower + low * survey.cell, survey.lower + high * survey.cell
+    lower, upper = np.maximum(lower, survey.lower), np.minimum(upper, survey.upper)
+    return Window(over, lower, upper, (size, size), held)
+
+
+def seeded(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, NDArray[np.uint8]]:
+    """Compute configurations (I, J, nq) and reasons at every `stride`-th pose, reached from the reference.
+
+    Where cells are longer than a step may be, poses between them are looked at on the way.
+    """
+    finer = max(1, int(np.ceil(longest_cell_edge(robot, window) / MAX_NEIGHBOUR_DISTANCE)))
+    shape = tuple((count - 1) * finer + 1 for count in window.shape)
+    if max(shape) > MAX_EDGE_POSES:
+        wide = float((window.upper - window.lower).max()) / robot.length
+        raise InvalidInput(
+            f"window: {wide:.3g} robot lengths wide is more than poses can be followed over; lengths are in m"
+        )
+    x = replace(window, shape=(shape[0], shape[1])).points()
+    q = np.full((*shape, robot.model.nq), np.nan)
+    reason = np.full(shape, PoseReason.NO_NEIGHBOUR, dtype=np.uint8)
+    away = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
+    order = np.dstack(np.unravel_index(np.argsort(away, axis=None, kind="stable"), away.shape))[0]
+    refusal: NoAnswer | None = None
+    for i, j in order[:FIRST_POSE_TRIES] * stride:
+        try:
+            q[i, j] = assemble(robot, x[i, j]).q
+        except NoAnswer as error:
+            refusal = refusal or error
+            continue
+        reason[i, j] = PoseReason.REACHED
+        fill_grid(robot, x, q, reason, np.array([stride]))
+        return q[::finer, ::finer].copy(), reason[::finer, ::finer].copy()
+    raise OutOfReach(
+        f"{robot.name}: no pose of the map near the reference is reached from there: {refusal}",
+        q=robot.reference.q,
+        residual=robot.reference.residual,
+        s=0.0,
+        platform=robot.reference.x,
+        joint="",
+    ) from refusal
+
+
+def longest_cell_edge(robot: ParallelRobot, window: Window) -> float:
+    """Return the longer edge of a window's cell [robot lengths, rad]."""
+    lengths = robot.platform_scale[list(window.axes)]
+    return float((window.cell / lengths).max())
