@@ -147,9 +147,14 @@ def finite_numbers(what: str, given: ArrayLike, count: int, *, stacks: bool = Fa
     except (TypeError, ValueError):
         values = np.empty(0)
     fits = values.shape[-1:] == (count,) and (values.ndim == 1 or (stacks and values.ndim == 2))
-    if not fits or not np.isfinite(values).all():
-        shown = given.tolist() if isinstance(given, np.ndarray) else given
-        raise InvalidInput(f"{what} must be {count} finite numbers, got {shown!r}")
+    finite = np.isfinite(values)
+    if fits and values.ndim == 2 and not finite.all():
+        rows = np.flatnonzero(~finite.all(axis=1)).tolist()
+        which = f"{len(rows)} of {len(values)} rows are not, {short(rows)}"
+        raise InvalidInput(f"{what} must be finite numbers: {which}")
+    if not fits or not finite.all():
+        shown = given.tolist() if isinstance(given, np.ndarray) and given.size <= _LISTED else given
+        raise InvalidInput(f"{what} must be {count} finite numbers, got {_CUT.repr(shown)}")
     return values
 
 

@@ -179,6 +179,15 @@ def test_what_cannot_be(arguments, words):
         dynamics_at(robot, assemble(robot).q, **arguments)
 
 
+def test_rows_of_a_stack_that_are_no_numbers_are_named():
+    robot = robots.load("five_bar")
+    q = np.tile(assemble(robot).q, (2000, 1))
+    q[5], q[77, 1] = np.nan, np.inf
+    with pytest.raises(InvalidInput, match=r"2 of 2000 rows are not, \[5, 77\]") as refused:
+        dynamics_at(robot, q)
+    assert len(str(refused.value)) < 200
+
+
 def test_a_stack_of_instants_says_what_each_says_alone(moving):
     plan, _, _ = moving
     times = np.array([0.1, 0.2, 0.3]) * plan.duration
