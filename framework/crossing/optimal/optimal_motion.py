@@ -146,9 +146,9 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
         except (NoLaw, NotConverged):
             if kept is not None:
                 return kept
-            if roughness >= MAX_ROUGHNESS_WEIGHT:
-                raise
             roughness *= ROUGHNESS_WEIGHT_GROWTH
+            if roughness > MAX_ROUGHNESS_WEIGHT:
+                raise
             continue
         new, excess = OptimalMotion(dynamics, law, best), _excess(dynamics, task.specification)
         if excess <= 1.0:
