@@ -195,7 +195,8 @@ def resolve(
                     is_fine=is_fine,
                 )
         except NotAssembled as failure:
-            check_bounded(branch.robot, crossings, pole)
+            if known is None:
+                check_bounded(branch.robot, crossings, pole)
             raise NotConverged(
                 f"{branch.robot.name}: the deflections tear the loops open: the springs are too soft for "
                 f"this motion; use stiffer springs or geometry rigid ({failure})",
@@ -239,7 +240,8 @@ def resolve(
             certificate = replace(result.certificate, max_held_torque=held)
             result = replace(result, crossings=crossings, certificate=certificate)
             return replace(result, friction=_planned_friction(result, friction))
-    check_bounded(branch.robot, crossings, pole)
+    if known is None:  # else a law that is bounded with others
+        check_bounded(branch.robot, crossings, pole)
     if state.change > RESOLVABLE_TAIL < enough:
         raise not_settled(branch.robot, state)
     raise not_resolved(searched, result, tolerance, size=grid.size, enough=enough, unseen=unseen)

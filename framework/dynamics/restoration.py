@@ -26,7 +26,7 @@ from framework.motion.optimal_law import OptimalLaw
 
 FALLING, QUICKLY = 0.5, 0.1  # shares of the misfit that a step leaves: at most, and if slopes are still good
 SETTLED, ROUNDING = 2e-14, 1e-11  # misfit that is enough, and that may be all there is to be had
-UNRESOLVED = 1e-2  # largest misfit that may be for want of coefficients
+UNRESOLVED = 0.1  # largest misfit that may be for want of coefficients
 FIRST, FIRST_RATIO = (
     48,
     1.25,

@@ -47,7 +47,7 @@ from framework.crossing.specification import Specification
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.result import InverseDynamics
-from framework.errors import NoLaw, NotConverged
+from framework.errors import NoAnswer, NoLaw, NotConverged, UnboundedTorque
 from framework.motion.cone_program import Optimum, Unsolved
 from framework.motion.exact_duration import adjusted
 from framework.motion.infeasibility import Infeasible
@@ -59,7 +59,8 @@ ROUGHNESS_WEIGHT_GROWTH = 30.0  # factor on the weight, for a law that could not
 MAX_ROUGHNESS_WEIGHT = 1e-2
 MAX_DEGREE_GAP = 5e-3  # cost above the bound of the degree, over it: more, and a higher degree is tried
 ELASTIC_DEGREE_GAP = 2e-2  # the same where deflections have to be resolved as well, at the cost of its cube
-ELASTIC_ROUGHNESS_WEIGHT = 1e-5  # of laws whose deflections are to be resolved
+# of laws whose deflections are to be resolved: at first, and at most, where it costs some of the peak
+ELASTIC_ROUGHNESS_WEIGHT, MAX_ELASTIC_ROUGHNESS_WEIGHT = 1e-5, 0.3
 ENERGY_SAMPLES = 2001
 MAX_TANGENTS = 20  # of damping linearised about the previous law
 SQUARED_SPEED_CHANGE = 1e-3  # largest relative one from a law to the next that has settled
@@ -138,16 +139,22 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
     deflections: Deflections | None = None
     known: KnownDeflections | None = None
     kept: OptimalMotion | None = None
+    unresolved: NoAnswer | None = None
     for _ in range(MAX_PASSES):
         try:
             program = _program(task, places, deflections, specification, first.degree, first.units)
             best = _solved(replace(program, roughness=roughness), task)
-            dynamics, law, known = _resolved(task, best.law, known)
-        except (NoLaw, NotConverged):
+        except (NoLaw, NotConverged) as failure:
             if kept is not None:
                 return kept
-            roughness *= ROUGHNESS_WEIGHT_GROWTH
-            if roughness > MAX_ROUGHNESS_WEIGHT:
+            raise unresolved or failure from None
+        try:
+            dynamics, law, known = _resolved(task, best.law, known)
+        except (NoLaw, NotConverged, UnboundedTorque) as failure:
+            if kept is not None:
+                return kept
+            unresolved, roughness = failure, roughness * ROUGHNESS_WEIGHT_GROWTH
+            if roughness > MAX_ELASTIC_ROUGHNESS_WEIGHT:
                 raise
             continue
         new, excess = OptimalMotion(dynamics, law, best), _excess(dynamics, task.specification)
@@ -157,6 +164,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
             kept = new
         elif deflections is not None:
             specification = specification.tightened((1.0 - LIMIT_TIGHTENING) / excess)
+        roughness = max(roughness / ROUGHNESS_WEIGHT_GROWTH**0.5, ELASTIC_ROUGHNESS_WEIGHT)
         deflections = DeflectionsOnPath(law, dynamics.deflections)
         places = crossing_places(task, deflections, places)
     if kept is not None:
