@@ -23,8 +23,8 @@ import numpy as np
 from framework.arrays import Array
 from framework.crossing.crossing_points import PathToCross
 from framework.crossing.feasibility import Feasibility, feasibility_on_path
-from framework.crossing.optimal.optimal_motion import best_undeformed
 from framework.crossing.optimal.optimal_task import Task
+from framework.crossing.optimal.task_programs import best_undeformed
 from framework.crossing.refusals.uncrossable_points import stops_at
 from framework.crossing.request import Request
 from framework.crossing.specification import specification_of

@@ -9,7 +9,7 @@ import scipy.sparse as sparse
 
 import robots
 from framework import Line, plan_crossing
-from framework.crossing.optimal import optimal_motion
+from framework.crossing.optimal import task_programs
 from framework.errors import NoLaw, NotConverged
 from framework.motion.infeasibility import MIN_PROOF_REACH, Infeasible
 
@@ -75,7 +75,7 @@ def test_a_solver_that_claims_more_than_it_proves_gives_no_refusal(monkeypatch, 
         def solve(self):
             return self
 
-    monkeypatch.setattr(optimal_motion, "DEGREES", (10,))
+    monkeypatch.setattr(task_programs, "DEGREES", (10,))
     monkeypatch.setattr(clarabel, "DefaultSolver", Claims)
     with pytest.raises(NotConverged, match=status):
         plan_crossing(robots.load("five_bar"), LINE, duration=1.5, law="optimal", torque_limit=0.1)

@@ -10,7 +10,7 @@ import pytest
 
 import robots
 from framework import Line, plan_crossing
-from framework.crossing.optimal import optimal_motion
+from framework.crossing.optimal import task_programs
 from framework.crossing.optimal.lower_bound import estimated_best
 from framework.crossing.optimal.phase_plane import demand
 from framework.crossing.plan import plan_request
@@ -94,7 +94,7 @@ def test_the_estimate_of_the_least_time_is_toppras():
 
 @pytest.mark.slow
 def test_at_rest_at_the_ends_and_no_smoother_the_least_time_is_toppras(monkeypatch):
-    monkeypatch.setattr(optimal_motion, "DEGREES", (80,))  # its torques switch, which a series only nears
+    monkeypatch.setattr(task_programs, "DEGREES", (80,))  # its torques switch, which a series only nears
     request = Request(path=CLEAR, optimize="time", torque_limit=(LIMIT,), smoothness=1)
     plan = plan_request(robots.load("five_bar"), request)
     assert 1.0 < plan.duration / toppra_profile(CLEAR).duration < 1.0 + 1e-3

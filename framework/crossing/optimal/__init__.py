@@ -4,6 +4,7 @@
 * `phase_plane`: torques and condition (8) as functions affine in the squared speed z and u = z'/2;
 * `speed_program`: these as rows of a cone program (`framework.motion.cone_program` solves it);
 * `best_law`: the law of its optimum, or the proof that there is none;
+* `task_programs`: the program of least degree for a task, or why it has no law;
 * `optimal_motion`: law and certified torques in turn;
 * `elastic_balance`: the nearest law that an elastic robot can follow;
 * `lower_bound`: an estimate of the best possible; `limit_curves`: speeds that the motors allow.

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 from framework.crossing.condition import condition_at, crossing_point
 from framework.crossing.optimal.elastic_balance import in_balance
-from framework.crossing.optimal.optimal_motion import best_undeformed, optimal_motion
+from framework.crossing.optimal.optimal_motion import optimal_motion
 from framework.crossing.optimal.optimal_task import check_speeds, check_unfolded
+from framework.crossing.optimal.task_programs import best_undeformed
 from framework.crossing.plan import plan_request
 from framework.crossing.refusals.explanation import check_limits, explained
 from framework.crossing.refusals.turning_back import check_advance
@@ -82,7 +83,9 @@ OPTIMAL_LAW = (
     _reason("no speed meets what is left of condition (8)", NoLaw, check_speeds),
     _reason("no law meets the conditions of several motions", UncontrolledMotions, check_speeds, escaping),
     _reason("a motor cannot hold an end of the path, or limits are too low", NoLaw, best_undeformed),
-    _reason("the program is not solved, or does not settle with the springs", NotConverged, optimal_motion),
+    _reason("the program is not solved, or does not settle with damping", NotConverged, best_undeformed),
+    _reason("springs and damping at once are not supported", NoLaw, optimal_motion),
+    _reason("law and springs do not settle together", NotConverged, optimal_motion),
 )
 MOTION = (  # under either law, or one of the user's own
     _reason("the motion stops on the locus", NoLaw, rigid_crossings),

@@ -142,11 +142,11 @@ def test_a_speed_at_the_crossing_is_met(robot):
 
 @pytest.mark.slow
 def test_more_freedom_gains_little(robot, monkeypatch):
-    from framework.crossing.optimal import optimal_motion
+    from framework.crossing.optimal import task_programs
 
     found = {}
     for degree in (40, 60):
-        monkeypatch.setattr(optimal_motion, "DEGREES", (degree,))
+        monkeypatch.setattr(task_programs, "DEGREES", (degree,))
         found[degree] = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS).duration
     assert 0 < found[40] / found[60] - 1 < 0.005
 
