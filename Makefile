@@ -10,6 +10,9 @@ PYTEST_ARGS ?=
 CHART_ARGS ?=
 
 BIN := $(VENV)/bin
+# One process a core, and one thread a process: threads of processes that share a core wait for one another.
+ON_ALL_CORES := --numprocesses auto
+export OPENBLAS_NUM_THREADS ?= 1
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt
 SOURCES := $(shell find framework robots urdf -type f ! -name '*.pyc' 2>/dev/null)
 METADATA := pyproject.toml constraints.txt
@@ -36,20 +39,20 @@ demo: $(VENV)/.wheel  ## install, then plan the crossing of the paper's 5R robot
 	@echo "The plan, the motion and the figures are in $(CURDIR)/$(DEMO):" && ls $(DEMO)
 
 test: $(VENV)/.test  ## run the tests
-	$(BIN)/python -m pytest --numprocesses auto $(PYTEST_ARGS)
+	$(BIN)/python -m pytest $(ON_ALL_CORES) $(PYTEST_ARGS)
 
 lowest: $(VENV)-lowest/.test  ## run some tests with the lowest version that pyproject.toml allows of each package
-	$(VENV)-lowest/bin/python -m pytest --numprocesses auto -W default::DeprecationWarning $(SOME_TESTS) $(PYTEST_ARGS)
+	$(VENV)-lowest/bin/python -m pytest $(ON_ALL_CORES) -W default::DeprecationWarning $(SOME_TESTS) $(PYTEST_ARGS)
 
 pythons:  ## run some tests on Python 3.12 and 3.13, where they are here and pin has a wheel for them
 	.ci/try_python python3.12 $(VENV)-python3.12 $(SOME_TESTS) $(PYTEST_ARGS)
 	.ci/try_python python3.13 $(VENV)-python3.13 $(SOME_TESTS) $(PYTEST_ARGS)
 
 slow: $(VENV)/.test  ## run the tests marked slow
-	$(BIN)/python -m pytest -m slow --numprocesses auto $(PYTEST_ARGS) || [ $$? -eq 5 ]  # 5: there are none
+	$(BIN)/python -m pytest -m slow $(ON_ALL_CORES) $(PYTEST_ARGS) || [ $$? -eq 5 ]  # 5: there are none
 
 witness: $(VENV)/.witness  ## hold our torques against MuJoCo and Exudyn, and maps through a dask cluster against this process
-	CROSSING_WITNESS=required $(BIN)/python -m pytest --numprocesses auto tests/witness $(PYTEST_ARGS)
+	CROSSING_WITNESS=required $(BIN)/python -m pytest $(ON_ALL_CORES) tests/witness $(PYTEST_ARGS)
 
 test-browser: $(VENV)/.browser  ## run the tests in a headless Chromium (Debian: apt-get install chromium)
 	$(BIN)/python -m pytest -m browser tests/browser $(PYTEST_ARGS)

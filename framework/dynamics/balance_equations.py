@@ -27,8 +27,9 @@ from framework.motion.chebyshev import coefficients, derivative_matrix, nodes
 from framework.motion.clock import Clock
 from framework.motion.path import along
 
-WEAK = 1e-6  # of the size of the columns: what changes F by less is left alone
-AT_REST, MISFIT_AT_REST = 1e-5, 1e-6  # weight of ends and knots over F_l; misfit below which it is less
+WEAK_COLUMN = 1e-6  # of the size of the columns: what changes F by less is left alone
+END_RATE_WEIGHT = 1e-5  # of rates at the ends and jumps at the knots, over F_l
+END_RATE_MISFIT = 1e-6  # misfit below which that weight falls with it
 DEFLECTION_STEP = 1e-5  # in units of the springs, for differences
 
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)
@@ -165,7 +166,12 @@ class BalanceEquations:
         for k in range(panels - 1):
             for row, part in ((2 + 2 * k, basis), (3 + 2 * k, duration * slope)):
                 rows[row, k], rows[row, k + 1] = part[k, -1], -part[k + 1, 0]
-        weight = AT_REST * min(1.0, state.misfit / MISFIT_AT_REST) * state.balance.stiffer * self.stiffness
+        weight = (
+            END_RATE_WEIGHT
+            * min(1.0, state.misfit / END_RATE_MISFIT)
+            * state.balance.stiffer
+            * self.stiffness
+        )
         now = np.einsum("rpn,pne->re", rows, state.series).ravel()
         matrix = np.einsum("rpn,ef->repnf", rows, np.eye(n_e)).reshape(len(now), -1)
         return weight * np.pad(matrix, ((0, 0), (0, len(self.steps)))), weight * now
@@ -177,7 +183,7 @@ def longer(series: Array, count: int) -> Array:
 
 
 def _least_squares(matrix: Array, right: Array, scalars_from: int) -> Array:
-    """y of least |matrix y - right| but for what is WEAK; columns of scalars weigh as much as others."""
+    """y of least |matrix y - right| but for what is weak; columns of scalars weigh as much as others."""
     from scipy.linalg import cho_factor, cho_solve
 
     size = np.linalg.norm(matrix, axis=0)
@@ -185,8 +191,8 @@ def _least_squares(matrix: Array, right: Array, scalars_from: int) -> Array:
     size[size == 0.0] = 1.0  # a scalar that changes nothing
     matrix = matrix / size
     normal = matrix.T @ matrix
-    normal[np.diag_indices(len(normal))] += WEAK**2
+    normal[np.diag_indices(len(normal))] += WEAK_COLUMN**2
     try:
         return np.asarray(cho_solve(cho_factor(normal), matrix.T @ right) / size)
     except np.linalg.LinAlgError:  # rounding hides what is weak
-        return np.asarray(np.linalg.lstsq(matrix, right, rcond=WEAK)[0] / size)
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=WEAK_COLUMN)[0] / size)

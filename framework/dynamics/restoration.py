@@ -24,17 +24,20 @@ from framework.motion.clock import Clock, InTime, OnParameter
 from framework.motion.law import MotionLaw
 from framework.motion.optimal_law import OptimalLaw
 
-FALLING, QUICKLY = 0.5, 0.1  # shares of the misfit that a step leaves: at most, and if slopes are still good
-SETTLED, ROUNDING = 2e-14, 1e-11  # misfit that is enough, and that may be all there is to be had
-UNRESOLVED = 0.1  # largest misfit that may be for want of coefficients
-FIRST, FIRST_RATIO = (
-    48,
-    1.25,
-)  # coefficients at first; of an optimal law, over its degree
-FEWEST_MORE, MOST_MORE = 1.25, 2.0  # times the coefficients, when some are to be added
-MOST_UNKNOWNS, MOST_COEFFICIENTS = 4000, 400
-MOST_STEPS, SHORTEST = 12, 1 / 16  # with as many coefficients; of a step
-STIFFEST, SOFTENING, LEAST_SOFTENING = 32.0, 2.0, 1.1  # times the springs, and from one trial to the next
+MAX_MISFIT_RATIO = 0.5  # of the misfits after and before a step that is taken; above, more coefficients are
+MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # the same, for slopes that are used once more
+SETTLED_MISFIT = 2e-14  # that is enough
+MISFIT_OF_ROUNDING = 1e-11  # that may be all there is to be had
+MAX_UNRESOLVED_MISFIT = 0.1  # that may be for want of coefficients
+FIRST_COEFFICIENTS = 48
+COEFFICIENTS_PER_DEGREE = 1.25  # of an optimal law, at first
+MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH = 1.25, 2.0  # where some are added
+MAX_UNKNOWNS = 4000
+MAX_COEFFICIENTS = 400
+MAX_STEPS = 12  # with the same coefficients
+MIN_STEP_SHARE = 1 / 16  # of a step of Newton's method that is halved
+MAX_STIFFENING = 32.0  # times the stiffness of the springs
+SOFTENING, MIN_SOFTENING = 2.0, 1.1  # from one stiffness to the next
 
 
 class Restored(NamedTuple):
@@ -81,7 +84,7 @@ def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
         As `restored`.
     """
     clock: Clock = InTime(law, panel_edges(branch.path, law))
-    first = FIRST
+    first = FIRST_COEFFICIENTS
     if isinstance(law, OptimalLaw):
         clock, first = OnParameter(law, branch.path.knots), coefficients_for(law.degree)
     return restored(branch, lambda _: clock, np.zeros(0), first).deflections
@@ -89,7 +92,7 @@ def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
 
 def coefficients_for(degree: int) -> int:
     """How many coefficients the deflections of an optimal law of this degree have at first."""
-    return int(FIRST_RATIO * degree) + 10
+    return int(COEFFICIENTS_PER_DEGREE * degree) + 10
 
 
 def _held(equations: BalanceEquations, series: Array, scalars: Array) -> BalanceState:
@@ -101,9 +104,9 @@ def _held(equations: BalanceEquations, series: Array, scalars: Array) -> Balance
     state, held = _settled(equations, equations.at(series, scalars))
     if held:
         return state
-    known, held = _settled(equations, equations.at(0.0 * series, scalars, stiffer=STIFFEST))
-    stiffer, softening = STIFFEST, SOFTENING
-    while held and softening > LEAST_SOFTENING:
+    known, held = _settled(equations, equations.at(0.0 * series, scalars, stiffer=MAX_STIFFENING))
+    stiffer, softening = MAX_STIFFENING, SOFTENING
+    while held and softening > MIN_SOFTENING:
         softer = max(stiffer / softening, 1.0)
         start = equations.at(known.series * (stiffer / softer), known.scalars, stiffer=softer)
         state, settles = _settled(equations, start)
@@ -124,16 +127,18 @@ def _held(equations: BalanceEquations, series: Array, scalars: Array) -> Balance
 def _settled(equations: BalanceEquations, state: BalanceState) -> tuple[BalanceState, bool]:
     """The state after all steps that help, and whether only more coefficients can help it."""
     slopes: Slopes | None = None
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         fresh = slopes is None
         slopes = equations.slopes(state) if slopes is None else slopes
         bent, changed, left = equations.step(state, slopes)
-        if state.misfit <= SETTLED or (left > FALLING * state.misfit and state.misfit <= UNRESOLVED):
+        if state.misfit <= SETTLED_MISFIT or (
+            left > MAX_MISFIT_RATIO * state.misfit and state.misfit <= MAX_UNRESOLVED_MISFIT
+        ):
             return state, True
         new = _moved(equations, state, bent, changed)
         if new is None and fresh:
             break
-        if new is None or new.misfit > QUICKLY * state.misfit:
+        if new is None or new.misfit > MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit:
             slopes = None
         state = new or state
     return state, False
@@ -141,11 +146,17 @@ def _settled(equations: BalanceEquations, state: BalanceState) -> tuple[BalanceS
 
 def _resolved(equations: BalanceEquations, state: BalanceState) -> BalanceState:
     """The state with more coefficients, until its balance is settled or no more are to be had."""
-    most = min(MOST_COEFFICIENTS, MOST_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
+    most = min(MAX_COEFFICIENTS, MAX_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
     before, held = np.inf, True
-    while held and SETTLED < state.misfit < max(FALLING * before, ROUNDING) and state.series.shape[1] < most:
+    while (
+        held
+        and SETTLED_MISFIT < state.misfit < max(MAX_MISFIT_RATIO * before, MISFIT_OF_ROUNDING)
+        and state.series.shape[1] < most
+    ):
         before = state.misfit
-        more = np.clip(np.log(SETTLED) / np.log(before), FEWEST_MORE, MOST_MORE)
+        more = np.clip(
+            np.log(SETTLED_MISFIT) / np.log(before), MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH
+        )
         count = min(int(more * state.series.shape[1]) + 1, most)
         state, held = _settled(equations, equations.at(longer(state.series, count), state.scalars))
     return state
@@ -156,7 +167,7 @@ def _moved(
 ) -> BalanceState | None:
     """The state after a step, halved until it helps; None if it does not."""
     share = 1.0
-    while share >= SHORTEST:
+    while share >= MIN_STEP_SHARE:
         try:
             new = equations.at(
                 state.series + share * bent,

@@ -14,13 +14,14 @@ from framework.dynamics.restoration import deflections_of
 from framework.singularity.points_on_path import search_path
 from tests.benchmarks.upright_robots import drawn, is_right, judged
 
-KINDS = {"light five-bar": 7, "heavy five-bar": 1, "orthoglide": 5}  # none has a polynomial that advances
+ROBOTS = {"light five-bar": 7, "heavy five-bar": 1, "orthoglide": 5}  # none has a polynomial that advances
+KINDS = ["light five-bar", *(pytest.param(kind, marks=pytest.mark.slow) for kind in list(ROBOTS)[1:])]
 
 
 @cache
 def planned(kind: str) -> CrossingPlan:
     """An upright robot with elastic drives and links, across its locus."""
-    asked = drawn(KINDS[kind])
+    asked = drawn(ROBOTS[kind])
     return plan_crossing(asked.robot(1.0), asked.path, duration=asked.duration, law="optimal")
 
 
