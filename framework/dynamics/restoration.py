@@ -27,7 +27,6 @@ from framework.motion.optimal_law import OptimalLaw
 MAX_MISFIT_RATIO = 0.5  # of the misfits after and before a step that is taken; above, more coefficients are
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # the same, for slopes that are used once more
 SETTLED_MISFIT = 2e-14  # that is enough
-MISFIT_OF_ROUNDING = 1e-11  # that may be all there is to be had
 MAX_UNRESOLVED_MISFIT = 0.1  # that may be for want of coefficients
 FIRST_COEFFICIENTS = 48
 COEFFICIENTS_PER_DEGREE = 1.25  # of an optimal law, at first
@@ -145,19 +144,15 @@ def _settled(equations: BalanceEquations, state: BalanceState) -> tuple[BalanceS
 
 
 def _resolved(equations: BalanceEquations, state: BalanceState) -> BalanceState:
-    """The state with more coefficients, until its balance is settled or no more are to be had."""
+    """The state with more coefficients, until its balance is settled or more do not halve its misfit."""
     most = min(MAX_COEFFICIENTS, MAX_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
-    before, held = np.inf, True
-    while (
-        held
-        and SETTLED_MISFIT < state.misfit < max(MAX_MISFIT_RATIO * before, MISFIT_OF_ROUNDING)
-        and state.series.shape[1] < most
-    ):
+    before, held, count = np.inf, True, state.series.shape[1]
+    while held and SETTLED_MISFIT < state.misfit < MAX_MISFIT_RATIO * before and count < most:
         before = state.misfit
         more = np.clip(
             np.log(SETTLED_MISFIT) / np.log(before), MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH
         )
-        count = min(int(more * state.series.shape[1]) + 1, most)
+        count = min(int(more * count) + 1, most)
         state, held = _settled(equations, equations.at(longer(state.series, count), state.scalars))
     return state
 
