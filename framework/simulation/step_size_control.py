@@ -23,7 +23,7 @@ from framework.simulation.equations import EquationsOfMotion
 BRIDGING_LENIENCY = 1e3  # times the tolerance, left by a step over a singularity; `unresolved` says it
 MIN_STEP_RATIO = 1e-9  # of the duration: where shorter ones are taken, the simulation is given up
 BRIDGED_SHORTENING = 8.0  # times shorter than the usual step
-BRIDGING_RATIOS = (2.0, 1.4, 0.9)  # of the usual step: what is tried to step over a singularity
+BRIDGING_RATIOS = (2.0, 1.4, 0.9, 2.8, 1.7, 1.15, 0.65)  # of the usual step, tried over a singularity
 FAILED_STEP_RATIO = 0.25  # of its length is tried next when a step was not solved
 MOVE_ROUNDING = 1e-15  # of a joint's move in a step: less cannot be resolved
 FIRST_STEP_RATIO = 1 / 8  # of the duration

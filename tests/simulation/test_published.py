@@ -83,9 +83,10 @@ def test_two_four_bars_for_ten_seconds(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_minute_of_level_rods(tmp_path):
-    """Some seventy passages: short steps cannot be solved near one, so steps go over it."""
-    result, off = four_bars(tmp_path, 2, 60.0)
+@pytest.mark.parametrize("change", [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3])
+def test_a_minute_of_level_rods(tmp_path, change):
+    """Some seventy passages: short steps cannot be solved near one; steps go over it wherever they fall."""
+    result, off = four_bars(tmp_path, 2, 60.0, tolerance=1e-12 * (1.0 + change))
     assert off.max() < 1e-6
     assert result.unresolved < 1e-8
 
