@@ -26,10 +26,8 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.motion.chebyshev import coefficients, derivative_matrix, nodes
 from framework.motion.clock import Clock
 from framework.motion.path import along
+from framework.tolerances import END_RATE_MISFIT, END_RATE_WEIGHT, WEAK_COLUMN
 
-WEAK_COLUMN = 1e-6  # of the size of the columns: what changes F by less is left alone
-END_RATE_WEIGHT = 1e-5  # of rates at the ends and jumps at the knots, over F_l
-END_RATE_MISFIT = 1e-6  # misfit below which that weight falls with it
 DEFLECTION_STEP = 1e-5  # in units of the springs, for differences
 
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)

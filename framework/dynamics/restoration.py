@@ -23,11 +23,11 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.motion.clock import Clock, InTime, OnParameter
 from framework.motion.law import MotionLaw
 from framework.motion.optimal_law import OptimalLaw
+from framework.tolerances import MAX_UNRESOLVED_MISFIT
 
 MAX_MISFIT_RATIO = 0.5  # of the misfits after and before a step that is taken; above, more coefficients are
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # the same, for slopes that are used once more
 SETTLED_MISFIT = 2e-14  # that is enough
-MAX_UNRESOLVED_MISFIT = 0.1  # that may be for want of coefficients
 FIRST_COEFFICIENTS = 48
 COEFFICIENTS_PER_DEGREE = 1.25  # of an optimal law, at first
 MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH = 1.25, 2.0  # where some are added
