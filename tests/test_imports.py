@@ -1,7 +1,8 @@
 """Imports run one way.
 
-errors <- input <- output, linalg, motion <- model <- kinematics <- proofs | singularity | simulation <-
-locus | dynamics <- statics <- crossing | atlas <- fidelity <- control <- show, cli <- robots <- tests
+errors <- input, fields <- output, linalg, motion <- model <- kinematics <- proofs | singularity |
+simulation <- locus | dynamics <- statics <- crossing | atlas <- fidelity <- control <- show, cli <- robots
+<- tests
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 FLOORS = (
     ("arrays", "tolerances"),
     ("errors", "interruption"),
-    ("input",),
+    ("input", "fields"),
     ("output", "linalg", "motion"),
     ("model", "parallel"),  # parallel knows no robot
     ("kinematics",),

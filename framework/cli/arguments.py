@@ -17,9 +17,10 @@ from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene, scene_path, scene_request
 from framework.errors import InvalidInput
 from framework.fidelity.fidelity_study import kept_options
+from framework.fields import LARGEST_NUMBER
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import LARGEST_NUMBER, KeptLevel, ParsedRobot
+from framework.model.description import KeptLevel, ParsedRobot
 from framework.model.readers.missing_fields import Propose
 from framework.model.readers.recognise import parse_any
 from framework.motion.path import Line, Path

@@ -12,9 +12,7 @@ import yaml
 from framework.arrays import Array
 from framework.errors import RobotFileError
 from framework.export.joint_trajectory import FIELDS, FRAME_IDS, NANOSECONDS
-from framework.input import read_text
-from framework.model.documents import naming
-from framework.model.fields import (
+from framework.fields import (
     Table,
     entries,
     integer,
@@ -25,6 +23,8 @@ from framework.model.fields import (
     required,
     text,
 )
+from framework.input import read_text
+from framework.model.documents import naming
 
 
 class TrajectoryFile(NamedTuple):

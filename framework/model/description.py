@@ -12,8 +12,7 @@ from framework.errors import RobotFileError, choose_from
 
 # Each has the springs of those before it; `Spring.exists_in` says from which one on a spring's `part` exists.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
-# numbers of a robot, in SI units: powers of others overflow or vanish
-LARGEST_NUMBER, SMALLEST_LENGTH = 1e30, 1e-30
+SMALLEST_LENGTH = 1e-30  # [m] powers of others vanish
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 # What each closure kind locks if its axis is z: axes in the frame of the first body, or the distance of the

@@ -15,7 +15,7 @@ from yaml.constructor import SafeConstructor
 from yaml.cyaml import CParser  # type: ignore[attr-defined]  # its stub forgets to export it
 from yaml.resolver import Resolver
 
-from framework.errors import MissingPackage, RobotFileError
+from framework.errors import InvalidInput, MissingPackage, RobotFileError
 
 LEADING_BLANKS = "\ufeff \t\r\n"  # may stand before the first element
 MAX_XML_ELEMENTS = 200_000
@@ -34,7 +34,7 @@ def naming(path: Path | str) -> Iterator[None]:
         yield
     except MissingPackage as error:
         raise MissingPackage(f"{path}: {error}", package=error.package) from None
-    except RobotFileError as error:
+    except InvalidInput as error:
         raise RobotFileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except RecursionError:
         raise RobotFileError(f"{path}: nested too deeply") from None

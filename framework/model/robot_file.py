@@ -14,11 +14,7 @@ from typing import Any
 import numpy as np
 
 from framework.errors import RobotFileError
-from framework.input import read_text
-from framework.model.additions import AddedFrame, add_frames, free_root, lock_joints
-from framework.model.description import ParsedRobot, RobotDescription, Spring
-from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
-from framework.model.fields import (
+from framework.fields import (
     Reader,
     Table,
     anything,
@@ -36,6 +32,10 @@ from framework.model.fields import (
     text,
     vector3,
 )
+from framework.input import read_text
+from framework.model.additions import AddedFrame, add_frames, free_root, lock_joints
+from framework.model.description import ParsedRobot, RobotDescription, Spring
+from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.inertia import check_inertia
 from framework.model.parameters import filled, with_parameters
 from framework.model.robot_keys import JointSpring, joint_dynamics, robot_table

@@ -7,20 +7,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from framework.errors import RobotFileError
-from framework.model.description import (
-    AXES,
-    Actuator,
-    Closure,
-    Coupling,
-    JointDynamics,
-    KeptLevel,
-    Platform,
-    Scene,
-    Spring,
-    locked_axes,
-)
-from framework.model.fidelity_levels import LEVELS_BY_NAME
-from framework.model.fields import (
+from framework.fields import (
     Reader,
     Table,
     below,
@@ -40,6 +27,19 @@ from framework.model.fields import (
     text,
     vector3,
 )
+from framework.model.description import (
+    AXES,
+    Actuator,
+    Closure,
+    Coupling,
+    JointDynamics,
+    KeptLevel,
+    Platform,
+    Scene,
+    Spring,
+    locked_axes,
+)
+from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.urdf import Urdf
 from framework.model.urdf_elements import MOVING, SEVERAL, coordinates_of
 

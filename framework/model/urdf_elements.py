@@ -195,12 +195,14 @@ def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
 
 
 def check_link(link: ElementTree.Element, extent: float) -> None:
-    """Look at a link's inertia; `extent` [m] is the largest distance of joints of its tree.
+    """Look at a link's inertia and where its visuals are; `extent` [m]: the largest distance of joints.
 
     Raises:
         RobotFileError: a number is missing or not finite, or no body has such an inertia.
     """
     where = f"link {link.get('name')!r}"
+    for visual in link.findall("visual"):
+        origin_numbers(visual.find("origin"), f"{where}: <visual> <origin>")
     inertial = link.find("inertial")
     if inertial is None:
         return

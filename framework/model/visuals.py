@@ -19,6 +19,7 @@ import pinocchio as pin
 from framework.arrays import Array, IntArray
 from framework.model.description import RobotDescription
 from framework.model.urdf import locate_urdf
+from framework.model.xml_reading import origin_of
 
 Color = tuple[float, float, float, float]
 
@@ -61,7 +62,7 @@ def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]
         for visual in link.findall("visual"):
             try:
                 kind, size, vertices, faces = _solid(description, visual.find("geometry"))
-                placement = frame.placement.homogeneous @ _origin(visual.find("origin"))
+                placement = frame.placement.homogeneous @ origin_of(visual.find("origin"), "<origin>")
                 color = _color(visual.find("material"), materials)
             except ValueError:
                 continue
@@ -98,14 +99,6 @@ def _mesh(description: RobotDescription, element: ElementTree.Element) -> tuple[
     if not (triangles and np.all(np.isfinite(vertices))):
         raise ValueError("no surface")
     return vertices, np.array([[each[0], each[1], each[2]] for each in triangles], dtype=np.intp)
-
-
-def _origin(element: ElementTree.Element | None) -> Array:
-    """Return the placement (4, 4) of an `<origin>`."""
-    if element is None:
-        return np.eye(4)
-    xyz, rpy = (np.array(_numbers(element.get(key, "0 0 0"), 3)) for key in ("xyz", "rpy"))
-    return np.asarray(pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz).homogeneous)
 
 
 def _color(

@@ -13,7 +13,8 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, short
-from framework.model.description import LARGEST_NUMBER, SMALLEST_LENGTH
+from framework.fields import LARGEST_NUMBER
+from framework.model.description import SMALLEST_LENGTH
 from framework.model.placement import from_rpy, placement
 
 

@@ -12,6 +12,7 @@ import pytest
 
 import robots
 from framework.cli import main
+from framework.errors import RobotFileError
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.bare_urdf import bare_urdf
 from framework.model.spring_joints import count_turns
@@ -30,7 +31,6 @@ VISUALS = [
     "",
 ]
 ODDITIES = [  # beside the shapes of a link, beside the axis of a joint
-    ("</link>", '<visual><origin xyz="1 2"/><geometry><sphere radius="1"/></geometry></visual></link>'),
     ("</link>", '<visual><material><color rgba="red"/></material></visual></link>'),
     ("</link>", "<visual/></link>"),
     ("</joint>", '<safety_controller k_velocity="x"/></joint>'),
@@ -63,6 +63,15 @@ def test_what_does_not_move_is_not_judged(write_robot, capfd, old, new):
     robot = ParallelRobot.from_file(write_robot(urdf=((old, new),)))
     assert robot.model == robots.load("five_bar").model
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("numbers", ["1 2", "nan 0 0", "a b c", "1e40 0 0"])
+@pytest.mark.parametrize("key", ["xyz", "rpy"])
+def test_a_shape_that_is_nowhere_is_refused_by_the_name_of_its_link(write_robot, key, numbers):
+    shape = f'<visual><origin {key}="{numbers}"/><geometry><sphere radius="1"/></geometry></visual>'
+    file = write_robot(urdf=(("</link>", f"{shape}</link>"),))
+    with pytest.raises(RobotFileError, match=f"link '.*': <visual> <origin> {key}: .*{numbers}"):
+        ParallelRobot.from_file(file)
 
 
 def test_a_command_prints_its_report_and_nothing_else(write_robot, capfd):

@@ -1,7 +1,7 @@
-"""Typed values out of the mappings of a YAML file: a table a mapping, from its keys to how each is read.
+"""Typed values out of the mappings of a document: a table a mapping, from its keys to how each is read.
 
 A reader is called with the place of a value, such as `actuators[0].joint`, and what was given there; it
-returns the value or raises a RobotFileError that names the place, what was given and what is valid.
+returns the value or raises an InvalidInput that names the place, what was given and what is valid.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from collections.abc import Callable, Collection, Mapping
 from difflib import get_close_matches
 from typing import Any, NamedTuple, TypeVar
 
-from framework.errors import RobotFileError, choose_from
-from framework.model.description import LARGEST_NUMBER
+from framework.errors import InvalidInput, choose_from
 
+LARGEST_NUMBER = 1e30  # of any quantity in SI units: powers of others overflow
 T = TypeVar("T")
 Reader = Callable[[str, Any], T]
 
@@ -51,10 +51,10 @@ def mapping(where: str, given: Any) -> dict[Any, Any]:
     """Read a mapping of any keys.
 
     Raises:
-        RobotFileError: it is none.
+        InvalidInput: it is none.
     """
     if not isinstance(given, dict):
-        raise RobotFileError(f"{where or 'the file'}: needs a mapping of keys, got {str(given)[:60]!r}")
+        raise InvalidInput(f"{where or 'the file'}: needs a mapping of keys, got {str(given)[:60]!r}")
     return given
 
 
@@ -64,7 +64,7 @@ def read_table(
     """Read the value of each key of the table; `others` may be given too, None for any.
 
     Raises:
-        RobotFileError: a key is missing or unknown, or its reader refuses the value.
+        InvalidInput: a key is missing or unknown, or its reader refuses the value.
     """
     content, values = mapping(where, given), {}
     for key, field in table.items():
@@ -74,13 +74,13 @@ def read_table(
             near = get_close_matches(key, [str(name) for name in content if name not in table], n=1)
             hint = f"; is {near[0]!r} a misspelling?" if near else ""
             listed = ", ".join(map(str, content)) or "nothing"
-            raise RobotFileError(f"{below(where, key)}: missing{hint} (given: {listed})")
+            raise InvalidInput(f"{below(where, key)}: missing{hint} (given: {listed})")
         else:
             values[key] = field.default
     for key in content if others is not None else ():
         if key not in table and key not in (others or ()):
             valid = (*table, *(others or ()))
-            raise RobotFileError(f"{below(where, key)}: {choose_from('key', key, valid)}")
+            raise InvalidInput(f"{below(where, key)}: {choose_from('key', key, valid)}")
     return values
 
 
@@ -107,7 +107,7 @@ def list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
 
     def read_list(where: str, given: Any) -> tuple[T, ...]:
         if not isinstance(given, list):
-            raise RobotFileError(f"{where}: needs a list, got {given!r}")
+            raise InvalidInput(f"{where}: needs a list, got {given!r}")
         return tuple(read(f"{where}[{i}]", item) for i, item in enumerate(given))
 
     return read_list
@@ -123,7 +123,7 @@ def entries(read: Reader[T]) -> Reader[tuple[T, ...]]:
 
     def read_entries(where: str, given: Any) -> tuple[T, ...]:
         if not isinstance(given, list) or not given:
-            raise RobotFileError(f"{where}: needs a list with at least one entry, got {given!r}")
+            raise InvalidInput(f"{where}: needs a list with at least one entry, got {given!r}")
         return list_of(read)(where, given)
 
     return read_entries
@@ -140,7 +140,7 @@ def anything(where: str, given: Any) -> Any:
 def text(where: str, given: Any) -> str:
     """Read a text that is not empty."""
     if not isinstance(given, str) or not given:
-        raise RobotFileError(f"{where}: needs a text, got {given!r}")
+        raise InvalidInput(f"{where}: needs a text, got {given!r}")
     return given
 
 
@@ -149,7 +149,7 @@ def one_of(what: str, valid: Collection[str]) -> Reader[str]:
 
     def read_name(where: str, given: Any) -> str:
         if not isinstance(given, str) or given not in valid:
-            raise RobotFileError(f"{where}: {choose_from(what, given, valid)}")
+            raise InvalidInput(f"{where}: {choose_from(what, given, valid)}")
         return given
 
     return read_name
@@ -158,7 +158,7 @@ def one_of(what: str, valid: Collection[str]) -> Reader[str]:
 def integer(where: str, given: Any) -> int:
     """Read a whole number."""
     if not isinstance(given, int) or isinstance(given, bool):
-        raise RobotFileError(f"{where}: needs a whole number, got {given!r}")
+        raise InvalidInput(f"{where}: needs a whole number, got {given!r}")
     return given
 
 
@@ -169,13 +169,13 @@ def number(where: str, given: Any) -> float:
             raise ValueError
         value = float(given)
     except ValueError:
-        raise RobotFileError(f"{where}: needs a number, got {given!r}") from None
+        raise InvalidInput(f"{where}: needs a number, got {given!r}") from None
     except OverflowError:
         value = math.inf
     if not math.isfinite(value):
-        raise RobotFileError(f"{where}: needs a finite number, got {given!r}")
+        raise InvalidInput(f"{where}: needs a finite number, got {given!r}")
     if abs(value) > LARGEST_NUMBER:
-        raise RobotFileError(f"{where}: must be at most {LARGEST_NUMBER:g} in size, got {given!r}")
+        raise InvalidInput(f"{where}: must be at most {LARGEST_NUMBER:g} in size, got {given!r}")
     return value
 
 
@@ -183,7 +183,7 @@ def positive(where: str, given: Any) -> float:
     """Read a finite number greater than zero."""
     value = number(where, given)
     if value <= 0:
-        raise RobotFileError(f"{where}: must be greater than zero, got {given!r}")
+        raise InvalidInput(f"{where}: must be greater than zero, got {given!r}")
     return value
 
 
@@ -191,7 +191,7 @@ def not_negative(where: str, given: Any) -> float:
     """Read a finite number of at least zero."""
     value = number(where, given)
     if value < 0:
-        raise RobotFileError(f"{where}: must not be negative, got {given!r}")
+        raise InvalidInput(f"{where}: must not be negative, got {given!r}")
     return value
 
 
@@ -199,5 +199,5 @@ def vector3(where: str, given: Any) -> tuple[float, float, float]:
     """Read three finite numbers."""
     vector = list_of(number)(where, given)
     if len(vector) != 3:
-        raise RobotFileError(f"{where}: needs three numbers, got {given!r}")
+        raise InvalidInput(f"{where}: needs three numbers, got {given!r}")
     return vector[0], vector[1], vector[2]
