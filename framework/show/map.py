@@ -43,7 +43,7 @@ def quantity_of(workspace: WorkspaceMap, key: str) -> Quantity:
 
 
 def colours(workspace: WorkspaceMap, key: str) -> tuple[Colormap, Normalize]:
-    """Return the colours of a quantity: bright is good; g has one colour on either side of the locus."""
+    """Return the colours of a quantity: bright is good; g is white on the locus."""
     quantity, values = quantity_of(workspace, key), workspace.values[key]
     finite = values[np.isfinite(values)]
     if quantity.signed:

@@ -31,10 +31,9 @@ from framework.show.style import LOCUS, PATH
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
 COLOR_LEVELS = 256
-LEAD = (
-    "All poses are reached from the robot's reference without leaving its working mode. Bright is good, grey "
-    "is not reached."
-)
+LEAD = "All poses are reached from the robot's reference without leaving its working mode."
+SIDES = "White is 0, on the locus; the two colours are its two sides, deeper with the distance from it."
+BRIGHT_IS_LARGE, BRIGHT_IS_SMALL = "Bright is large, and good.", "Bright is small, and good."
 ON_LOCUS = "On the purple locus (Type 2) the motors do not hold the platform:"
 
 
@@ -100,12 +99,19 @@ def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> dict[str, Any]:
         "key": quantity.key,
         "name": quantity.name,
         "unit": unit_of(workspace.robot, quantity),
+        "reading": _reading(quantity),
         "values": _packed(workspace.values[quantity.key].astype("<f4")),
         "range": [float(norm.vmin or 0.0), float(norm.vmax or 0.0)],
         "decades": quantity.decades,
         "loaded": quantity.loaded,
         "colours": shades.tolist(),
     }
+
+
+def _reading(quantity: Quantity) -> str:
+    if quantity.signed:
+        return SIDES
+    return BRIGHT_IS_LARGE if quantity.large_is_good else BRIGHT_IS_SMALL
 
 
 def _curve(points: Array, colour: str, width: float, dash: list[int]) -> dict[str, Any]:

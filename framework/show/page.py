@@ -45,7 +45,7 @@ HAND_LEAD = (
     "Move the platform (the part that the motors move together), or the motors, and watch how near the robot "
     "is to a singularity, where the arrow t<sub>s</sub> is the direction without hold. The loops stay "
     "closed; at the edge of the workspace the robot stops rather than jump to another way of being "
-    "assembled. <b>The platform can be led across a Type 2 singularity; the motors cannot lead it there.</b>"
+    "assembled. <b>The platform's sliders lead it across a Type 2 singularity; the motors' end on it.</b>"
 )
 
 

@@ -45,7 +45,7 @@ CLASSES = {
 
 _MOTORS_END = (
     "A {name}: here the motors lose their hold of the platform and can turn no further in this assembly "
-    "mode. The platform can be led across; the motors cannot lead it."
+    "mode. Led by the platform, the robot goes across."
 )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -166,18 +167,31 @@ def test_on_the_locus_the_platform_wobbles_along_t_s_with_its_loops_closed(opene
     assert on["level"] == "singular"
     assert "It wobbles: " in tab.inner_text(".now")
     places, rest = [], np.array(on["origin"])
-    for _ in range(12):
+    way, end = np.array(on["t_s"][0]), time.monotonic() + 30.0
+    while len(places) < 12 or np.ptp((np.array(places) - rest) @ way) <= 0.02 * robot.length:
         tab.wait_for_timeout(60)
         places.append(tab.evaluate("crossing.hand.spot.position.toArray()"))
         assert gap(robot, placements(tab, "crossing.hand.view")) < BETWEEN
+        assert time.monotonic() < end
     moved = np.array(places) - rest
-    way = np.array(on["t_s"][0])
-    assert np.ptp(moved @ way) > 0.02 * robot.length
     assert np.abs(np.cross(moved, way)).max() < 1e-6
     # led on, it stands still again where it was led
     state = drag(tab, "platform", 1, 0.3)
     tab.wait_for_timeout(100)
     assert tab.evaluate("crossing.hand.spot.position.toArray()") == pytest.approx(state["origin"], abs=1e-6)
+
+
+def test_a_key_that_is_held_goes_all_its_steps(opened, by_hand):
+    tab = opened(by_hand(robots.load("five_bar")))
+    slider = tab.locator("input[data-part=platform][data-index='0']")
+    assert "Drag the platform" in tab.inner_text(".hint")
+    before, step = float(slider.input_value()), float(slider.get_attribute("step"))
+    slider.focus()
+    for _ in range(30):
+        tab.keyboard.down("ArrowRight")  # again and again: what the keyboard sends while a key is held
+    tab.keyboard.up("ArrowRight")
+    wait_until(tab, "!crossing.hand.busy && !crossing.hand.waiting")
+    assert float(slider.input_value()) == pytest.approx(before + 30 * step, abs=1.5 * step)
 
 
 def test_badge_caption_and_box_name_the_same_singularity(opened, by_hand):

@@ -133,10 +133,13 @@ def test_singular_now_is_said_at_the_instant_alone(shared):
     assert tab.evaluate("crossing.clock.t") == 1.0
 
 
-def test_the_space_bar_plays_wherever_the_focus_is(shared):
+def test_the_space_bar_plays_but_for_what_it_operates_itself(shared):
     tab = shared("five_bar", "C")
-    tab.click("button.telling")
-    for focus in ("button.telling", "button.play", "select.speed", ".bar", "body"):
+    tab.locator("button.telling").focus()
+    tab.keyboard.press("Space")
+    assert not tab.evaluate("crossing.clock.playing")
+    assert tab.evaluate("crossing.clock.t") == 1.0
+    for focus in ("button.play", ".bar", "body"):
         tab.evaluate("crossing.clock.pause()")
         tab.locator(focus).focus()
         tab.keyboard.press("Space")

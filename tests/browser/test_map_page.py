@@ -73,8 +73,10 @@ def test_the_pointer_tells_the_values_of_its_pose(opened, width):
 def test_another_quantity_is_painted_and_what_is_not_reached_says_why(opened):
     tab = opened(map_page(found()))
     before = tab.evaluate("document.getElementById('map').toDataURL()")
+    assert tab.inner_text("#reading").startswith("White is 0")  # g, at first
     tab.locator("#quantity").select_option("torque")
     assert tab.evaluate("document.getElementById('map').toDataURL()") != before
+    assert tab.inner_text("#reading") == "Bright is small, and good."
     tab.evaluate("crossing.map.move([0, 0])")
     assert set(told(tab)) == {"x", "y", "pose"}
     assert told(tab)["pose"] in found().counts

@@ -7,7 +7,9 @@ import pytest
 
 import robots
 from framework import plan_scene
+from framework.show.page import film_page
 from framework.show.report import report_page
+from tests.browser.pages import filmed
 
 pdfium = pytest.importorskip("pypdfium2", reason="pages are drawn by pypdfium2, of the extra `browser`")
 pytestmark = pytest.mark.browser
@@ -41,6 +43,19 @@ def pages(tab, shown: str) -> list[np.ndarray]:
     document = pdfium.PdfDocument(tab.pdf(prefer_css_page_size=True))
     pictures = [page.render(scale=DOTS, grayscale=True).to_numpy() for page in document]
     return [np.asarray(picture).squeeze() < 200 for picture in pictures]
+
+
+@pytest.mark.parametrize("scenes", [["C"], ["A", "B", "C"]])
+def test_a_printed_film_has_a_page_a_scene_with_the_whole_robot(opened, scenes):
+    tab = opened(film_page([filmed("five_bar", scene) for scene in scenes]))
+    tab.click("button.telling")
+    document = pdfium.PdfDocument(tab.pdf(prefer_css_page_size=True))
+    assert len(document) == len(scenes)
+    for page in document:
+        red, green, blue = np.moveaxis(page.render(scale=DOTS).to_numpy().astype(int)[..., :3], -1, 0)[::-1]
+        rods = [(blue - red > 90) & (green < 150), (red - blue > 150) & (green < 140)]  # blue and orange
+        assert all(colour.sum() > 200 for colour in rods)
+        assert not any(colour[:, -MARGIN:].any() for colour in rods)
 
 
 def test_nothing_of_a_printed_report_lies_over_anything_else(opened):

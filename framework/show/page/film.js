@@ -1,5 +1,7 @@
 // One film: a view, what moves in it, the curves beside it, and what is to be said about this instant.
 
+const MAX_TALLER = 1.8; // times their least height: what curves alone beside a scene may take
+
 class Film {
   constructor(section, content, seek) {
     this.content = content;
@@ -18,7 +20,7 @@ class Film {
     // the singular instant that nobody gets beyond, of a motion without a proof
     this.end = content.proved ? Infinity : Math.min(...content.instants.map(({ time }) => time));
     const badge = content.proved ? `<span class="badge proved" title="${plain(content.proof)}">finite torque, proven</span>` : '<span class="badge unproved">unbounded torque</span>';
-    section.innerHTML = `<h2>${plain(content.title)}${badge}<span class="subtitle">${symbols(content.subtitle)}</span></h2>
+    section.innerHTML = `<h2>${plain(content.title)} ${badge} <span class="subtitle">${symbols(content.subtitle)}</span></h2>
       <div class="inside"><div class="left"><div class="legend"></div><div class="view"></div><div class="now"></div><div class="unseen" role="status"></div></div><div class="side"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
     this.view.name(`${content.robot.replace(/_/g, " ")}, ${content.title}: ${content.subtitle}`);
@@ -130,26 +132,29 @@ class Film {
     const names = content.motors.map(({ name }) => plain(name).replace(/_/g, " "));
     // beside the title of their curves, if all of them find room there
     const scale = parseFloat(getComputedStyle(document.documentElement).fontSize) / 14;
-    const short = names.reduce((sum, name) => sum + 6.4 * name.length + 24, 130) * scale < side.clientWidth;
+    const shortNames = names.reduce((sum, name) => sum + 6.4 * name.length + 24, 130) * scale < side.clientWidth;
     side.insertAdjacentHTML("beforeend", `<p class="summary">${symbols(content.summary)}</p>`);
     if (content.refusal) side.insertAdjacentHTML("beforeend", `<p class="summary refusal">The planner: ${symbols(content.refusal)}</p>`);
+    // alone beside its scene, the curves take what height the words leave
+    const written = [...side.children].reduce((sum, { offsetHeight }) => sum + offsetHeight + 12, 30 * !shortNames);
+    const taller = beside ? 1 : Math.min(MAX_TALLER, Math.max(1, (side.clientHeight - written - 20) / (scale * (150 + 176 + 140))));
     this.panels = [new Chart(side, {
-      title: `motor torque [${units}]`, time, seek, unreal, limit: content.shared_limit, height: beside ? 116 : 150,
+      title: `motor torque [${units}]`, time, seek, unreal, limit: content.shared_limit, height: beside ? 116 : 150 * taller,
       events: content.instants.map((instant) => mark(instant, undefined, alarm ? `${rounded(instant.time)} s: no bound` : "")),
-      series: this.torque.map((values, k) => ({ values, color: PALETTE[k % 6], dash: dashes[k % 4], name: short ? content.motors[k].name.replace(/_/g, " ") : "" })),
+      series: this.torque.map((values, k) => ({ values, color: PALETTE[k % 6], dash: dashes[k % 4], name: shortNames ? content.motors[k].name.replace(/_/g, " ") : "" })),
     })];
-    if (!short) side.insertAdjacentHTML("beforeend", `<p class="names">${names.map((name, k) =>
+    if (!shortNames) side.insertAdjacentHTML("beforeend", `<p class="names">${names.map((name, k) =>
       `<span><b style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"}</b> ${name}</span>`).join("&ensp; ")}</p>`);
     if (!this.g) return;
     this.panels.push(new Chart(side, {
-      title: `${content.asked} tₛ, asked for (tₛ · Wₚ) and given [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 103 : 176,
+      title: `${content.asked} tₛ, asked for (tₛ · Wₚ) and given [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 103 : 176 * taller,
       events: content.instants.map((instant) => mark(instant, alarm ? instant.wrench : 0,
         alarm ? `misses the eye: ${rounded(instant.wrench)} ${content.unit}` : `through the eye: 0`)),
       series: [{ values: this.power, color: WRENCH }], band: this.band,
     }));
     this.panels.push(new Chart(side, {
       title: `singularity measure g: 0 ${content.locus ? `on the purple ${content.locus.kind === "patch" ? "surface" : "curve"}` : "where singular"}`, time, seek, unreal,
-      height: beside ? 103 : 140, events: content.instants.map((instant) => mark(instant, 0, "")),
+      height: beside ? 103 : 140 * taller, events: content.instants.map((instant) => mark(instant, 0, "")),
       series: [{ values: this.g, color: LOCUS }],
     }));
   }
@@ -194,7 +199,7 @@ class Film {
     this.shown = at;
     if (this.told !== text.split("</b>")[0]) { // not each number anew
       this.told = text.split("</b>")[0];
-      this.live.textContent = this.caption.textContent;
+      this.live.textContent = this.caption.innerText;
     }
     view.viewer.set_dirty();
   }

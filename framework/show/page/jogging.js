@@ -3,7 +3,7 @@
 class Hand {
   constructor(section, content) {
     this.content = content;
-    section.innerHTML = `<h2>${plain(content.robot).replace(/_/g, " ")}, moved by hand<span class="subtitle">${plain(content.about)}</span></h2>
+    section.innerHTML = `<h2>${plain(content.robot).replace(/_/g, " ")}, moved by hand <span class="subtitle">${plain(content.about)}</span></h2>
       <div class="inside"><div class="left"><div class="legend"></div><div class="view"></div><div class="now"></div></div><div class="side sliders"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
     this.view.name(`${content.robot.replace(/_/g, " ")}, moved by hand`);
@@ -51,7 +51,7 @@ class Hand {
       <dl class="readings"><dt>singularity measure g (0 on the locus)</dt><dd class="g"></dd>
       <dt>smallest singular value σ<sub>min</sub></dt><dd class="smallest"></dd></dl>
       <div class="hold"></div>
-      <p class="stop" role="status"></p><div class="all"></div>
+      ${this.content.drag ? '<p class="hint">Drag the platform, or a slider.</p>' : ""}<p class="stop" role="status"></p><div class="all"></div>
       <p><button type="button" class="back">Back to the start</button></p>`;
     this.inputs = { platform: [], motor: [] };
     const all = this.side.querySelector(".all");
@@ -215,8 +215,10 @@ class Hand {
       [tip.clone(), origin.clone().multiplyScalar(2).sub(tip)]); // the arrow has to be in sight, too
     for (const part of ["platform", "motor"]) {
       this.inputs[part].forEach(({ input, output }, index) => {
-        const dragged = held && held.part === part && held.index === index && !this.settle;
+        const isOf = (movement) => movement && movement.part === part && movement.index === index;
+        const dragged = isOf(this.waiting) || (isOf(held) && !this.settle); // a held key asks on while one waits
         if (!dragged) input.value = state[part][index];
+        input.setAttribute("aria-valuetext", `${state[part][index].toPrecision(4)} ${this.content.sliders[part][index].unit}`);
         output.textContent = `${state[part][index].toFixed(4).replace(/^-(?=[0.]*$)/, "").replace("-", "−")} ${this.content.sliders[part][index].unit}`;
       });
     }

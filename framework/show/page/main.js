@@ -15,7 +15,7 @@ class Clock {
       <button class="telling" type="button" title="each scene at its own singular instant">At the singularity</button>
       <input type="range" class="bar" min="0" max="${this.duration}" step="any" value="0" aria-label="time">
       <span class="clock"></span>
-      <label>speed <select class="speed" aria-label="speed">${[1, 0.5, 0.25, 0.1, 0.05].map((value) =>
+      <label><span class="what">speed</span> <select class="speed" aria-label="speed">${[1, 0.5, 0.25, 0.1, 0.05].map((value) =>
         `<option value="${value}">${value === 1 ? "real time" : `× ${value}`}</option>`).join("")}</select></label>`;
     this.button = bar.querySelector(".play");
     this.bar = bar.querySelector(".bar");
@@ -27,10 +27,10 @@ class Clock {
     telling.addEventListener("click", () => this.tell());
     if (!this.instants.length) telling.remove();
     this.bar.addEventListener("input", () => this.take(Number(this.bar.value)));
-    // the space bar plays wherever the focus is, as long as the scene is in sight
+    // the space bar plays as long as the scene is in sight, but for what it operates itself
     const plays = (event) => {
       const { top, bottom } = document.getElementById("stage").getBoundingClientRect();
-      return event.code === "Space" && bottom > 0 && top < innerHeight;
+      return event.code === "Space" && bottom > 0 && top < innerHeight && !event.target.closest("button, select, a, summary");
     };
     document.addEventListener("keydown", (event) => {
       if (!plays(event)) return;
@@ -50,6 +50,7 @@ class Clock {
   seek(t) {
     this.t = Math.min(Math.max(t, 0), this.duration);
     this.bar.value = this.t;
+    this.bar.setAttribute("aria-valuetext", `${this.t.toFixed(3)} seconds of ${this.duration}`);
     this.clock.textContent = `${this.t.toFixed(3)} of ${this.duration} s`;
     for (const film of this.films) film.show(this.t);
   }
@@ -101,6 +102,7 @@ class Clock {
 
 // Side by side, the views take what height the two upper curves leave of the window.
 function fillHeight(films, columns) {
+  if (document.body.classList.contains("printing")) { columns.style.removeProperty("--view-height"); return; }
   const bottom = (film) => {
     const chart = columns.querySelectorAll(".side")[films.indexOf(film)].querySelectorAll(".chart")[1];
     return chart ? chart.getBoundingClientRect().bottom + scrollY - film.view.element.offsetHeight : 0;
@@ -131,6 +133,7 @@ function start() {
   }
   document.getElementById("legend").dataset.columns = contents.length;
   let clock = null;
+  document.getElementById("controls").innerHTML = "<button>Play</button>"; // as high as it will be
   const sections = contents.map(section); // all of them, so that each knows its width
   const films = contents.map((content, k) => new Film(sections[k], content, (t) => clock.take(t)));
   clock = new Clock(films, document.getElementById("controls"));
@@ -144,6 +147,15 @@ function start() {
   };
   addEventListener("resize", makeRoom);
   makeRoom();
+  // On paper the scenes stand below one another, as wide as the page.
+  const printing = (isPrinted) => () => {
+    clock.pause();
+    document.body.classList.toggle("printing", isPrinted);
+    makeRoom();
+    for (const { view } of films) view.onPaper(isPrinted);
+  };
+  addEventListener("beforeprint", printing(true));
+  addEventListener("afterprint", printing(false));
   const asked = /[#&]t=([\d.]+|singular)/.exec(location.hash);
   if (asked && asked[1] === "singular") { clock.tell(); return; }
   clock.seek(asked ? Number(asked[1]) : 0);

@@ -30,6 +30,7 @@ const short = (value) => {
 };
 
 function paint() {
+  document.getElementById("reading").textContent = chosen.reading;
   picture = document.createElement("canvas");
   picture.width = rows;
   picture.height = columns;

@@ -47,6 +47,17 @@ class View {
     if (!this.turned) this.frame();
   }
 
+  // On paper a picture of the scene stands for it: what a browser prints of the scene itself may be empty.
+  onPaper(isPrinted) {
+    this.resize();
+    this.viewer.render();
+    if (this.picture) this.picture.remove();
+    if (!isPrinted) return;
+    this.picture = this.pane.appendChild(new Image());
+    this.picture.src = this.pane.querySelector("canvas").toDataURL();
+    this.picture.alt = "";
+  }
+
   surroundings() {
     const { center, radius, lowest, flat } = this.content.view;
     const viewer = this.viewer;
