@@ -23,7 +23,7 @@ SOME_TESTS := tests/linalg tests/motion tests/locus/test_traced_locus.py tests/r
   tests/show/test_plots.py tests/crossing/optimal/test_best_law.py tests/test_cli_pose.py tests/test_cli_simulate.py
 # the modules of the API reference: the public face, and the submodules that a user calls by name
 API := framework.public framework.errors framework.motion.law framework.motion.path framework.model.beams \
-  framework.simulation framework.control framework.atlas.workspace_map framework.atlas.nearest \
+  framework.simulation framework.control framework.identification framework.atlas.workspace_map framework.atlas.nearest \
   framework.statics.stiffness framework.statics.loading framework.dynamics.forward_dynamics framework.kinematics.continuation.pose_stack framework.show.plots \
   framework.show.locus_figures robots
 

@@ -13,9 +13,10 @@ Bring a robot (`ParallelRobot.from_file`, or `robots.load` for the catalogue) an
   what loops and joints carry, an `Instant`.
 
 Errors have one base, `FrameworkError`: `InvalidInput` when what was given cannot be right, `NoAnswer` when
-the answer is no. Controllers and studies are in `framework.control`, figures in `framework.show.plots`,
-beams as springs in `framework.model.beams`, `Stepper` and `Event` in `framework.simulation`, torques without
-a proof in `framework.dynamics.finite_differences`.
+the answer is no. Controllers and studies are in `framework.control`, identification in
+`framework.identification`, figures in `framework.show.plots`, beams as springs in `framework.model.beams`,
+`Stepper` and `Event` in `framework.simulation`, torques without a proof in
+`framework.dynamics.finite_differences`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Imports run one way.
 
 errors <- input, fields <- output, linalg, motion <- model <- kinematics <- proofs | singularity |
-simulation <- locus | dynamics <- statics <- crossing | atlas <- fidelity <- control <- show, cli <- robots
-<- tests
+simulation <- locus | dynamics <- statics <- crossing | atlas <- fidelity <- control | identification <- show,
+cli <- robots <- tests
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ FLOORS = (
     ("statics",),
     ("crossing", "atlas"),
     ("fidelity",),
-    ("control", "export"),
+    ("control", "export", "identification"),
     ("show", "public"),  # the public face: `import framework` draws nothing
     ("__init__", "cli"),
     ("__main__",),

@@ -1,0 +1,131 @@
+"""The linear combinations of parameters that a regressor determines, each led by one parameter.
+
+Columns of the regressor are taken in the order of the parameters. One that depends on those before it is
+regrouped with them, as Khalil and Gautier do: the others lead the base parameters
+
+    base = parameters[leading] + coefficients of the dependent ones.
+
+Khalil and Dombre, "Modeling, Identification and Control of Robots", 2002, section 9.4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, IntArray, ReadOnlyArrays
+from framework.tolerances import RANK_ROUNDING
+
+COEFFICIENT_ROUNDING = (
+    1e-7  # of a coefficient over the largest of its combination, in sizes of the parameters
+)
+MAX_TERMS = 8  # of a combination in a text
+
+
+@dataclass(frozen=True, eq=False)
+class Combinations(ReadOnlyArrays):
+    """What a regressor (rows, p) determines of p parameters.
+
+    rank: number of base parameters.
+    singular_values: of the regressor with columns of unit length, those without effect left out.
+    leading: (rank,) the parameters that lead the base parameters, ascending.
+    coefficients: (rank, p) base parameters = coefficients @ parameters, in the units of the parameters; the
+        column of a leading parameter is a unit vector.
+    without_effect: the parameters whose column is zero.
+    """
+
+    rank: int
+    singular_values: Array
+    leading: IntArray
+    coefficients: Array
+    without_effect: IntArray
+
+    @property
+    def gap(self) -> float:
+        """The last singular value that counts over the first that does not; infinite where all count."""
+        if self.rank == len(self.singular_values) or not self.rank:
+            return np.inf
+        least = max(float(self.singular_values[self.rank]), float(np.finfo(float).tiny))
+        return float(self.singular_values[self.rank - 1]) / least
+
+    @property
+    def dependent(self) -> IntArray:
+        """The parameters that are seen, but in combinations that others lead."""
+        rest = np.setdiff1d(np.arange(self.coefficients.shape[1]), self.leading)
+        return np.setdiff1d(rest, self.without_effect)
+
+    @property
+    def unseen(self) -> Array:
+        """Return directions (p - rank, p) of the parameters that change no base parameter.
+
+        One for each parameter that leads none: that parameter changes by 1 and the leading ones make up for
+        it.
+        """
+        others = np.setdiff1d(np.arange(self.coefficients.shape[1]), self.leading)
+        directions = np.zeros((len(others), self.coefficients.shape[1]))
+        directions[np.arange(len(others)), others] = 1.0
+        directions[:, self.leading] = -self.coefficients[:, others].T
+        return directions
+
+
+def determined_combinations(regressor: Array, sizes: Array) -> Combinations:
+    """Compute the combinations of parameters that a regressor (rows, p) determines.
+
+    Args:
+        sizes: (p,) typical sizes of the parameters, which make the columns comparable.
+    """
+    scaled = regressor * sizes
+    lengths = np.linalg.norm(scaled, axis=0)
+    seen = np.flatnonzero(lengths > RANK_ROUNDING * lengths.max(initial=0.0))
+    unit = scaled[:, seen] / lengths[seen]
+    compact = np.asarray(np.linalg.qr(unit, mode="r"))
+    values = np.linalg.svd(compact, compute_uv=False)
+    rank = int(np.sum(values > RANK_ROUNDING * values.max(initial=0.0)))
+    leading = _leading(compact, rank)
+    others = np.setdiff1d(np.arange(len(seen)), leading)
+    regrouped = np.zeros((rank, regressor.shape[1]))
+    regrouped[np.arange(rank), seen[leading]] = 1.0
+    shares = np.linalg.lstsq(compact[:, leading], compact[:, others], rcond=None)[0]
+    weights = lengths[seen] / sizes[seen]
+    # columns in units of the parameters; what rounding leaves of a share that is zero is taken away
+    for_sizes = shares * lengths[seen[others]] / lengths[seen[leading], None]
+    largest = np.abs(for_sizes).max(axis=0, initial=0.0)
+    shares[np.abs(for_sizes) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
+    regrouped[:, seen[others]] = shares * weights[others] / weights[leading, None]
+    without = np.setdiff1d(np.arange(regressor.shape[1]), seen)
+    return Combinations(rank, values, seen[leading], regrouped, without)
+
+
+def _leading(matrix: Array, rank: int) -> IntArray:
+    """Return `rank` independent columns of a matrix with columns of unit length, the first that are.
+
+    The first that leave the span of those before them; where rounding makes them too many or too few, those
+    of a QR decomposition with column pivoting.
+    """
+    from scipy.linalg import qr
+
+    basis, leading = np.empty((len(matrix), 0)), []
+    for k, column in enumerate(matrix.T):
+        beside = column - basis @ (basis.T @ column)
+        beside -= basis @ (basis.T @ beside)
+        length = float(np.linalg.norm(beside))
+        if length > RANK_ROUNDING:
+            basis = np.column_stack([basis, beside / length])
+            leading.append(k)
+    if len(leading) == rank:
+        return np.array(leading, dtype=np.intp)
+    return np.sort(qr(matrix, mode="r", pivoting=True)[1][:rank]).astype(np.intp)
+
+
+def combination_text(names: Sequence[str], coefficients: Array) -> str:
+    """Return a combination (p,) of parameters as text: `a + 0.25 b - c`."""
+    used = np.flatnonzero(coefficients)
+    terms = []
+    for k in used[:MAX_TERMS]:
+        value = float(coefficients[k])
+        size = "" if abs(abs(value) - 1.0) < COEFFICIENT_ROUNDING else f"{abs(value):.4g} "
+        terms.append(("- " if value < 0 else "+ ") + size + names[k])
+    rest = f" and {len(used) - MAX_TERMS} more terms" if len(used) > MAX_TERMS else ""
+    return (" ".join(terms) + rest).removeprefix("+ ") if terms else "0"
