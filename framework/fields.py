@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import MISSING, fields
 from difflib import get_close_matches
 from typing import Any, NamedTuple, TypeVar
 
-from framework.errors import InvalidInput, choose_from
+from framework.errors import InvalidInput, choose_from, short
 
 LARGEST_NUMBER = 1e30  # of any quantity in SI units: powers of others overflow
 T = TypeVar("T")
@@ -89,6 +90,16 @@ def record(table: Table, make: Callable[[str, dict[str, Any]], T]) -> Reader[T]:
     return lambda where, given: make(where, read_table(where, given, table))
 
 
+def table_of(kind: type[Any], readers: Mapping[str, Reader[Any]]) -> Table:
+    """Return the table of a dataclass: a reader for each field, by the type that it is annotated with."""
+    return {
+        one.name: required(readers[str(one.type)])
+        if one.default is MISSING
+        else optional(readers[str(one.type)], one.default)
+        for one in fields(kind)
+    }
+
+
 def named(read: Reader[T], read_name: Reader[str] | None = None) -> Reader[dict[str, T]]:
     """Return a reader of a mapping from names to values of one kind."""
 
@@ -106,8 +117,8 @@ def list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
     """Return a reader of a list of values of one kind."""
 
     def read_list(where: str, given: Any) -> tuple[T, ...]:
-        if not isinstance(given, list):
-            raise InvalidInput(f"{where}: needs a list, got {given!r}")
+        if not isinstance(given, list | tuple):
+            raise InvalidInput(f"{where}: needs a list, got {short(given)}")
         return tuple(read(f"{where}[{i}]", item) for i, item in enumerate(given))
 
     return read_list
@@ -137,6 +148,25 @@ def anything(where: str, given: Any) -> Any:
     return given
 
 
+def or_null(read: Reader[T]) -> Reader[T | None]:
+    """Return a reader of null, or of what `read` reads."""
+    return lambda where, given: None if given is None else read(where, given)
+
+
+def truth(where: str, given: Any) -> bool:
+    """Read true or false."""
+    if not isinstance(given, bool):
+        raise InvalidInput(f"{where}: needs true or false, got {short(given)}")
+    return given
+
+
+def text_or_empty(where: str, given: Any) -> str:
+    """Read a text."""
+    if not isinstance(given, str):
+        raise InvalidInput(f"{where}: needs a text, got {short(given)}")
+    return given
+
+
 def text(where: str, given: Any) -> str:
     """Read a text that is not empty."""
     if not isinstance(given, str) or not given:
@@ -160,6 +190,14 @@ def integer(where: str, given: Any) -> int:
     if not isinstance(given, int) or isinstance(given, bool):
         raise InvalidInput(f"{where}: needs a whole number, got {given!r}")
     return given
+
+
+def whole(where: str, given: Any) -> int:
+    """Read a whole number of at least zero."""
+    value = integer(where, given)
+    if value < 0:
+        raise InvalidInput(f"{where}: must not be negative, got {value}")
+    return value
 
 
 def number(where: str, given: Any) -> float:

@@ -24,7 +24,7 @@ def written_together(
 ) -> Iterator[Path]:
     """Yield a temporary folder whose files move into `folder` once the block has ended without an error.
 
-    That `folder` can be written is found out before the block runs.
+    That `folder` can be written, and holds no `document` of others, is found out before the block runs.
 
     Args:
         document: the JSON file among those written that tells them for ours, a robot's; files of these
@@ -46,6 +46,8 @@ def written_together(
                 temporary, _ = own = _own_folder(folder)
         except ValueError as error:
             raise OutputError(f"{place}: {error}") from None
+        if document is not None:
+            _check_overwritten(folder, [document], document, place)
         yield temporary
         files = sorted(temporary.iterdir())
         _check_overwritten(folder, [written.name for written in files], document, place)

@@ -63,6 +63,7 @@ QUESTIONS = {
     "framework.kinematics.continuation.tracking": {"assemble"},
     "framework.kinematics.velocity_matrices": None,
     "framework.dynamics.action_lines": None,
+    "framework.dynamics.certificate": None,
     "framework.singularity.type2": {"moves_point"},
     "framework.locus.nonsingular_mode_change": {"AssemblyModeChange"},
     "framework.singularity.pose_classes": None,

@@ -127,6 +127,13 @@ def test_files_of_others_are_kept(tmp_path, there, named):
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == there
 
 
+def test_a_document_of_others_is_refused_before_the_work(tmp_path):
+    (tmp_path / "plan.json").write_text("{}")
+    refused = pytest.raises(OutputError, match="not of this program")
+    with refused, written_together(tmp_path, document="plan.json"):
+        pytest.fail("the work has begun")
+
+
 def test_files_beside_a_document_of_ours_are_replaced(tmp_path):
     (tmp_path / "motion.csv").write_text("old")
     (tmp_path / "plan.json").write_text('{"robot": "five_bar"}')

@@ -33,6 +33,7 @@ from framework.errors import FrameworkError, InvalidInput, choose_from
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.parameters import declared_parameters
+from framework.parallel.kept import ArrayField, fits
 from framework.parallel.tasks import completed
 from framework.statics.loading import LoadReason
 
@@ -114,7 +115,9 @@ def design_study(
     ]
     names = {f"{part.start:07d}-{part.stop:07d}": part for part in parts}
     kept = {} if keeper is None else dict(keeper.found())
-    chunks = {name: kept[name] for name, part in names.items() if _fits(kept.get(name), part, task)}
+    chunks = {
+        name: kept[name] for name, part in names.items() if fits(kept.get(name), _part_arrays(part, task))
+    }
     progress(sum(len(names[name]) for name in chunks))
     todo = [(name, designs.values[part]) for name, part in names.items() if name not in chunks]
     for (name, _), chunk in completed(partial(map_designs, task), todo, executor):
@@ -130,10 +133,10 @@ def design_study(
     return DesignStudy(task, designs, columns, column_units(robot, task), why)
 
 
-def _fits(chunk: Chunk | None, part: range, task: StudyTask) -> bool:
-    """Whether a kept chunk has the columns of these designs."""
-    keys = {*column_names(task), "why"}
-    return chunk is not None and set(chunk) == keys and all(a.shape == (len(part),) for a in chunk.values())
+def _part_arrays(part: range, task: StudyTask) -> dict[str, ArrayField]:
+    """Return the arrays of some designs that are mapped."""
+    numbers = dict.fromkeys(column_names(task), ArrayField("f", (len(part),)))
+    return numbers | {"why": ArrayField("U", (len(part),))}
 
 
 def map_designs(task: StudyTask, part: tuple[str, Array]) -> dict[str, NDArray[Any]]:

@@ -29,6 +29,7 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.locus.locus_on_map import MapLocus, MapPoses, locus_on_map
+from framework.parallel.kept import ArrayField, fits
 from framework.parallel.tasks import completed
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
@@ -166,7 +167,11 @@ def _filled(
     """Fill all bands of a window that are not kept already, and put them together."""
     bands = _bands(robot, window)
     kept = {} if keeper is None else dict(keeper.found())
-    chunks = {band.name: kept[band.name] for band in bands if _fits(kept.get(band.name), band, quantities)}
+    chunks = {
+        band.name: kept[band.name]
+        for band in bands
+        if fits(kept.get(band.name), _band_arrays(band, quantities))
+    }
     missing = [band for band in bands if band.name not in chunks]
     rows = bands[-1].stop - sum(band.stop - band.first for band in missing)
     progress(rows * window.shape[1])
@@ -215,12 +220,17 @@ def _bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
     return bands
 
 
-def _fits(chunk: Chunk | None, band: RowBand, quantities: tuple[Quantity, ...]) -> bool:
-    """Whether a kept chunk has what this band is to have."""
-    keys = {"q", "reason", "assembly", *(quantity.key for quantity in quantities)}
-    keys |= {"load"} if any(quantity.loaded for quantity in quantities) else set()
+def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, ArrayField]:
+    """Return the arrays of a band that is filled."""
     shape = (band.stop - band.first, band.q.shape[1])
-    return chunk is not None and set(chunk) == keys and all(a.shape[:2] == shape for a in chunk.values())
+    arrays = {
+        "q": ArrayField("f", (*shape, band.q.shape[2])),
+        "reason": ArrayField("u", shape),
+        "assembly": ArrayField("i", shape),
+    }
+    if any(quantity.loaded for quantity in quantities):
+        arrays["load"] = ArrayField("u", shape)
+    return arrays | {quantity.key: ArrayField("f", shape) for quantity in quantities}
 
 
 def _evaluated(

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from framework.cli.parser import Report
 from framework.control.run_monitor import Run
-from framework.control.study_setup import load_study, versions
+from framework.control.study_setup import FILE, load_study, versions
 from framework.errors import InvalidInput
+from framework.fields import Table, list_of, mapping, named, read_table, required, text, whole
+from framework.model.documents import naming
 
+_STUDY: Table = {"controller": required(text), "failures": required(list_of(mapping))}
+_RUNS: Table = {
+    "runs": required(whole),
+    "versions": required(named(text)),
+    "studies": required(list_of(lambda where, study: read_table(where, study, _STUDY, others=None))),
+}
 OF_A_REPLAY = ("robot", "robot_file", "replay", "controller", "json", "warnings", "refusal", "parser")
 
 
@@ -26,14 +35,10 @@ def replayed(options: argparse.Namespace) -> Report:
             name = {"start": "from", "end": "to"}.get(key, flag)
             raise InvalidInput(f"--{name}: the study in {options.robot} has its own; leave it out")
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
-    try:
-        failures = {study["controller"]: list(map(dict, study["failures"])) for study in saved["studies"]}
-        runs, then = int(saved["runs"]), dict(saved["versions"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInput(
-            f"{options.robot}: not a study that `crossing robustness --out` wrote ({type(error).__name__}: "
-            f"{error})"
-        ) from None
+    with naming(Path(options.robot) / FILE, InvalidInput):
+        stated = read_table("", saved, _RUNS, others=None)
+    failures = {study["controller"]: list(study["failures"]) for study in stated["studies"]}
+    runs, then = stated["runs"], stated["versions"]
     names = options.controller or list(failures)
     if len(names) != 1 or names[0] not in failures:
         raise InvalidInput(

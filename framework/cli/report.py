@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from framework.cli.parser import Report, add_moved_robot, command
-from framework.crossing.restored import load_plan
-from framework.crossing.saved import FILE
+from framework.crossing.restored import load_plan, stated_certificate
 from framework.errors import InvalidInput
-from framework.input import read_text
 from framework.output import write_file
 
 
@@ -31,7 +28,7 @@ def run(options: argparse.Namespace) -> Report:
     if options.html == "":
         raise InvalidInput("--html: needs the name of a file, got an empty text")
     plan = load_plan(options.folder, robot_file=options.robot_file)
-    planned = json.loads(read_text(Path(options.folder) / FILE, FILE))["certificate"]
+    planned = stated_certificate(options.folder)
     page = report_page(plan, planned=planned, name=plan_name(plan, Path(options.folder).resolve().name))
     path = Path(options.html or Path(options.folder) / "report.html")
     write_file(path, page)

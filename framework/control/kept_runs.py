@@ -10,9 +10,20 @@ from typing import Any
 import numpy as np
 
 from framework.control.run_monitor import Run
-from framework.parallel.kept import Arrays, KeptChunks
+from framework.parallel.kept import ArrayField, Arrays, KeptChunks, fits
 
-KEPT_FIELDS = ("passed", "why", "tracking_error", "end_error", "peak_torque", "payload")
+
+def _kept_arrays(runs: int, motors: int) -> dict[str, ArrayField]:
+    """Return the arrays of a chunk of runs, fields of `Run`."""
+    numbers = ArrayField("f", (runs,))
+    return {
+        "passed": ArrayField("b", (runs,)),
+        "why": ArrayField("U", (runs,)),
+        "tracking_error": numbers,
+        "end_error": numbers,
+        "peak_torque": ArrayField("f", (runs, motors)),
+        "payload": numbers,
+    }
 
 
 @dataclass(frozen=True)
@@ -20,12 +31,13 @@ class KeptRuns:
     """Chunks of one controller's runs in a folder."""
 
     chunks: KeptChunks
+    motors: int  # of the robot
 
     @staticmethod
     def of(out: Path, setup: Mapping[str, Any], controller: str) -> KeptRuns:
         """Return the place in the folder `out` for runs of that setup, a document of JSON."""
         plan = {key: value for key, value in setup["plan"].items() if key != "seconds"}
-        return KeptRuns(KeptChunks.of(out, {**setup, "plan": plan}, controller))
+        return KeptRuns(KeptChunks.of(out, {**setup, "plan": plan}, controller), len(setup["limit"]))
 
     def found(self) -> list[tuple[range, Run]]:
         """Return the finished runs, by their numbers."""
@@ -33,11 +45,10 @@ class KeptRuns:
         for name, arrays in self.chunks.found().items():
             try:
                 first, stop = map(int, name.split("-"))
-                run = _run(arrays)
-            except (ValueError, KeyError):
+            except ValueError:
                 continue  # not one of ours: computed anew
-            if len(run.passed) == stop - first:
-                runs.append((range(first, stop), run))
+            if fits(arrays, _kept_arrays(stop - first, self.motors)):
+                runs.append((range(first, stop), _run(arrays)))
         return runs
 
     def keep(self, chunk: range, run: Run) -> None:
@@ -46,7 +57,7 @@ class KeptRuns:
         Raises:
             OutputError: it cannot be written.
         """
-        arrays = {name: np.asarray(getattr(run, name)) for name in KEPT_FIELDS}
+        arrays = {name: np.asarray(getattr(run, name)) for name in _kept_arrays(0, 0)}
         self.chunks.keep(f"{chunk.start}-{chunk.stop}", arrays)
 
 

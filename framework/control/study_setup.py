@@ -13,12 +13,26 @@ from framework.control.closed_loop import run_closed_loop, torque_limit
 from framework.control.controllers import tuned_controller
 from framework.control.estimation import Controller
 from framework.control.reference import Reference, reference_of
-from framework.control.run_monitor import ControlLoop, Run
+from framework.control.run_monitor import SENSORS, ControlLoop, Run
 from framework.control.variation import Spread, draw
 from framework.crossing.restored import read_document, restored_plan
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import plan_document
 from framework.errors import InvalidInput
+from framework.fields import (
+    Table,
+    list_of,
+    mapping,
+    not_negative,
+    one_of,
+    positive,
+    read_table,
+    record,
+    required,
+    table_of,
+    whole,
+)
+from framework.model.documents import naming
 
 FILE = "robustness.json"
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
@@ -81,18 +95,23 @@ class StudySetup:
         Raises:
             InvalidInput: it is not that, or the robot has changed since.
         """
-        try:
-            loop = ControlLoop(saved["tolerance"], saved["end"], tuple(saved["limit"]), saved["sensors"])
-            spread, period, seed = Spread(**saved["spread"]), float(saved["period"]), int(saved["seed"])
-            plan = dict(saved["plan"])
-        except InvalidInput as error:
-            raise InvalidInput(f"{file}: {error}") from None
-        except (KeyError, TypeError, ValueError) as error:
-            raise InvalidInput(
-                f"{file}: not a study that `crossing robustness --out` wrote "
-                f"({type(error).__name__}: {error})"
-            ) from None
-        return StudySetup(restored_plan(plan, file, robot_file=robot_file), period, loop, spread, seed)
+        with naming(file, InvalidInput):
+            stated = read_table("", saved, _STUDY, others=None)
+            loop = ControlLoop(**{key: stated[key] for key in ("tolerance", "end", "limit", "sensors")})
+        plan = restored_plan(stated["plan"], file, robot_file=robot_file)
+        return StudySetup(plan, stated["period"], loop, stated["spread"], stated["seed"])
+
+
+_STUDY: Table = {
+    "seed": required(whole),
+    "period": required(positive),
+    "tolerance": required(positive),
+    "end": required(positive),
+    "limit": required(list_of(positive)),
+    "sensors": required(one_of("sensors", SENSORS)),
+    "spread": required(record(table_of(Spread, {"float": not_negative}), lambda _, spread: Spread(**spread))),
+    "plan": required(mapping),
+}
 
 
 def versions() -> dict[str, str]:

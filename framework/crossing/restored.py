@@ -8,30 +8,30 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import fields
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from framework.arrays import Array
 from framework.catalogue import catalogue
 from framework.catalogue import robot_file as robot_file_of
 from framework.crossing.condition import Condition8
 from framework.crossing.crossing_points import path_to_cross
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan, Optimality, certified_plan
-from framework.crossing.saved import FILE, LAW_KINDS, VERSION
+from framework.crossing.saved import FILE
+from framework.crossing.saved_keys import BESIDE_PLAN, PLAN, VERSION
 from framework.crossing.scenes import path_of
 from framework.crossing.specification import specification_of
 from framework.crossing.timing import CrossingTime
+from framework.dynamics.certificate import Certificate
 from framework.dynamics.inverse_dynamics import check_law, resolve_law
-from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from, short
+from framework.errors import InvalidInput, NoAnswer, RobotFileError, finite_numbers, short
+from framework.fields import read_table
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.documents import naming
 from framework.motion.law import Law, PlannedLaw, check_duration
 from framework.motion.optimal_law import OptimalLaw
 from framework.singularity.points_on_path import search_path
@@ -74,26 +74,16 @@ def restored_plan(
     Raises:
         InvalidInput, RobotFileError: see `load_plan`.
     """
-    if saved.get("version") != VERSION:
-        raise InvalidInput(
-            f"{file}: version: this program reads plans of version {VERSION}, got "
-            f"{saved.get('version', 'none, as before version 2')}; plan again"
-        )
-    with _complaints(file):
-        robot = _robot(saved, file, robot_file)
-        request = _request(robot, saved["request"])
-        law = _law(saved["law"], float(saved["duration"]), request)
-        if saved["geometry"] != request.geometry:
-            raise InvalidInput(f"geometry: {saved['geometry']!r}, but the request says {request.geometry!r}")
-        optimality = None
-        if isinstance(law, OptimalLaw):
-            reference = _numbers("optimality.reference", saved["optimality"]["reference"], (robot.n_a,))
-            optimality = Optimality(specification_of(robot, request), reference)
-        timing = [
-            CrossingTime(float(stated["time"]), float(stated["speed"])) for stated in saved["crossings"]
-        ]
-        reason, seconds = str(saved["reason"]), float(saved["seconds"])
+    stated = _stated(saved, file)
+    robot = _robot(stated, file, robot_file)
+    with naming(file, InvalidInput):
+        request = _request(robot, stated["request"])
+        law = _law(stated, request)
+        if stated["geometry"] != request.geometry:
+            raise InvalidInput(f"geometry: {stated['geometry']!r}, but the request says {request.geometry!r}")
+        optimality = _optimality(stated, robot, request)
         check_law(law)
+    timing = [CrossingTime(crossing["time"], crossing["speed"]) for crossing in stated["crossings"]]
     try:
         to_cross = path_to_cross(search_path(robot, request.path), request)
         dynamics = resolve_law(
@@ -104,15 +94,40 @@ def restored_plan(
             friction=request.friction,
         )
         plan = certified_plan(
-            to_cross, request, dynamics, law, timing, seconds=seconds, reason=reason, optimality=optimality
+            to_cross,
+            request,
+            dynamics,
+            law,
+            timing,
+            seconds=stated["seconds"],
+            reason=stated["reason"],
+            optimality=optimality,
         )
     except (NoAnswer, InvalidInput) as error:
         raise InvalidInput(
             f"{file}: the robot has changed since, its law fits no more; plan again ({error})"
         ) from None
-    with _complaints(file):
-        _check_same(saved, plan)
+    with naming(file, InvalidInput):
+        _check_same(stated, plan)
     return plan
+
+
+def stated_certificate(folder: str | FilePath) -> Certificate:
+    """Return the certificate that the plan.json of a folder states; raises InvalidInput as `load_plan`."""
+    file = FilePath(folder) / FILE
+    certificate: Certificate = _stated(read_document(file, "plan"), file)["certificate"]
+    return certificate
+
+
+def _stated(saved: dict[str, Any], file: FilePath) -> dict[str, Any]:
+    """Return the values of plan.json by its keys."""
+    if saved.get("version") != VERSION:
+        raise InvalidInput(
+            f"{file}: version: this program reads plans of version {VERSION}, got "
+            f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
+        )
+    with naming(file, InvalidInput):
+        return read_table("", saved, PLAN, others=BESIDE_PLAN)
 
 
 def read_document(file: FilePath, command: str) -> dict[str, Any]:
@@ -132,77 +147,69 @@ def read_document(file: FilePath, command: str) -> dict[str, Any]:
     return saved
 
 
-@contextmanager
-def _complaints(file: FilePath) -> Iterator[None]:
-    """Let complaints about a document name its file, and say of a missing key that it is no plan of ours."""
-    try:
-        yield
-    except RobotFileError:
-        raise
-    except InvalidInput as error:
-        raise InvalidInput(f"{file}: {error}") from None
-    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        raise InvalidInput(
-            f"{file}: not a plan that `crossing plan --out` wrote ({type(error).__name__}: {error}); "
-            f"plan again"
-        ) from None
-
-
-def _robot(saved: dict[str, Any], file: FilePath, named: str | FilePath | None) -> ParallelRobot:
+def _robot(stated: dict[str, Any], file: FilePath, named: str | FilePath | None) -> ParallelRobot:
     """Return the robot in the file that is named anew, or else in the one that the plan says."""
     if named is not None:
-        return ParallelRobot.from_file(robot_file_of(str(named)), flexibility=saved["flexibility"])
-    entries, stated = catalogue(), str(saved["robot_file"])
-    place = entries[stated].file if stated in entries else file.parent / stated
+        return ParallelRobot.from_file(robot_file_of(str(named)), flexibility=stated["flexibility"])
+    entries, name = catalogue(), stated["robot_file"]
+    place = entries[name].file if name in entries else file.parent / name
     if not os.path.exists(place):
         raise RobotFileError(
             f"{file}: robot_file: there is no {place}; if it has moved, name it again (--robot-file, or "
             f"robot_file= of load_plan)"
         )
-    return ParallelRobot.from_file(place, flexibility=saved["flexibility"])
+    return ParallelRobot.from_file(place, flexibility=stated["flexibility"])
 
 
-def _request(robot: ParallelRobot, saved: dict[str, Any]) -> Request:
-    rest = dict(saved)
-    ((kind, points),) = rest.pop("path").items()
-    keys = [field.name for field in fields(Request) if field.name != "path"]
-    for key in rest:
-        if key not in keys:
-            raise InvalidInput(f"request: {choose_from('key', key, keys)}")
-    return Request.of(robot, path_of(kind, points), **rest)
+def _request(robot: ParallelRobot, stated: dict[str, Any]) -> Request:
+    options = {key: value for key, value in stated.items() if key != "path"}
+    with naming("request", InvalidInput):
+        return Request.of(robot, path_of(*stated["path"]), **options)
 
 
-def _law(saved: dict[str, Any], duration: float, request: Request) -> PlannedLaw:
-    """Return the law by its kind; a polynomial if it names none."""
+def _law(stated: dict[str, Any], request: Request) -> PlannedLaw:
+    """Return the law by its kind; all that the file says of it must be so."""
+    duration, saved = stated["duration"], stated["law"]
     check_duration(duration)
     if request.duration not in (None, duration):
         raise InvalidInput(f"duration: got {duration}, but the request says {request.duration}")
-    kind = saved.get("kind", Law.kind)
-    if kind not in LAW_KINDS:
-        raise InvalidInput(choose_from("kind of law", kind, LAW_KINDS))
-    if kind == Law.kind:
-        return Law(_numbers("law.chebyshev", saved["chebyshev"]), duration)
-    smoothness = saved["smoothness"]
-    if isinstance(smoothness, bool) or smoothness != request.smoothness:
-        raise InvalidInput(f"law.smoothness: got {smoothness!r}, but the request says {request.smoothness}")
-    series = _numbers("law.squared_speed", saved["squared_speed"])
-    return OptimalLaw(series, request.smoothness, duration, tuple(map(float, saved["dense_at"])))
+    law: PlannedLaw
+    if saved["kind"] == Law.kind:
+        law = Law(np.array(saved["chebyshev"]), duration)
+    else:
+        if saved["smoothness"] != request.smoothness:
+            raise InvalidInput(
+                f"law.smoothness: got {saved['smoothness']}, but the request says {request.smoothness}"
+            )
+        law = OptimalLaw(np.array(saved["squared_speed"]), request.smoothness, duration, saved["dense_at"])
+    for key, value in law.to_dict().items():
+        if np.any(saved[key] != np.array(value)):
+            raise InvalidInput(f"law.{key}: got {short(saved[key])}, must be {short(value)}")
+    return law
 
 
-def _numbers(key: str, saved: Any, shape: tuple[int, ...] | None = None) -> Array:
-    """Return finite numbers of this shape, or at least two in a row; raise InvalidInput for anything else."""
-    values = np.array(saved, dtype=float)
-    fits = (values.ndim == 1 and values.size >= 2) if shape is None else values.shape == shape
-    if not fits or not np.all(np.isfinite(values)):
-        raise InvalidInput(f"{key}: must be a list of finite numbers, got {short(saved)}")
-    return values
+def _optimality(stated: dict[str, Any], robot: ParallelRobot, request: Request) -> Optimality | None:
+    """Return what an optimal law is best at; None with a polynomial."""
+    if (stated["optimality"] is None) != (stated["law"]["kind"] == Law.kind):
+        raise InvalidInput(
+            f"optimality: got {short(stated['optimality'])} with a {stated['law']['kind']} law"
+        )
+    if stated["optimality"] is None:
+        return None
+    goal, reference = stated["optimality"]["optimize"], stated["optimality"]["reference"]
+    if goal != request.goal:
+        raise InvalidInput(f"optimality.optimize: got {goal!r}, but the request says {request.goal!r}")
+    reference = finite_numbers("optimality.reference", reference, robot.n_a)
+    return Optimality(specification_of(robot, request), reference)
 
 
 def _check_same(saved: dict[str, Any], plan: CrossingPlan) -> None:
     """Raise InvalidInput where a file says other than the plan that was computed anew from it."""
     largest = max(plan.peak_torque.values())
+    if saved["peak_torque"].keys() != plan.peak_torque.keys():
+        raise _changed("peak_torque", list(saved["peak_torque"]), list(plan.peak_torque))
     for joint, peak in plan.peak_torque.items():
-        _check_number(f"peak torque of {joint}", saved["peak_torque"].get(joint), peak, largest)
+        _check_number(f"peak_torque.{joint}", saved["peak_torque"][joint], peak, largest)
     if len(saved["crossings"]) != len(plan.crossings):
         raise _changed("crossings", len(saved["crossings"]), len(plan.crossings))
     pace = 1.0 / plan.duration
@@ -221,8 +228,8 @@ def _check_same(saved: dict[str, Any], plan: CrossingPlan) -> None:
         if crossing.condition is not None:
             for key, (computed, size) in _sizes(crossing.condition, pace).items():
                 _check_number(f"{where}.condition.{key}", stated["condition"][key], computed, size)
-    if saved["certificate"]["monotone"] is not plan.certificate.monotone:
-        raise _changed("certificate.monotone", saved["certificate"]["monotone"], plan.certificate.monotone)
+    if saved["certificate"].monotone is not plan.certificate.monotone:
+        raise _changed("certificate.monotone", saved["certificate"].monotone, plan.certificate.monotone)
 
 
 def _sizes(condition: Condition8, pace: float) -> dict[str, tuple[float, float]]:
@@ -234,7 +241,7 @@ def _sizes(condition: Condition8, pace: float) -> dict[str, tuple[float, float]]
 
 def _check_number(key: str, stated: Any, computed: ArrayLike, size: float) -> None:
     """Raise InvalidInput unless what the file says is within FILE_ROUNDING of its size."""
-    values = np.array(np.nan if stated is None else stated, dtype=float)
+    values = np.array(stated, dtype=float)
     if values.shape != np.shape(computed) or not np.all(np.abs(values - computed) <= FILE_ROUNDING * size):
         raise _changed(key, stated, computed)
 

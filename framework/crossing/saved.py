@@ -11,16 +11,14 @@ from typing import Any
 from framework.catalogue import catalogue
 from framework.crossing.request import Request
 from framework.crossing.result import Crossing, CrossingPlan
+from framework.crossing.saved_keys import LAW_KINDS, VERSION
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw
-from framework.motion.optimal_law import OptimalLaw
 from framework.motion.path import PointPath
 from framework.output import write_file
 
 FILE = "plan.json"
-VERSION = 2  # of plan.json; files of version 1 had none, and did not say what had been asked
-LAW_KINDS = (Law.kind, OptimalLaw.kind)
 
 
 def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:

@@ -24,20 +24,20 @@ MAX_YAML_VALUES = 20_000  # aliases written out
 
 
 @contextmanager
-def naming(path: Path | str) -> Iterator[None]:
+def naming(path: Path | str, kind: type[InvalidInput] = RobotFileError) -> Iterator[None]:
     """Put the name of the file in front of complaints about what is in it.
 
     Raises:
-        RobotFileError: with the name; also for what is nested so deeply that Python gives up.
+        InvalidInput: of this kind, with the name; also for what is nested so deeply that Python gives up.
     """
     try:
         yield
     except MissingPackage as error:
         raise MissingPackage(f"{path}: {error}", package=error.package) from None
     except InvalidInput as error:
-        raise RobotFileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+        raise kind(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except RecursionError:
-        raise RobotFileError(f"{path}: nested too deeply") from None
+        raise kind(f"{path}: nested too deeply") from None
 
 
 def parse_xml(text: str) -> ElementTree.Element:

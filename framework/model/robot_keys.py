@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from framework.errors import RobotFileError
+from framework.errors import InvalidInput, RobotFileError
 from framework.fields import (
     Reader,
     Table,
@@ -265,8 +265,9 @@ def _spring(urdf: Urdf, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
 
 # ------------------------------------------------------------------ scenes
 
+PATHS: Table = {kind: optional(list_of(list_of(number))) for kind in PATH_KINDS}
 _SCENE: Table = {
-    **{kind: optional(list_of(list_of(number))) for kind in PATH_KINDS},
+    **PATHS,
     "duration": required(positive),
     "times": optional(list_of(number)),
     "speeds": optional(one_or_list_of(positive)),
@@ -280,21 +281,31 @@ _SCENE: Table = {
 }
 
 
-def _scene(where: str, values: dict[str, Any]) -> Scene:
-    """Make a scene, still without its name."""
-    paths = {kind: values.pop(kind) for kind in PATH_KINDS}
-    kinds = [kind for kind, points in paths.items() if points is not None]
+def one_path(where: str, paths: Mapping[str, Any]) -> tuple[str, tuple[tuple[float, ...], ...]]:
+    """Return the kind and the points of the one path out of the values of PATH_KINDS.
+
+    Raises:
+        InvalidInput: none is there, or several, or it has too few points or too many.
+    """
+    kinds = [kind for kind in PATH_KINDS if paths[kind] is not None]
     if len(kinds) != 1:
-        raise RobotFileError(
+        raise InvalidInput(
             f"{where}: needs exactly one path ({', '.join(PATH_KINDS)}), got {kinds or 'none'}"
         )
     kind, points, least = kinds[0], paths[kinds[0]], PATH_KINDS[kinds[0]]
     if len(points) < least or (kind != "spline" and len(points) > least):
-        raise RobotFileError(
+        raise InvalidInput(
             f"{where}.{kind}: needs {'at least ' if kind == 'spline' else ''}{least} points, "
             f"got {len(points)}"
         )
-    return Scene(name="", kind=kind, points=points, **values)
+    return kind, points
+
+
+def _scene(where: str, values: dict[str, Any]) -> Scene:
+    """Make a scene, still without its name."""
+    kind, points = one_path(where, values)
+    rest = {key: value for key, value in values.items() if key not in PATH_KINDS}
+    return Scene(name="", kind=kind, points=points, **rest)
 
 
 def _scenes(where: str, given: Any) -> dict[str, Scene]:

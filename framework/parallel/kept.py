@@ -14,7 +14,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,20 @@ from framework.output import written_together
 
 PREFIX = ".crossing-kept-"
 Arrays = Mapping[str, NDArray[Any]]
+
+
+class ArrayField(NamedTuple):
+    """What an array of a chunk must be: its kind of values as numpy has them (b, i, u, f, U), its shape."""
+
+    kind: str
+    shape: tuple[int, ...]
+
+
+def fits(arrays: Arrays | None, table: Mapping[str, ArrayField]) -> bool:
+    """Whether these are the arrays of the table, and no others; None are not."""
+    return arrays is not None and table == {
+        name: ArrayField(array.dtype.kind, array.shape) for name, array in arrays.items()
+    }
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,8 @@ def executor_of(*, workers: int = 1, dask: str | None = None) -> Iterator[Execut
         dask: the scheduler's address, instead of `workers`.
 
     Raises:
-        InvalidInput: dask.distributed is not installed, or no scheduler answers at the address.
+        InvalidInput: dask.distributed is not installed, no scheduler answers at the address, or no worker is
+            connected to it within DASK_TIMEOUT.
     """
     if dask is not None:
         try:
@@ -58,6 +59,13 @@ def executor_of(*, workers: int = 1, dask: str | None = None) -> Iterator[Execut
         except (OSError, ValueError) as error:
             raise InvalidInput(f"--dask: no scheduler answers at {dask}: {error}") from None
         with client:
+            try:
+                client.wait_for_workers(1, timeout=DASK_TIMEOUT)
+            except TimeoutError:
+                raise InvalidInput(
+                    f"--dask: the scheduler at {dask} has no workers, {DASK_TIMEOUT} long; start some: dask "
+                    f"worker {dask}"
+                ) from None
             yield client.get_executor()
     elif workers == 1:
         yield None

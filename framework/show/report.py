@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Sequence
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
 from framework.crossing.result import Crossing, CrossingPlan
+from framework.dynamics.certificate import Certificate
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.captions import how, parts, said, why
@@ -24,7 +24,7 @@ from framework.show.scene import film_documents
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
 
 
-def report_page(plan: CrossingPlan, *, name: str = "", planned: Mapping[str, float] | None = None) -> str:
+def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | None = None) -> str:
     """Return the report of a plan, HTML, complete in one file.
 
     Args:
@@ -209,17 +209,16 @@ _CERTIFIED = (
 )
 
 
-def _both_certificates(plan: CrossingPlan, planned: Mapping[str, float] | None) -> str:
+def _both_certificates(plan: CrossingPlan, planned: Certificate | None) -> str:
     """Return the certificate's numbers in plan.json beside those computed again from its law."""
     if planned is None:
         return ""
-    recomputed = asdict(plan.certificate)
     rows = [
         (
             text,
             *(
-                f"{numbers[key]:g}" if key == "nodes" else f"{numbers[key]:.1e}"
-                for numbers in (planned, recomputed)
+                f"{getattr(certificate, key):{'g' if key == 'nodes' else '.1e'}}"
+                for certificate in (planned, plan.certificate)
             ),
         )
         for key, text in _CERTIFIED

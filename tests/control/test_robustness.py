@@ -325,6 +325,19 @@ def test_a_study_that_is_stopped_goes_on_from_its_finished_runs(tmp_path, capsys
     assert not [path for path in out.iterdir() if path.name.startswith(".")]
 
 
+def test_a_chunk_whose_arrays_differ_in_length_is_computed_anew(tmp_path, monkeypatch):
+    with monkeypatch.context() as patched:
+        computed(patched, stop_after=1)
+        assert main([*SHORT, "--out", str(tmp_path)]) == 130
+    (chunk, *_) = sorted(tmp_path.rglob("*.npz"))
+    with np.load(chunk) as archive:
+        arrays = dict(archive)
+    np.savez(chunk, **{**arrays, "payload": arrays["payload"][:0]})
+    numbers = computed(monkeypatch)
+    assert main([*SHORT, "--out", str(tmp_path)]) == 0
+    assert sorted(numbers) == [0, 1, 2, 3]
+
+
 def test_runs_of_another_study_are_not_taken(tmp_path, monkeypatch):
     with monkeypatch.context() as patched:
         computed(patched, stop_after=1)

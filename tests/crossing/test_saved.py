@@ -126,16 +126,18 @@ def test_each_kind_of_path_comes_back(path):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"law": {"degree": 8}}, "chebyshev"),
+        ({"law": {"degree": 8}}, "law.domain: missing"),
+        ({"law.degree": 8}, "law.degree: got 8, must be 12"),
+        ({"law.domain": [0.0, 2.0]}, "law.domain"),
         ({"law.chebyshev": [0.5, float("nan")]}, "finite"),
-        ({"law.chebyshev": "abc"}, "not a plan"),
+        ({"law.chebyshev": "abc"}, "law.chebyshev: needs a list"),
         ({"law.kind": "spline"}, "spline"),
         ({"robot_file": "no_such_robot"}, "there is no .*no_such_robot; if it has moved, name it again"),
-        ({"request": None}, "not a plan"),
-        ({"request.path": None}, "not a plan"),
+        ({"request": None}, "request: needs a mapping"),
+        ({"request.path": None}, "request.path: needs a mapping"),
         ({"request.path": {"circle": [[0, 0]]}}, "circle"),
         ({"request.path": {"line": [[0, 0]]}}, "2 points"),
-        ({"request.path": []}, "not a plan"),
+        ({"request.path": []}, "request.path: needs a mapping"),
         ({"request.colour": "red"}, "colour"),
         ({"request.times": 1.0}, "times: needs a list"),
         ({"request.smoothness": 3.5}, "smoothness"),
@@ -145,7 +147,7 @@ def test_each_kind_of_path_comes_back(path):
         ({"request.geometry": "bent"}, "bent"),
         ({"duration": -1.0}, "duration"),
         ({"duration": 2.0}, "the request says 1.5"),
-        ({"duration": None}, "not a plan"),
+        ({"duration": None}, "duration: needs a number, got None"),
         ({"version": 1}, "this program reads plans of version 2, got 1; plan again"),
     ],
 )
@@ -157,7 +159,7 @@ def test_what_is_not_a_plan_is_refused_by_name(written, tmp_path, change, says):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"peak_torque": {"left_motor": 1.0, "right_motor": 1.0}}, "peak torque of left_motor"),
+        ({"peak_torque": {"left_motor": 1.0, "right_motor": 1.0}}, "peak_torque.left_motor"),
         ({"crossings": []}, "crossings: the file says 0"),
         ({"crossings.0.kind": "leg_passive"}, "kind"),
         ({"crossings.0.time": 0.9}, "time"),
@@ -175,6 +177,56 @@ def test_a_plan_that_says_other_than_its_law_does_is_refused_by_name(written, tm
     with pytest.raises(InvalidInput, match=says) as caught:
         load_plan(edited(written[0], tmp_path, change))
     assert "has changed since" in str(caught.value)
+
+
+# values that a leaf of plan.json may be edited to, by hand or by another program
+EDITS = [None, "text", [], [1.0], float("nan"), -1.0, 1e300, True, {"key": 1}]
+
+
+def leaves(value, way=()):
+    """The places of values in a document that are no mapping and no list: of a list the first; empty ones."""
+    steps = (
+        value.items()
+        if isinstance(value, dict)
+        else list(enumerate(value))[:1]
+        if isinstance(value, list)
+        else ()
+    )
+    below = [leaf for key, within in steps for leaf in leaves(within, (*way, key))]
+    return below or [way]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [{"times": [1.0], "speeds": [1.5]}, {"optimize": "peak_torque"}],
+    ids=["polynomial", "optimal"],
+)
+def test_no_edit_of_a_plan_is_a_fault_of_the_program(tmp_path, options):
+    """Read back, or refused by its key, or as a law that is no more that of the robot and the path."""
+    plan = plan_crossing(robots.load("five_bar"), LINE, duration=1.5, **options)
+    document = json.loads(json.dumps(plan_document(plan)))
+    refused = 0
+    for way in leaves(document):
+        for value in EDITS:
+            change = {".".join(map(str, way)): value}
+            try:
+                load_plan(edited(plan, tmp_path, change))
+            except InvalidInput as error:  # anything else would be exit code 70 of the command line
+                refused += 1
+                message = str(error).removeprefix(f"{tmp_path / 'plan.json'}: ")
+                names = [key for key in way if isinstance(key, str)]
+                assert "plan again" in message or any(name in message for name in names), (change, message)
+                assert "\n" not in message
+    assert refused > 5 * len(leaves(document))
+
+
+@pytest.mark.parametrize("value", [None, "text", [1.0], -1.0])
+@pytest.mark.parametrize("key", ["tail", "nodes", "monotone"])
+def test_a_report_on_an_edited_certificate_names_its_key(written, tmp_path, capsys, key, value):
+    edited(written[0], tmp_path, {f"certificate.{key}": value})
+    assert main(["report", str(tmp_path)]) == 2
+    assert f"plan.json: certificate.{key}: " in capsys.readouterr().err
 
 
 def test_a_plan_of_an_older_program_is_refused_by_its_version_in_one_line(written, tmp_path):

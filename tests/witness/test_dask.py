@@ -35,3 +35,13 @@ def test_a_study_by_command_is_the_same(address, tmp_path):
         subprocess.run([*command, "--out", tmp_path / name, *more], env=ENVIRONMENT, check=True)
     for name in ("study.json", "study.npz", "study.csv"):
         assert (tmp_path / "dask" / name).read_bytes() == (tmp_path / "serial" / name).read_bytes()
+
+
+def test_a_scheduler_without_workers_is_refused_in_bounded_time(tmp_path):
+    with distributed.LocalCluster(
+        n_workers=0, processes=False, dashboard_address=None, protocol="tcp"
+    ) as cluster:
+        command = [sys.executable, "-m", "framework", "map", "five_bar", "--dask", cluster.scheduler_address]
+        refused = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=120)
+    assert refused.returncode == 2
+    assert f"the scheduler at {cluster.scheduler_address} has no workers" in refused.stderr
