@@ -33,7 +33,7 @@ def report_raw(
         raise InvalidInput("--raw samples the polynomial law only, which needs no proof to be chosen")
     if request.keep_limits:
         raise InvalidInput("--keep-limits: is for a plan, and --raw proves none; leave one of them out")
-    searched = search_path(robot, request.path)
+    searched = search_path(robot, request.path).under(request.external_wrenches)
     law, crossings = law_before_proof(searched, request)
     raw = finite_difference_torques(
         robot,

@@ -22,8 +22,8 @@ from framework.control.reference import Reference
 from framework.dynamics.forces import tree_forces
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations, scaled
+from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import frame_motions, frames_at
-from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matvec, solve
 
 
@@ -63,7 +63,7 @@ class ComputedTorque:
             + 2 * self.damping * self.frequency * (ref.dx[k] - state.dx)
             + self.frequency**2 * (ref.x[k] - state.x)
         )
-        motion = _constrained_motion(robot, state, command)
+        motion = _constrained_motion(ref, k, state, command)
         columns = robot.following
         J = scaled(robot, motion.loops, robot.loops.rotation)  # (R, m, nv) dimensionless
         r = tree_forces(robot, motion) * robot.column_scale
@@ -85,14 +85,18 @@ class _Motion(NamedTuple):
     v: Array  # (R, nv)
     a: Array  # (R, nv)
     loops: Array  # (R, m, nv)
+    wrenches: tuple[AppliedWrench, ...]
 
 
-def _constrained_motion(robot: ParallelRobot, state: RobotState, ddx: Array) -> _Motion:
+def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Array) -> _Motion:
     """Compute joint velocities and accelerations for platform rates of the states and ddx (R, n).
+
+    Under the wrenches of the plan at instant k.
 
     As `motion_at`, but run by run where that factors all instants as one band matrix: there the length of
     the stack rounds differently. Infinite where the platform does not determine the joints.
     """
+    robot = reference.robot
     frames, columns = frames_at(robot, state.q), robot.moving
     rows = robot.loops
     loops = loop_equations(rows, frames).jacobian
@@ -104,7 +108,7 @@ def _constrained_motion(robot: ParallelRobot, state: RobotState, ddx: Array) -> 
     platform_drift = robot.platform.drift(frames, motions)
     drift = np.concatenate([dtwist - platform_drift, -closure_drift(rows, frames, motions)], axis=1)
     a[:, columns] = solve(whole, drift)
-    return _Motion(state.q, v, a, loops)
+    return _Motion(state.q, v, a, loops, reference.wrenches_at(k, frames))
 
 
 def _planned_multipliers(reference: Reference) -> Array:

@@ -9,6 +9,8 @@ import numpy as np
 from framework.arrays import Array, ReadOnlyArrays
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput
+from framework.kinematics.external_wrenches import AppliedWrench, ExternalWrenches
+from framework.kinematics.frames import FrameStack
 from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 
@@ -32,6 +34,12 @@ class Reference(ReadOnlyArrays):
     motor_angle: Array  # (K, n_a) [rad], motor side
     motor_speed: Array  # (K, n_a)
     N: Array  # (K, nv, n) joint rates for unit rates of x, springs at rest
+    s: Array  # (K,) path coordinates
+    wrenches: ExternalWrenches  # of the world, as the plan knows them
+
+    def wrenches_at(self, k: int, frames: FrameStack) -> tuple[AppliedWrench, ...]:
+        """Compute the wrenches of instant k on R robots with these frames."""
+        return self.wrenches.at(self.robot, frames, np.repeat(self.s[k], len(frames.q)))
 
 
 def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
@@ -65,6 +73,8 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
         motor_angle=plan.motor_angle(times),
         motor_speed=plan.motor_angle(times, 1),
         N=platform_rates(robot, motion, x),
+        s=np.asarray(plan.law(times)),
+        wrenches=plan.dynamics.wrenches,
     )
 
 

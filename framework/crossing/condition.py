@@ -4,10 +4,11 @@ At a Type 2 singularity the motors hold no wrench along the platform's twist t_s
 the motion asks for none there: t_s . W_p = 0, with W_p the wrench that inertia and weight of all bodies ask
 of the platform (Briot and Arakelian 2010, condition (8)).
 
-t_s . W_p = motion . r with r the RNEA of the open tree and `motion` the joint rates that belong to t_s
-(motors locked). On a path, r is affine in s" and quadratic in s', and its coefficients come out of a few
-evaluations of the inverse dynamics the robot already has (after toppra, which recovers its constraint
-coefficients in the same way). delta comes of viscous damping, and of deflections that are changing.
+t_s . W_p = motion . r with r the forces of the open tree (`dynamics.forces`), wrenches of the world among
+them, and `motion` the joint rates that belong to t_s (motors locked). On a path, r is affine in s" and
+quadratic in s', and its coefficients come out of a few evaluations of the inverse dynamics the robot already
+has (after toppra, which recovers its constraint coefficients in the same way). delta comes of viscous
+damping, and of deflections that are changing.
 """
 
 from __future__ import annotations
@@ -173,7 +174,8 @@ def coefficients_at(branch: Branch, place: CrossingPoint, deflection: Deflection
     robot = branch.robot
     motion = _at_speeds(branch, place, [0.0, 1.0], [1.0, 0.0])
     alpha, beta = inertial_forces(robot, motion) * place.motion  # (nv,) terms of sums
-    gamma = static_forces(robot, place.q[None])[0] * place.motion
+    wrenches = branch.wrenches.at(robot, motion.linearised.frames.at(0), np.array([place.s]))
+    gamma = static_forces(robot, place.q[None], wrenches)[0] * place.motion
     rate = float(np.abs(motion.v[1] / robot.column_scale).max())
     sizes = bounds_of_terms(branch, place, rate)
     delta = robot.joint_damping * motion.v[1] * place.motion
@@ -215,8 +217,12 @@ def bounds_of_terms(branch: Branch, place: CrossingPoint, rate: float) -> Array:
         float(np.abs(twist * lengths).max())
         for twist in (robot.platform.path_twist(branch.path, place.s), place.twist)
     )
-    weight = float(np.linalg.norm(robot.model.gravity.linear))
-    return robot.mass * escape * np.array([tangent, robot.length * rate**2, weight, 0.0])
+    weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
+    for wrench in branch.wrenches.entries:
+        force, moment = np.linalg.norm(wrench(np.array([place.s])).reshape(2, 3), axis=1)
+        weight += float(force + moment / robot.length)
+    inertia = robot.mass * np.array([tangent, robot.length * rate**2])
+    return escape * np.array([*inertia, weight, 0.0])
 
 
 def _at_speeds(

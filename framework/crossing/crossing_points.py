@@ -50,12 +50,13 @@ class PathToCross:
 
 
 def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
-    """Return a searched path with the points at which a request asks for condition (8).
+    """Return a searched path under a request's wrenches, with the points where it asks for condition (8).
 
     Raises:
         InvalidInput: times or speeds are not as many as these places.
         NoLaw, UncontrolledMotions: no law can cross at one of them.
     """
+    searched = searched.under(request.external_wrenches)
     return PathToCross(searched, _crossing_points(searched.branch, searched.points, request))
 
 

@@ -20,6 +20,7 @@ from framework.dynamics.inverse_dynamics import GEOMETRIES, check_tolerance
 from framework.dynamics.motor_friction import FRICTIONS
 from framework.dynamics.motor_limits import Limit
 from framework.errors import InvalidInput, choose_from
+from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.cone_program import GOALS
 from framework.motion.law import check_duration, is_number
@@ -88,6 +89,11 @@ def _yes_or_no(name: str, value: Any) -> bool:
     if not isinstance(value, bool | np.bool_):
         raise InvalidInput(f"{name}: must be true or false, got {value!r}")
     return bool(value)
+
+
+def _wrenches(name: str, value: Any) -> dict[str, Any] | None:
+    """Return wrenches by frame in plain numbers."""
+    return ExternalWrenches.of(value).document or None
 
 
 def _one_of(valid: Sequence[str]) -> Check:
@@ -232,6 +238,16 @@ class PlanOptions:
             "; that of other joints is not planned with",
             check=_one_of(FRICTIONS),
             typed={"choices": FRICTIONS},
+        ),
+    )
+    wrenches: Mapping[str, Any] | None = field(
+        default=None,
+        metadata=_meaning(
+            "wrenches of the world by URDF link or joint, ON its body, at its origin, (force, moment) (6,)",
+            " [N, N m], base axes; or {wrench: (6,), axes: tool} on those of the frame, which turn with it; "
+            "or, in place of (6,), rows (s, force, moment) with s from 0 to 1, and a cubic spline between "
+            "them. They count as weight does; what depends on velocity is not among them",
+            check=_wrenches,
         ),
     )
     keep_limits: bool = field(

@@ -86,7 +86,7 @@ def plan_request(
     except UncontrolledMotions:
         raise
     except NoLaw as refusal:
-        raise explained(refusal, searched, request) from None
+        raise explained(refusal, work.to_cross.searched, request) from None
     check_limits(plan)
     return plan
 
@@ -185,5 +185,6 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
     Raises:
         As `uncertified_law`.
     """
-    law = polynomial_at_rest(path_to_cross(searched, request), request)
-    return law, rigid_crossings(searched.branch, searched.points, law)
+    to_cross = path_to_cross(searched, request)
+    law = polynomial_at_rest(to_cross, request)
+    return law, rigid_crossings(to_cross.branch, to_cross.points, law)

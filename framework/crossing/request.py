@@ -11,6 +11,7 @@ from framework.crossing.options import OPTIONS, PlanOptions, takes_options
 from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.dynamics.motor_limits import motor_limits, shortest_form
 from framework.errors import InvalidInput
+from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
 from framework.motion.path import Path, expect_path
@@ -55,6 +56,7 @@ class Request(PlanOptions):
             if options.get(name) is not None:
                 filled_in[name] = shortest_form(motor_limits(robot, name, options[name]))
         request = Request(path=path, **{**options, **filled_in})
+        request.external_wrenches.check_frames(robot)
         request.check_limited(robot)
         return request
 
@@ -81,6 +83,11 @@ class Request(PlanOptions):
         if self.law == "optimal" or self._bounded:
             return "optimal"
         return "polynomial" if self.times is not None else self.law
+
+    @property
+    def external_wrenches(self) -> ExternalWrenches:
+        """The wrenches of the world along the path."""
+        return ExternalWrenches.of(self.wrenches)
 
     @property
     def goal(self) -> str:

@@ -41,7 +41,7 @@ def plan_or_sample(
         As `plan_crossing`, but no UnboundedTorque.
     """
     path = request.path
-    searched = search_path(robot, path)
+    searched = search_path(robot, path).under(request.external_wrenches)
     try:
         return plan_request(robot, request, searched=searched)
     except UnboundedTorque as refusal:
@@ -49,7 +49,7 @@ def plan_or_sample(
     law, crossings = law_before_proof(searched, request)
     if robot.n_e:
         rigid = ParallelRobot.from_description(robot.description, flexibility="rigid")
-        branch = track_path(rigid, path)
+        branch = track_path(rigid, path).under(request.external_wrenches)
     else:
         rigid, branch = robot, searched.branch
     raw = finite_difference_torques(rigid, path, law, samples=samples, branch=branch)

@@ -37,7 +37,6 @@ class CoursePoints(NamedTuple):
     """Course and clock at 2 N Chebyshev points of each panel."""
 
     course: Course
-    s: Array  # (T,)
     bases: tuple[Array, Array, Array]  # (T, N) what a coefficient makes of deflections, rates, accelerations
 
 
@@ -85,8 +84,10 @@ class BalanceEquations:
             NotAssembled: the deflections tear the loops.
         """
         points = self._points(series, scalars)
-        guess = self.branch.guess(points.s) if near is None else near
-        balance = balance_along(self.branch.robot, points.course, guess, stiffer=stiffer)
+        guess = self.branch.guess(points.course.s) if near is None else near
+        balance = balance_along(
+            self.branch.robot, points.course, guess, wrenches=self.branch.wrenches, stiffer=stiffer
+        )
         return BalanceState(series, scalars, points, balance)
 
     def _points(self, series: Array, scalars: Array) -> CoursePoints:
@@ -102,7 +103,7 @@ class BalanceEquations:
         )
         bases = np.asarray(value), np.asarray(r * slope), np.asarray(r**2 * bend + a * slope)
         bent = [(basis.reshape(panels, 2 * N, N) @ series).reshape(-1, n_e) * self.units for basis in bases]
-        return CoursePoints(Course(*along(self.branch.path, s), *bent), s[0], bases)
+        return CoursePoints(Course(s[0], *along(self.branch.path, s), *bent), bases)
 
     def slopes(self, state: BalanceState) -> Slopes:
         """What each unknown changes at a state.

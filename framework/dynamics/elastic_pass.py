@@ -91,9 +91,7 @@ def moving_with(
         ahead = -robot.platform.residual(linearised.frames, x)
         near = integrate(robot, before.motion.q, joint_rates(robot, linearised, ahead, q_e - before.q_e))
     closed = close_loops(robot, x, near)
-    if not robot.n_e:
-        return motion_at(robot, closed, dx, ddx)
-    return motion_at(robot, closed, dx, ddx, *rates)
+    return branch.loaded(motion_at(robot, closed, dx, ddx, *(rates if robot.n_e else ())), s[0])
 
 
 def spring_scale(robot: ParallelRobot) -> Array:

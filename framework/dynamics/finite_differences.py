@@ -81,7 +81,7 @@ def _motion(branch: Branch, law: MotionLaw, times: Array, q_e: Array) -> Motion:
     step = np.zeros((len(times), robot.model.nv))
     step[:, robot.elastic] = q_e
     closed = close_loops(robot, x, integrate(robot, branch.guess(s[0]), step))
-    return motion_at(robot, closed, dx, ddx, *_differences(q_e, times))
+    return branch.loaded(motion_at(robot, closed, dx, ddx, *_differences(q_e, times)), s[0])
 
 
 def _differences(values: Array, times: Array) -> tuple[Array, Array]:

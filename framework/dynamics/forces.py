@@ -1,13 +1,15 @@
 """Generalised forces of the open tree, and their balance by loops, springs and motors.
 
-With r = RNEA(q, v, a) of the tree and the loop equations' Jacobian J,
+With r = RNEA(q, v, a) of the tree, less the joint forces of the wrenches of the world, and the loop
+equations' Jacobian J,
 
     passive    0           = r_p - P' lambda           P = J's passive columns
     elastic    -K q_e      = r_e - J_e' lambda         the paper's Eq. (3b)
     actuated   tau_joint   = r_a - J_a' lambda         Eq. (3a) without the rotors
 
 At a Type 2 singularity P eta = 0, so lambda exists only if eta . r_p = 0: condition (8) with the inertia
-of all bodies, legs included. With massless legs eta . r_p = t_s . W_p, the paper's form.
+of all bodies, legs included, and what the world does. With massless legs eta . r_p = t_s . W_p, the paper's
+form.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
+from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import along_joints, difference
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, without_elastic_rates
@@ -34,7 +37,7 @@ class Forces(NamedTuple):
 
 
 class JointMotion(Protocol):
-    """Positions q (T, nq), velocities v and accelerations a (T, nv) of all joints."""
+    """Positions q (T, nq), velocities v and accelerations a (T, nv) of all joints, and wrenches on them."""
 
     @property
     def q(self) -> Array: ...
@@ -42,30 +45,43 @@ class JointMotion(Protocol):
     def v(self) -> Array: ...
     @property
     def a(self) -> Array: ...
+    @property
+    def wrenches(self) -> tuple[AppliedWrench, ...]: ...
 
 
 def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     """Compute the forces (T, nv) of the open tree: RNEA with armature, springs and damping of its own joints.
 
-    Of a robot without `elastic_inertia` at the rates that its platform's motion alone makes.
+    Less what the wrenches of the world do. Of a robot without `elastic_inertia` at the rates that its
+    platform's motion alone makes.
     """
-    motion = _as_felt(robot, motion)
-    forces = _rnea(robot, robot.model, motion)
+    felt = _as_felt(robot, motion)
+    forces = _rnea(robot, robot.model, felt)
     if robot.joint_stiffness.any():
-        forces += _spring_torques(robot, motion.q)
+        forces += _spring_torques(robot, felt.q)
     if robot.is_damped:
-        forces += robot.joint_damping * motion.v
-    return forces
+        forces += robot.joint_damping * felt.v
+    return _less(forces, motion.wrenches)
 
 
-def static_forces(robot: ParallelRobot, q: Array) -> Array:
-    """Compute what of `tree_forces` (T, nv) there is at rest at q (T, nq): gravity and joint springs."""
+def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench, ...] = ()) -> Array:
+    """Compute what of `tree_forces` (T, nv) there is at rest at q (T, nq).
+
+    Gravity and joint springs, less what the wrenches of the world do.
+    """
     forces: Array = np.empty((len(q), robot.model.nv))
     data = scratch_of(robot).data
     for k in range(len(q)):
         forces[k] = pin.computeGeneralizedGravity(robot.model, data, q[k])
     if robot.joint_stiffness.any():
         forces += _spring_torques(robot, q)
+    return _less(forces, wrenches)
+
+
+def _less(forces: Array, wrenches: tuple[AppliedWrench, ...]) -> Array:
+    """Take the joint forces of the wrenches of the world off forces (T, nv), in place."""
+    for wrench in wrenches:
+        forces -= wrench.generalised
     return forces
 
 

@@ -14,9 +14,9 @@ from functools import lru_cache
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
-from framework.dynamics.forces import Forces
+from framework.dynamics.forces import Forces, tree_forces
 from framework.dynamics.pointwise_dynamics import Instant, instant_of
-from framework.dynamics.reactions import applied_wrenches, given_wrenches, loaded_tree_forces, stacked_rows
+from framework.dynamics.reactions import given_wrenches, stacked_rows, under_wrenches
 from framework.errors import InvalidInput
 from framework.kinematics.closures import scaled
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at
@@ -64,12 +64,12 @@ def forward_dynamics(
     torques = stacked_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
     _check_rates(robot, closed, rates)
     at_rest = Motion(closed.q, rates.copy(), np.zeros((count, nv)), closed.linearised)
-    loads = applied_wrenches(robot, at_rest, given_wrenches(robot, wrenches, count))
-    applied = sum((load.generalised for load in loads), start=np.zeros((count, nv)))
+    at_rest = under_wrenches(robot, at_rest, given_wrenches(robot, wrenches, count))
+    applied = sum((wrench.generalised for wrench in at_rest.wrenches), start=np.zeros((count, nv)))
     equations = _equations(robot, threading.get_ident())
     solution = accelerations(equations, closed.q, rates, torques, applied)
     motion = replace(at_rest, a=solution.a)
-    r = loaded_tree_forces(robot, motion, loads)
+    r = tree_forces(robot, motion)
     rotors = robot.rotor_inertia * robot.gear_ratio**2 * solution.a[:, robot.actuated]
     forces = Forces(
         robot.gear_ratio * torques - rotors,
@@ -79,7 +79,7 @@ def forward_dynamics(
     entry = 0 if single else slice(None)
     determined = np.where(solution.undetermined, np.nan, solution.a)
     return replace(
-        instant_of(robot, motion, loads, r, forces, single=single), torque=torques[entry], a=determined[entry]
+        instant_of(robot, motion, r, forces, single=single), torque=torques[entry], a=determined[entry]
     )
 
 

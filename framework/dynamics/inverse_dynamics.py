@@ -8,7 +8,9 @@ singular instant itself, and by coefficients that do not fall.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -47,6 +49,7 @@ from framework.errors import (
     expect_call,
 )
 from framework.kinematics.continuation.tracking import Branch
+from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import without_spin
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -79,6 +82,7 @@ def inverse_dynamics(
     geometry: str | None = None,
     tolerance: float = TORQUE_TAIL,
     friction: str = FRICTIONS[0],
+    wrenches: Mapping[str, Any] | None = None,
 ) -> InverseDynamics:
     """Torques for a path under any law that a user brings.
 
@@ -88,9 +92,11 @@ def inverse_dynamics(
             default for elastic robots.
         tolerance: tail of the torques that counts as resolved.
         friction: "driven" adds the dry friction of driven joints by the sign of their speed, "none" does not.
+        wrenches: of the world, by URDF link or joint, see `plan_crossing`.
 
     Raises:
-        InvalidInput: geometry or friction unknown, law leaves [0, 1] or is not finite, path does not fit.
+        InvalidInput: geometry, friction or a frame unknown, law leaves [0, 1] or is not finite, path does not
+            fit.
         UnboundedTorque: the law violates condition (8) at a singular instant: no torque is returned.
         NoLaw: the motion stops on the locus, or meets a singularity that no law can cross.
         NotConverged: torques or deflections cannot be resolved to the tolerance.
@@ -102,7 +108,7 @@ def inverse_dynamics(
     check_law(law)
     if friction not in FRICTIONS:
         raise InvalidInput(choose_from("friction", friction, FRICTIONS))
-    searched = search_path(robot, path)
+    searched = search_path(robot, path).under(ExternalWrenches.of(wrenches))
     return resolve_law(searched, law, geometry=geometry, tolerance=tolerance, friction=friction)
 
 
@@ -172,7 +178,7 @@ def resolve(
     own_panels = isinstance(law, PlannedLaw) and len(law.edges) > 0
     regular_at_rest = all(crossing.residual <= CONDITION_RESIDUAL for crossing in crossings)
     for size in (FEW, *SIZES) if own_panels else SIZES:
-        grid = TimeGrid.clear_of(instants, panel_edges(branch.path, law, instants), size)
+        grid = TimeGrid.clear_of(instants, panel_edges(branch, law, instants), size)
 
         def is_fine(here: Pass, grid: TimeGrid = grid) -> bool:
             """Whether what the undeformed robot asks for is resolved, or beyond resolution on any grid."""
@@ -322,6 +328,7 @@ def _result(
         offsets=offsets,
         origin=branch.origin,
         crossings=crossings,
+        wrenches=branch.wrenches,
         certificate=Certificate(
             nodes=len(grid.times),
             tail=_tails(robot, grid, state),

@@ -2,7 +2,7 @@
 
 At a prescribed platform x(t) with deflections l the robot is in balance if
 
-    r + K l = S' tau + J' lambda        r = RNEA of the open tree, J = d closures / dq, S the motors' columns
+    r + K l = S' tau + J' lambda        r = forces of the open tree, J = d closures/dq, S the motors' columns
 
 has a solution (tau, lambda). With Y the motions that keep the loops closed while the motors are locked and
 x is free,
@@ -26,6 +26,7 @@ import numpy as np
 from framework.arrays import Array, IntArray
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.tangent_stiffness import moving_columns
+from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
@@ -34,8 +35,9 @@ from framework.linalg.ordered_sums import matvec, solve
 
 
 class Course(NamedTuple):
-    """A platform's motion (T, n) and deflections (T, n_e), with two time derivatives of each."""
+    """Path coordinates (T,), a platform's motion (T, n) and deflections (T, n_e), with time derivatives."""
 
+    s: Array
     x: Array
     dx: Array
     ddx: Array
@@ -60,6 +62,7 @@ class LoadedBalance(NamedTuple):
     size: float  # the largest load, in the same
     Y: Array  # (T, f, n_e); f columns move while the motors are locked
     multipliers: Array  # (T, m) of the loop equations
+    wrenches: ExternalWrenches
     stiffer: float  # than those of the robot its springs are
 
 
@@ -71,16 +74,16 @@ def spring_units(robot: ParallelRobot) -> Array:
 
 
 def balance_along(
-    robot: ParallelRobot, course: Course, near: Array, *, stiffer: float = 1.0
+    robot: ParallelRobot, course: Course, near: Array, *, wrenches: ExternalWrenches, stiffer: float = 1.0
 ) -> LoadedBalance:
     """Compute what is out of balance along a course, from configurations near it (T, nq).
 
-    With springs `stiffer` times as stiff.
+    Under wrenches of the world, with springs `stiffer` times as stiff.
 
     Raises:
         NotAssembled: the deflections tear the loops.
     """
-    loaded = _loaded(robot, course, near, stiffer)
+    loaded = _loaded(robot, course, near, wrenches, stiffer)
     columns, units = _locked(robot)
     J, load = _loops(robot, loaded.motion), loaded.load[:, columns] * units
     m = J.shape[1]
@@ -88,7 +91,14 @@ def balance_along(
     multipliers = solve(R[:, :m], matvec(Q[:, :, :m].swapaxes(1, 2), load))
     Y = Q[:, :, m:]
     return LoadedBalance(
-        course, loaded, matvec(Y.swapaxes(1, 2), load), float(np.abs(load).max()), Y, multipliers, stiffer
+        course,
+        loaded,
+        matvec(Y.swapaxes(1, 2), load),
+        float(np.abs(load).max()),
+        Y,
+        multipliers,
+        wrenches,
+        stiffer,
     )
 
 
@@ -110,19 +120,23 @@ def slopes_along(robot: ParallelRobot, balance: LoadedBalance, directions: Seque
     for side in sides:
         motion = balance.loaded.motion
         bent = joint_rates(robot, motion.linearised, side.x - balance.course.x, side.l - balance.course.l)
-        loaded = _loaded(robot, side, integrate(robot, motion.q, bent), balance.stiffer)
+        near = integrate(robot, motion.q, bent)
+        loaded = _loaded(robot, side, near, balance.wrenches, balance.stiffer)
         held = matvec(_loops(robot, loaded.motion).swapaxes(1, 2), balance.multipliers)
         left.append(loaded.load[:, columns] * units - held)
     forth, back = np.array(left).reshape(2, len(directions), *left[0].shape)
     return np.asarray(0.5 * np.moveaxis(forth - back, 0, 2))
 
 
-def _loaded(robot: ParallelRobot, course: Course, near: Array, stiffer: float) -> Loaded:
+def _loaded(
+    robot: ParallelRobot, course: Course, near: Array, wrenches: ExternalWrenches, stiffer: float
+) -> Loaded:
     """Close the loops along a course and compute the loads."""
     step = np.zeros((len(near), robot.model.nv))
     step[:, robot.elastic] = course.l - difference(robot, robot.neutral, near)[:, robot.elastic]
     closed = close_loops(robot, course.x, integrate(robot, near, step))
     motion = motion_at(robot, closed, course.dx, course.ddx, course.dl, course.ddl)
+    motion = motion.under(wrenches.at(robot, closed.linearised.frames, course.s))
     load = tree_forces(robot, motion)
     load[:, robot.elastic] += stiffer * robot.stiffness * course.l
     return Loaded(motion, load)

@@ -34,13 +34,15 @@ def repelling_rates(result: InverseDynamics, times: Array) -> Array:
         NotAssembled: the loops do not close beside the path.
     """
     robot = result.robot
-    x, near = result.platform(times), result.configuration(times)
+    x, near, s = result.platform(times), result.configuration(times), result.law(times)
     torque = result.torque_without_friction(times)
     still = np.zeros_like(x)
 
     def unbalanced(moved: Array, ddx: Array) -> Array:
         """Compute W - G' tau (T, n) at rest with accelerations ddx."""
-        required = platform_wrench(robot, motion_at(robot, close_loops(robot, moved, near), still, ddx))
+        closed = close_loops(robot, moved, near)
+        wrenches = result.wrenches.at(robot, closed.linearised.frames, s)
+        required = platform_wrench(robot, motion_at(robot, closed, still, ddx).under(wrenches))
         return required.asked - np.einsum("tan,ta->tn", required.motor_speed, torque)
 
     rest, units = unbalanced(x, still), np.eye(robot.n)

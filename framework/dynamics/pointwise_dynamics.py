@@ -17,19 +17,17 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only
-from framework.dynamics.forces import Forces, balanced_forces, motor_torque
+from framework.dynamics.forces import Forces, balanced_forces, motor_torque, tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.reactions import (
-    AppliedWrench,
     LoopLoads,
-    applied_wrenches,
     closure_wrenches,
     coupling_torques,
     given_wrenches,
     joint_reactions,
-    loaded_tree_forces,
     loop_loads,
     stacked_rows,
+    under_wrenches,
 )
 from framework.dynamics.torque_at_singularity import forces_through_singularity
 from framework.errors import SingularPose, point
@@ -60,7 +58,6 @@ class Instant(ReadOnlyArrays):
     joint_torque: Array  # (n_a,) joint side, rotors not included [N m, N]
     spring_force: Array  # (n_e,) [N, N m]
     _motion: Motion = field(repr=False)  # of T instants, T = 1 for one
-    _loads: tuple[AppliedWrench, ...] = field(repr=False)
     _forces: Array = field(repr=False)  # (T, nv) of the open tree, less the loads
 
     @cached_property
@@ -90,7 +87,7 @@ class Instant(ReadOnlyArrays):
         The part along the joint's axis is what a motor (rotor not included), a spring, damping or a coupling
         gives.
         """
-        return self._by_name(joint_reactions(self.robot, self._motion, self._loads, self._loops))
+        return self._by_name(joint_reactions(self.robot, self._motion, self._loops))
 
     @cached_property
     def platform_inertia(self) -> Array:
@@ -199,9 +196,8 @@ def dynamics_at(
     count = len(closed.q)
     rates = [_rows(*derivative, robot.n, count) for derivative in (("dx", dx), ("ddx", ddx), ("dddx", dddx))]
     applied = given_wrenches(robot, wrenches, count)
-    motion = motion_at(robot, closed, *rates[:2])
-    loads = applied_wrenches(robot, motion, applied)
-    r = loaded_tree_forces(robot, motion, loads)
+    motion = under_wrenches(robot, motion_at(robot, closed, *rates[:2]), applied)
+    r = tree_forces(robot, motion)
     forces = balanced_forces(robot, motion.linearised, r)
     for k in map(int, near_type_2(robot, motion.linearised, RANK_LOST)):
         if dddx is None:
@@ -220,20 +216,12 @@ def dynamics_at(
         for stack, alone in zip(forces, limit, strict=True):
             stack[k] = alone[0]
     single = np.ndim(getattr(q, "q", q)) == 1
-    return instant_of(robot, motion, loads, r, forces, single=single)
+    return instant_of(robot, motion, r, forces, single=single)
 
 
-def instant_of(
-    robot: ParallelRobot,
-    motion: Motion,
-    loads: tuple[AppliedWrench, ...],
-    r: Array,
-    forces: Forces,
-    *,
-    single: bool,
-) -> Instant:
-    """Return the instant, or the stack of instants, of a motion with its loads and forces."""
-    freeze((motion, loads, r))
+def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, *, single: bool) -> Instant:
+    """Return the instant, or the stack of instants, of a motion with its forces."""
+    freeze((motion, r))
     entry = 0 if single else slice(None)
     return Instant(
         robot=robot,
@@ -244,7 +232,6 @@ def instant_of(
         joint_torque=forces.joint_torque[entry],
         spring_force=forces.spring_force[entry],
         _motion=motion,
-        _loads=loads,
         _forces=r,
     )
 

@@ -14,31 +14,27 @@ wrenches about the base's origin, each counted for the joints that carry its bod
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, ArrayLike
-from framework.dynamics.forces import tree_forces
-from framework.errors import InvalidInput, choose_from, finite_numbers, short
+from framework.errors import InvalidInput, finite_numbers
+from framework.kinematics.external_wrenches import (
+    applied_wrench,
+    check_frame,
+    expect_wrenches,
+    moved_wrench,
+)
 from framework.kinematics.frames import rotations
 from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.mechanism import frame_of
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import carriers, scratch_of
-from framework.linalg.ordered_sums import cross, matmul, matvec
+from framework.kinematics.pinocchio_memory import scratch_of
+from framework.linalg.ordered_sums import matmul, matvec
 from framework.tolerances import RANK_ROUNDING
-
-
-class AppliedWrench(NamedTuple):
-    """A wrench of the world on the body that a joint carries."""
-
-    joint: int
-    wrench: Array  # (T, 6) about the base's origin
-    generalised: Array  # (T, nv)
 
 
 class LoopLoads(NamedTuple):
@@ -60,13 +56,9 @@ def given_wrenches(robot: ParallelRobot, wrenches: Mapping[str, ArrayLike] | Non
     Raises:
         InvalidInput: a frame that is not there, or not 6 finite numbers.
     """
-    if not isinstance(wrenches, Mapping | None):
-        raise InvalidInput(f"wrenches: needs a wrench by frame, {{name: (6,)}}, got {short(wrenches)}")
-    model = robot.model
+    expect_wrenches(wrenches)
     for frame in wrenches or {}:
-        if not model.existFrame(str(frame)) or frame == model.frames[0].name:  # the universe carries nothing
-            names = [model_frame.name for model_frame in model.frames[1:]]
-            raise InvalidInput(f"wrenches: {choose_from('frame', frame, names)}")
+        check_frame(robot, frame)
     return {
         frame: stacked_rows(f"wrenches: {frame}", wrench, 6, count)
         for frame, wrench in (wrenches or {}).items()
@@ -85,30 +77,12 @@ def stacked_rows(name: str, entries: ArrayLike, width: int, count: int) -> Array
     return values if values.ndim == 2 else np.repeat(values[None], count, axis=0)
 
 
-def applied_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> tuple[AppliedWrench, ...]:
-    """Return the wrenches of the world, (6,) or (T, 6) each, as they act along a motion."""
-    return tuple(_applied_wrench(robot, motion, frame, wrench) for frame, wrench in wrenches.items())
-
-
-def loaded_tree_forces(robot: ParallelRobot, motion: Motion, loads: Sequence[AppliedWrench]) -> Array:
-    """Compute the forces (T, nv) of the open tree, less those of the world."""
-    r = tree_forces(robot, motion)
-    for load in loads:
-        r = r - load.generalised
-    return r
-
-
-def _applied_wrench(robot: ParallelRobot, motion: Motion, frame: str, wrench: Array) -> AppliedWrench:
-    model, data = robot.model, scratch_of(robot).data
-    index, origin = frame_of(model, frame), np.empty((len(motion.q), 3))
-    for k, q in enumerate(motion.q):
-        pin.forwardKinematics(model, data, q)
-        origin[k] = pin.updateFramePlacement(model, data, index).translation
-    joint = int(model.frames[index].parentJoint)
-    wrench = _moved(np.broadcast_to(wrench, (len(origin), 6)), origin)
-    carried = carriers(model, np.array([joint]))[0]
-    along = matvec(motion.linearised.frames.screws, wrench)
-    return AppliedWrench(joint, wrench, along * carried)
+def under_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> Motion:
+    """Return the motion under wrenches of the world, (6,) or (T, 6) each."""
+    frames = motion.linearised.frames
+    return motion.under(
+        tuple(applied_wrench(robot, frames, frame, wrench) for frame, wrench in wrenches.items())
+    )
 
 
 def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array) -> LoopLoads:
@@ -117,7 +91,7 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     wrench, position = linearised.loops.wrench, frames.position[:, rows.second]
     signs = frames.carried[rows.second] - frames.carried[rows.first]
     screws = frames.screws.swapaxes(1, 2)[:, :, columns]
-    jacobian = matmul(_moved(wrench, position), screws) * signs[:, columns]
+    jacobian = matmul(moved_wrench(wrench, position), screws) * signs[:, columns]
     jacobian = jacobian + rows.coupling_jacobian(robot.model.nv)[:, columns]
     scale = robot.column_scale[columns]  # columns in radians and robot lengths, and so are the rows
     lengths = robot.row_lengths
@@ -141,7 +115,7 @@ def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
 
     Of a closure with frames [a, b] it is exerted BY b's body ON a's body, at a's origin.
     """
-    at_first, wrenches, first = _moved(loops.wrench, loops.displacement), {}, 0
+    at_first, wrenches, first = moved_wrench(loops.wrench, loops.displacement), {}, 0
     for closure in robot.description.closures:
         rows = slice(first, first + len(closure.axes))
         first = rows.stop
@@ -162,9 +136,7 @@ def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
     return dict(zip(names, torque.T, strict=True))
 
 
-def joint_reactions(
-    robot: ParallelRobot, motion: Motion, loads: Sequence[AppliedWrench], loops: LoopLoads
-) -> dict[str, Array]:
+def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> dict[str, Array]:
     """Compute the wrench (T, 6) in each joint, by its name; NaN: indeterminate.
 
     It is exerted BY the body before the joint ON the one behind it, at the joint's origin.
@@ -183,23 +155,16 @@ def joint_reactions(
     carrying = _carrying(model)
     ends = np.array([model.frames[frame].parentJoint for frame in robot.frames], dtype=np.intp)
     of_loops = carrying[ends[robot.rows.second]] - carrying[ends[robot.rows.first]]  # (rows, joints)
-    about_base = _moved(loops.wrench, loops.position)
+    about_base = moved_wrench(loops.wrench, loops.position)
     # wrenches about the base's origin, summed for each joint and moved to its own
     carried = matmul(of_loops.T, loops.multipliers[:, :, None] * about_base)
-    for load in loads:
+    for load in motion.wrenches:
         carried += carrying[load.joint][:, None] * load.wrench[:, None]
-    reactions -= _moved(carried, -position)
+    reactions -= moved_wrench(carried, -position)
     moved = np.einsum("mj,tkm,tmi->tjki", of_loops, loops.free, about_base)
-    moved = _moved(moved, -position[:, :, None])
+    moved = moved_wrench(moved, -position[:, :, None])
     names = {j: str(model.names[j]) for j in range(1, model.njoints)}
     return {name: _determinate(robot, reactions[:, j], moved[:, j]) for j, name in names.items()}
-
-
-def _moved(wrench: Array, arm: Array) -> Array:
-    """Move wrenches (..., 6) from a point to the place from which an arm (..., 3) leads there."""
-    moved = wrench.copy()
-    moved[..., 3:] += cross(arm, wrench[..., :3])
-    return moved
 
 
 def _carrying(model: pin.Model) -> Array:

@@ -154,12 +154,13 @@ def planned_pose(result: InverseDynamics, times: Array) -> ClosedStack:
 def motion_of_forces(branch: Branch, result: InverseDynamics, times: Array, closed: ClosedStack) -> Motion:
     """Return the motion whose forces are taken: with rigid geometry the robot's without deflections."""
     robot = branch.robot
+    s = [result.law(times, order) for order in range(3)]
     if robot.n_e and result.geometry == "rigid":
-        s = [result.law(times, order) for order in range(3)]
         _, dx, ddx = along(branch.path, s)
-        return motion_at(robot, branch.closed(s[0]), dx, ddx)
+        return branch.loaded(motion_at(robot, branch.closed(s[0]), dx, ddx), s[0])
     rates = [result.deflection(times, order) for order in (1, 2)]
-    return motion_at(robot, closed, result.platform(times, 1), result.platform(times, 2), *rates)
+    motion = motion_at(robot, closed, result.platform(times, 1), result.platform(times, 2), *rates)
+    return branch.loaded(motion, s[0])
 
 
 def _joint_torques(state: DeflectionSolution, times: Array) -> Array:

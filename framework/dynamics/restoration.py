@@ -82,10 +82,10 @@ def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
     Raises:
         As `restored`.
     """
-    clock: Clock = InTime(law, panel_edges(branch.path, law))
+    clock: Clock = InTime(law, panel_edges(branch, law))
     first = FIRST_COEFFICIENTS
     if isinstance(law, OptimalLaw):
-        clock, first = OnParameter(law, branch.path.knots), coefficients_for(law.degree)
+        clock, first = OnParameter(law, branch.knots), coefficients_for(law.degree)
     return restored(branch, lambda _: clock, np.zeros(0), first).deflections
 
 

@@ -10,6 +10,7 @@ from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.motor_friction import PlannedFriction
 from framework.errors import check_order
+from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, motion_at
@@ -59,6 +60,7 @@ class InverseDynamics(ReadOnlyArrays):
     crossings: tuple[SingularityCrossing, ...]
     certificate: Certificate
     friction: PlannedFriction | None = None  # dry, of the driven joints
+    wrenches: ExternalWrenches = NO_WRENCHES  # of the world, along the path
 
     def __repr__(self) -> str:
         return (
@@ -110,11 +112,17 @@ class InverseDynamics(ReadOnlyArrays):
         return integrate(self.robot, self.origin, self.offsets(np.atleast_1d(t)))
 
     def motion(self, t: ArrayLike) -> Motion:
-        """Compute positions and their two derivatives of all joints at t (T,), loops closed to rounding."""
+        """Compute positions and their two derivatives of all joints at t (T,), loops closed to rounding.
+
+        Under the wrenches of the world.
+        """
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        x, dx, ddx = along(self.path, [self.law(times, order) for order in range(3)])
+        s = [self.law(times, order) for order in range(3)]
+        x, dx, ddx = along(self.path, s)
         closed = close_loops(self.robot, x, self.configuration(times))
-        return motion_at(self.robot, closed, dx, ddx, self.deflection(times, 1), self.deflection(times, 2))
+        rates = self.deflection(times, 1), self.deflection(times, 2)
+        motion = motion_at(self.robot, closed, dx, ddx, *rates)
+        return motion.under(self.wrenches.at(self.robot, closed.linearised.frames, s[0]))
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv)."""

@@ -17,7 +17,7 @@ from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
 from framework.motion.law import MotionLaw, PlannedLaw
-from framework.motion.path import Path, along
+from framework.motion.path import along
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.root_of_g import root_of_g
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
@@ -28,8 +28,8 @@ LAW_ROOT_ROUNDING = 1e-12  # in s, of what a law leaves at its roots
 EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing than this is a node too near to it
 
 
-def panel_edges(path: Path, law: MotionLaw, clear_of: Array = NO_INSTANTS) -> Array:
-    """Return the ends of the motion and of the law's panels, and the instants of the path's knots.
+def panel_edges(branch: Branch, law: MotionLaw, clear_of: Array = NO_INSTANTS) -> Array:
+    """Return the ends of the motion and of the law's panels, and the instants of the branch's knots.
 
     Every edge is a node. Where a panel of the law ends on one of the instants `clear_of` [s], it ends beside
     it instead: the law is smooth there.
@@ -42,7 +42,7 @@ def panel_edges(path: Path, law: MotionLaw, clear_of: Array = NO_INSTANTS) -> Ar
             narrower = np.diff(ends)[max(k - 1, 0) : k + 1].min()
             if 0 < k < len(ends) - 1 and abs(ends[k] - t) < EDGE_CLEARANCE * narrower:
                 ends[k] = t + 3.0 * EDGE_CLEARANCE * narrower
-    inner = [instants(law, ends, knot) for knot in path.knots]
+    inner = [instants(law, ends, knot) for knot in branch.knots]
     return np.unique(np.concatenate([ends, *inner])) if inner else ends
 
 
@@ -76,7 +76,7 @@ def rigid_crossings(
     """
     for singular in points:
         check_kind(branch.robot, singular)
-    edges = panel_edges(branch.path, law)
+    edges = panel_edges(branch, law)
     return tuple(
         _rigid_crossing(branch, law, t, singular)
         for singular in points
@@ -119,8 +119,8 @@ def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, singular: Singular
         (singular.q[None], branch.guess(s[0][1:]))
     )  # but for the crossing only a scale is wanted
     closed = ClosedStack(q, x, linearised_at(branch.robot, q, x))
-    forces = tree_forces(branch.robot, motion_at(branch.robot, closed, dx, ddx))
     robot = branch.robot
+    forces = tree_forces(robot, branch.loaded(motion_at(robot, closed, dx, ddx), s[0]))
     force = robot.mass * robot.length / law.duration**2
     least = force * robot.length * np.abs(escape / robot.column_scale).max(axis=1)
     parts = forces[:, None] * escape  # (T, corank, nv)

@@ -18,8 +18,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.forces import Forces, balanced_forces
-from framework.dynamics.reactions import applied_wrenches, loaded_tree_forces
+from framework.dynamics.forces import Forces, balanced_forces, tree_forces
+from framework.dynamics.reactions import under_wrenches
 from framework.errors import NotAssembled, SingularPose, point
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
@@ -73,10 +73,7 @@ def forces_through_singularity(
         ddx = derivatives[1] + powers[:, :1] @ derivatives[2:]
         ahead = powers[:, :1] * singular.v + powers[:, 1:2] * singular.a
         guess = integrate(robot, np.repeat(closed.q, len(t), axis=0), ahead)
-        return motion_at(robot, close_loops(robot, x, guess), dx, ddx)
-
-    def forces_of(motion: Motion) -> Array:
-        return loaded_tree_forces(robot, motion, applied_wrenches(robot, motion, wrenches))
+        return under_wrenches(robot, motion_at(robot, close_loops(robot, x, guess), dx, ddx), wrenches)
 
     singular = motion_at(robot, closed, rates[0][None], rates[1][None])
     half = _half_panel(robot, singular, rates[2])
@@ -87,8 +84,8 @@ def forces_through_singularity(
         )
     instant = _crossing_instant(robot, motion_beside, half, where, closed.x[0])
     crossing = motion_beside(np.array([instant]))
-    _check_condition(robot, crossing, forces_of(crossing)[0], where)
-    torques, tail_reached = _interpolated(robot, motion_beside, forces_of, half)
+    _check_condition(robot, crossing, tree_forces(robot, crossing)[0], where)
+    torques, tail_reached = _interpolated(robot, motion_beside, half)
     if torques is None:
         raise SingularPose(
             f"{where} the torques near the Type 2 singularity are not resolved (tail {tail_reached:.2g}): "
@@ -99,10 +96,7 @@ def forces_through_singularity(
 
 
 def _interpolated(
-    robot: ParallelRobot,
-    motion_beside: Callable[[Array], Motion],
-    forces_of: Callable[[Motion], Array],
-    half: float,
+    robot: ParallelRobot, motion_beside: Callable[[Array], Motion], half: float
 ) -> tuple[Forces | None, float]:
     """Interpolate joint torques through t = 0 on panels of +-`half` [s] and less; and the least tail met."""
     least = np.inf
@@ -113,7 +107,7 @@ def _interpolated(
             motion = motion_beside(grid.times)
         except NotAssembled:
             continue  # a shorter motion stays within reach
-        forces = balanced_forces(robot, motion.linearised, forces_of(motion))
+        forces = balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
         series = coefficients(np.concatenate(forces, axis=1))
         least = min(least, tail(series))
         if tail(series) <= TORQUE_TAIL:

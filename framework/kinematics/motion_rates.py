@@ -18,6 +18,7 @@ import pinocchio as pin
 from framework.arrays import Array
 from framework.errors import NotAssembled
 from framework.kinematics.closures import closure_drift, wrench_rates
+from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import (
     frame_motions,
     frames_at,
@@ -31,12 +32,17 @@ from framework.linalg.ordered_sums import cross
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Positions, velocities and accelerations of all coordinates at T instants."""
+    """Positions, velocities and accelerations of all coordinates at T instants, and what acts on them."""
 
     q: Array  # (T, nq)
     v: Array  # (T, nv)
     a: Array  # (T, nv)
     linearised: LinearisedLoops
+    wrenches: tuple[AppliedWrench, ...] = ()  # of the world
+
+    def under(self, wrenches: tuple[AppliedWrench, ...]) -> Motion:
+        """Return the same motion under wrenches of the world."""
+        return replace(self, wrenches=wrenches) if wrenches else self
 
 
 def joint_rates(robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array) -> Array:

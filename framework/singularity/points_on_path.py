@@ -13,6 +13,7 @@ from framework.errors import InvalidInput, NotConverged, Type1Singularity, point
 from framework.kinematics.closures import loop_equations, scaled
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import escaping, track_path, weakest_leg
+from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -69,6 +70,14 @@ class SearchedPath(NamedTuple):
     branch: Branch
     points: tuple[SingularPoint, ...]
     near_misses: tuple[NearMiss, ...] = ()  # minima of |g| below a hundredth of its largest on the path
+
+    def under(self, wrenches: ExternalWrenches) -> SearchedPath:
+        """Return the same path under wrenches of the world, which move none of its singular points.
+
+        Raises:
+            InvalidInput: the robot has no such frame.
+        """
+        return self._replace(branch=self.branch.under(wrenches))
 
 
 def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = None) -> SearchedPath:

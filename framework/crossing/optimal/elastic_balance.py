@@ -48,7 +48,7 @@ def in_balance(
                 f"singular; use stiffer springs, law polynomial, or geometry rigid",
                 residual=np.inf,
             ) from None
-        return OnParameter(changed, task.branch.path.knots)
+        return OnParameter(changed, task.branch.knots)
 
     sizes = np.linalg.norm(equalities.matrix * law.coefficients, axis=1)[: len(places)]
     found = restored(

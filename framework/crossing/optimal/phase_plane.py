@@ -36,7 +36,6 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at
 from framework.kinematics.loop_matrices import passive_motion, type2_matrix
 from framework.kinematics.motion_rates import Motion, motion_at
-from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, coefficients, derivative_matrix, evaluate, nodes
 from framework.motion.optimal_law import OptimalLaw, Smoothstep
 from framework.singularity.bordered_system import Border, solve_bordered
@@ -116,7 +115,7 @@ def demand(
     carrying = deflected
     if geometry == "rigid" and deflections is not None:
         carrying = _three_motions(branch, phi, sigma, None)
-    forces = _linearised_forces(robot, carrying, sigma, before)
+    forces = _linearised_forces(branch, carrying, (sigma, phi(sigma)), before)
     torque = motor_torque(robot, deflected, balanced_forces(robot, carrying.linearised, forces).joint_torque)
     speed = deflected.v[len(sigma) : 2 * len(sigma), robot.actuated] * robot.gear_ratio
     affine = AffineInSpeed(*torque.reshape(3, len(sigma), -1))
@@ -138,15 +137,18 @@ def _direction(branch: Branch, s: Array, three: Motion) -> Array | None:
 
 
 def _linearised_forces(
-    robot: ParallelRobot, motion: Motion, sigma: Array, before: SquaredSpeed | None
+    branch: Branch, motion: Motion, places: tuple[Array, Array], before: SquaredSpeed | None
 ) -> Array:
     """Return forces (3 M, nv) of the open tree on `_three_motions`: at rest, per z and per u.
 
-    Damping is an affine function of z; without a law `before` it is left out.
+    At `places` sigma and s (M,). What the world does is part of the first. Damping is an affine function of
+    z; without a law `before` it is left out.
     """
+    robot, (sigma, s) = branch.robot, places
     at_rest, per_z = slice(len(sigma)), slice(len(sigma), 2 * len(sigma))
     forces = inertial_forces(robot, motion)
-    forces[at_rest] = static_forces(robot, motion.q[at_rest])
+    wrenches = branch.wrenches.at(robot, motion.linearised.frames.at(at_rest), s)
+    forces[at_rest] = static_forces(robot, motion.q[at_rest], wrenches)
     if robot.is_damped and before is not None:
         root = np.sqrt(before(sigma))[:, None]
         damping = 0.5 * robot.joint_damping * motion.v[per_z]
@@ -187,7 +189,7 @@ def _rows_about(
     eta = solve_bordered(matrices, Border.of(matrices[-1], place.corank)).eta
     escaping = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
     motion = _three_motions(branch, phi, points, None, closed)
-    forces = _linearised_forces(robot, motion, points, before)
+    forces = _linearised_forces(branch, motion, (points, phi(points)), before)
     parts = forces.reshape(3, len(points), 1, -1) * escaping
     values = np.moveaxis(parts.sum(axis=3), 0, 2)  # (M, corank, 3)
     size = np.abs(parts).sum(axis=3).max(axis=(0, 1))[:, None]
@@ -217,7 +219,8 @@ def _wrench_row(
     sigma, q, x = phi.inverse(np.array([place.s])), place.q[None], branch.path(np.array([place.s]))
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
     motion = _three_motions(branch, phi, sigma, deflections, closed)
-    parts = _linearised_forces(robot, motion, sigma, before) * place.motion
+    s = np.array([place.s])
+    parts = _linearised_forces(branch, motion, (sigma, s), before) * place.motion
     row = parts.sum(axis=1)
     slope, bend = (float(phi(sigma, order)[0]) for order in (1, 2))
     rate = float(np.abs(motion.v[1] / robot.column_scale).max()) / slope

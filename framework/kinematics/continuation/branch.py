@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.errors import NotAssembled
+from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix
+from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import nodes, tail
 from framework.motion.path import Path
@@ -53,7 +55,7 @@ class Continuation(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Branch(ReadOnlyArrays):
-    """A path with the branch of the inverse kinematics that leads along it, springs at rest.
+    """A path with the branch of the inverse kinematics along it, springs at rest, and the world's wrenches.
 
     Between the knots `s` (K,) the branch is known well enough (cubic Hermite in the tangent `offset`
     from `origin`) for Newton's method to land on it: `closed` gives it to rounding anywhere.
@@ -66,6 +68,25 @@ class Branch(ReadOnlyArrays):
     u: Array  # (K, nv) offset from origin
     du: Array  # (K, nv) derivative with respect to s
     continuations: tuple[Continuation, ...] = ()  # a later one goes before an earlier one
+    wrenches: ExternalWrenches = NO_WRENCHES
+
+    @property
+    def knots(self) -> Array:
+        """The path coordinates (k,) between which path and wrenches are smooth."""
+        return np.unique(np.concatenate([self.path.knots, self.wrenches.knots]))
+
+    def under(self, wrenches: ExternalWrenches) -> Branch:
+        """Return the same branch under wrenches of the world.
+
+        Raises:
+            InvalidInput: the robot has no such frame.
+        """
+        wrenches.check_frames(self.robot)
+        return replace(self, wrenches=wrenches) if wrenches.entries else self
+
+    def loaded(self, motion: Motion, s: Array) -> Motion:
+        """Return a motion of the robot at s (T,) under the wrenches of the world."""
+        return motion.under(self.wrenches.at(self.robot, motion.linearised.frames, s))
 
     def guess(self, s: Array) -> Array:
         """Return configurations (T, nq) near the branch at s (T,)."""
