@@ -8,8 +8,8 @@ of `loaded_balance` is to vanish at twice as many points as there are coefficien
 in the least squares and but for what changes F next to nothing.
 
 Where springs carry inertia F = 0 is a differential equation. Near an end or a knot it has solutions that die
-away within milliseconds, of motions that do not begin or end at rest; so rates at the ends and jumps at the
-knots are asked to vanish as well, with so little weight that F has to give nothing for it.
+away within milliseconds, of motions that do not begin or end at rest; so rates and accelerations at the ends,
+and jumps at the knots, are asked to vanish as well, with so little weight that F has to give nothing for it.
 """
 
 from __future__ import annotations
@@ -156,12 +156,13 @@ class BalanceEquations:
         return matrix
 
     def _at_rest(self, state: BalanceState) -> tuple[Array, Array]:
-        """What the unknowns change of rates at the ends and jumps at the knots, and what these are."""
+        """What the unknowns change of rates and accelerations at the ends, of jumps at the knots, and these."""
         panels, N, n_e = state.series.shape
         duration = self.family(state.scalars).law.duration
-        basis, slope = (part.reshape(panels, 2 * N, N) for part in state.points.bases[:2])
-        rows = np.zeros((2 * panels, panels, N))
+        basis, slope, bend = (part.reshape(panels, 2 * N, N) for part in state.points.bases)
+        rows = np.zeros((2 * panels + 2, panels, N))
         rows[0, 0], rows[1, -1] = duration * slope[0, 0], duration * slope[-1, -1]
+        rows[-2, 0], rows[-1, -1] = duration**2 * bend[0, 0], duration**2 * bend[-1, -1]
         for k in range(panels - 1):
             for row, part in ((2 + 2 * k, basis), (3 + 2 * k, duration * slope)):
                 rows[row, k], rows[row, k + 1] = part[k, -1], -part[k + 1, 0]
