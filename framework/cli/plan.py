@@ -24,7 +24,7 @@ from framework.cli.parser import (
 from framework.cli.raw import report_raw
 from framework.crossing.optimal.lower_bound import estimated_best
 from framework.crossing.path_modification import plan_request_with_modified_path
-from framework.crossing.plan import plan_request
+from framework.crossing.plan import ADVANCES, plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import FILE, plan_document
@@ -150,8 +150,9 @@ def plan_text(plan: CrossingPlan) -> str:
         f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law_name(plan.law)} over "
         f"{plan.duration:g} s"
     ]
-    if plan.law.kind != Law.kind:
+    if plan.law.kind != Law.kind or (plan.request.kind == "auto" and plan.reason != ADVANCES):
         lines.append(f"  law               {plan.reason}")
+    if plan.law.kind != Law.kind:
         lines += _best(plan)
     lines += _crossings(plan)
     peaks = ", ".join(

@@ -179,7 +179,8 @@ class PlanOptions:
         default="auto",
         metadata=_meaning(
             "polynomial through times and speeds, optimal, or auto: polynomial where it advances (default)",
-            " comfortably, and else the optimal law. The plan's `reason` says which it was and why",
+            " comfortably, and else the optimal law; where the polynomial's largest torque stands beside a "
+            "near miss of the singular locus, that of lower peak. The plan's `reason` says which and why",
             check=_one_of(LAWS),
             typed={"choices": LAWS},
         ),

@@ -8,9 +8,11 @@ with a function like `_polynomial` here, its name in `LAWS` of `options`, and it
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from framework.crossing.crossing_points import PathToCross, path_to_cross
+from framework.crossing.near_miss_peak import largest_torque, max_torque_ratio, miss_of_peak
 from framework.crossing.optimal.optimal_motion import optimal_motion
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.options import takes_options
@@ -26,9 +28,11 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, check_of, search_path
+from framework.singularity.rank_deficiency import NearMiss
 
 # least speed over its mean (the ends divided out) below which a polynomial is given up
 MIN_POLYNOMIAL_ADVANCE = 0.1
+ADVANCES = "the polynomial advances"  # the reason to plan with one
 
 
 @takes_options
@@ -101,34 +105,55 @@ def _best(work: _Work) -> CrossingPlan:
     except (NoLaw, NotConverged) as refusal:
         if not request.may_be_optimal:
             raise
-        polynomial = (
-            "the polynomial is not resolved"
-            if isinstance(refusal, NotConverged)
-            else "there is no polynomial"
+        return _instead_of_none(work, refusal)
+    if not request.may_be_optimal or request.speeds is not None:
+        return plan
+    if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
+        nearly_stops = (
+            f"the polynomial nearly stops: its least speed is {advance:.2g} of its mean, its largest torque "
+            f"{largest_torque(plan)}"
         )
         try:
-            return _optimal(work, f"{polynomial}: {refusal}")
-        except UncontrolledMotions:
-            raise
-        except (NoLaw, NotConverged) as second:
-            both = f"{refusal}; nor does the optimal law help: {second}"
-            if isinstance(refusal, NotConverged):
-                raise NotConverged(
-                    both, residual=refusal.residual, s=refusal.s, platform=refusal.platform
-                ) from None
-            raise NoLaw(both, proof=refusal.proof or getattr(second, "proof", None)) from None
-    if (
-        not request.may_be_optimal
-        or not plan.crossings
-        or request.speeds is not None
-        or advance >= MIN_POLYNOMIAL_ADVANCE
-    ):
-        return plan
-    nearly_stops = f"the polynomial nearly stops: its least speed is {advance:.2g} of its mean"
+            return _optimal(work, nearly_stops)
+        except (NoLaw, NotConverged):
+            return plan
+    miss = miss_of_peak(plan, work.to_cross.searched.near_misses)
+    return plan if miss is None else _lower_peak(work, plan, miss)
+
+
+def _instead_of_none(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan:
+    """Plan with the optimal law where the polynomial was refused."""
+    polynomial = (
+        "the polynomial is not resolved" if isinstance(refusal, NotConverged) else "there is no polynomial"
+    )
     try:
-        return _optimal(work, nearly_stops)
-    except (NoLaw, NotConverged):
-        return plan
+        return _optimal(work, f"{polynomial}: {refusal}")
+    except UncontrolledMotions:
+        raise
+    except (NoLaw, NotConverged) as second:
+        both = f"{refusal}; nor does the optimal law help: {second}"
+        if isinstance(refusal, NotConverged):
+            raise NotConverged(
+                both, residual=refusal.residual, s=refusal.s, platform=refusal.platform
+            ) from None
+        raise NoLaw(both, proof=refusal.proof or getattr(second, "proof", None)) from None
+
+
+def _lower_peak(work: _Work, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
+    """Plan with the law of lower peak torque, where that of the polynomial stands beside a near miss."""
+    why = (
+        f"the polynomial's largest torque, {largest_torque(polynomial)}, is beside s = {miss.s:.6g}, where "
+        f"the path misses a singularity by |g| = {abs(miss.g):.2g}"
+    )
+    try:
+        optimal = _optimal(work, f"{why}; this one's is lower")
+    except (NoLaw, NotConverged) as refusal:
+        return replace(polynomial, reason=f"{why}; the optimal law is not found: {refusal}")
+    assert optimal.optimality is not None
+    peaks = [max_torque_ratio(plan, optimal.optimality.reference) for plan in (optimal, polynomial)]
+    if peaks[0] < peaks[1]:
+        return optimal
+    return replace(polynomial, reason=f"{why}; the optimal law's is {largest_torque(optimal)}")
 
 
 class _Work(NamedTuple):
@@ -144,7 +169,7 @@ def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
     to_cross, request, started = work
     dynamics, law, timing, conditions = polynomial_motion(to_cross, request)
     advance = law.advance(request.smoothness)
-    reason = "the polynomial advances" if advance > 0 else "the polynomial, though it overshoots its ends"
+    reason = ADVANCES if advance > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
     seconds = time.perf_counter() - started

@@ -156,7 +156,7 @@ class BalanceEquations:
         return matrix
 
     def _at_rest(self, state: BalanceState) -> tuple[Array, Array]:
-        """What the unknowns change of rates and accelerations at the ends, of jumps at the knots, and these."""
+        """What unknowns change of rates and accelerations at the ends, jumps at the knots, and these."""
         panels, N, n_e = state.series.shape
         duration = self.family(state.scalars).law.duration
         basis, slope, bend = (part.reshape(panels, 2 * N, N) for part in state.points.bases)

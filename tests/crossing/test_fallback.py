@@ -27,3 +27,38 @@ def test_a_path_beside_the_locus_is_planned_by_the_law_that_resolves_it(gap):
     found = defects(robot, q=motion.q, v=motion.v, a=motion.a, torque=plan.torque(t), x=plan.platform(t))
     assert found.open < 1e-12
     assert found.force < 1e-8  # beside the locus |g| is 1e-5 and less, and the torques are rounded by as much
+
+
+def peaks(plan) -> float:
+    return max(plan.peak_torque.values())
+
+
+@pytest.mark.parametrize(("start", "end"), [(0.08, -0.04), (0.1, -0.02)])
+def test_beside_the_locus_the_law_of_lower_peak_torque_is_taken(start, end):
+    robot, path = robots.load("five_bar"), Line([start, TOP + 1e-4], [end, TOP + 1e-4])
+    polynomial, optimal = (
+        plan_crossing(robot, path, duration=1.5, law=law) for law in ("polynomial", "optimal")
+    )
+    plan = plan_crossing(robot, path, duration=1.5)
+    assert (plan.law.kind, peaks(plan)) == ("optimal", peaks(optimal))
+    assert peaks(plan) < 0.5 * peaks(polynomial)
+    assert f"largest torque, {peaks(polynomial):.4g} N m, is beside s = " in plan.reason
+
+
+def test_a_polynomial_whose_peak_is_lower_is_kept_and_says_what_the_other_costs(monkeypatch):
+    from framework.crossing import plan as planning
+
+    robot, path = robots.load("five_bar"), Line([0.1, TOP + 1e-4], [-0.02, TOP + 1e-4])
+    monkeypatch.setattr(planning, "max_torque_ratio", lambda plan, _: float(plan.law.kind == "optimal"))
+    plan = plan_crossing(robot, path, duration=1.5)
+    assert plan.law.kind == "polynomial"
+    assert plan.reason.endswith("; the optimal law's is 0.02113 N m")
+
+
+@pytest.mark.parametrize("height", [TOP + 1e-3, TOP + 3e-2])
+def test_away_from_the_locus_no_other_law_is_tried(height, monkeypatch):
+    from framework.crossing import plan as planning
+
+    monkeypatch.setattr(planning, "optimal_motion", None)
+    plan = plan_crossing(robots.load("five_bar"), Line([0.1, height], [-0.02, height]), duration=1.5)
+    assert (plan.law.kind, plan.reason) == ("polynomial", "the polynomial advances")
