@@ -22,6 +22,7 @@ from framework.cli.parser import (
 )
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, NoAnswer
+from framework.identification.sensors import Sensors, record_sensors, sensors_of
 from framework.output import written_together
 from framework.simulation import Simulation, simulate
 from framework.simulation.methods import METHODS
@@ -51,6 +52,13 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--damping", type=float, metavar="D", help="viscous, on every joint [N m s/rad, N s/m]"
     )
+    parser.add_argument(
+        "--sensors",
+        nargs="*",
+        metavar="NAME=VALUE",
+        help="with --out: write sensors.csv too, what sensors record, with noise and steps; of rate [Hz], "
+        "angle_noise, angle_step, slide_step, torque_noise, torque_step, platform_noise, seed",
+    )
     parser.add_argument("--out", metavar="DIR", help="write simulation.json and simulation.csv there")
 
 
@@ -58,6 +66,7 @@ def run(options: argparse.Namespace) -> Report:
     """Plan, or read the plan; simulate it; say how far it comes off."""
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
+    sensors = _sensors(options)
     plan = arguments.planned(options)
     with progress_bar(1.0, "of the motion", silent=options.json) as progress:
         result = simulate(
@@ -74,9 +83,27 @@ def run(options: argparse.Namespace) -> Report:
         with written_together(FilePath(options.out), document="simulation.json") as folder:
             (folder / "simulation.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
             _write_csv(result, plan, folder / "simulation.csv")
+            if sensors is not None:
+                (folder / "sensors.csv").write_text(record_sensors(result, plan.torque, sensors).as_csv())
         text += f"\n  written to        {options.out}"
     _check_on_path(result)
     return document, text
+
+
+def _sensors(options: argparse.Namespace) -> Sensors | None:
+    """Return the sensors that are asked for."""
+    if options.sensors is None:
+        return None
+    if options.out is None:
+        raise InvalidInput("--sensors: writes sensors.csv into a folder; give --out")
+    values = {}
+    for word in options.sensors:
+        name, _, text = word.partition("=")
+        try:
+            values[name] = float(text)
+        except ValueError:
+            raise InvalidInput(f"--sensors: needs NAME=VALUE with a number, got {word!r}") from None
+    return sensors_of(values)
 
 
 def _unit(result: Simulation) -> tuple[str, float]:

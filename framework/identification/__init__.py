@@ -4,5 +4,7 @@ Open `base_parameters` first: which combinations of masses, inertias and motor p
 """
 
 from framework.identification.base_parameters import BaseParameters, base_parameters
+from framework.identification.recording import Recording, read_recording
+from framework.identification.sensors import Sensors, record_sensors
 
-__all__ = ["BaseParameters", "base_parameters"]
+__all__ = ["BaseParameters", "Recording", "Sensors", "base_parameters", "read_recording", "record_sensors"]

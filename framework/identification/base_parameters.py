@@ -16,8 +16,8 @@ from framework.identification.combinations import (
 from framework.identification.random_motions import random_motion
 from framework.identification.torque_parameters import (
     TorqueParameters,
+    parameter_regressor,
     torque_parameters,
-    torque_regressor,
 )
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 
@@ -58,7 +58,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
     """Compute which combinations of inertial and motor parameters the motor torques determine.
 
     Of any motion near the reference, not of one that is given: a line shows less. The rank is that of the
-    regressor of the closed robot (`torque_regressor`) at random instants; several sets of them must agree.
+    regressor of the closed robot (`parameter_regressor`) at random instants; several sets of them must agree.
 
     Args:
         massless: whether bodies without mass in the file have parameters, too.
@@ -74,7 +74,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
     count = int(np.ceil(ROWS_PER_PARAMETER * len(described.names) / robot.n))
     sets = []
     for _ in range(RANDOM_SETS):
-        matrix = torque_regressor(robot, random_motion(robot, count, random), described).matrix
+        matrix = parameter_regressor(robot, random_motion(robot, count, random), described).matrix
         # every instant counts alike: near a singularity of the inverse kinematics forces are large
         matrix /= np.linalg.norm(matrix * described.sizes, axis=(1, 2))[:, None, None]
         sets.append(determined_combinations(matrix.reshape(-1, matrix.shape[2]), described.sizes))

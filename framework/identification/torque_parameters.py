@@ -136,7 +136,7 @@ def moved_parameters(placement: pin.SE3) -> Array:
     return np.asarray(of_pseudo_inertia(move @ pseudo_inertia(np.eye(10)) @ move.T).T)
 
 
-class TorqueRegressor(NamedTuple):
+class ParameterRegressor(NamedTuple):
     """Y of N' Y theta + known = N' S tau at T instants, rows on the platform's axes."""
 
     matrix: Array  # (T, n, p)
@@ -144,7 +144,9 @@ class TorqueRegressor(NamedTuple):
     motors: Array  # (T, n, n_a) N' S on the motor side: G' of `platform_wrench`
 
 
-def torque_regressor(robot: ParallelRobot, motion: Motion, parameters: TorqueParameters) -> TorqueRegressor:
+def parameter_regressor(
+    robot: ParallelRobot, motion: Motion, parameters: TorqueParameters
+) -> ParameterRegressor:
     """Compute the regressor of the closed robot at T instants of a motion, along its parameters."""
     G, rates = motor_speeds(robot, motion.linearised)  # (T, n_a, n), (T, nv, n)
     model, data, columns = robot.model, scratch_of(robot).data, robot.actuated
@@ -152,7 +154,7 @@ def torque_regressor(robot: ParallelRobot, motion: Motion, parameters: TorquePar
     used = (10 * (parameters.bodies[:, None] - 1) + np.arange(10)).ravel()
     bodies = np.empty((len(motion.q), robot.n, len(used)))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-        bodies[k] = rates[k].T @ pin.computeJointTorqueRegressor(model, data, q, v, a)[:, used]
+        bodies[k] = rates[k].T @ pin.computeJointParameterRegressor(model, data, q, v, a)[:, used]
     for i, matrix in enumerate(turned):
         bodies[..., 10 * i : 10 * i + 10] = bodies[..., 10 * i : 10 * i + 10] @ matrix
     v, a = motion.v[:, columns], motion.a[:, columns]
@@ -162,4 +164,4 @@ def torque_regressor(robot: ParallelRobot, motion: Motion, parameters: TorquePar
     values = parameters.values.copy()
     values[len(used) :].reshape(-1, len(OF_MOTORS))[:, [0, 2]] = 0.0  # tree_forces has neither of them
     known = np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion)) - matrix @ values
-    return TorqueRegressor(matrix, known, G.transpose(0, 2, 1))
+    return ParameterRegressor(matrix, known, G.transpose(0, 2, 1))

@@ -16,7 +16,7 @@ import robots
 from framework import InvalidInput, ParallelRobot, dynamics_at
 from framework.identification import base_parameters
 from framework.identification.random_motions import random_motion
-from framework.identification.torque_parameters import torque_parameters, torque_regressor
+from framework.identification.torque_parameters import parameter_regressor, torque_parameters
 from tests.robots.every_robot import RIGID, in_stages
 
 SOME_DIRECTIONS = 8  # of a robot, drawn at random
@@ -86,7 +86,7 @@ def test_the_rank_and_the_gap_are_those_of_a_regressor_by_differences(case):
     motion = random_motion(robot, count, np.random.default_rng(7))
     matrix = witness_regressor(robot, motion)
     size = np.abs(matrix * described.sizes).max(axis=2, keepdims=True)
-    ours = torque_regressor(robot, motion, described).matrix
+    ours = parameter_regressor(robot, motion, described).matrix
     np.testing.assert_allclose(
         ours * described.sizes / size, matrix * described.sizes / size, rtol=0, atol=1e-9
     )

@@ -1,0 +1,182 @@
+"""Recorded motions: CSV files with the columns of motion.csv, read strictly.
+
+Used are time, motor_angle_JOINT and torque_JOINT (motor side of the gear), platform_AXIS, and joint_NAME of
+joints with a sensor but no motor; SI units and radians. Other columns are passed over.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from framework.arrays import Array, IntArray, ReadOnlyArrays
+from framework.errors import InvalidInput, choose_from, short
+from framework.input import read_text
+from framework.kinematics.parallel_robot import ParallelRobot
+
+LARGEST_RECORDING = 200_000_000  # bytes
+MIN_ROWS = 2
+PERIOD_JITTER = 1e-3  # of the sampling period
+LINEAR_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Recording(ReadOnlyArrays):
+    """Measured samples by column name: `values` (T, columns), SI units, motor side of the gears."""
+
+    source: str  # what complaints name
+    names: tuple[str, ...]
+    values: Array
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def column(self, name: str) -> Array:
+        """Return one column (T,)."""
+        return np.asarray(self.values[:, self.names.index(name)])
+
+    def columns(self, prefix: str, endings: Sequence[str]) -> Array:
+        """Return the columns PREFIX_ENDING, (T, k).
+
+        Raises:
+            InvalidInput: one of them is missing.
+        """
+        wanted = [f"{prefix}_{ending}" for ending in endings]
+        missing = [name for name in wanted if name not in self.names]
+        if missing:
+            raise InvalidInput(
+                f"{self.source}: no column {', '.join(missing)}; it has {', '.join(self.names) or 'none'}"
+            )
+        return np.asarray(self.values[:, [self.names.index(name) for name in wanted]])
+
+    def has(self, prefix: str, endings: Sequence[str]) -> bool:
+        """Whether all columns PREFIX_ENDING are there."""
+        return all(f"{prefix}_{ending}" in self.names for ending in endings)
+
+    def as_csv(self) -> str:
+        """Return the samples as text, numbers to their last digit."""
+        lines = [",".join(map(repr, row)) for row in self.values.tolist()]
+        return "\n".join([",".join(self.names), *lines]) + "\n"
+
+    def rows(self, which: slice | IntArray) -> Recording:
+        """Return some of the samples."""
+        return Recording(self.source, self.names, self.values[which])
+
+
+def known_columns(robot: ParallelRobot) -> tuple[str, ...]:
+    """Return the names of columns that a recording of this robot may have."""
+    joints = robot.actuator_names
+    passive = [robot.coordinates.name_of(int(column)) for column in robot.passive]
+    axes = dict.fromkeys([*robot.axis_names, *LINEAR_AXES])
+    return (
+        "time",
+        *(f"motor_angle_{joint}" for joint in joints),
+        *(f"torque_{joint}" for joint in joints),
+        *(f"platform_{axis}" for axis in axes),
+        *(f"joint_{name}" for name in passive),
+    )
+
+
+def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
+    """Read what was recorded of a robot from a CSV file, columns that are not known left out.
+
+    Raises:
+        InvalidInput: no such file; a row without as many cells as there are columns, or a cell that is no
+            finite number, with its row and column; a column twice; no column of this robot; motor angles in
+            degrees, or counted from elsewhere than the robot file's.
+    """
+    text = read_text(file, f"{file}", largest=LARGEST_RECORDING)
+    reader = csv.reader(io.StringIO(text))
+    header = [name.strip() for name in next(reader, [])]
+    known = known_columns(robot)
+    if not set(header) & set(known):
+        raise InvalidInput(
+            f"{file}: the first line has no column of {robot.name}: "
+            f"{choose_from('column', ', '.join(header[:4]) or 'an empty line', known)}"
+        )
+    twice = sorted({name for name in header if header.count(name) > 1})
+    if twice:
+        raise InvalidInput(f"{file}: column {twice[0]} is there {header.count(twice[0])} times")
+    used = [k for k, name in enumerate(header) if name in known]
+    rows = [_numbers(f"{file}: line {reader.line_num}", header, used, cells) for cells in reader if cells]
+    if len(rows) < MIN_ROWS:
+        raise InvalidInput(f"{file}: {len(rows)} rows of numbers; at least {MIN_ROWS} are needed")
+    recording = Recording(str(file), tuple(header[k] for k in used), np.array(rows))
+    check_recording(robot, recording)
+    return recording
+
+
+def _numbers(where: str, header: Sequence[str], used: Sequence[int], cells: Sequence[str]) -> list[float]:
+    """Return the cells of some columns as numbers."""
+    if len(cells) != len(header):
+        raise InvalidInput(f"{where}: {len(cells)} cells for {len(header)} columns")
+    numbers = []
+    for k in used:
+        try:
+            number = float(cells[k])
+        except ValueError:
+            number = np.nan
+        if not np.isfinite(number):
+            raise InvalidInput(f"{where}: {header[k]} needs a finite number, got {short(cells[k])}")
+        numbers.append(number)
+    return numbers
+
+
+def check_recording(robot: ParallelRobot, recording: Recording) -> None:
+    """Refuse time that does not advance, and motor angles that cannot be radians from the robot's zero.
+
+    Raises:
+        InvalidInput: so it is.
+    """
+    if "time" in recording.names:
+        back = np.flatnonzero(np.diff(recording.column("time")) <= 0.0)
+        if len(back):
+            raise InvalidInput(f"{recording.source}: time does not advance after sample {int(back[0]) + 1}")
+    start = robot.actuated_coordinates(robot.reference.q[None])[0]
+    turning = [
+        k
+        for k, joint in enumerate(robot.actuator_names)
+        if f"motor_angle_{joint}" in recording.names and not robot.sliding[robot.actuated[k]]
+    ]
+    joints = [robot.actuator_names[k] for k in turning]
+    angles = recording.columns("motor_angle", joints) / robot.gear_ratio[turning]
+    away, from_degrees = (
+        np.abs(each - start[turning]).max(axis=0, initial=0.0) for each in (angles, np.radians(angles))
+    )
+    if not (away > np.pi).any():
+        return
+    if (from_degrees < away).all() and (from_degrees <= np.pi).all():
+        raise InvalidInput(
+            f"{recording.source}: motor_angle_{joints[0]} is in degrees, to judge by the robot's reference; "
+            f"radians are needed, on the motor side of the gear"
+        )
+    k = int(away.argmax())
+    raise InvalidInput(
+        f"{recording.source}: motor_angle_{joints[k]} puts the joint {away[k]:.3g} rad away from the robot's "
+        f"reference; it needs radians on the motor side of the gear (ratio "
+        f"{robot.gear_ratio[turning[k]]:g}), counted from the zero of the robot file"
+    )
+
+
+def uniform_period(recording: Recording) -> float:
+    """Return the sampling period [s].
+
+    Raises:
+        InvalidInput: no time, or its steps differ by more than a thousandth.
+    """
+    if "time" not in recording.names:
+        raise InvalidInput(f"{recording.source}: no column time; it has {', '.join(recording.names)}")
+    steps = np.diff(recording.column("time"))
+    period = float(steps.mean())
+    if np.abs(steps - period).max() > PERIOD_JITTER * period:
+        worst = int(np.abs(steps - period).argmax())
+        raise InvalidInput(
+            f"{recording.source}: time steps differ: {steps[worst]:.6g} s after sample {worst + 1}, "
+            f"{period:.6g} s on average; differentiation needs equal steps"
+        )
+    return period

@@ -1,0 +1,99 @@
+"""What sensors record of a simulated motion: motor angles, torques and the platform, with noise and steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import InvalidInput, choose_from
+from framework.identification.recording import Recording
+from framework.simulation.result import Simulation
+
+MAX_SAMPLES = 10_000_000
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Noise (standard deviation) and steps of sensors, on the motor side; 0 for none.
+
+    By default encoders of 16 bits a motor turn or of a micrometre, torques to 1 % of each motor's largest, as
+    from its current, and a tracker of 20 micrometres.
+    """
+
+    rate: float = 1000.0  # [Hz]
+    angle_noise: float = 0.0  # [rad or m]
+    angle_step: float = 2.0 * np.pi / 2**16  # [rad]
+    slide_step: float = 1e-6  # [m] of slides without a gear
+    torque_noise: float = 0.01  # share of the motor's largest torque
+    torque_step: float = 0.0  # the same
+    platform_noise: float = 2e-5  # [m], and that over the robot's length [rad]
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (np.isfinite(value) and (value > 0 if field.name == "rate" else value >= 0)):
+                least = "more than 0" if field.name == "rate" else "at least 0"
+                raise InvalidInput(f"sensors: {field.name} needs a number of {least}, got {value!r}")
+
+
+def record_sensors(
+    simulation: Simulation, torque: Callable[[Array], Array], sensors: Sensors | None = None
+) -> Recording:
+    """Sample a simulated motion as sensors do.
+
+    Args:
+        torque: motor torques (T, n_a), motor side, at t (T,): what drove it, such as `plan.torque`.
+
+    Raises:
+        InvalidInput: more than ten million samples.
+    """
+    sensors = sensors or Sensors()
+    robot, random = simulation.robot, np.random.default_rng(sensors.seed)
+    count = int(np.floor(simulation.duration * sensors.rate * (1.0 + 1e-12))) + 1
+    if count > MAX_SAMPLES:
+        raise InvalidInput(f"sensors: rate {sensors.rate:g} Hz makes {count} samples, at most {MAX_SAMPLES}")
+    times = np.arange(count) / sensors.rate
+    times[-1] = min(times[-1], simulation.duration)
+    angles = robot.gear_ratio * robot.actuated_coordinates(simulation.configuration(times))
+    torques = np.asarray(torque(times))
+    slides = np.array([unit == "N" for unit in robot.torque_units])
+    steps = np.where(slides, sensors.slide_step, sensors.angle_step)
+    largest = np.abs(torques).max(axis=0)
+    x = simulation.platform(times)
+
+    def measured(values: Array, noise: Array | float, step: Array | float) -> Array:
+        noisy = values + noise * random.standard_normal(values.shape)
+        size = np.broadcast_to(step, values.shape)
+        return np.where(size > 0, np.round(noisy / np.where(size > 0, size, 1.0)) * size, noisy)
+
+    values = [
+        times[:, None],
+        measured(angles, sensors.angle_noise, steps),
+        measured(torques, sensors.torque_noise * largest, sensors.torque_step * largest),
+        measured(x, sensors.platform_noise * robot.platform_scale / robot.length, 0.0),
+    ]
+    names = [
+        "time",
+        *(f"motor_angle_{joint}" for joint in robot.actuator_names),
+        *(f"torque_{joint}" for joint in robot.actuator_names),
+        *(f"platform_{axis}" for axis in robot.axis_names),
+    ]
+    return Recording(f"sensors of {robot.name}", tuple(names), np.concatenate(values, axis=1))
+
+
+def sensors_of(words: dict[str, float]) -> Sensors:
+    """Return the sensors of values by name.
+
+    Raises:
+        InvalidInput: an unknown name, or a value out of range.
+    """
+    known = {field.name for field in fields(Sensors)}
+    for name in words:
+        if name not in known:
+            raise InvalidInput(choose_from("property of --sensors", name, known))
+    seed = int(words.get("seed", 0))
+    return Sensors(seed=seed, **{name: value for name, value in words.items() if name != "seed"})

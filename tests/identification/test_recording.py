@@ -1,0 +1,104 @@
+"""Recorded data: read as they were written, and what is wrong with them said in one sentence."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, plan_scene
+from framework.cli import main
+from framework.identification import Sensors, read_recording
+from framework.identification.sensors import record_sensors
+from framework.simulation import simulate
+
+ROBOT = robots.load("five_bar")
+HEADER = "time,motor_angle_left_motor,motor_angle_right_motor,torque_left_motor,torque_right_motor,note"
+ROWS = ["0.0,63.5,54.2,0.1,0.2,7", "0.1,63.6,54.3,0.1,0.2,7", "0.2,63.7,54.4,0.1,0.2,7"]
+
+
+def written(folder: Path, lines: list[str]) -> Path:
+    file = folder / "data.csv"
+    file.write_text("\n".join(lines) + "\n")
+    return file
+
+
+def test_columns_of_the_robot_are_read_and_others_passed_over(tmp_path):
+    data = read_recording(ROBOT, written(tmp_path, [HEADER, *ROWS]))
+    assert "note" not in data.names
+    np.testing.assert_array_equal(data.column("motor_angle_left_motor"), [63.5, 63.6, 63.7])
+    assert not data.has("platform", ["x", "y"])
+    with pytest.raises(InvalidInput, match="no column platform_x, platform_y"):
+        data.columns("platform", ["x", "y"])
+
+
+def test_motion_csv_is_a_recording(tmp_path):
+    plan = plan_scene(ROBOT, "A")
+    plan.to_csv(tmp_path / "motion.csv")
+    data = read_recording(ROBOT, tmp_path / "motion.csv")
+    t = data.column("time")
+    np.testing.assert_array_equal(data.columns("torque", ROBOT.actuator_names), plan.torque(t))
+    assert data.has("joint", ["left_elbow", "right_elbow"])
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (
+            [HEADER, ROWS[0], "0.1,63.6,54.3,x,0.2,7"],
+            "line 3: torque_left_motor needs a finite number, got 'x'",
+        ),
+        ([HEADER, ROWS[0], "0.1,63.6,54.3,nan,0.2,7"], "line 3: torque_left_motor needs a finite number"),
+        ([HEADER, ROWS[0], "0.1,63.6"], "line 3: 2 cells for 6 columns"),
+        ([HEADER, ROWS[0]], "1 rows of numbers"),
+        ([HEADER, ROWS[1], ROWS[0]], "time does not advance after sample 1"),
+        (["a,b", "1,2"], "no column of five_bar"),
+        (["time,time", "1,2"], "column time is there 2 times"),
+        ([HEADER, "0,3643.0,3104.0,0,0,0", "1,3643.0,3104.0,0,0,0"], "motor_angle_left_motor is in degrees"),
+        ([HEADER, "0,63.5,454.0,0,0,0", "1,63.5,454.0,0,0,0"], "motor side of the gear (ratio 50)"),
+        ([""], "no column of five_bar"),
+    ],
+)
+def test_what_is_wrong_with_data_is_said(tmp_path, lines, message):
+    with pytest.raises(InvalidInput) as said:
+        read_recording(ROBOT, written(tmp_path, lines))
+    assert message in str(said.value)
+
+
+def test_sensors_record_what_was_simulated():
+    plan = plan_scene(ROBOT, "A")
+    run = simulate(ROBOT, plan, method="stiff")
+    exact = record_sensors(
+        run, plan.torque, Sensors(angle_step=0.0, torque_noise=0.0, platform_noise=0.0, rate=100.0)
+    )
+    t = exact.column("time")
+    assert len(t) == 151
+    np.testing.assert_allclose(exact.columns("platform", "xy"), plan.platform(t), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        exact.columns("motor_angle", ROBOT.actuator_names), plan.motor_angle(t), rtol=0, atol=1e-4
+    )
+    noisy = record_sensors(
+        run, plan.torque, Sensors(angle_step=1e-3, torque_noise=0.02, platform_noise=1e-4, rate=1000.0)
+    )
+    assert np.abs(noisy.column("motor_angle_left_motor") / 1e-3 % 1.0 - 0.5).min() > 0.49
+    t = noisy.column("time")
+    torque = plan.torque(t)
+    spread = np.std(noisy.columns("torque", ROBOT.actuator_names) - torque, axis=0)
+    np.testing.assert_allclose(spread, 0.02 * np.abs(torque).max(axis=0), rtol=0.1)
+    np.testing.assert_allclose(
+        np.std(noisy.columns("platform", "xy") - run.platform(t), axis=0), 1e-4, rtol=0.1
+    )
+
+
+def test_the_command_line_writes_sensors_beside_the_simulation(tmp_path, capsys):
+    words = ["simulate", "five_bar", "--scene", "A", "--method", "stiff", "--sensors", "rate=200", "seed=3"]
+    assert main([*words, "--out", str(tmp_path / "run")]) == 0
+    assert len(read_recording(ROBOT, tmp_path / "run" / "sensors.csv")) == 301
+    assert json.loads((tmp_path / "run" / "simulation.json").read_text())["robot"] == "five_bar"
+    assert main(words) == 2
+    assert "--out" in capsys.readouterr().err
+    assert main([*words, "speed=2", "--out", str(tmp_path / "b")]) == 2
+    assert "unknown property of --sensors 'speed'" in capsys.readouterr().err
