@@ -154,7 +154,7 @@ def parameter_regressor(
     used = (10 * (parameters.bodies[:, None] - 1) + np.arange(10)).ravel()
     bodies = np.empty((len(motion.q), robot.n, len(used)))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-        bodies[k] = rates[k].T @ pin.computeJointParameterRegressor(model, data, q, v, a)[:, used]
+        bodies[k] = rates[k].T @ pin.computeJointTorqueRegressor(model, data, q, v, a)[:, used]
     for i, matrix in enumerate(turned):
         bodies[..., 10 * i : 10 * i + 10] = bodies[..., 10 * i : 10 * i + 10] @ matrix
     v, a = motion.v[:, columns], motion.a[:, columns]
