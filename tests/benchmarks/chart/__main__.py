@@ -16,7 +16,7 @@ from framework.errors import FrameworkError
 from framework.output import written_together
 from tests.benchmarks.chart import stages, table
 from tests.benchmarks.chart.figures import save_chart
-from tests.benchmarks.chart.measure import Stage
+from tests.benchmarks.chart.measure import FULL, QUICK, Effort, Stage, rows_of
 
 FOLDER = "chart"
 
@@ -28,28 +28,36 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--row", metavar="ROW", help="one row made again, as the table names it; writes nothing"
     )
+    parser.add_argument("--quick", action="store_true", help="two settings of a series, each run once")
+    parser.add_argument(
+        "--redraw", action="store_true", help="figures and text anew, from the tables of --out"
+    )
     parser.add_argument("--out", type=Path, default=Path(FOLDER), metavar="DIR", help="default: %(default)s")
     options = parser.parse_args(arguments)
     try:
         if options.row is None:
             chosen = [stages.stage(name) for name in dict.fromkeys(options.stage or stages.NAMES)]
-            print(write_chart(chosen, options.out))
+            print(write_chart(chosen, options.out, QUICK if options.quick else FULL, redraw=options.redraw))
         else:
             print(table.line(*stages.made_again(options.row)))
     except FrameworkError as error:
         parser.error(" ".join(str(error).split()))
 
 
-def write_chart(chosen: Sequence[Stage], folder: Path) -> str:
+def write_chart(chosen: Sequence[Stage], folder: Path, effort: Effort = FULL, *, redraw: bool = False) -> str:
     """Measure the stages and write their figures and tables, all or nothing; returns a summary."""
     summary: list[str] = []
+    known = {
+        stage.name: table.read_rows(json.loads((folder / f"{stage.name}.json").read_text(encoding="utf-8")))
+        for stage in (chosen if redraw else ())
+    }
     with (
         written_together(folder, document=f"{chosen[0].name}.json") as temporary,
-        progress_bar(stages.count(chosen), "row") as show_progress,
+        progress_bar(stages.count(chosen, effort.settings), "row") as show_progress,
     ):
         advance = _counted(show_progress)
         for stage in chosen:
-            rows = stages.made(stage, advance)
+            rows = known[stage.name] if redraw else rows_of(stage, effort, advance)
             document = table.document(stage, rows)
             (temporary / f"{stage.name}.csv").write_text(table.csv_text(stage, rows), encoding="utf-8")
             (temporary / f"{stage.name}.md").write_text(table.markdown(stage, rows), encoding="utf-8")

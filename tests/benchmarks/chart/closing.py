@@ -20,11 +20,12 @@ from framework.kinematics.continuation.forward_kinematics import forward_kinemat
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_each, close_loops
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
+from tests.benchmarks.chart.bare import BareFiveBar
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, singles
-from tests.benchmarks.chart.reading import best_within, finite
+from tests.benchmarks.chart.peers.five_bar import BASES, LENGTH
+from tests.benchmarks.chart.reading import finite
 
 POSES = np.linspace(0.05, 1.0, 96)  # path coordinates
 BEHIND = 0.05  # of the path, where each search starts
@@ -46,49 +47,39 @@ class Closed(NamedTuple):
     with_motors: Callable[[float], Array]  # path coordinate -> platform (2,) [m] with the motors given there
 
 
+@cache
+def _bare() -> BareFiveBar:
+    return BareFiveBar()
+
+
 def _with_platform(x: Array) -> tuple[Equations, IntArray]:
-    robot = given.robot()
-    linearised_here = partial(_linearised, x=x)
+    """Both tips at x (2,), by pinocchio alone."""
+    robot, target = _bare(), np.concatenate([x, x])
 
     def equations(q: Array) -> tuple[Array, Array]:
-        linearised = linearised_here(q)
-        return linearised.residual[0], linearised.jacobian[0][:, robot.moving]
+        places, slopes = robot.tip_places(q)
+        return places - target, slopes
 
-    return equations, robot.moving
+    return equations, np.arange(4)
 
 
 def _with_motors() -> tuple[Equations, IntArray]:
-    robot = given.robot()
+    """Both tips on one point, motors fixed, by pinocchio alone."""
+    robot = _bare()
 
     def equations(q: Array) -> tuple[Array, Array]:
-        linearised = _linearised(q, np.zeros(robot.n))
-        return linearised.residual[0, robot.n :], linearised.closures[0][:, robot.following]
+        places, slopes = robot.tip_places(q)
+        return places[:2] - places[2:], (slopes[:2] - slopes[2:])[:, robot.others]
 
-    return equations, robot.following
-
-
-def _linearised(q: Array, x: Array) -> LinearisedLoops:
-    return linearised_at(given.robot(), q[None], x[None])
+    return equations, robot.others
 
 
-def newton(
-    equations: Equations, start: Array, free: IntArray, setting: Setting, *, frozen: bool = False
-) -> Array:
-    """Newton's method; `frozen` with the derivatives of the start throughout."""
-    q, slope = start.copy(), None
-    for _ in range(round(setting[0])):
-        residual, derivatives = equations(q)
-        slope = derivatives if slope is None or not frozen else slope
-        q[free] -= np.linalg.solve(slope, residual)
-    return q
-
-
-def gauss_newton(equations: Equations, start: Array, free: IntArray, setting: Setting) -> Array:
-    """Least squares of the linear equations in every step, singular values below 1e-12 left out."""
+def newton(equations: Equations, start: Array, free: IntArray, setting: Setting) -> Array:
+    """Newton's method."""
     q = start.copy()
     for _ in range(round(setting[0])):
         residual, derivatives = equations(q)
-        q[free] -= np.linalg.lstsq(derivatives, residual, rcond=1e-12)[0]
+        q[free] -= np.linalg.solve(derivatives, residual)
     return q
 
 
@@ -162,6 +153,20 @@ def _ours(setting: Setting) -> Callable[[], Closed]:
     return lambda: Closed(close_each(robot, places, starts, iterations=round(setting[0])).q, with_motors)
 
 
+def _formula(setting: Setting) -> Callable[[], Closed]:
+    """The cranks from the triangle of each leg, all poses at once; the rods are not wanted."""
+    places = given.path()(POSES)
+
+    def run() -> Closed:
+        q = np.full((len(places), 4), np.nan)
+        for column, base, elbow in zip(given.robot().actuated, BASES, closed_form.ELBOWS, strict=True):
+            reach = places[:, 0] - base + 1j * places[:, 1]
+            q[:, column] = np.angle(reach) + elbow * np.arccos(np.abs(reach) / (2 * LENGTH))
+        return Closed(q, lambda s: np.full(2, np.nan))
+
+    return run
+
+
 def _joints_before(s: float) -> Array:
     """The joints of the pose before, with the motors turned to where they belong."""
     robot = given.robot()
@@ -202,24 +207,15 @@ def _off(result: Closed, distance: float) -> float:
         return np.nan
 
 
-def _sentence(rows: Sequence[Row]) -> str:
-    lines = [
-        "With the platform given all methods close the loops to rounding, through the singular point too."
-    ]
-    ours, best = best_within(rows, "stacked_newton"), best_within(rows, "newton")
-    if ours is not None and best is not None:
-        lines.append(
-            f"All poses in one stack: {best.seconds / ours.seconds:.2g} times less time than Newton's method "
-            f"pose by pose."
-        )
+def _remark(rows: Sequence[Row]) -> str:
     astray = [_reach(finite(rows, name)) for name in ("newton", "stacked_newton")]
-    if None not in astray:
-        lines.append(
-            f"With the motors given two solutions meet at the singular point: nearer to it than "
-            f"{astray[0]:.0e} of the path Newton's method lands on the wrong one and says nothing; ours "
-            f"follows its own as far as {astray[1]:.0e} and refuses what is nearer."
-        )
-    return " ".join(lines)
+    if None in astray:
+        return ""
+    return (
+        "With the motors given two solutions meet at the singular point: nearer to it than "
+        f"{astray[0]:.0e} of the path Newton's method lands on the wrong one and says nothing; ours "
+        f"follows its own as far as {astray[1]:.0e} and refuses what is nearer."
+    )
 
 
 def _reach(rows: Sequence[Row]) -> float | None:
@@ -231,6 +227,7 @@ def _reach(rows: Sequence[Row]) -> float | None:
 
 
 _GIVEN = "exact derivatives"
+_BARE = "equations by pinocchio and numpy alone (chart/bare.py), pose by pose"
 STAGE = Stage(
     name="closing",
     title="Closing the loops, platform given",
@@ -244,52 +241,40 @@ STAGE = Stage(
             "iterations",
             ITERATIONS,
             _ours,
-            ours=True,
-        ),
-        Method("newton", "Newton, pose by pose", _GIVEN, "iterations", ITERATIONS, _one_by_one(newton)),
-        Method(
-            "chord",
-            "Newton, derivatives of the start",
-            "derivatives of the start",
-            "iterations",
-            singles(1, 2, 4, 8, 16, 24),
-            _one_by_one(partial(newton, frozen=True)),
+            "ours",
         ),
         Method(
-            "gauss_newton",
-            "least squares in each step",
+            "newton",
+            "Newton, Pinocchio pose by pose",
             _GIVEN,
             "iterations",
             ITERATIONS,
-            _one_by_one(gauss_newton),
+            _one_by_one(newton),
+            source=_BARE,
+        ),
+        *(
+            Method(
+                f"scipy_{name}",
+                f"scipy {words}",
+                _GIVEN,
+                "tolerance",
+                TOLERANCES,
+                _one_by_one(solver),
+                source=_BARE,
+            )
+            for name, words, solver in (
+                ("hybr", "root, Powell's hybrid", partial(scipy_root, method="hybr")),
+                ("lm", "root, Levenberg-Marquardt", partial(scipy_root, method="lm")),
+                ("trf", "least squares, trust region", scipy_least_squares),
+            )
         ),
         Method(
-            "scipy_hybr",
-            "scipy root, Powell's hybrid",
-            _GIVEN,
-            "tolerance",
-            TOLERANCES,
-            _one_by_one(partial(scipy_root, method="hybr")),
-        ),
-        Method(
-            "scipy_lm",
-            "scipy root, Levenberg-Marquardt",
-            _GIVEN,
-            "tolerance",
-            TOLERANCES,
-            _one_by_one(partial(scipy_root, method="lm")),
-        ),
-        Method(
-            "scipy_trf",
-            "scipy least squares, trust region",
-            _GIVEN,
-            "tolerance",
-            TOLERANCES,
-            _one_by_one(scipy_least_squares),
+            "formula", "the robot's own formula", "nothing", "evaluations", singles(1), _formula, "frontier"
         ),
     ),
     judge=judge,
-    sentence=_sentence,
+    goals=(1e-6, 1e-12),
+    remark=_remark,
     profile=DISTANCES,
     profiled="path coordinate before the singular point",
     profile_title="Motors given",

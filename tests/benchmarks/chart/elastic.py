@@ -136,7 +136,7 @@ def judge(method: Method, setting: Setting, result: Elongated) -> Judged:
     return Judged(relative_error(result.rods(CHECKED), _exact(setting[0])), (float(result.passes),))
 
 
-def _sentence(rows: Sequence[Row]) -> str:
+def _remark(rows: Sequence[Row]) -> str:
     lines = []
     ours, plain = finite(rows, "planned"), finite(rows, "repeated")
     if ours and plain:
@@ -173,7 +173,7 @@ STAGE = Stage(
             "stiffness",
             SCALES,
             partial(_planned, geometry="deformed"),
-            ours=True,
+            "ours",
         ),
         Method(
             "small",
@@ -182,7 +182,7 @@ STAGE = Stage(
             "stiffness",
             SCALES,
             partial(_planned, geometry="rigid"),
-            ours=True,
+            "ours",
         ),
         Method("repeated", "plain repetition", _GIVEN, "stiffness", SCALES, partial(_repeated, moved=True)),
         Method(
@@ -196,7 +196,7 @@ STAGE = Stage(
         Method("differences", f"finite differences, {FEW} passes", _GIVEN, "stiffness", SCALES, _differences),
     ),
     judge=judge,
-    sentence=_sentence,
+    remark=_remark,
     abscissa="stiffness over the paper's",
     profile=(1.0,),
     profile_error="passes",

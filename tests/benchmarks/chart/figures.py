@@ -1,7 +1,7 @@
-"""Figures of the chart: what a method costs and what it gives, one curve a method.
+"""Figures of the chart: what a method costs and what it gives, one curve a method; or a map a method.
 
-Colour, dash and marker each tell a method from the others, so that grey prints can be read. The legend and
-the reader's sentence stand below the axes and cover nothing.
+Colours of ours are none of the others'; a formula written for the one robot is black. Marker and dash tell
+methods apart in grey. The legend and the reader's sentence stand below the axes and cover nothing.
 """
 
 from __future__ import annotations
@@ -16,49 +16,49 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-from framework.show.style import COLORS, DASHES, save_figure, styled
+from framework.show.style import DASHES, save_figure, styled
 from tests.benchmarks.chart.measure import Method, Row, Stage
-from tests.benchmarks.chart.reading import LEAST
+from tests.benchmarks.chart.reading import LEAST, finite, front, sentence
 
+PALETTE = {
+    "ours": ("#0072B2", "#009E73", "#56B4E9", "#332288", "#117733"),
+    "peer": ("#D55E00", "#CC79A7", "#E69F00", "#882255", "#999933", "#8c510a", "#dd6677"),
+    "frontier": ("#000000",),
+}
 WIDTH, AXES = 7.2, 2.7  # [in] two journal columns, and the height of the axes
-TOP, BELOW, LINE, LEFT, BETWEEN = 0.32, 0.46, 0.145, 0.62, 0.7  # [in]
-MAP_LEFT = 0.5  # [in]
-TIME = "processor time  [ms]   (better: left and down)"
+TOP, BELOW, LINE, LEFT, BETWEEN = 0.32, 0.46, 0.145, 0.62, 0.62  # [in]
+TIME = "processor time  [ms]"
 FEW = 300.0  # largest over smallest on an axis that still takes 1, 2, 5, 10
-POWERS = (-13.0, 1.0)  # of ten, the lightest and the darkest cell
-MARKERS = "os^Dv<>Pphd*"
+MARKERS = "os^Dv<>Pphd*X"
 LEGEND_COLUMNS, LETTERS = 2, 140  # of the legend, and letters in a line of the sentence
+MAP_COLUMNS, MAP_AXES, MAP_LEFT, MAP_BELOW = 4, 1.5, 0.55, 0.62  # maps side by side; their size [in]
+ROUNDING = 1e-16  # an error that has lost no digit
+DIGITS = 16  # that a cell may lose
 
 
 def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
     """The figure of a stage: its problems side by side, and the profile of the error if it has one."""
-    sentence = textwrap.wrap(stage.sentence(rows), LETTERS)
-    if stage.missing:
-        sentence += textwrap.wrap(f"Left out, not installed: {', '.join(stage.missing)}.", LETTERS)
-    count = len(stage.panels) + bool(stage.profile)
     drawn = [method for method in stage.methods if any(row.method == method.name for row in rows)]
     named: dict[str, Method] = {}  # one entry a label, the first one's
     for method in drawn:
         named.setdefault(method.label, method)
-    legend = -(-len(named) // LEGEND_COLUMNS)
-    below = BELOW + LINE * (legend + len(sentence) + 1)
+    text = _below(stage, rows)
+    below = BELOW + LINE * (-(-len(named) // LEGEND_COLUMNS) + len(text) + 1)
     height = TOP + AXES + below
-    figure = Figure(figsize=(WIDTH, height))
-    width = (WIDTH - LEFT - 0.1 - BETWEEN * (count - 1)) / count
-    axes = [
-        figure.add_axes(
-            ((LEFT + k * (width + BETWEEN)) / WIDTH, below / height, width / WIDTH, AXES / height)
-        )
-        for k in range(count)
-    ]
-    looks = styles(stage)
+    figure, looks = Figure(figsize=(WIDTH, height)), styles(stage)
+    axes = _row_of_axes(figure, len(stage.panels) + bool(stage.profile), below / height, AXES / height)
     for ax, panel in zip(axes, stage.panels, strict=False):
-        _plot_errors(ax, stage, [method for method in drawn if method.panel == panel], rows, looks)
+        for method in drawn:
+            if method.panel == panel:
+                _plot_curve(ax, stage, rows, method, looks[method.name])
+        _scaled(ax, stage)
+        ax.set_ylabel(stage.error)
         ax.set_title(panel or stage.title, loc="left")
     if stage.profile:
         _plot_profile(axes[-1], stage, drawn, rows, looks)
     handles = [
-        axes[0].plot([], [], **looks[method.name], label=_label(method))[0] for method in named.values()
+        axes[0].plot([], [], **looks[method.name], label=f"{method.label} ({method.given})")[0]
+        for method in named.values()
     ]
     figure.legend(
         handles=handles,
@@ -70,55 +70,32 @@ def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
         borderaxespad=0.0,
         labelspacing=0.35,
     )
-    figure.text(0.02, 0.05 / height, "\n".join(sentence), fontsize=7, va="bottom", linespacing=1.35)
+    figure.text(0.02, 0.05 / height, "\n".join(text), fontsize=7, va="bottom", linespacing=1.35)
     return figure
 
 
 def map_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
-    """The figure of a stage that maps the error over a number and a step: a map a method."""
+    """A map a method, over the two numbers of a setting: digits lost, wrong answers, refusals."""
     assert stage.map_axes is not None
-    sentence = textwrap.wrap(stage.sentence(rows), LETTERS)
-    drawn = [method for method in stage.methods if len({y for _, y in method.settings}) > 1]
-    below = BELOW + LINE * (len(sentence) + 1)
-    height = TOP + AXES + below
+    text = _below(stage, rows)
+    drawn = [method for method in stage.methods if any(row.method == method.name for row in rows)]
+    lines = -(-len(drawn) // MAP_COLUMNS)
+    below = 0.1 + LINE * (len(text) + 1)
+    height = lines * (TOP + MAP_AXES + MAP_BELOW) + below
     figure = Figure(figsize=(WIDTH, height))
-    width = (WIDTH - MAP_LEFT - 0.1 - MAP_LEFT * (len(drawn) - 1)) / len(drawn)
+    width = (WIDTH - 0.1) / MAP_COLUMNS - MAP_LEFT
     for k, method in enumerate(drawn):
-        ax = figure.add_axes(
-            ((MAP_LEFT + k * (width + MAP_LEFT)) / WIDTH, below / height, width / WIDTH, AXES / height)
-        )
+        line, column = divmod(k, MAP_COLUMNS)
+        left = MAP_LEFT + column * (width + MAP_LEFT)
+        bottom = height - (line + 1) * (TOP + MAP_AXES) - line * MAP_BELOW
+        ax = figure.add_axes((left / WIDTH, bottom / height, width / WIDTH, MAP_AXES / height))
         _plot_map(ax, method, [row for row in rows if row.method == method.name])
         ax.set_xlabel(stage.map_axes[0])
-        ax.set_ylabel(stage.map_axes[1])
-        ax.set_title(method.label, loc="left")
-    figure.text(0.02, 0.05 / height, "\n".join(sentence), fontsize=7, va="bottom", linespacing=1.35)
+        if column == 0:
+            ax.set_ylabel(stage.map_axes[1])
+        ax.set_title(method.label, loc="left", fontsize=7)
+    figure.text(0.02, 0.05 / height, "\n".join(text), fontsize=7, va="bottom", linespacing=1.35)
     return figure
-
-
-def _brief(value: float) -> str:
-    """A number, powers of ten as such where they are far from 1."""
-    return f"{value:g}" if 1e-2 < value < 1e3 else f"$10^{{{np.log10(value):.0f}}}$"
-
-
-def _plot_map(ax: Axes, method: Method, rows: Sequence[Row]) -> None:
-    """Cells with the power of ten of the error; light is right, dark is wrong, in grey too."""
-    across, up = (sorted({setting[k] for setting in method.settings}) for k in (0, 1))
-    powers = np.full((len(up), len(across)), np.nan)
-    for row in rows:
-        if np.isfinite(row.error):
-            cell = up.index(row.setting[1]), across.index(row.setting[0])
-            powers[cell] = np.log10(max(row.error, LEAST))
-    low, high = POWERS
-    ax.imshow(
-        np.ma.masked_invalid(powers), cmap="viridis_r", vmin=low, vmax=high, origin="lower", aspect="auto"
-    )
-    for (i, j), power in np.ndenumerate(powers):
-        words = f"{power:.0f}" if np.isfinite(power) else "none"
-        dark = power > 0.5 * (low + high)
-        ax.text(j, i, words, ha="center", va="center", fontsize=7, color="white" if dark else "black")
-    ax.set_xticks(range(len(across)), [_brief(value) for value in across])
-    ax.set_yticks(range(len(up)), [f"{1e3 * value:.2g}" for value in up])
-    ax.grid(False)
 
 
 def save_chart(stage: Stage, rows: Sequence[Row], stem: Path) -> list[Path]:
@@ -127,41 +104,62 @@ def save_chart(stage: Stage, rows: Sequence[Row], stem: Path) -> list[Path]:
         return save_figure(map_figure(stage, rows) if stage.map_axes else chart_figure(stage, rows), stem)
 
 
-def _label(method: Method) -> str:
-    return f"{method.label} ({method.given})"
-
-
 def styles(stage: Stage) -> dict[str, dict[str, Any]]:
     """How each method is drawn: one look for one label, in whatever panel."""
-    labels = list(dict.fromkeys(method.label for method in stage.methods))
-    return {method.name: _style(labels.index(method.label), method) for method in stage.methods}
-
-
-def _style(k: int, method: Method) -> dict[str, Any]:
-    return {
-        "color": COLORS[k % len(COLORS)],
-        "linestyle": DASHES[(k + k // len(COLORS)) % len(DASHES)],
-        "marker": MARKERS[k % len(MARKERS)],
-        "markersize": 4 if method.ours else 3,
-        "markerfacecolor": COLORS[k % len(COLORS)] if method.ours else "white",
-        "markeredgewidth": 0.8,
-        "linewidth": 1.8 if method.ours else 0.9,
+    kinds = {method.label: method.kind for method in stage.methods}
+    colors = {
+        label: PALETTE[kind][[one for one in kinds if kinds[one] == kind].index(label) % len(PALETTE[kind])]
+        for label, kind in kinds.items()
     }
+    looks = {}
+    for method in stage.methods:
+        k, ours = list(kinds).index(method.label), method.kind == "ours"
+        looks[method.name] = {
+            "color": colors[method.label],
+            "linestyle": DASHES[k % len(DASHES)],
+            "marker": MARKERS[k % len(MARKERS)],
+            "markersize": 4 if ours else 3,
+            "markerfacecolor": colors[method.label] if ours else "white",
+            "markeredgewidth": 0.8,
+            "linewidth": 1.8 if ours else 0.9,
+        }
+    return looks
 
 
-def _plot_errors(
-    ax: Axes,
-    stage: Stage,
-    methods: Sequence[Method],
-    rows: Sequence[Row],
-    looks: dict[str, dict[str, Any]],
-) -> None:
-    """Errors over time, or over what the settings are."""
-    for method in methods:
-        found = [row for row in rows if row.method == method.name and np.isfinite(row.error)]
-        ax.plot(_abscissa(stage, found), [max(row.error, LEAST) for row in found], **looks[method.name])
-    _scaled(ax, stage)
-    ax.set_ylabel(stage.error)
+def _below(stage: Stage, rows: Sequence[Row]) -> list[str]:
+    """The lines below a figure."""
+    missing = f"Left out, not installed: {', '.join(stage.missing)}." if stage.missing else ""
+    key = "Cells: digits lost of 16; x: wrong answer (none of its digits right), grey r: refused."
+    parts = [key if stage.map_axes else "", sentence(stage, rows), missing]
+    return [line for part in parts for line in textwrap.wrap(part, LETTERS)]
+
+
+def _row_of_axes(figure: Figure, count: int, bottom: float, height: float) -> list[Axes]:
+    width = (WIDTH - LEFT - 0.1 - BETWEEN * (count - 1)) / count
+    return [
+        figure.add_axes(((LEFT + k * (width + BETWEEN)) / WIDTH, bottom, width / WIDTH, height))
+        for k in range(count)
+    ]
+
+
+def _plot_curve(ax: Axes, stage: Stage, rows: Sequence[Row], method: Method, look: dict[str, Any]) -> None:
+    """Errors over time: the rows that no other beats, with spread, the others faint; or over settings."""
+    if not stage.timed:
+        shown = finite(rows, method.name)
+        ax.plot([row.setting[0] for row in shown], [max(row.error, LEAST) for row in shown], **look)
+        return
+    curve, every = front(rows, method.name), finite(rows, method.name)
+    ax.plot(
+        [1e3 * row.seconds for row in every],
+        [max(row.error, LEAST) for row in every],
+        ".",
+        color=look["color"],
+        markersize=1.5,
+        alpha=0.4,
+    )
+    times, errors = [1e3 * row.seconds for row in curve], [max(row.error, LEAST) for row in curve]
+    ax.plot(times, errors, **look)
+    ax.hlines(errors, times, [1e3 * row.upper for row in curve], color=look["color"], linewidth=0.6)
 
 
 def _plot_profile(
@@ -169,28 +167,19 @@ def _plot_profile(
 ) -> None:
     """Errors in each class, of one setting of each method; of a single class over time, like the others."""
     for method in methods:
-        found = [row for row in rows if row.method == method.name and row.profile and np.isfinite(row.error)]
+        known = [row for row in finite(rows, method.name) if row.profile]
         if len(stage.profile) == 1:
-            ax.plot(
-                _abscissa(stage, found), [max(row.profile[0], LEAST) for row in found], **looks[method.name]
-            )
-            continue
-        shown = [row for row in found if row.setting == method.shown] or sorted(found, key=lambda r: r.error)[
-            :1
-        ]
-        for row in shown:
-            ax.plot(stage.profile, np.maximum(row.profile, LEAST), **looks[method.name])
+            abscissae = [1e3 * row.seconds if stage.timed else row.setting[0] for row in known]
+            ax.plot(abscissae, [max(row.profile[0], LEAST) for row in known], **looks[method.name])
+        elif known:
+            chosen = min(known, key=lambda row: row.error)
+            ax.plot(stage.profile, np.maximum(chosen.profile, LEAST), **looks[method.name])
     _scaled(ax, stage)
     if stage.profiled:
         ax.set_xscale("log")
         ax.set_xlabel(stage.profiled)
     ax.set_ylabel(stage.profile_error or stage.error)
     ax.set_title(stage.profile_title, loc="left")
-
-
-def _abscissa(stage: Stage, rows: Sequence[Row]) -> list[float]:
-    """Milliseconds, or what the settings are."""
-    return [1e3 * row.seconds if stage.timed else row.setting[0] for row in rows]
 
 
 def _scaled(ax: Axes, stage: Stage) -> None:
@@ -204,3 +193,34 @@ def _scaled(ax: Axes, stage: Stage) -> None:
             ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             ax.xaxis.set_major_formatter(FormatStrFormatter("%g"))
             ax.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _plot_map(ax: Axes, method: Method, rows: Sequence[Row]) -> None:
+    """Cells with the digits lost; light is right, dark is wrong, in grey too; refusals are grey."""
+    across, up = (sorted({setting[k] for setting in method.settings}) for k in (0, 1))
+    lost = np.full((len(up), len(across)), np.nan)
+    for row in rows:
+        i, j = up.index(row.setting[1]), across.index(row.setting[0])
+        if row.note:
+            ax.text(j, i, "r", ha="center", va="center", fontsize=5.5, color="0.4")
+            continue
+        lost[i, j] = np.clip(np.log10(max(row.error, ROUNDING) / ROUNDING), 0, DIGITS)
+        words = "x" if lost[i, j] == DIGITS else f"{lost[i, j]:.0f}"
+        color = "white" if lost[i, j] > 0.5 * DIGITS else "black"
+        ax.text(j, i, words, ha="center", va="center", fontsize=5.5, color=color)
+    ax.set_facecolor("0.88")
+    ax.imshow(
+        np.ma.masked_invalid(lost), cmap="viridis_r", vmin=0, vmax=DIGITS, origin="lower", aspect="auto"
+    )
+    ax.set_xticks(range(len(across)), [_brief(value) for value in across], fontsize=5)
+    ax.set_yticks(range(len(up)), [_brief(value) for value in up], fontsize=5)
+    ax.grid(False)
+
+
+def _brief(value: float) -> str:
+    """A number, powers of ten as such where they are far from 1."""
+    if value == 0 or 1e-2 < abs(value) < 1e3:
+        return f"{value:.3g}"
+    power = int(np.floor(np.log10(abs(value)) + 1e-9))
+    factor = value / 10.0**power
+    return f"$10^{{{power}}}$" if abs(factor - 1) < 0.05 else f"{factor:.0f}e{power}"

@@ -7,9 +7,9 @@ distance of the payload from its path [m], or that of an angle at the end [rad].
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -20,19 +20,10 @@ from framework.kinematics.frames import frames_at
 from tests.benchmarks.chart import integrators, published
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.integrators import Case, Course, Prepared
-from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, singles
-from tests.benchmarks.chart.reading import best_within, quickest_to, short
+from tests.benchmarks.chart.measure import Judged, Method, Setting, Stage, singles
 
 T, HEAVY = given.DURATION, "five_bar_heavy"
 CROSSING, SQUEEZER = "5R with 1 kg links, through its singularity", "Andrews' squeezer"
-GOALS = (1e-6, 1e-11)  # [m]
-NAMED = {
-    "ours": ("radau_5", "radau_10", "radau_16", "fixed_steps", "explicit"),
-    "Pinocchio": ("pinocchio",),
-    "scipy": ("scipy_dop853",),
-    "MuJoCo": ("mujoco",),
-    "Exudyn": ("exudyn_alpha", "exudyn_trapezoidal"),
-}
 SIZE = 128  # points of the series of torques: twice what they need
 
 
@@ -85,22 +76,17 @@ def _squeezer() -> Case:
     )
 
 
-def _on(
-    case: Callable[[], Case], made: Callable[..., Prepared], *options: Any
-) -> Callable[[Setting], Callable[[], Any]]:
-    return lambda setting: made(case(), *options)(setting[0])
-
-
 def _simulator(module: str, **options: Any) -> Callable[[Setting], Callable[[], Any]]:
     def prepare(setting: Setting) -> Callable[[], Any]:
         from importlib import import_module
 
         from tests.benchmarks.chart.peers.five_bar import FiveBar
 
-        simulate = import_module(f"tests.benchmarks.chart.peers.{module}").simulate
+        prepared = import_module(f"tests.benchmarks.chart.peers.{module}").prepared
         robot, motion = FiveBar.of(HEAVY, "rigid"), planned()
         start = motion.platform(np.zeros(1))[0]
-        return lambda: simulate(robot, motion.torque, start, step=setting[0], duration=T, **options)
+        run: Callable[[], Any] = prepared(robot, motion.torque, start, step=setting[0], duration=T, **options)
+        return run
 
     return prepare
 
@@ -119,166 +105,138 @@ def judge(method: Method, setting: Setting, result: Any) -> Judged:
     return Judged(float(np.linalg.norm(places - planned().platform(times), axis=1).max()))
 
 
-_OURS = {
-    "radau_5": ("ours, Radau IIA of 5 stages", 5),
-    "radau_10": ("ours, Radau IIA of 10 stages", 10),
-    "radau_16": ("ours, Radau IIA of 16 stages", 16),
-}
+def _row(
+    name: str,
+    label: str,
+    unit: str,
+    settings: tuple[Setting, ...],
+    case: Callable[[], Case],
+    made: Callable[..., Prepared],
+    *options: Any,
+    kind: Literal["ours", "peer"] = "ours",
+    source: str = "",
+) -> Method:
+    squeezer = case is _squeezer
+    return Method(
+        f"squeezer_{name}" if squeezer else name,
+        label,
+        _TORQUES,
+        unit,
+        settings,
+        lambda setting: made(case(), *options)(setting[0]),
+        kind,
+        source,
+        panel=SQUEEZER if squeezer else CROSSING,
+    )
 
 
-def _sentence(rows: Sequence[Row]) -> str:
-    lines = []
-    for goal in GOALS:
-        times = [
-            f"{words} {_milliseconds(rows, names, goal)}"
-            for words, names in NAMED.items()
-            if _made(rows, names)
-        ]
-        lines.append(f"To {short(goal)} m along the crossing: {', '.join(times)}.")
-    squeezed = [row for name in _OURS if (row := best_within(rows, f"squeezer_{name}")) is not None]
-    peer = best_within(rows, "squeezer_scipy_dop853")
-    if squeezed and peer is not None:
-        best = min(squeezed, key=lambda row: row.error)
-        lines.append(
-            f"The squeezer ends at the published angles to {short(best.error)} rad by ours, to "
-            f"{short(peer.error)} rad by scipy."
-        )
-    return " ".join(lines)
+def _powers(first: int, last: int, by: float = 1.0) -> tuple[Setting, ...]:
+    return singles(*(10.0**-power for power in np.arange(first, last + 0.1, by)))
 
 
-def _made(rows: Sequence[Row], names: Sequence[str]) -> bool:
-    return any(row.method in names for row in rows)
-
-
-def _milliseconds(rows: Sequence[Row], names: Sequence[str], goal: float) -> str:
-    """The least time of these methods to an error no larger."""
-    found = [row.seconds for name in names if (row := quickest_to(rows, name, goal)) is not None]
-    return f"{1e3 * min(found):.3g} ms" if found else "never"
+def _steps(*counts: int) -> tuple[Setting, ...]:
+    return singles(*(T / count for count in counts))
 
 
 _TORQUES = "motor torques"
-_STEPS = singles(*(T / count for count in (75, 150, 300, 600, 1500)))
-_POWERS = {
-    CROSSING: {"radau_5": (2, 4, 6, 8), "radau_10": (2, 4, 6, 8, 10, 12), "radau_16": (4, 6, 8, 10, 12)},
-    SQUEEZER: {"radau_5": (2, 4, 6, 8), "radau_16": (12,)},
-}
-
-
-def _ours(case: Callable[[], Case], panel: str, prefix: str, told: str) -> list[Method]:
-    return [
-        Method(
-            f"{prefix}{name}",
-            label,
-            told,
-            "tolerance",
-            singles(*(10.0**-power for power in _POWERS[panel][name])),
-            _on(case, integrators.collocation, stages),
-            ours=True,
-            panel=panel,
-        )
-        for name, (label, stages) in _OURS.items()
-        if name in _POWERS[panel]
-    ]
-
-
+_CONTACTS = f"constraintDynamics with 3D contacts, ProximalSettings{integrators.PROXIMAL}"
+_COUNTS = (75, 150, 300, 600, 1200, 2400, 4800, 9600, 19200)
+_SHORT = 0.03  # [s] of the squeezer
 METHODS = (
-    *_ours(_crossing, CROSSING, "", _TORQUES),
-    Method(
-        "fixed_steps",
-        "ours, fixed steps",
-        _TORQUES,
-        "step [s]",
-        _STEPS,
-        _on(_crossing, integrators.fixed_steps),
-        ours=True,
-        panel=CROSSING,
+    *(
+        _row(
+            f"radau_{stages}",
+            f"ours, Radau IIA of {stages} stages",
+            "tolerance",
+            _powers(2, 14, 2),
+            case,
+            integrators.collocation,
+            stages,
+        )
+        for case, count in ((_crossing, (5, 10, 16)), (_squeezer, (5, 16)))
+        for stages in count
     ),
-    Method(
+    _row(
+        "fixed_steps", "ours, fixed steps", "step [s]", _steps(*_COUNTS), _crossing, integrators.fixed_steps
+    ),
+    _row(
         "explicit",
         "ours, explicit of order 8",
-        _TORQUES,
         "step [s]",
-        singles(*(T / count for count in (6, 8, 12, 16, 24, 32, 48, 64))),
-        _on(_crossing, integrators.explicit),
-        ours=True,
-        panel=CROSSING,
+        _steps(6, 8, 12, 16, 24, 32, 48, 64, 96, 128),
+        _crossing,
+        integrators.explicit,
     ),
-    Method(
+    _row(
         "pinocchio",
         "Pinocchio's contacts, RK4",
-        _TORQUES,
         "step [s]",
-        _STEPS,
-        _on(_crossing, integrators.contact_runge_kutta),
-        panel=CROSSING,
+        _steps(*_COUNTS),
+        _crossing,
+        integrators.contact_runge_kutta,
+        kind="peer",
+        source=f"{_CONTACTS}; forces precomputed",
     ),
-    Method(
+    _row(
         "scipy_dop853",
-        "scipy DOP853, all joints",
-        _TORQUES,
+        "Pinocchio's contacts, scipy DOP853",
         "relative tolerance",
-        singles(1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13),
-        _on(_crossing, integrators.scipy_planar, "DOP853"),
-        panel=CROSSING,
+        _powers(2, 14),
+        _crossing,
+        integrators.scipy_contacts,
+        "DOP853",
+        kind="peer",
+        source=f"{_CONTACTS}; atol 0.01 rtol",
+    ),
+    *(
+        _row(
+            f"scipy_{name.lower()}",
+            f"Pinocchio's M, numpy, scipy {name}",
+            "relative tolerance",
+            _powers(2, 14),
+            _squeezer,
+            integrators.scipy_planar,
+            name,
+            kind="peer",
+            source="[M J'; J 0] solved by numpy in each call, atol 0.01 rtol",
+        )
+        for name in ("DOP853", "LSODA")
     ),
     Method(
         "mujoco",
         "MuJoCo, RK4",
         _TORQUES,
         "step [s]",
-        singles(5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4),
+        singles(2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5),
         _simulator("mujoco_forward"),
-        peer="mujoco",
+        package="mujoco",
         panel=CROSSING,
+        source="rollout, solref of two steps and the hardest solimp, control callback from a table",
     ),
-    Method(
-        "exudyn_alpha",
-        "Exudyn, generalised alpha",
-        _TORQUES,
-        "step [s]",
-        singles(1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4),
-        _simulator("exudyn_five_bar"),
-        peer="exudyn",
-        panel=CROSSING,
+    *(
+        Method(
+            f"exudyn_{name}",
+            f"Exudyn, {words}",
+            _TORQUES,
+            "step [s]",
+            singles(2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5),
+            _simulator("exudyn_five_bar", solver=solver),
+            package="exudyn",
+            panel=CROSSING,
+            source="redundant coordinates, modified Newton to 1e-10, loads from a table",
+        )
+        for name, words, solver in (
+            ("alpha", "generalised alpha", "GeneralizedAlpha"),
+            ("trapezoidal", "trapezoidal, index 2", "TrapezoidalIndex2"),
+        )
     ),
-    Method(
-        "exudyn_trapezoidal",
-        "Exudyn, trapezoidal, index 2",
-        _TORQUES,
-        "step [s]",
-        singles(1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4),
-        _simulator("exudyn_five_bar", solver="TrapezoidalIndex2"),
-        peer="exudyn",
-        panel=CROSSING,
-    ),
-    *_ours(_squeezer, SQUEEZER, "squeezer_", _TORQUES),
-    Method(
-        "squeezer_fixed_steps",
+    _row(
+        "fixed_steps",
         "ours, fixed steps",
-        _TORQUES,
         "step [s]",
-        singles(2e-4, 1e-4, 5e-5, 2e-5),
-        _on(_squeezer, integrators.fixed_steps),
-        ours=True,
-        panel=SQUEEZER,
-    ),
-    Method(
-        "squeezer_scipy_dop853",
-        "scipy DOP853, all joints",
-        _TORQUES,
-        "relative tolerance",
-        singles(1e-3, 1e-5, 1e-7, 1e-9, 1e-11),
-        _on(_squeezer, integrators.scipy_planar, "DOP853"),
-        panel=SQUEEZER,
-    ),
-    Method(
-        "squeezer_scipy_radau",
-        "scipy Radau, all joints",
-        _TORQUES,
-        "relative tolerance",
-        singles(1e-3, 1e-5, 1e-7),
-        _on(_squeezer, integrators.scipy_planar, "Radau"),
-        panel=SQUEEZER,
+        singles(*(_SHORT / count for count in (150, 300, 600, 1200, 2400, 4800))),
+        _squeezer,
+        integrators.fixed_steps,
     ),
 )
 STAGE = Stage(
@@ -288,5 +246,5 @@ STAGE = Stage(
     error="largest error  [m], [rad]",
     methods=METHODS,
     judge=judge,
-    sentence=_sentence,
+    goals=(1e-6, 1e-9),
 )

@@ -80,7 +80,7 @@ def judge(method: Method, setting: Setting, result: Torque) -> Judged:
     return Judged(float(np.abs(result(times) - exact).max() / size))
 
 
-def _sentence(rows: Sequence[Row]) -> str:
+def _remark(rows: Sequence[Row]) -> str:
     lines = ["Each cell has the power of ten of the error; no step mends what the offset has spoilt."]
     finest = min(STEPS)
     at = [row for row in finite(rows, "table") if row.setting[1] == finest]
@@ -118,7 +118,7 @@ STAGE = Stage(
             _UNIT,
             tuple((offset, step) for step in MEAN_STEPS for offset in OFFSETS),
             _nodes,
-            ours=True,
+            "ours",
         ),
         Method(
             "proved",
@@ -127,10 +127,10 @@ STAGE = Stage(
             "offset, tolerance",
             tuple((offset, 1e-10) for offset in OFFSETS),
             _proved,
-            ours=True,
+            "ours",
         ),
     ),
     judge=judge,
-    sentence=_sentence,
+    remark=_remark,
     map_axes=("imposed beside it by  [path]", "step  [ms]"),
 )

@@ -130,38 +130,55 @@ def explicit(case: Case) -> Prepared:
     return prepare
 
 
-def contact_runge_kutta(case: Case) -> Prepared:
-    """Pinocchio's constraintDynamics with a 3D contact for each loop, four times a step [s]."""
-    model = case.robot.model.copy()
-    model.armature[case.robot.actuated] = case.robot.gear_ratio**2 * case.robot.rotor_inertia
-    contacts, contact_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
-    for closure in case.robot.description.closures:
-        one, other = (model.frames[model.getFrameId(name)] for name in closure.frames)
-        contact = pin.RigidConstraintModel(
-            pin.ContactType.CONTACT_3D,
-            model,
-            one.parentJoint,
-            one.placement,
-            other.parentJoint,
-            other.placement,
-            pin.ReferenceFrame.LOCAL,
-        )
-        contacts.append(contact)
-        contact_data.append(contact.createData())
-    data, settings = model.createData(), pin.ProximalSettings(*PROXIMAL)
-    pin.initConstraintDynamics(model, data, contacts, contact_data)
-    nv = model.nv
+@dataclass(frozen=True, eq=False)
+class BareContacts:
+    """Pinocchio's constraintDynamics of a case, with a 3D contact for each loop; nothing of the framework.
 
-    def slope(y: Array, force: Array) -> Array:
-        a = pin.constraintDynamics(model, data, y[:nv], y[nv:], force, contacts, contact_data, settings)
-        return np.concatenate([y[nv:], a])
+    For robots without springs at their joints."""
+
+    case: Case
+
+    @cached_property
+    def slope(self) -> Callable[[Array, Array], Array]:
+        """d(q, v)/dt (2 nv,) at (q, v) under the motors' generalised forces (nv,)."""
+        robot = self.case.robot
+        model = robot.model.copy()
+        model.armature[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
+        contacts, contact_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
+        for closure in robot.description.closures:
+            one, other = (model.frames[model.getFrameId(name)] for name in closure.frames)
+            contact = pin.RigidConstraintModel(
+                pin.ContactType.CONTACT_3D,
+                model,
+                one.parentJoint,
+                one.placement,
+                other.parentJoint,
+                other.placement,
+                pin.ReferenceFrame.LOCAL,
+            )
+            contacts.append(contact)
+            contact_data.append(contact.createData())
+        data, settings = model.createData(), pin.ProximalSettings(*PROXIMAL)
+        pin.initConstraintDynamics(model, data, contacts, contact_data)
+        nv = model.nv
+
+        def slope(y: Array, force: Array) -> Array:
+            a = pin.constraintDynamics(model, data, y[:nv], y[nv:], force, contacts, contact_data, settings)
+            return np.concatenate([y[nv:], a])
+
+        return slope
+
+
+def contact_runge_kutta(case: Case) -> Prepared:
+    """RK4 on pinocchio's constraintDynamics, forces precomputed; the setting is the step [s]."""
+    slope, nv = BareContacts(case).slope, case.robot.model.nv
 
     def prepare(step: float) -> Callable[[], Course]:
         edges = case.edges(step)
         h, start = float(edges[1]), np.concatenate(case.start)
+        forces = case.joint_forces(np.linspace(0.0, case.duration, 2 * len(edges) - 1))
 
         def run() -> Course:
-            forces = case.joint_forces(np.linspace(0.0, case.duration, 2 * len(edges) - 1))
             y, states = start, [case.start.q]
             for k in range(len(edges) - 1):
                 early, middle, late = forces[2 * k : 2 * k + 3]
@@ -172,6 +189,32 @@ def contact_runge_kutta(case: Case) -> Prepared:
                 y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
                 states.append(y[:nv])
             return Course(edges, np.array(states))
+
+        return run
+
+    return prepare
+
+
+def scipy_contacts(case: Case, method: str) -> Prepared:
+    """solve_ivp on pinocchio's constraintDynamics; the setting is the relative tolerance."""
+    slope, nv = BareContacts(case).slope, case.robot.model.nv
+
+    def prepare(tolerance: float) -> Callable[[], Course]:
+        start = np.concatenate(case.start)
+
+        def run() -> Course:
+            solved = solve_ivp(
+                lambda t, y: slope(y, case.joint_forces(np.array([t]))[0]),
+                (0.0, case.duration),
+                start,
+                method,
+                rtol=tolerance,
+                atol=1e-2 * tolerance,
+                t_eval=case.looks,
+            )
+            if not solved.success:
+                raise ArithmeticError(solved.message)
+            return Course(case.looks, solved.y[:nv].T)
 
         return run
 

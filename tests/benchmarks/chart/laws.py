@@ -194,7 +194,7 @@ def judge(method: Method, setting: Setting, result: TimedLaw) -> Judged:
     return Judged(missed, (relative_error(result.law(BETWEEN, 2), _exact(float(conditions))),))
 
 
-def _sentence(rows: Sequence[Row]) -> str:
+def _remark(rows: Sequence[Row]) -> str:
     lines = []
     most = max(row.setting[0] for row in rows)
     bases = [_at(rows, name, most) for name in ("monomials", "normalised", "chebyshev")]
@@ -231,7 +231,7 @@ STAGE = Stage(
     reference="the conditions themselves, and the same polynomial in a hundred digits (closed_form.py)",
     error='largest miss of s, and of s" over its largest',
     methods=(
-        Method("chebyshev", "ours, Chebyshev basis", _GIVEN, "conditions", COUNTS, _chebyshev, ours=True),
+        Method("chebyshev", "ours, Chebyshev basis", _GIVEN, "conditions", COUNTS, _chebyshev, "ours"),
         Method(
             "optimal",
             "ours, optimal law",
@@ -239,7 +239,7 @@ STAGE = Stage(
             "conditions",
             COUNTS[1::3],
             _optimal,
-            ours=True,
+            "ours",
         ),
         Method("monomials", "powers of t in seconds", _GIVEN, "conditions", COUNTS, _powers(1.0)),
         Method("normalised", "powers of t/T", _GIVEN, "conditions", COUNTS, _powers(T)),
@@ -262,7 +262,7 @@ STAGE = Stage(
         Method("newton", "Newton's form, scipy's Krogh", _GIVEN, "conditions", COUNTS[:9], _newton),
     ),
     judge=judge,
-    sentence=_sentence,
+    remark=_remark,
     abscissa="number of conditions",
     linear=True,
     profile=(1.0,),

@@ -1,8 +1,10 @@
 """Methods as data, and the one way in which all of them are measured.
 
-A method makes something ready for a setting (models, tables: not timed) and hands back what is to be timed.
-Its stage knows the reference and says how far the result is from it. Time is processor time, the least of
-several runs; so what else the machine does does not show, and threads of a library count.
+A method makes something ready for a setting (models, loads, starts: not timed) and hands back what is timed.
+Its stage knows the reference and says how far the result is from it. The settings of a method go from cheap
+to dear in one or more series (all but the first number of a setting are equal in a series). A series ends
+where its error is below FINEST, where it has bent up, or where one run takes too long. Then all runs of a
+stage are repeated in turns; time is processor time: the least, and the upper quartile as the spread.
 """
 
 from __future__ import annotations
@@ -11,7 +13,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any, NamedTuple
+from itertools import groupby
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -19,9 +22,20 @@ from framework.arrays import Array
 from framework.errors import FrameworkError, InvalidInput, choose_from
 
 Setting = tuple[float, ...]
-REPEATS, ENOUGH = 5, 0.1  # runs at most, and seconds of them that are enough
-LONG = 1.0  # [s] a run that takes longer is made once
+FINEST = 1e-13  # error, in the unit of the stage, below which no finer setting is tried
+BEND = 3  # settings in a row with more error than the least before: the curve has bent up
 SHORTEST = 2e-3  # [s] a run that is shorter is repeated within one measurement
+
+
+class Effort(NamedTuple):
+    """How much is spent: repeats of each run, its longest time [s], and settings of a series."""
+
+    repeats: int
+    longest: float
+    settings: int
+
+
+FULL, QUICK = Effort(9, 0.6, 99), Effort(1, 0.1, 2)
 
 
 class Judged(NamedTuple):
@@ -37,11 +51,12 @@ class Method:
 
     name: as in a row; label: as in a figure.
     given: what it is given besides the robot, for readers of the chart.
-    unit: of a setting; `settings` go from cheap to dear.
+    unit: of a setting; `settings` go from cheap to dear in each series.
     prepare: makes ready, and gives what is timed and leaves a result for the stage to judge.
-    peer: a package that may not be installed.
+    kind: a frontier is the formula of the one robot, written for it.
+    source: where the setting of a peer's method comes from.
+    package: that may not be installed.
     panel: of the figure, where a stage has several problems.
-    shown: the setting whose profile the figure shows; the one with the least error if it is left out.
     """
 
     name: str
@@ -50,25 +65,36 @@ class Method:
     unit: str
     settings: tuple[Setting, ...]
     prepare: Callable[[Setting], Callable[[], Any]]
-    peer: str | None = None
-    ours: bool = False
+    kind: Literal["ours", "peer", "frontier"] = "peer"
+    source: str = ""
+    package: str | None = None
     panel: str = ""
-    shown: Setting | None = None
 
     @property
     def installed(self) -> bool:
-        return self.peer is None or find_spec(self.peer) is not None
+        return self.package is None or find_spec(self.package) is not None
+
+    @property
+    def series(self) -> list[list[Setting]]:
+        """The settings, one list for each series."""
+        return [list(group) for _, group in groupby(self.settings, key=lambda setting: setting[1:])]
+
+
+def no_remark(rows: Sequence[Row]) -> str:
+    """Nothing besides the times."""
+    return ""
 
 
 @dataclass(frozen=True)
 class Stage:
     """Methods for one question, their reference, and how the chart shows them.
 
-    abscissa: "seconds" for work against precision, else the name of what the settings are.
+    goals: errors to which the times of the methods are compared; none where it is not about time.
+    abscissa: what the first number of a setting is, where the figure is not about time.
     profile, profiled: the classes of `Judged.profile`, and what they are.
     profile_error, profile_title: what these errors are, if not the same, and what to say of it.
-    map_axes: names of the two numbers of a setting, where the figure is a map of the error over them.
-    sentence: what the reader should see in the figure, from its rows.
+    map_axes: names of the two numbers of a setting, where the figure is a map over them.
+    remark: what the reader should see besides the times, from the rows.
     """
 
     name: str
@@ -77,8 +103,9 @@ class Stage:
     error: str
     methods: tuple[Method, ...]
     judge: Callable[[Method, Setting, Any], Judged]
-    sentence: Callable[[Sequence[Row]], str]
-    abscissa: str = "seconds"
+    goals: tuple[float, ...] = ()
+    remark: Callable[[Sequence[Row]], str] = no_remark
+    abscissa: str = ""
     linear: bool = False  # the abscissa
     profile: tuple[float, ...] = ()
     profiled: str = ""
@@ -89,7 +116,7 @@ class Stage:
     @property
     def timed(self) -> bool:
         """Whether it shows work against precision."""
-        return self.abscissa == "seconds"
+        return bool(self.goals)
 
     @property
     def panels(self) -> tuple[str, ...]:
@@ -102,15 +129,15 @@ class Stage:
         Raises:
             InvalidInput: there is none; lists those that there are.
         """
-        found = {method.name: method for method in self.methods}
-        if name not in found:
-            raise InvalidInput(f"{self.name}: {choose_from('method', name, found)}")
-        return found[name]
+        known = {method.name: method for method in self.methods}
+        if name not in known:
+            raise InvalidInput(f"{self.name}: {choose_from('method', name, known)}")
+        return known[name]
 
     @property
     def missing(self) -> tuple[str, ...]:
         """Packages of peers that are not installed."""
-        return tuple(dict.fromkeys(str(m.peer) for m in self.methods if not m.installed))
+        return tuple(dict.fromkeys(str(m.package) for m in self.methods if not m.installed))
 
 
 class Row(NamedTuple):
@@ -120,6 +147,7 @@ class Row(NamedTuple):
     method: str
     setting: Setting
     seconds: float
+    upper: float  # quartile of the repeats [s]
     error: float
     profile: tuple[float, ...] = ()
     note: str = ""
@@ -130,55 +158,81 @@ class Row(NamedTuple):
         return f"{self.stage}:{self.method}:{','.join(f'{value:.12g}' for value in self.setting)}"
 
 
-def rows_of(stage: Stage, *, repeats: int = REPEATS) -> Iterator[Row]:
-    """All rows of a stage whose peers are installed, one after another; those of a map, which are not about
-    time, run once."""
-    repeats = 1 if stage.map_axes else repeats
+class Trial(NamedTuple):
+    """A row after its first run, and how to run it again."""
+
+    row: Row
+    run: Callable[[], Any]
+    runs: int  # in one measurement
+
+
+def rows_of(stage: Stage, effort: Effort = FULL, advance: Callable[[], None] = lambda: None) -> list[Row]:
+    """All rows of a stage whose peers are installed; `advance` is called after each first run."""
+    trials = []
     for method in stage.methods:
-        if method.installed:
-            for setting in method.settings:
-                yield measured(stage, method, setting, repeats=repeats)
+        for series in method.series if method.installed else ():
+            for trial in _series(stage, method, series, effort):
+                trials.append(trial)
+                advance()
+    return _repeated(trials, effort.repeats if stage.timed else 0)
 
 
-def measured(stage: Stage, method: Method, setting: Setting, *, repeats: int = REPEATS) -> Row:
-    """One row."""
+def _series(stage: Stage, method: Method, settings: list[Setting], effort: Effort) -> Iterator[Trial]:
+    least, worse = np.inf, 0
+    for setting in settings[: effort.settings]:
+        trial = tried(stage, method, setting)
+        yield trial
+        if stage.timed and np.isfinite(trial.row.error):
+            worse = worse + 1 if trial.row.error > least else 0
+            least = min(least, trial.row.error)
+            if least < FINEST or worse == BEND or trial.row.seconds > effort.longest:
+                return
+
+
+def measured(stage: Stage, method: Method, setting: Setting, *, repeats: int = FULL.repeats) -> Row:
+    """One row alone."""
+    return _repeated([tried(stage, method, setting)], repeats)[0]
+
+
+def tried(stage: Stage, method: Method, setting: Setting) -> Trial:
+    """The first run of a row, which also makes what is made once."""
     try:
         run = method.prepare(setting)
-        seconds, result = _timed(run, repeats)
-    except (FrameworkError, ArithmeticError, np.linalg.LinAlgError) as failure:
-        note = " ".join(str(failure).split())
-        return Row(
-            stage.name, method.name, setting, np.nan, np.inf, note=note[:200] or type(failure).__name__
-        )
-    error, profile = stage.judge(method, setting, result)
-    return Row(stage.name, method.name, setting, seconds, float(error), tuple(map(float, profile)))
-
-
-def _timed(run: Callable[[], Any], repeats: int) -> tuple[float, Any]:
-    """Least processor time of a run [s], and its result. The first one also makes what is made once, and
-    counts only if it is so long that no other is made."""
-    began = time.process_time()
-    result = run()
-    first = time.process_time() - began
-    if repeats <= 1 or first > LONG:
-        return first, result
-    count = max(1, round(SHORTEST / max(first, 1e-6)))
-    spent, best = 0.0, np.inf
-    for _ in range(repeats):
         began = time.process_time()
-        for _ in range(count):
-            run()
-        once = time.process_time() - began
-        best, spent = min(best, once / count), spent + once
-        if spent > ENOUGH:
-            break
-    return best, result
+        result = run()
+        first = time.process_time() - began
+        error, profile = stage.judge(method, setting, result)
+    except (FrameworkError, ArithmeticError, np.linalg.LinAlgError) as failure:
+        note = " ".join(str(failure).split())[:200] or type(failure).__name__
+        lost = Row(stage.name, method.name, setting, np.nan, np.nan, np.inf, note=note)
+        return Trial(lost, lambda: None, 0)
+    row = Row(stage.name, method.name, setting, first, first, float(error), tuple(map(float, profile)))
+    return Trial(row, run, max(1, round(SHORTEST / max(first, 1e-6))))
 
 
-def relative_error(found: Array, exact: Array) -> float:
-    """The largest error over the largest exact value; infinite where something found is no number."""
+def _repeated(trials: Sequence[Trial], repeats: int) -> list[Row]:
+    """The rows with the least time of the repeats and their upper quartile, in turns."""
+    times = np.full((repeats, len(trials)), np.nan)
+    for round_ in times:
+        for k, trial in enumerate(trials):
+            began = time.process_time()
+            for _ in range(trial.runs):
+                trial.run()
+            round_[k] = (time.process_time() - began) / max(trial.runs, 1)
+    if not repeats:
+        return [trial.row for trial in trials]
+    return [
+        trial.row._replace(seconds=float(least), upper=float(upper)) if trial.runs else trial.row
+        for trial, least, upper in zip(
+            trials, times.min(axis=0), np.quantile(times, 0.75, axis=0), strict=True
+        )
+    ]
+
+
+def relative_error(computed: Array, exact: Array) -> float:
+    """The largest error over the largest exact value; infinite where something computed is no number."""
     with np.errstate(all="ignore"):
-        error = float(np.abs(found - exact).max() / np.abs(exact).max())
+        error = float(np.abs(computed - exact).max() / np.abs(exact).max())
     return error if np.isfinite(error) else np.inf
 
 
@@ -199,3 +253,8 @@ def read_setting(text: str) -> Setting:
 def singles(*values: float) -> tuple[Setting, ...]:
     """Settings of one number each."""
     return tuple((float(value),) for value in values)
+
+
+def pairs(values: Sequence[float], others: Sequence[float]) -> tuple[Setting, ...]:
+    """Settings of two numbers, a series over `values` for each of the others."""
+    return tuple((float(value), float(other)) for other in others for value in values)

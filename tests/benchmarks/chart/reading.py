@@ -1,4 +1,8 @@
-"""What the rows of a stage say: the best of a method, and factors between two methods."""
+"""What the rows of a stage say: times to an error along a method's curve, and who is quickest to it.
+
+One rule for all methods. The curve of a method are its rows that no other of its rows beats in both time and
+error, joined by straight lines in the logarithms; the time to an error is read off it, and so is its spread.
+"""
 
 from __future__ import annotations
 
@@ -7,21 +11,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
-from tests.benchmarks.chart.measure import Row
+from tests.benchmarks.chart.measure import Method, Row, Stage
 
 LEAST = 1e-17  # stands for an error of zero
-RESOLVED = 10.0  # times the least error of a method: what it has when more work hardly helps
 
 
-class Gain(NamedTuple):
-    """What one method gains over another, in time at equal error and in error at equal time."""
+class Time(NamedTuple):
+    """Processor time of a method to an error [s]: the least of the repeats and their upper quartile."""
 
-    time: float  # at the other's least error `error`, which takes it `seconds` [s]
-    error: float
-    seconds: float
-    accuracy: float  # within the time `within` [s] in which this one has all but its least error
-    within: float
+    method: Method
+    least: float
+    upper: float
 
 
 def finite(rows: Sequence[Row], method: str) -> list[Row]:
@@ -29,55 +29,71 @@ def finite(rows: Sequence[Row], method: str) -> list[Row]:
     return [row for row in rows if row.method == method and np.isfinite(row.error)]
 
 
-def best_within(rows: Sequence[Row], method: str, seconds: float = np.inf) -> Row | None:
-    """The row with the least error that takes no longer."""
-    return min(
-        (row for row in finite(rows, method) if row.seconds <= seconds), key=lambda r: r.error, default=None
-    )
+def best(rows: Sequence[Row], method: str) -> Row | None:
+    """The row of a method with the least error."""
+    return min(finite(rows, method), key=lambda row: row.error, default=None)
 
 
-def quickest_to(rows: Sequence[Row], method: str, error: float) -> Row | None:
-    """The row with the least time whose error is no larger."""
-    return min(
-        (row for row in finite(rows, method) if row.error <= error), key=lambda r: r.seconds, default=None
-    )
+def front(rows: Sequence[Row], method: str) -> list[Row]:
+    """The rows of a method, from quick to slow, of which each has less error than all that are quicker."""
+    least, kept = np.inf, []
+    for row in sorted(finite(rows, method), key=lambda row: row.seconds):
+        if row.error < least:
+            least = row.error
+            kept.append(row)
+    return kept
 
 
-def gain(rows: Sequence[Row], one: str, other: str) -> Gain | None:
-    """What `one` gains over `other`, read off their curves; None if it never comes to its least error."""
-    here, there = best_within(rows, one), best_within(rows, other)
-    if here is None or there is None:
+def time_to(stage: Stage, rows: Sequence[Row], method: str, error: float) -> Time | None:
+    """The time to an error, interpolated; None where the method does not come to it."""
+    curve = front(rows, method)
+    if not curve or curve[-1].error > error:
         return None
-    resolved = quickest_to(rows, one, RESOLVED * here.error)
-    time, error = _curve(rows, one), _curve(rows, other)
-    if resolved is None or here.error > there.error:
-        return None
-    quick = np.exp(np.interp(-np.log(there.error), -time[1], time[0]))
-    slower = np.exp(np.interp(np.log(resolved.seconds), error[0], error[1]))
-    return Gain(
-        time=float(there.seconds / quick),
-        error=there.error,
-        seconds=there.seconds,
-        accuracy=float(slower / resolved.error),
-        within=resolved.seconds,
+    errors = -np.log([max(row.error, LEAST) for row in curve])
+    least, upper = (
+        float(np.exp(np.interp(-np.log(error), errors, np.log([getattr(row, name) for row in curve]))))
+        for name in ("seconds", "upper")
     )
+    return Time(stage.method(method), least, upper)
 
 
-def _curve(rows: Sequence[Row], method: str) -> Array:
-    """Logarithms of seconds and of the least error in them (2, k)."""
-    ordered = sorted(finite(rows, method), key=lambda row: row.seconds)
-    best, points = np.inf, []
-    for row in ordered:
-        if row.error < best:
-            best = row.error
-            points.append((np.log(row.seconds), np.log(max(best, LEAST))))
-    return np.array(points).T
+def times_to(stage: Stage, rows: Sequence[Row], error: float, panel: str = "") -> list[Time]:
+    """The times of all methods of a panel that come to an error, quickest first."""
+    found = [time_to(stage, rows, m.name, error) for m in stage.methods if m.panel == panel]
+    return sorted((time for time in found if time is not None), key=lambda time: time.least)
 
 
-def error_at_best(rows: Sequence[Row], method: str, profile: int) -> float | None:
-    """The error in one class of the profile, of the row of a method that has the least error."""
-    best = best_within(rows, method)
-    return None if best is None or not best.profile else best.profile[profile]
+def sentence(stage: Stage, rows: Sequence[Row]) -> str:
+    """What a figure says: who is quickest to each goal in each panel, ours or another, and the remark."""
+    lines = []
+    for panel in stage.panels:
+        for goal in stage.goals:
+            words = _quickest(times_to(stage, rows, goal, panel))
+            if words:
+                where = f"{panel}, to" if panel else "to"
+                lines.append(f"{where[0].upper()}{where[1:]} {goal:.0e}: {words}.")
+    return " ".join([*lines, stage.remark(rows)]).strip()
+
+
+def _quickest(times: Sequence[Time]) -> str:
+    """Ours against the quickest other, and the frontier."""
+    quickest = {kind: next((t for t in times if t.method.kind == kind), None) for kind in ("ours", "peer")}
+    ours, peer = quickest["ours"], quickest["peer"]
+    words = "; ".join(_words(time) for time in (ours, peer) if time is not None)
+    if ours is not None and peer is not None:
+        ratio = ours.least / peer.least
+        if ours.least < peer.upper and peer.least < ours.upper:
+            words += " (equal within the spread)"
+        else:
+            words += f" ({max(ratio, 1 / ratio):.2g} times {'more' if ratio > 1 else 'less'} for ours)"
+    elif words:
+        words += ", no other comes to it" if peer is None else ", ours does not come to it"
+    frontier = next((time for time in times if time.method.kind == "frontier"), None)
+    return words if frontier is None else f"{words}; {_words(frontier)}".removeprefix("; ")
+
+
+def _words(time: Time) -> str:
+    return f"{time.method.label} {1e3 * time.least:.2g} ms"
 
 
 def short(value: float | None) -> str:

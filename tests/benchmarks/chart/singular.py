@@ -1,8 +1,9 @@
 """Stage c: where the path is singular and which twist t_s is uncontrolled there, by measures of one matrix.
 
-P (2, 2) are the passive columns of the loop equations, singular in Type 2. All methods see the same P(s), the
-framework's, and search [0.6, 0.75]. The least singular value has a kink and no sign: its minimum is found to
-half the digits. The determinant, the last entry of R and the bordered g change sign.
+P (2, 2) are the passive columns of the loop equations, singular in Type 2. Ours see the framework's P(s), the
+others the same by pinocchio and numpy alone (chart/bare.py); all search [0.6, 0.75]. The least singular value
+has a kink and no sign: its minimum is found to half the digits. The determinant, the last entry of R and the
+bordered g change sign.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ from framework.singularity.points_on_path import locate_singularities
 from framework.singularity.root_of_g import root_of_g, slope_of_g, stencil
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
+from tests.benchmarks.chart.bare import BareFiveBar
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, singles
-from tests.benchmarks.chart.reading import best_within, gain, short
+from tests.benchmarks.chart.reading import best, short
 
 LOW, HIGH = 0.6, 0.75  # of the path
 TOLERANCES = singles(1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
@@ -47,8 +49,18 @@ def matrices(s: Array) -> Array:
     return passive_matrix(given.robot(), _linearised(np.asarray(s, dtype=float)))
 
 
+@cache
+def _bare() -> tuple[BareFiveBar, Array]:
+    """The 5R without the framework, and its joints in the middle of the interval."""
+    robot, middle = BareFiveBar(), np.array([0.5 * (LOW + HIGH)])
+    return robot, robot.close(given.path()(middle)[0], given.branch().guess(middle)[0])[0]
+
+
 def _matrix(s: float) -> Array:
-    return np.asarray(matrices(np.array([s]))[0])
+    """P (2, 2) by pinocchio and numpy alone."""
+    robot, middle = _bare()
+    slopes = robot.close(given.path()(s), middle)[1]
+    return np.asarray((slopes[:2] - slopes[2:])[:, robot.others])
 
 
 def _twist(s: float, null_vector: Callable[[Array], Array]) -> Array:
@@ -161,27 +173,14 @@ def judge(method: Method, setting: Setting, result: Found) -> Judged:
     return Judged(float(abs(Decimal(result.s) - s_c)), (abs(off),))
 
 
-def _sentence(rows: Sequence[Row]) -> str:
-    lines = []
-    least = best_within(rows, "svd_minimum")
-    newton = best_within(rows, "bordered_steps")
-    if least is not None and newton is not None:
-        lines.append(
-            f"The minimum of the least singular value is found to {short(least.error)}, the root of g to "
-            f"{short(newton.error)}: a kink without sign against a smooth measure with one."
-        )
-    found = gain(rows, "bordered_steps", "determinant")
-    if found is not None:
-        lines.append(
-            f"Newton's method on g takes {1 / found.time:.2g} times the time of Brent's on the determinant."
-        )
-    located = best_within(rows, "located")
-    if located is not None:
-        lines.append(
-            f"To find all points of the path, whatever they are, and to classify them takes "
-            f"{1e3 * located.seconds:.3g} ms."
-        )
-    return " ".join(lines)
+def _remark(rows: Sequence[Row]) -> str:
+    least, newton = best(rows, "svd_minimum"), best(rows, "bordered_steps")
+    if least is None or newton is None:
+        return ""
+    return (
+        f"The minimum of the least singular value is found to {short(least.error)}, the root of g to "
+        f"{short(newton.error)}: a kink without sign against a smooth measure with one."
+    )
 
 
 _GIVEN = "P(s) on [0.6, 0.75]"
@@ -192,7 +191,7 @@ STAGE = Stage(
     error="error of the path coordinate",
     methods=(
         Method(
-            "bordered_steps", "ours, Newton on bordered g", _GIVEN, "steps", STEPS, _bordered_steps, ours=True
+            "bordered_steps", "ours, Newton on bordered g", _GIVEN, "steps", STEPS, _bordered_steps, "ours"
         ),
         Method(
             "bordered_root",
@@ -201,7 +200,7 @@ STAGE = Stage(
             "longest step",
             singles(0.2),
             _root,
-            ours=True,
+            "ours",
         ),
         Method(
             "located",
@@ -210,7 +209,7 @@ STAGE = Stage(
             "points",
             singles(1),
             _located,
-            ours=True,
+            "ours",
         ),
         Method("svd_minimum", "least singular value, its minimum", _GIVEN, "tolerance", TOLERANCES, _minimum),
         Method(
@@ -226,7 +225,8 @@ STAGE = Stage(
         ),
     ),
     judge=judge,
-    sentence=_sentence,
+    goals=(1e-6, 1e-12),
+    remark=_remark,
     profile=(1.0,),
     profile_error="angle by which t_s is off  [rad]",
     profile_title="The twist there",

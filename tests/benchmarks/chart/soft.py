@@ -69,7 +69,7 @@ def judge(method: Method, setting: Setting, result: Torque) -> Judged:
     return Judged(relative_error(result(CHECKED), _exact(setting[0])))
 
 
-def _sentence(rows: Sequence[Row]) -> str:
+def _remark(rows: Sequence[Row]) -> str:
     lines = ["Each cell has the power of ten of the error."]
     differences, nodes = finite(rows, "differences"), finite(rows, "nodes")
     if differences and nodes:
@@ -106,10 +106,10 @@ STAGE = Stage(
             _UNIT,
             tuple((scale, step) for step in MEAN_STEPS for scale in SCALES),
             _nodes,
-            ours=True,
+            "ours",
         ),
     ),
     judge=judge,
-    sentence=_sentence,
+    remark=_remark,
     map_axes=("stiffness over the paper's", "step  [ms]"),
 )

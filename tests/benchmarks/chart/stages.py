@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 
 import numpy as np
 
 from framework.errors import InvalidInput, choose_from
-from tests.benchmarks.chart.measure import Row, Stage, measured, read_setting, rows_of
+from tests.benchmarks.chart.measure import Row, Stage, measured, read_setting
 
 NAMES = ("torque", "closing", "singular", "forward", "laws", "elastic", "imposed", "soft")
 
@@ -21,22 +21,14 @@ def stage(name: str) -> Stage:
     """
     if name not in NAMES:
         raise InvalidInput(choose_from("stage", name, NAMES))
-    found: Stage = import_module(f"tests.benchmarks.chart.{name}").STAGE
-    return found
+    known: Stage = import_module(f"tests.benchmarks.chart.{name}").STAGE
+    return known
 
 
-def count(stages: Sequence[Stage]) -> int:
-    """How many rows there will be."""
-    return sum(len(method.settings) for one in stages for method in one.methods if method.installed)
-
-
-def made(one: Stage, advance: Callable[[], None] = lambda: None) -> tuple[Row, ...]:
-    """All rows of a stage; `advance` is called after each."""
-    rows = []
-    for row in rows_of(one):
-        rows.append(row)
-        advance()
-    return tuple(rows)
+def count(stages: Sequence[Stage], longest: int) -> int:
+    """How many rows there will be at most, with so many settings of a series."""
+    installed = [method for one in stages for method in one.methods if method.installed]
+    return sum(min(len(series), longest) for method in installed for series in method.series)
 
 
 def made_again(key: str) -> tuple[Stage, Row]:
@@ -55,5 +47,5 @@ def made_again(key: str) -> tuple[Stage, Row]:
         valid = " ".join(",".join(f"{number:.12g}" for number in known) for known in method.settings)
         raise InvalidInput(f"--row: {method.name} has the settings {valid} ({method.unit}), got {parts[2]!r}")
     if not method.installed:
-        raise InvalidInput(f"--row: {method.peer} is not installed")
+        raise InvalidInput(f"--row: {method.package} is not installed")
     return one, measured(one, method, setting)

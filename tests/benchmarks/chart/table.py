@@ -1,4 +1,4 @@
-"""The rows of a stage as a table: CSV for programs, Markdown for readers."""
+"""The rows of a stage as a table: CSV and JSON for programs, Markdown for readers."""
 
 from __future__ import annotations
 
@@ -11,20 +11,25 @@ from typing import Any
 
 import numpy as np
 
-from tests.benchmarks.chart.measure import Row, Stage
+from tests.benchmarks.chart.measure import FULL, Row, Stage
+from tests.benchmarks.chart.reading import sentence, time_to
 
-PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "mujoco", "exudyn")
+PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "mujoco", "exudyn", "toppra")
+COLUMNS = [
+    *("row", "problem", "method", "given", "setting", "setting_is"),
+    *("cpu_seconds", "cpu_seconds_upper_quartile", "error"),
+]
 
 
 def versions() -> dict[str, str]:
     """What the rows were made with."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
+    known = {"python": platform.python_version(), "machine": platform.machine()}
     for package in PACKAGES:
         try:
-            found[package] = version(package)
+            known[package] = version(package)
         except PackageNotFoundError:
             continue
-    return found
+    return known
 
 
 def csv_text(stage: Stage, rows: Sequence[Row]) -> str:
@@ -32,72 +37,66 @@ def csv_text(stage: Stage, rows: Sequence[Row]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     classes = [f"error_at_{value:.3g}" for value in stage.profile]
-    writer.writerow(
-        [
-            "row",
-            "problem",
-            "method",
-            "given",
-            "setting",
-            "setting_is",
-            "cpu_seconds",
-            "error",
-            *classes,
-            "note",
-        ]
-    )
+    writer.writerow([*COLUMNS, *classes, "note"])
     for row in rows:
         method = stage.method(row.method)
-        profile = row.profile if row.profile else ("",) * len(classes)
-        writer.writerow(
-            [
-                row.key,
-                method.panel,
-                method.label,
-                method.given,
-                " ".join(f"{value:.12g}" for value in row.setting),
-                method.unit,
-                _number(row.seconds),
-                _number(row.error),
-                *(value if value == "" else _number(float(value)) for value in profile),
-                row.note,
-            ]
-        )
+        setting = " ".join(f"{value:.12g}" for value in row.setting)
+        numbers = map(_number, (row.seconds, row.upper, row.error))
+        profile = [_number(value) for value in row.profile] or [""] * len(classes)
+        known = (row.key, method.panel, method.label, method.given, setting, method.unit)
+        writer.writerow([*known, *numbers, *profile, row.note])
     return text.getvalue()
 
 
 def markdown(stage: Stage, rows: Sequence[Row]) -> str:
     """The table with what one has to know to read it."""
-    lines = [
-        f"# {stage.title}",
-        "",
-        stage.sentence(rows),
-        "",
-        f"Reference: {stage.reference}.",
-        *([f"Left out, not installed: {', '.join(stage.missing)}."] if stage.missing else []),
-        "Time is processor time, the least of several runs. "
-        "`python -m tests.benchmarks.chart --row ROW` makes a row again.",
-        "",
-        f"| problem | method | given | setting | time [ms] | {stage.error} | row |",
-        "|---|---|---|---|--:|--:|---|",
-    ]
-    for row in rows:
-        method = stage.method(row.method)
-        setting = ", ".join(f"{value:.6g}" for value in row.setting)
-        error = f"{row.error:.1e}" if np.isfinite(row.error) else f"none: {row.note}"
-        milliseconds = f"{1e3 * row.seconds:.3g}" if np.isfinite(row.seconds) else ""
-        cells = [
-            method.panel,
-            method.label,
-            method.given,
-            f"{method.unit} {setting}",
-            milliseconds,
-            error,
-            f"`{row.key}`",
-        ]
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     made = ", ".join(f"{name} {what}" for name, what in versions().items())
-    return "\n".join([*lines, "", f"Made with {made}.", ""])
+    sources = [f"- {method.label}: {method.source}." for method in stage.methods if method.source]
+    parts = [
+        [f"# {stage.title}", "", sentence(stage, rows), "", f"Reference: {stage.reference}."],
+        [f"Left out, not installed: {', '.join(stage.missing)}."] if stage.missing else [],
+        [
+            f"Time is processor time, the least and the upper quartile of {FULL.repeats} runs in turns. "
+            "`python -m tests.benchmarks.chart --row ROW` makes a row again."
+        ],
+        _times(stage, rows) if stage.timed else [],
+        ["", "Settings of the others:", "", *sources] if sources else [],
+        ["", f"| problem | method | given | setting | time [ms] | {stage.error} | row |"],
+        ["|---|---|---|---|--:|--:|---|", *(_row(stage, row) for row in rows)],
+        ["", f"Made with {made}.", ""],
+    ]
+    return "\n".join(line for part in parts for line in part)
+
+
+def _times(stage: Stage, rows: Sequence[Row]) -> list[str]:
+    """Times to the goals [ms], interpolated along each method's curve."""
+    head = " | ".join(f"to {goal:.0e} [ms]" for goal in stage.goals)
+    lines = ["", f"| problem | method | {head} |", "|---|---|" + "--:|" * len(stage.goals)]
+    for method in stage.methods:
+        if any(row.method == method.name for row in rows):
+            times = [time_to(stage, rows, method.name, goal) for goal in stage.goals]
+            cells = [_span(t.least, t.upper) if t else "never" for t in times]
+            lines.append(_line([method.panel, method.label, *cells]))
+    return lines
+
+
+def _row(stage: Stage, row: Row) -> str:
+    method = stage.method(row.method)
+    setting = ", ".join(f"{value:.6g}" for value in row.setting)
+    error = f"{row.error:.1e}" if np.isfinite(row.error) else f"none: {row.note}"
+    spent = _span(row.seconds, row.upper) if np.isfinite(row.seconds) else ""
+    return _line(
+        [method.panel, method.label, method.given, f"{method.unit} {setting}", spent, error, f"`{row.key}`"]
+    )
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _span(least: float, upper: float) -> str:
+    """Times [ms]."""
+    return f"{1e3 * least:.3g} to {1e3 * upper:.3g}"
 
 
 def document(stage: Stage, rows: Sequence[Row]) -> dict[str, Any]:
@@ -108,29 +107,10 @@ def document(stage: Stage, rows: Sequence[Row]) -> dict[str, Any]:
         "versions": versions(),
         "title": stage.title,
         "reference": stage.reference,
-        "sentence": stage.sentence(rows),
+        "sentence": sentence(stage, rows),
         "missing": list(stage.missing),
         "rows": [row_document(row) for row in rows],
     }
-
-
-def summary(found: dict[str, Any]) -> list[str]:
-    """A document of a stage in a few lines, as a command prints it."""
-    left_out = [f"  left out, not installed: {', '.join(found['missing'])}"] if found["missing"] else []
-    return [
-        f"{found['stage']}: {found['title']}, {len(found['rows'])} rows",
-        f"  {found['sentence']}",
-        *left_out,
-    ]
-
-
-def line(stage: Stage, row: Row) -> str:
-    """A row as a command prints it."""
-    method = stage.method(row.method)
-    if not np.isfinite(row.error):
-        return f"{row.key}  no result: {row.note}"
-    spent = f"{1e3 * row.seconds:.4g} ms"
-    return f"{row.key}  {method.label}: {spent}, {stage.error}: {row.error:.3e}"
 
 
 def row_document(row: Row) -> dict[str, Any]:
@@ -139,11 +119,55 @@ def row_document(row: Row) -> dict[str, Any]:
         "row": row.key,
         "method": row.method,
         "setting": list(row.setting),
-        "cpu_seconds": row.seconds if np.isfinite(row.seconds) else None,
-        "error": row.error if np.isfinite(row.error) else None,
-        "profile": [value if np.isfinite(value) else None for value in row.profile],
+        "cpu_seconds": _or_null(row.seconds),
+        "cpu_seconds_upper_quartile": _or_null(row.upper),
+        "error": _or_null(row.error),
+        "profile": [_or_null(value) for value in row.profile],
         "note": row.note,
     }
+
+
+def read_rows(document: dict[str, Any]) -> list[Row]:
+    """The rows of a document again."""
+
+    def number(value: float | None, missing: float) -> float:
+        return missing if value is None else value
+
+    return [
+        Row(
+            document["stage"],
+            row["method"],
+            tuple(row["setting"]),
+            number(row["cpu_seconds"], np.nan),
+            number(row["cpu_seconds_upper_quartile"], np.nan),
+            number(row["error"], np.inf),
+            tuple(number(value, np.nan) for value in row["profile"]),
+            row["note"],
+        )
+        for row in document["rows"]
+    ]
+
+
+def summary(made: dict[str, Any]) -> list[str]:
+    """A document of a stage in a few lines, as a command prints it."""
+    left_out = [f"  left out, not installed: {', '.join(made['missing'])}"] if made["missing"] else []
+    return [
+        f"{made['stage']}: {made['title']}, {len(made['rows'])} rows",
+        f"  {made['sentence']}",
+        *left_out,
+    ]
+
+
+def line(stage: Stage, row: Row) -> str:
+    """A row as a command prints it."""
+    if not np.isfinite(row.error):
+        return f"{row.key}  no result: {row.note}"
+    spent = _span(row.seconds, row.upper)
+    return f"{row.key}  {stage.method(row.method).label}: {spent} ms, {stage.error}: {row.error:.3e}"
+
+
+def _or_null(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def _number(value: float) -> str:

@@ -1,20 +1,26 @@
 """Stage a: motor torques along a crossing of the rigid 5R (scene C, 10 kg, singular at 1 s).
 
-All methods but the certified one have the path followed and the law given. Instant by instant the torque is a
+Two products in two panels. Evaluated: path followed and law are given, and the torques are wanted as a
+function of time. Located and proved: path and law alone are given; the singular point is to be found,
+condition (8) to be checked, and the error to be bounded or estimated. Instant by instant the torque is a
 quotient 0/0 at the crossing: what a method leaves of condition (8) by rounding, by differences or by damping
-is divided by the distance to the singular instant. Between its instants a table is read by a cubic spline.
+is divided by the distance to the singular instant. Tables are read by splines of degree 3, 5, 7 and 9.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from numpy.polynomial import chebyshev
+from scipy import fft, optimize
+from scipy.interpolate import make_interp_spline
 
 from framework.arrays import Array, ArrayLike
+from framework.crossing.plan import plan_crossing
 from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.forces import motor_torque, tree_forces
 from framework.dynamics.inverse_dynamics import inverse_dynamics
@@ -23,19 +29,24 @@ from framework.kinematics.motion_rates import Motion, motion_at
 from framework.motion.chebyshev import TimeGrid
 from framework.motion.law import MotionLaw
 from framework.motion.path import along
+from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
+from tests.benchmarks.chart.bare import BareFiveBar, Loads
 from tests.benchmarks.chart.formula import torques
-from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, singles
-from tests.benchmarks.chart.reading import best_within, error_at_best, gain, quickest_to, short
+from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, pairs, singles
+from tests.benchmarks.chart.reading import best, short
 
 T, T_C = given.DURATION, given.CROSSING_TIME
 DISTANCES = tuple(10.0**-k for k in range(1, 10))  # [s] from the singular instant
 ENDS = np.array([0.0, T])
+DEGREES = (3, 5, 7, 9)  # of the splines
 # No table has a sample on the singular instant, 2/3 of the duration: 2^k intervals are no multiple of three.
-SAMPLES = singles(*(2**k + 1 for k in range(4, 13)))
-NODES = singles(16, 24, 32, 48, 64, 96, 128, 192, 256)
-FORMULA = 1e-10  # [N m] the error for which the reader is told what the robot's own formula takes
-TABLE = 1025  # samples where the setting is something else
+COUNTS = tuple(2**k + 1 for k in range(4, 13))
+TABLES = pairs(COUNTS, DEGREES)
+NODES = singles(16, 20, 24, 32, 40, 48, 56, 64, 80, 96, 128)
+THRESHOLD = (257.0, 9.0)  # samples and degree of the table where the setting is a threshold
+LEAST_COUNT, MOST_COUNT = 33, 4097  # samples of tables that are doubled
+BALANCED = 1e-6  # condition (8) over the size of the forces, for a table to be trusted
 
 Solve = Callable[[Array, Array], Array]  # P' (T, m, m) and r (T, m) -> lambda (T, m) with P' lambda = r
 
@@ -60,8 +71,8 @@ class DifferencedLaw:
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         times, h = np.asarray(t, dtype=float), self.step
-        back, here, ahead = (self.law(np.clip(times + k * h, 0.0, T)) for k in (-1, 0, 1))
-        return (here, (ahead - back) / (2 * h), (ahead - 2 * here + back) / h**2)[order]
+        back, middle, ahead = (self.law(np.clip(times + k * h, 0.0, T)) for k in (-1, 0, 1))
+        return (middle, (ahead - back) / (2 * h), (ahead - 2 * middle + back) / h**2)[order]
 
 
 def motion_of(law: MotionLaw, times: Array, name: str = "five_bar") -> Motion:
@@ -106,31 +117,55 @@ def damped(damping: float) -> Solve:
     return solve
 
 
-def tabulated(torque: Callable[[Array], Array], samples: float) -> Torques:
-    """A table of so many samples at equal distances."""
-    times = np.linspace(0.0, T, round(samples))
-    return Torques(CubicSpline(times, torque(times)), torque)
+@cache
+def bare() -> tuple[BareFiveBar, Array]:
+    """The 5R without the framework, and its joints where the path starts."""
+    robot = BareFiveBar()
+    return robot, robot.close(given.path()(0.0), given.branch().guess(np.zeros(1))[0])[0]
 
 
-def _pointwise(setting: Setting) -> Callable[[], Torques]:
-    law = given.law()
-    return lambda: tabulated(lambda t: pointwise(law, t, direct), setting[0])
+def bare_loads(law: MotionLaw, times: Array) -> Loads:
+    """What the law asks of the joints, by pinocchio and numpy alone."""
+    robot, start = bare()
+    x, dx, ddx = along(given.path(), [law(times, order) for order in range(3)])
+    way = given.path()(np.linspace(0.0, float(law(times[:1])[0]), 17))  # to the first place
+    return robot.loads(x, dx, ddx, start if len(times) > 1 else robot.joints(way, start)[0][-1])
 
 
-def _formula(setting: Setting) -> Callable[[], Torques]:
-    law = given.law()
-    return lambda: tabulated(lambda t: torques(*(law(t, order) for order in range(3))), setting[0])
+def bare_torques(law: MotionLaw, times: Array) -> Array:
+    """Motor torques (T, 2) [N m] by pinocchio and numpy alone."""
+    return bare()[0].torques(bare_loads(law, times))
+
+
+def formula(law: MotionLaw, times: Array) -> Array:
+    """Motor torques (T, 2) [N m] by the robot's own formula."""
+    return torques(*(law(times, order) for order in range(3)))
+
+
+def tabulated(torque: Callable[[Array], Array], setting: Setting) -> Torques:
+    """A table of so many samples at equal distances, read by a spline of that degree."""
+    samples, degree = map(round, setting[:2])
+    times = np.linspace(0.0, T, samples)
+    return Torques(make_interp_spline(times, torque(times), k=degree), torque)
+
+
+def _tables(torque: Callable[[MotionLaw, Array], Array]) -> Callable[[Setting], Callable[[], Torques]]:
+    def prepare(setting: Setting) -> Callable[[], Torques]:
+        law = given.law()
+        return lambda: tabulated(lambda t: torque(law, t), setting)
+
+    return prepare
 
 
 def _differences(setting: Setting) -> Callable[[], Torques]:
-    law = DifferencedLaw(given.law(), T / (setting[0] - 1))
-    return lambda: tabulated(lambda t: pointwise(law, t, direct), setting[0])
+    law = DifferencedLaw(given.law(), setting[0])
+    return lambda: tabulated(lambda t: pointwise(law, t, direct), THRESHOLD)
 
 
 def _regularised(kind: Callable[[float], Solve]) -> Callable[[Setting], Callable[[], Torques]]:
     def prepare(setting: Setting) -> Callable[[], Torques]:
         law, solve = given.law(), kind(setting[0])
-        return lambda: tabulated(lambda t: pointwise(law, t, solve), TABLE)
+        return lambda: tabulated(lambda t: pointwise(law, t, solve), THRESHOLD)
 
     return prepare
 
@@ -147,12 +182,75 @@ def _chebyshev(setting: Setting) -> Callable[[], Torques]:
     return run
 
 
+def _formula_series(setting: Setting) -> Callable[[], Torques]:
+    """On Chebyshev nodes, of which none is at the singular instant: cos(pi (k + 1/2) / N) is never 1/3."""
+    law, size = given.law(), round(setting[0])
+    nodes = 0.5 * T * (1.0 + np.cos(np.pi * (np.arange(size) + 0.5) / size))
+
+    def run() -> Torques:
+        series = fft.dct(formula(law, nodes), axis=0) / size
+        series[0] /= 2
+
+        def values(t: Array) -> Array:
+            return np.asarray(chebyshev.chebval(2 * np.asarray(t) / T - 1, series)).T
+
+        return Torques(values, values)
+
+    return run
+
+
 def _certified(setting: Setting) -> Callable[[], Torques]:
     law = given.law()
 
     def run() -> Torques:
-        found = inverse_dynamics(given.robot(), given.path(), law, tolerance=setting[0])
-        return Torques(found.torque, found.torque)
+        proved = inverse_dynamics(given.robot(), given.path(), law, tolerance=setting[0])
+        return Torques(proved.torque, proved.torque)
+
+    return run
+
+
+def _planned(setting: Setting) -> Callable[[], Torques]:
+    speed = float(closed_form.CROSSING_SPEED)
+
+    def run() -> Torques:
+        plan = plan_crossing(given.robot(), given.path(), duration=T, times=[T_C], speeds=[speed])
+        return Torques(plan.torque, plan.torque)
+
+    return run
+
+
+def _doubled(setting: Setting) -> Callable[[], Torques]:
+    """Point located by Brent on the determinant, condition (8) checked, table doubled until it stays."""
+    law, (robot, start) = given.law(), bare()
+
+    def measure(s: float) -> float:
+        return robot.singularity(robot.close(given.path()(s), near[np.searchsorted(places, s) - 1])[0])
+
+    places = np.linspace(0.0, 1.0, LEAST_COUNT)
+    near = np.empty((0, 4))
+
+    def run() -> Torques:
+        nonlocal near
+        near, _ = robot.joints(given.path()(places), start)
+        signs = np.sign([robot.singularity(q) for q in near])
+        size = np.abs(bare_loads(law, np.linspace(0.0, T, LEAST_COUNT)).forces).max()
+        for k in np.flatnonzero(signs[:-1] != signs[1:]):
+            s_c = optimize.brentq(measure, places[k], places[k + 1], xtol=1e-15)
+            t_c = optimize.brentq(lambda t, s=s_c: float(law(t)) - s, 0.0, T, xtol=1e-15)
+            there = bare_loads(law, np.array([t_c]))
+            if (
+                abs(np.linalg.svd(there.passive[0])[0][:, -1] @ there.forces[0, robot.others])
+                > BALANCED * size
+            ):
+                raise ArithmeticError(f"unbounded torque at t = {t_c:.6g} s")
+        samples, before = LEAST_COUNT, None
+        while samples <= MOST_COUNT:
+            times = np.linspace(0.0, T, samples)
+            values = bare_torques(law, times)
+            if before is not None and np.abs(before(times) - values).max() < setting[0]:
+                return Torques(make_interp_spline(times, values, k=9), lambda t: bare_torques(law, t))
+            samples, before = 2 * samples - 1, make_interp_spline(times, values, k=9)
+        raise ArithmeticError(f"tables differ by more than {setting[0]:g} N m up to {MOST_COUNT} samples")
 
     return run
 
@@ -169,10 +267,10 @@ def _mujoco(setting: Setting) -> Callable[[], Torques]:
     known = motion_of(law, times)
 
     def instant(t: Array) -> Array:
-        motion = known if t is times else motion_of(law, t)
+        motion = known if len(t) == len(times) else motion_of(law, t)
         return tree.inverse(motion.q, motion.v, motion.a).torque
 
-    return lambda: Torques(CubicSpline(times, instant(times)), instant)
+    return lambda: tabulated(instant, setting)
 
 
 def reference(times: Array, *, offset: float = 0.0) -> Array:
@@ -182,99 +280,159 @@ def reference(times: Array, *, offset: float = 0.0) -> Array:
 
 _NEAR = np.array([[T_C - d, T_C + d] for d in DISTANCES])
 _CHECKED = np.sort(np.concatenate([np.linspace(0.0, T, 151), _NEAR.ravel()]))
-_EXACT: dict[str, Array] = {}
+
+
+@cache
+def _exact() -> tuple[Array, Array]:
+    """Torques at all instants that are checked, and near the singular one."""
+    return reference(_CHECKED), reference(_NEAR.ravel())
 
 
 def judge(method: Method, setting: Setting, result: Torques) -> Judged:
     """The largest error of the table, and of the method itself at each distance from the singular instant."""
-    if not _EXACT:
-        _EXACT.update(checked=reference(_CHECKED), near=reference(_NEAR.ravel()))
+    exact, exact_near = _exact()
     with np.errstate(all="ignore"):
-        table = np.abs(result.table(_CHECKED) - _EXACT["checked"]).max()
-        near = np.abs(result.instant(_NEAR.ravel()) - _EXACT["near"]).max(axis=1).reshape(-1, 2).max(axis=1)
+        table = np.abs(result.table(_CHECKED) - exact).max()
+        near = np.abs(result.instant(_NEAR.ravel()) - exact_near).max(axis=1).reshape(-1, 2).max(axis=1)
     return Judged(float(table), tuple(near))
 
 
-def _sentence(rows: Sequence[Row]) -> str:
-    lines = []
-    for other, words in (("pointwise", "the best pointwise solve"), ("differences", "finite differences")):
-        found = gain(rows, "chebyshev", other)
-        if found is not None:
-            lines.append(
-                f"Against {words}: {found.time:.2g} times less time at its least error "
-                f"({short(found.error)} N m in {1e3 * found.seconds:.3g} ms), and "
-                f"{short(found.accuracy)} times less error in {1e3 * found.within:.2g} ms."
-            )
-    nearest = error_at_best(rows, "pointwise", -1), error_at_best(rows, "chebyshev", -1)
-    if None not in nearest:
-        lines.append(
-            f"At 1 ns from the singular instant a solve for that instant is off by {short(nearest[0])} N m, "
-            f"the series by {short(nearest[1])}."
-        )
-    known = quickest_to(rows, "formula", FORMULA)
-    if known is not None:
-        lines.append(
-            f"A formula written for this robot alone has a table to {short(known.error)} N m in "
-            f"{1e3 * known.seconds:.2g} ms; no other method here knows its formulas."
-        )
-    whole = best_within(rows, "certified")
-    if whole is not None:
-        lines.append(f"Path followed, point located and result proved: {1e3 * whole.seconds:.3g} ms.")
-    return " ".join(lines)
+def _profiles(rows: Sequence[Row], name: str) -> list[tuple[float, ...]]:
+    """The profile of the best row of a method, if it has one."""
+    row = best(rows, name)
+    return [row.profile] if row is not None and row.profile else []
 
 
+def _remark(rows: Sequence[Row]) -> str:
+    names = {"pseudo_inverse": "pseudo-inverse with cut", "damped": "least squares with damping"}
+    shown = [f"{words} {row.setting[0]:.0e}" for name, words in names.items() if (row := best(rows, name))]
+    nearest = [p[-1] for name in ("pointwise", "chebyshev") for p in _profiles(rows, name)]
+    if not shown or len(nearest) < 2:
+        return ""
+    return (
+        f"Right, asked at one instant, each as it has the best table ({', '.join(shown)}): at 1 ns from the "
+        f"singular one the pointwise solve is off by {short(nearest[0])} N m, ours by {short(nearest[1])}."
+    )
+
+
+EVALUATED, PROVED = "evaluated", "located and proved"
 _GIVEN = "path followed; s, s', s\" exact"
+_TABLE = "samples, degree"
+_CUTS = singles(*(10.0**-k for k in range(1, 13)))
 STAGE = Stage(
     name="torque",
     title="Motor torques along a crossing",
     reference="closed form of the 5R in fifty digits (chart/closed_form.py)",
     error="largest error of the torques  [N m]",
     methods=(
-        Method("chebyshev", "ours, Chebyshev nodes", _GIVEN, "nodes", NODES, _chebyshev, ours=True),
         Method(
-            "certified",
-            "ours, located and proved",
-            "path and law alone",
-            "tolerance",
-            singles(1e-10),
-            _certified,
-            ours=True,
+            "chebyshev", "ours, Chebyshev nodes", _GIVEN, "nodes", NODES, _chebyshev, "ours", panel=EVALUATED
         ),
-        Method("pointwise", "best pointwise solve", _GIVEN, "samples", SAMPLES, _pointwise),
-        Method("formula", "this robot's own formula", "s, s', s\" exact", "samples", SAMPLES, _formula),
         Method(
-            "differences", "finite differences", "path followed; s alone", "samples", SAMPLES, _differences
+            "pointwise",
+            "pointwise in stacks, our kinematics",
+            _GIVEN,
+            _TABLE,
+            TABLES,
+            _tables(lambda law, t: pointwise(law, t, direct)),
+            source="poses closed in one stack by the framework, everything else numpy; table by spline",
+            panel=EVALUATED,
+        ),
+        Method(
+            "pinocchio",
+            "pointwise, Pinocchio and numpy alone",
+            "path; s, s', s\" exact",
+            _TABLE,
+            TABLES,
+            _tables(bare_torques),
+            source="chart/bare.py: Newton from pose to pose, rnea, one stacked solve; table by spline",
+            panel=EVALUATED,
+        ),
+        Method(
+            "differences",
+            "central differences",
+            "path followed; s alone",
+            "step [s]",
+            singles(*(10.0 ** (-0.5 * k) for k in range(4, 15))),
+            _differences,
+            source="step as in the table, the pointwise solve in stacks; 257 samples, degree 9",
+            panel=EVALUATED,
         ),
         Method(
             "pseudo_inverse",
             "pseudo-inverse",
             _GIVEN,
             "cut of singular values",
-            singles(*(10.0**-k for k in range(1, 10))),
+            _CUTS,
             _regularised(pseudo_inverse),
-            shown=(1e-5,),
+            source="numpy's pinv, relative cut as in the table; 257 samples, degree 9",
+            panel=EVALUATED,
         ),
         Method(
             "damped",
             "damped least squares",
             _GIVEN,
-            "damping",
-            singles(*(10.0**-k for k in range(1, 10))),
+            "damping over the size of P",
+            _CUTS,
             _regularised(damped),
-            shown=(1e-5,),
+            source="normal equations with mu^2, damping as in the table; 257 samples, degree 9",
+            panel=EVALUATED,
         ),
         Method(
             "mujoco",
             "MuJoCo, inverse",
             "all joints' q, q', q\" exact",
-            "samples",
-            SAMPLES[:7],
+            _TABLE,
+            TABLES,
             _mujoco,
-            peer="mujoco",
+            source="mj_inverse of the open tree, loop force by least squares (peers/mujoco_inverse.py)",
+            package="mujoco",
+            panel=EVALUATED,
+        ),
+        Method(
+            "formula",
+            "the robot's own formula, nodes",
+            "s, s', s\" exact",
+            "nodes",
+            NODES,
+            _formula_series,
+            "frontier",
+            panel=EVALUATED,
+        ),
+        Method(
+            "certified",
+            "ours, located and proved",
+            "path and law",
+            "tolerance",
+            singles(1e-6, 1e-9, 1e-12),
+            _certified,
+            "ours",
+            panel=PROVED,
+        ),
+        Method(
+            "planned",
+            "ours, law found too",
+            "path, duration, time, speed",
+            "plans",
+            singles(1),
+            _planned,
+            "ours",
+            panel=PROVED,
+        ),
+        Method(
+            "doubled",
+            "Pinocchio's tables, doubled",
+            "path and law",
+            "agreement [N m]",
+            singles(1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12),
+            _doubled,
+            source="determinant's sign on 33 poses, Brent, condition (8) there, splines of degree 9",
+            panel=PROVED,
         ),
     ),
     judge=judge,
-    sentence=_sentence,
+    goals=(1e-6, 1e-10),
+    remark=_remark,
     profile=DISTANCES,
     profiled="distance to the singular instant  [s]",
     profile_title="Asked at that very instant",

@@ -10,6 +10,7 @@ With mass, rods are rigid bodies too; an elastic one has a massless slider at it
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -34,13 +35,26 @@ def simulate(
     *,
     step: float,
     duration: float,
+    **options: Any,
+) -> Run:
+    """Drive the robot by motor torques from rest at `start` (2,) [m]; `options` as in `prepared`."""
+    return prepared(robot, torque, start, step=step, duration=duration, **options)()
+
+
+def prepared(
+    robot: FiveBar,
+    torque: Callable[[Array], Array],
+    start: Array,
+    *,
+    step: float,
+    duration: float,
     solver: str = "GeneralizedAlpha",
     rotor_speeds: tuple[float, float] = (0.0, 0.0),
-) -> Run:
-    """Drive the robot by motor torques from rest at `start` (2,) [m].
+) -> Callable[[], Run]:
+    """A run under motor torques from rest at `start` (2,) [m], with system and loads made ready.
 
     `torque` maps times (T,) [s] to torques (T, 2) [N m] on the motor side; `step` [s] is made to divide
-    the duration. `solver`, and the ArithmeticError that is raised: as `Mechanism.run`.
+    the duration. `solver`, and the ArithmeticError that is raised: as `Mechanism.prepared`.
     `rotor_speeds` [rad/s], on the joint side, are those of the rotors of elastic drives at the start.
     """
     steps = round(duration / step)
@@ -49,8 +63,13 @@ def simulate(
     mechanism, payload, motors = _assemble(robot, start, rotor_speeds)
     for leg, motor in enumerate(motors):
         mechanism.drive(motor, joint_torque[:, leg], step)
-    times, moved, seconds = mechanism.run(payload, steps=steps, duration=duration, solver=solver)
-    return Run(times, start + moved, seconds)
+    solve = mechanism.prepared(payload, steps=steps, duration=duration, solver=solver)
+
+    def run() -> Run:
+        times, moved, seconds = solve()
+        return Run(times, start + moved, seconds)
+
+    return run
 
 
 def guide(robot: FiveBar, angles: Array, start: Array, *, duration: float) -> Run:

@@ -12,7 +12,7 @@ balances them. Its error falls with the square of the step.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import exudyn as exu
@@ -141,10 +141,10 @@ class Mechanism:
         """A motor: forces (steps + 1,) on a coordinate, one for the end of every step."""
         if not np.all(np.isfinite(forces)):
             raise ValueError("forces: must be finite at every step")
-        table = forces.tolist()
+        table, per_step = forces.tolist(), 1 / step
 
-        def force_at(_system: Any, t: float, _load: float) -> float:
-            return float(table[round(t / step)])
+        def force_at(_system: Any, t: float, _load: float) -> Any:
+            return table[round(t * per_step)]
 
         self.system.AddLoad(LoadCoordinate(markerNumber=coordinate, loadUserFunction=force_at))
 
@@ -161,7 +161,7 @@ class Mechanism:
             ObjectConnectorCoordinate(markerNumbers=[fixed, coordinate], offsetUserFunction=place_at)
         )
 
-    def run(
+    def prepared(
         self,
         watched: Body,
         *,
@@ -169,8 +169,8 @@ class Mechanism:
         duration: float,
         solver: str = "GeneralizedAlpha",
         at_rest: bool = True,
-    ) -> tuple[Array, Array, float]:
-        """Times (T,), displacements of the watched body's coordinates (T, ...), wall time [s].
+    ) -> Callable[[], tuple[Array, Array, float]]:
+        """A run from the initial state: times (T,), displacements of the watched body (T, ...), time [s].
 
         `solver` is one of Exudyn's DynamicSolverType. Without `at_rest`, initial accelerations are computed
         (which bodies without mass do not allow). Raises ArithmeticError when Exudyn gives up.
@@ -192,14 +192,23 @@ class Mechanism:
         integration.generalizedAlpha.computeInitialAccelerations = not at_rest
         integration.newton.relativeTolerance = NEWTON
         integration.newton.absoluteTolerance = NEWTON
+        integration.newton.useModifiedNewton = True  # the Jacobian is kept while Newton converges
         integration.verboseMode = 0
         settings.solution.file.write = False
         settings.solution.sensors.writePeriod = duration / steps
-        begun = time.perf_counter()
-        try:
-            self.system.SolveDynamic(settings, solverType=getattr(exu.DynamicSolverType, solver))
-        except (exu.SolverError, exu.InternalError) as failure:
-            raise ArithmeticError(f"Exudyn, step {duration / steps} s: {failure}") from None
-        seconds = time.perf_counter() - begun
-        rows = np.asarray(self.system.GetSensorStoredData(sensor), dtype=float)
-        return rows[:, 0], rows[:, 1:], seconds
+
+        def run() -> tuple[Array, Array, float]:
+            began = time.perf_counter()
+            try:
+                self.system.SolveDynamic(settings, solverType=getattr(exu.DynamicSolverType, solver))
+            except (exu.SolverError, exu.InternalError) as failure:
+                raise ArithmeticError(f"Exudyn, step {duration / steps} s: {failure}") from None
+            seconds = time.perf_counter() - began
+            rows = np.asarray(self.system.GetSensorStoredData(sensor), dtype=float)
+            return rows[:, 0], rows[:, 1:], seconds
+
+        return run
+
+    def run(self, watched: Body, **options: Any) -> tuple[Array, Array, float]:
+        """One run; `options` are those of `prepared`."""
+        return self.prepared(watched, **options)()

@@ -47,6 +47,7 @@ def model_of(
     """
     loop = f'solref="{SHORT * step!r} 1" solimp="{HARD}"' if hard else ""
     legs = "".join(_leg(robot, leg, max(robot.link_mass, least_mass)) for leg in range(2))
+    tips = "".join(f'<framepos objtype="site" objname="{side}_tip"/>' for side in SIDES)
     motors = "".join(f'<motor joint="{side}_motor" gear="{GEAR_RATIO!r}"/>' for side in SIDES)
     return mujoco.MjModel.from_xml_string(
         f"""<mujoco>
@@ -55,6 +56,7 @@ def model_of(
           <worldbody>{legs}</worldbody>
           <equality><connect site1="left_tip" site2="right_tip" {loop}/></equality>
           <actuator>{motors}</actuator>
+          <sensor>{tips}</sensor>
         </mujoco>"""
     )
 
