@@ -10,13 +10,14 @@ Bring a robot (`ParallelRobot.from_file`, or `robots.load` for the catalogue) an
 * `fidelity_study`: the least model of a robot that is enough for a motion, a `FidelityStudy`;
 * `inverse_dynamics`: the torques of a law of one's own; `simulate`: where torques bring the robot;
 * `dynamics_at`, `forward_dynamics`: from motion to torques and back at one instant or a stack of them, with
-  what loops and joints carry, an `Instant`.
+  what loops and joints carry, an `Instant`;
+* `dynamics_derivatives`: exact derivatives of torques along the motion and the bodies' parameters.
 
 Errors have one base, `FrameworkError`: `InvalidInput` when what was given cannot be right, `NoAnswer` when
 the answer is no. Controllers and studies are in `framework.control`, identification in
 `framework.identification`, figures in `framework.show.plots`, beams as springs in `framework.model.beams`,
-`Stepper` and `Event` in `framework.simulation`, torques without a proof in
-`framework.dynamics.finite_differences`.
+derivatives of accelerations in `framework.dynamics.forward_derivatives`, `Stepper` and `Event` in
+`framework.simulation`, torques without a proof in `framework.dynamics.finite_differences`.
 """
 
 from __future__ import annotations

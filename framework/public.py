@@ -7,6 +7,7 @@ from framework.crossing.plan import plan_crossing
 from framework.crossing.restored import load_plan
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import plan_scene
+from framework.dynamics.dynamics_derivatives import dynamics_derivatives
 from framework.dynamics.forward_dynamics import forward_dynamics
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.dynamics.platform_limits import platform_limits
@@ -87,6 +88,7 @@ __all__ = [
     "check_robot",
     "classify",
     "dynamics_at",
+    "dynamics_derivatives",
     "fidelity_study",
     "forward_dynamics",
     "forward_kinematics",

@@ -14,6 +14,8 @@ Torques along a path, proved
 One instant
     pointwise_dynamics      torques, loads, inertia; with `reactions` and `torque_at_singularity`
     forward_dynamics        accelerations of given torques
+    dynamics_derivatives    derivatives of torques; along inertial parameters on `body_parameters`
+    forward_derivatives     derivatives of accelerations; both on `force_changes`
     tangent_stiffness       stiffness and balance with locked motors
 
 The platform

@@ -66,7 +66,7 @@ def forward_dynamics(
     at_rest = Motion(closed.q, rates.copy(), np.zeros((count, nv)), closed.linearised)
     at_rest = under_wrenches(robot, at_rest, given_wrenches(robot, wrenches, count))
     applied = sum((wrench.generalised for wrench in at_rest.wrenches), start=np.zeros((count, nv)))
-    equations = _equations(robot, threading.get_ident())
+    equations = equations_of(robot)
     solution = accelerations(equations, closed.q, rates, torques, applied)
     motion = replace(at_rest, a=solution.a)
     r = tree_forces(robot, motion)
@@ -81,6 +81,11 @@ def forward_dynamics(
     return replace(
         instant_of(robot, motion, r, forces, single=single), torque=torques[entry], a=determined[entry]
     )
+
+
+def equations_of(robot: ParallelRobot) -> EquationsOfMotion:
+    """Return the equations of motion of a robot, made once for each thread."""
+    return _equations(robot, threading.get_ident())
 
 
 @lru_cache(maxsize=16)  # megabytes each; their working memory serves one thread

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -21,6 +22,7 @@ from framework.dynamics.forces import Forces, balanced_forces, motor_torque, tre
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.reactions import (
     LoopLoads,
+    Wrenches,
     closure_wrenches,
     coupling_torques,
     given_wrenches,
@@ -33,7 +35,7 @@ from framework.dynamics.torque_at_singularity import forces_through_singularity
 from framework.errors import SingularPose, point
 from framework.kinematics.frames import frame_motions
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import ClosedStack, assembled_at
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at
 from framework.kinematics.loop_matrices import clearance, near_type_2
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -190,33 +192,78 @@ def dynamics_at(
         SingularPose: the motors do not hold the robot there (Type 2). The torque is then a limit, which is
             given where the motion is known to third order, dddx, crosses the locus and meets condition (8).
     """
-    expect_robot(robot)
-    require_square(robot)
-    closed = assembled_at(robot, q, stacks=True)
-    count = len(closed.q)
-    rates = [_rows(*derivative, robot.n, count) for derivative in (("dx", dx), ("ddx", ddx), ("dddx", dddx))]
-    applied = given_wrenches(robot, wrenches, count)
-    motion = under_wrenches(robot, motion_at(robot, closed, *rates[:2]), applied)
+    prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
+    motion, count = prescribed.motion, len(prescribed.x)
+    third = given_rates("dddx", dddx, robot.n, count)
     r = tree_forces(robot, motion)
     forces = balanced_forces(robot, motion.linearised, r)
     for k in map(int, near_type_2(robot, motion.linearised, RANK_LOST)):
         if dddx is None:
-            raise SingularPose(
-                f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[k])} the motors do not "
-                f"hold the robot (Type 2): torque is a limit there that needs the motion to third order; "
-                f"give dddx, or plan the motion",
-                platform=closed.x[k],
+            raise type2_pose(
+                robot,
+                prescribed.x[k],
+                "is a limit there that needs the motion to third order; give dddx, or plan the motion",
             )
         limit = forces_through_singularity(
             robot,
-            ClosedStack(closed.q[k : k + 1], closed.x[k : k + 1], closed.linearised.at(k)),
-            rates=(rates[0][k], rates[1][k], rates[2][k]),
-            wrenches={frame: wrench[k] for frame, wrench in applied.items()},
+            ClosedStack(motion.q[k : k + 1], prescribed.x[k : k + 1], motion.linearised.at(k)),
+            rates=(prescribed.dx[k], prescribed.ddx[k], third[k]),
+            wrenches={frame: wrench[k] for frame, wrench in prescribed.wrenches.items()},
         )
         for stack, alone in zip(forces, limit, strict=True):
             stack[k] = alone[0]
+    return instant_of(robot, motion, r, forces, single=prescribed.single)
+
+
+class PrescribedMotion(NamedTuple):
+    """The motion of T instants that is asked for, with the wrenches of the world."""
+
+    x: Array  # (T, n)
+    dx: Array  # (T, n)
+    ddx: Array  # (T, n)
+    motion: Motion
+    wrenches: Wrenches
+    single: bool  # one configuration was given, not a stack
+
+
+def prescribed_motion(
+    robot: ParallelRobot,
+    q: ArrayLike,
+    *,
+    dx: ArrayLike | None,
+    ddx: ArrayLike | None,
+    wrenches: Mapping[str, ArrayLike] | None,
+) -> PrescribedMotion:
+    """Check what is asked of an instant, or a stack of them, and compute its motion; see `dynamics_at`.
+
+    Raises:
+        InvalidInput, NotAssembled: as `dynamics_at`.
+    """
+    expect_robot(robot)
+    require_square(robot)
+    closed = assembled_at(robot, q, stacks=True)
+    count = len(closed.q)
+    rate, acceleration = given_rates("dx", dx, robot.n, count), given_rates("ddx", ddx, robot.n, count)
+    applied = given_wrenches(robot, wrenches, count)
+    motion = under_wrenches(robot, motion_at(robot, closed, rate, acceleration), applied)
     single = np.ndim(getattr(q, "q", q)) == 1
-    return instant_of(robot, motion, r, forces, single=single)
+    return PrescribedMotion(closed.x, rate, acceleration, motion, applied, single)
+
+
+def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> None:
+    """Raise SingularPose if the motors do not hold the robot at one of T platforms x (T, n)."""
+    singular = near_type_2(robot, linearised, RANK_LOST)
+    if len(singular):
+        raise type2_pose(robot, x[int(singular[0])], "and its derivatives have a pole there")
+
+
+def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
+    """Return the error for a platform x (n,) that the motors do not hold; `torque` goes on about torque."""
+    return SingularPose(
+        f"{robot.name}: at {', '.join(robot.axis_names)} = {point(x)} the motors do not "
+        f"hold the robot (Type 2): torque {torque}",
+        platform=x,
+    )
 
 
 def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, *, single: bool) -> Instant:
@@ -236,7 +283,7 @@ def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, *
     )
 
 
-def _rows(name: str, values: ArrayLike | None, width: int, count: int) -> Array:
+def given_rates(name: str, values: ArrayLike | None, width: int, count: int) -> Array:
     """Return the given numbers (count, width), see `stacked_rows`; zeros where none are given."""
     return np.zeros((count, width)) if values is None else stacked_rows(name, values, width, count)
 

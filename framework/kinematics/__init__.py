@@ -13,12 +13,14 @@ The equations, for stacks of configurations
     pinocchio_memory    pinocchio's working memory as arrays
     frames              poses, screws and motions of the frames; steps between configurations
     closures            the loop equations, their derivatives and drift
+    loop_curvature      how the forces of the loops change with the configuration
     equations           the table of all equations and the sparsity of dF/dq
     linearised_loops    F and dF/dq at given configurations
 
 From the platform to the joints, and back
     newton, inverse_kinematics  all joints at prescribed x
     motion_rates        velocities and accelerations of all joints; how dF/dq changes
+    motion_changes      exact derivatives of these; `frame_variations` are those of the frames
     loop_matrices       the matrices of Type 1 and Type 2, without dimension
     velocity_matrices   A v = B dq_a + C dq_e
     idle_turns          turns that neither the platform nor the loops determine

@@ -30,8 +30,15 @@ import numpy as np
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.linalg.ordered_sums import cross, dot
-from framework.linalg.rotations import left_jacobian_series, rotation_matrix, rotation_vector
+from framework.linalg.rotations import (
+    left_jacobian_coefficients,
+    left_jacobian_series,
+    rotation_matrix,
+    rotation_vector,
+)
 from framework.tolerances import FILE_ROUNDING
+
+AttitudeRates = tuple[Array, Array, Array]  # coordinates (T, k) and two time derivatives, or turns and rates
 
 
 class Attitude(Protocol):
@@ -56,12 +63,23 @@ class Attitude(Protocol):
         """Compute the couples' time derivatives (T, k, 3) at angular velocities w (T, 3)."""
         ...
 
+    def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
+        """Compute what a small `turn` (T, 3) with a change dw of w makes of `couple_rates`, (T, k, 3)."""
+        ...
+
     def turning(self, rotation: Array, v: Array) -> Array:
         """Compute w (T, 3) with couples w = v (T, k), without a turn that no coordinate measures."""
         ...
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
         """Compute v = E(x) dx and its time derivative, (T, k)."""
+        ...
+
+    def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
+        """Compute the small turn of a step, and what it makes of v = E(x) dx and of its time derivative.
+
+        `motion` and `step` are x, dx, ddx and small changes of them, each (T, k).
+        """
         ...
 
     def unwrap(self, x: Array, near: Array) -> Array:
@@ -99,11 +117,17 @@ class TwistAngle(ReadOnlyArrays):
     def couple_rates(self, rotation: Array, w: Array) -> Array:
         return np.zeros((len(w), 1, 3))
 
+    def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
+        return np.zeros((len(w), 1, 3))
+
     def turning(self, rotation: Array, v: Array) -> Array:
         return v @ np.eye(3)[self.axes]
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
         return dx, ddx
+
+    def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
+        return step
 
     def unwrap(self, x: Array, near: Array) -> Array:
         return _by_full_turns(x, near)
@@ -129,6 +153,17 @@ class SwingTwistAngle(TwistAngle):
         moved = cross(w, turned)
         both = np.eye(3)[self.axes] + turned
         return (moved / size - both * (moved[:, i, None] / size**2))[:, None]
+
+    def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
+        i = int(self.axes[0])
+        turned, size = rotation[:, :, i], self._size(rotation)[:, None]
+        moved, shifted = cross(w, turned), cross(turn, turned)
+        both = cross(dw, turned) + cross(w, shifted)
+        sizes = [part[:, i, None] for part in (moved, shifted, both)]
+        numerator = np.eye(3)[self.axes] + turned
+        crossed = moved * sizes[1] + shifted * sizes[0] + numerator * sizes[2]
+        twice = 2.0 * numerator * sizes[0] * sizes[1]
+        return (both / size - crossed / size**2 + twice / size**3)[:, None]
 
     def _size(self, rotation: Array) -> Array:
         i = int(self.axes[0])
@@ -192,6 +227,27 @@ class TwoAngles(ReadOnlyArrays):
             axis=1,
         )
 
+    def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
+        sine, cosine, tangent = self._parts(rotation)
+        _, b, c = self.basis
+        couples, hand = self.couples(rotation), self.hand
+        (first, second), (step, shift) = (
+            (dot(couples[:, 0], turned)[:, None], dot(couples[:, 1], turned)[:, None]) for turned in (w, turn)
+        )
+        changed = self.couple_rates(rotation, turn)
+        dfirst, dsecond = ((dot(changed[:, k], w) + dot(couples[:, k], dw))[:, None] for k in range(2))
+        across, along = hand * sine * b - cosine * c, cosine * b + hand * sine * c
+        slope = 1 + tangent**2  # of the tangent
+        return np.stack(
+            [
+                hand * slope * ((2 * tangent * second * shift + dsecond) * across)
+                + slope * (second * step + shift * first) * along
+                + tangent * (dfirst * along - hand * first * step * across),
+                -hand * dfirst * across - first * step * along,
+            ],
+            axis=1,
+        )
+
     def turning(self, rotation: Array, v: Array) -> Array:
         sine, cosine, _ = self._parts(rotation)
         a, b, c = self.basis
@@ -199,6 +255,9 @@ class TwoAngles(ReadOnlyArrays):
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
         return dx, ddx
+
+    def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
+        return step
 
     def unwrap(self, x: Array, near: Array) -> Array:
         return _by_full_turns(x, near)
@@ -230,6 +289,9 @@ class RotationVector(ReadOnlyArrays):
     def couple_rates(self, rotation: Array, w: Array) -> Array:
         return np.zeros((len(w), 3, 3))
 
+    def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
+        return np.zeros((len(w), 3, 3))
+
     def turning(self, rotation: Array, v: Array) -> Array:
         return self._vector(v)
 
@@ -246,6 +308,30 @@ class RotationVector(ReadOnlyArrays):
             + db * swept_twice
         )
         return omega[:, self.axes], alpha[:, self.axes]
+
+    def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
+        """Compute them from phi = E(x) step: dw = phi' + phi x w, and the rate of that along the motion."""
+        omega, alpha = (self._vector(part) for part in self.rates(*motion))
+        r, dr, ddr = (self._vector(part) for part in motion)
+        s, ds, dds = (self._vector(part) for part in step)
+        square_rate, square_second = 2.0 * dot(r, dr), 2.0 * (dot(dr, dr) + dot(r, ddr))
+        (a, a1, a2), (b, b1, b2) = left_jacobian_coefficients(dot(r, r))[..., None]
+        rate, second = square_rate[:, None], square_second[:, None]
+        da, dda = a1 * rate, a2 * rate**2 + a1 * second
+        db, ddb = b1 * rate, b2 * rate**2 + b1 * second
+        # r x s and r x (r x s) with two time derivatives
+        once = cross(r, s)
+        donce = cross(dr, s) + cross(r, ds)
+        ddonce = cross(ddr, s) + 2.0 * cross(dr, ds) + cross(r, dds)
+        twice = cross(r, once)
+        dtwice = cross(dr, once) + cross(r, donce)
+        ddtwice = cross(ddr, once) + 2.0 * cross(dr, donce) + cross(r, ddonce)
+        phi = s + a * once + b * twice
+        dphi = ds + da * once + a * donce + db * twice + b * dtwice
+        ddphi = dds + dda * once + 2 * da * donce + a * ddonce + ddb * twice + 2 * db * dtwice + b * ddtwice
+        changes = (phi, dphi + cross(phi, omega), ddphi + cross(dphi, omega) + cross(phi, alpha))
+        turn, dw, dalpha = (part[:, self.axes] for part in changes)
+        return turn, dw, dalpha
 
     def unwrap(self, x: Array, near: Array) -> Array:
         angle = np.sqrt(dot(x, x))[:, None]

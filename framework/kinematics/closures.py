@@ -6,7 +6,7 @@ table of rows (`Mechanism.rows`) serves every kind of joint, and a joint that ca
 neither leaves no entry at all: a kind is data, not code.
 
 An equation that locks no axis, as `distance`, is a flag of `LoopRows` (model/loop_rows) with its value, its
-derivative and its drift here, and its curvature in simulation/curvature: the witness has its own. The proofs
+derivative and its drift here, and its curvature in loop_curvature. The proofs
 know it by a term of proofs/equation_terms with bounds in proofs/derivative_bounds.
 
 Here are also the directions that closures keep alike, which tell a closed loop from one that is turned over.

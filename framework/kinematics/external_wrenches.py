@@ -37,6 +37,8 @@ class AppliedWrench(NamedTuple):
     joint: int
     wrench: Array  # (T, 6) about the base's origin, base axes
     generalised: Array  # (T, nv) the joint forces J' w
+    origin: Array  # (T, 3) where it acts, which moves with the body
+    turns: bool  # with the body, on axes of its frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +186,8 @@ def applied_wrench(
     wrench = moved_wrench(wrench, position)
     joint = int(mechanism.model.frames[index].parentJoint)
     carried = carriers(mechanism.model, np.array([joint]))[0]
-    return AppliedWrench(joint, read_only(wrench), read_only(matvec(frames.screws, wrench) * carried))
+    generalised = matvec(frames.screws, wrench) * carried
+    return AppliedWrench(joint, read_only(wrench), read_only(generalised), read_only(position), turns)
 
 
 def moved_wrench(wrench: Array, arm: Array) -> Array:

@@ -139,6 +139,18 @@ def along_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> 
     return matvec(np.array(by_q).swapaxes(1, 2), force)
 
 
+def along_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: Array) -> Array:
+    """Compute the derivative (T, nv, nv) of `along_joints` of forces stiffness (nv,) times `difference`.
+
+    A ball has the same stiffness about all axes: what it gives is that times its rotation vector.
+    """
+    model = mechanism.model
+    if model.nq == model.nv:
+        return np.broadcast_to(np.diag(stiffness), (len(q), model.nv, model.nv))
+    by_q = [pin.dDifference(model, start, np.ascontiguousarray(row), pin.ArgumentPosition.ARG1) for row in q]
+    return np.asarray(stiffness[:, None] * np.array(by_q))
+
+
 def difference_rates(mechanism: Mechanism, start: Array, q: Array, v: Array) -> Array:
     """Compute rates (T, nv) of `difference` from `start` (nq,) to q (T, nq) for joint rates v (T, nv)."""
     model = mechanism.model

@@ -22,10 +22,13 @@ import pinocchio as pin
 
 from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, twist_angle_for
+from framework.kinematics.frame_variations import FrameVariation, TreeMotion
 from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.linalg.ordered_sums import matmul, matvec
 from framework.model.description import AXES, Platform
 from framework.motion.path import Path
+
+CoordinateRates = tuple[Array, Array, Array]  # x and two time derivatives, or displacements and rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +103,17 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
         """Compute v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
         return dx, np.zeros_like(dx) if ddx is None else ddx
+
+    def twist_changes(self, motion: CoordinateRates, step: CoordinateRates) -> CoordinateRates:
+        """Compute the small displacement along v (T, n) of a step, and what it makes of v and of dv/dt.
+
+        `motion` and `step` are x, dx, ddx and small changes of them, each (T, n).
+        """
+        return step
+
+    @abstractmethod
+    def velocity_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
+        """Compute the changes (T, k, n) of v and of dv/dt with those of the frames."""
 
     def path_twist(self, path: Path, s: float) -> Array:
         """Compute v (n,) of the platform for ds/dt = 1 at path coordinate s."""
@@ -199,6 +213,40 @@ class FramePlatform(PlatformCoordinates):
         v[:, turning], dv[:, turning] = self.attitude.rates(*(part[:, turning] for part in (x, dx, ddx)))
         return v, dv
 
+    def twist_changes(self, motion: CoordinateRates, step: CoordinateRates) -> CoordinateRates:
+        if self.attitude is None or self.attitude.by_rates:
+            return step
+        turning = self.turning
+        x, dx, ddx = (part[:, turning] for part in motion)
+        u, du, ddu = (part[:, turning] for part in step)
+        changes = step[0].copy(), step[1].copy(), step[2].copy()
+        for whole, part in zip(changes, self.attitude.rate_changes((x, dx, ddx), (u, du, ddu)), strict=True):
+            whole[:, turning] = part
+        return changes
+
+    def velocity_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
+        once, twice = np.empty((2, *variation.twist.shape[:2], self.n))
+        once[..., self.sliding] = variation.rates.rate[:, :, 0, 3, self.along]
+        twice[..., self.sliding] = variation.rates.second[:, :, 0, 3, self.along]
+        if self.attitude is None:
+            return once, twice
+        count, k = once.shape[:2]
+        turn, dw, dalpha = (part[:, :, 0, 3:].reshape(-1, 3) for part in variation[:3])
+        w, alpha, rotation = (
+            np.repeat(part, k, axis=0)
+            for part in (motion.twist[:, 0, 3:], motion.acceleration[:, 0, 3:], motion.frames.rotation[:, 0])
+        )
+        couples, attitude = self.attitude.couples(rotation), self.attitude
+        first, second = matvec(couples, dw), matvec(couples, dalpha)
+        if not attitude.constant:
+            changed = attitude.couple_rates(rotation, turn)
+            first = first + matvec(changed, w)
+            second = second + matvec(changed, alpha) + matvec(attitude.couple_rates(rotation, w), dw)
+            second = second + matvec(attitude.couple_rate_changes(rotation, w, turn, dw), w)
+        once[..., self.turning] = first.reshape(count, k, -1)
+        twice[..., self.turning] = second.reshape(count, k, -1)
+        return once, twice
+
     def _yield(self, frames: FrameStack, twists: Array) -> Array:
         """Compute the power (T, n, k) of the wrenches on twists (T, 6, k) of the frame."""
         return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
@@ -245,6 +293,10 @@ class JointPlatform(PlatformCoordinates):
 
     def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
         return np.zeros((len(frames.q), self.n))
+
+    def velocity_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
+        nothing = np.zeros((*variation.twist.shape[:2], self.n))
+        return nothing, nothing
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         screws = frames.screws[:, self.columns]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import factorial, perm
+
 import numpy as np
 
 from framework.arrays import Array
@@ -33,24 +35,39 @@ def rotation_vector(rotation: Array) -> Array:
 def left_jacobian_series(square: Array, half_rate: Array) -> tuple[Array, Array, Array, Array]:
     """Compute a = (1 - cos t) / t^2, b = (t - sin t) / t^3 and their time derivatives, each (T, 1).
 
-    `square` is t^2, `half_rate` half its time derivative. Below one radian by their series, which the
-    closed forms lose to cancellation.
+    `square` is t^2, `half_rate` half its time derivative.
+    """
+    (a, da, _), (b, db, _) = left_jacobian_coefficients(square)
+    rate = (2 * half_rate)[:, None]
+    return a[:, None], da[:, None] * rate, b[:, None], db[:, None] * rate
+
+
+def left_jacobian_coefficients(square: Array) -> Array:
+    """Compute a = (1 - cos t) / t^2, b = (t - sin t) / t^3 and two derivatives along t^2, (2, 3, T).
+
+    `square` (T,) is t^2. Below one radian by their series, which the closed forms lose to cancellation.
     """
     small = square < 1.0
     t = np.sqrt(np.where(small, 1.0, square))
-    a_series, b_series, da_series, db_series = (np.zeros_like(square) for _ in range(4))
-    term_a, term_b = 0.5, 1.0 / 6.0
+    series = np.zeros((2, 3, *square.shape))
     for k in range(12):  # the last term is below 1e-17 for t < 1
         power = square**k
-        a_series += term_a * power
-        b_series += term_b * power
-        term_a /= -(2 * k + 3) * (2 * k + 4)
-        term_b /= -(2 * k + 4) * (2 * k + 5)
-        da_series += term_a * (k + 1) * power  # derivative with respect to t^2
-        db_series += term_b * (k + 1) * power
-    a = np.where(small, a_series, (1 - np.cos(t)) / t**2)
-    b = np.where(small, b_series, (t - np.sin(t)) / t**3)
-    da = np.where(small, da_series, (t * np.sin(t) - 2 * (1 - np.cos(t))) / (2 * t**4))
-    db = np.where(small, db_series, (t * (1 - np.cos(t)) - 3 * (t - np.sin(t))) / (2 * t**5))
-    rate = (2 * half_rate)[:, None]
-    return a[:, None], da[:, None] * rate, b[:, None], db[:, None] * rate
+        for terms, first in zip(series, (2, 3), strict=True):
+            for order in range(3):
+                j = k + order  # of sum (-1)^j square^j / (2 j + first)!, differentiated `order` times
+                terms[order] += (-1.0) ** j * perm(j, order) / factorial(2 * j + first) * power
+    sine, cosine = np.sin(t), np.cos(t)
+    lost_a, lost_b = 1 - cosine, t - sine
+    closed = [
+        [
+            lost_a / t**2,
+            (t * sine - 2 * lost_a) / (2 * t**4),
+            (t**2 * cosine - 5 * t * sine + 8 * lost_a) / (4 * t**6),
+        ],
+        [
+            lost_b / t**3,
+            (t * lost_a - 3 * lost_b) / (2 * t**5),
+            (t * (t * sine - 2 * lost_a) - 5 * (t * lost_a - 3 * lost_b)) / (4 * t**7),
+        ],
+    ]
+    return np.where(small, series, closed)

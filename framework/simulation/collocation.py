@@ -29,7 +29,7 @@ from numpy.polynomial import legendre
 
 from framework.arrays import LEAST_DIVISOR, Array, ReadOnlyArrays
 from framework.kinematics.frames import integrate
-from framework.simulation.curvature import loop_curvature
+from framework.kinematics.loop_curvature import loop_curvature
 from framework.simulation.drive import Drive, Gains
 from framework.simulation.equations import EquationsOfMotion, Tangent
 

@@ -15,8 +15,8 @@ from framework.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.errors import InvalidInput, NotAssembled, NotConverged
 from framework.kinematics.closures import loop_wrenches, scaled
 from framework.kinematics.frames import integrate
+from framework.kinematics.loop_curvature import loop_curvature
 from framework.linalg.ordered_sums import matmul
-from framework.simulation.curvature import loop_curvature
 from framework.simulation.equations import EquationsOfMotion, Tangent
 from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP
 

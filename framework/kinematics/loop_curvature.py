@@ -22,7 +22,10 @@ from framework.model.loop_rows import LoopRows
 def loop_curvature(
     rows: LoopRows, frames: FrameStack, before: NDArray[np.bool_], multipliers: Array
 ) -> Array:
-    """Compute d(J' lambda)/dq (T, nv, nv) for multipliers (T, m); `before` (nv, nv) orders the columns."""
+    """Compute d(J' lambda)/dq (T, nv, nv) for multipliers (T, m), row by row along the second index.
+
+    `before` (nv, nv) tells of columns i and j whether i moves what j turns about, see `tree_columns`.
+    """
     jacobian = frames.jacobian.transpose(0, 1, 3, 2)  # (T, F, nv, 6)
     slides, turns = jacobian[..., :3], jacobian[..., 3:]
     turn1 = turns[:, rows.first]  # (T, m, nv, 3)
@@ -62,7 +65,7 @@ def loop_curvature(
     if rows.distance.any():
         stretched = np.where(distance, load / length, 0.0)[..., None]
         symmetric += np.einsum("tmix,tmjx->tij", stretched * slide, slide)
-    strictly = before & ~before.T
+    strictly = before & ~before.T  # not two columns of one ball, whose order matters
     return np.asarray(
-        symmetric + upper * before + np.where(strictly, upper, 0.0).transpose(0, 2, 1), dtype=float
+        symmetric + (upper * before).transpose(0, 2, 1) + np.where(strictly, upper, 0.0), dtype=float
     )

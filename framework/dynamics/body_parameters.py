@@ -1,0 +1,101 @@
+"""The inertial parameters of a robot's bodies, by link, and the open tree's forces along them.
+
+Of each body that moves the ten (m, m c, I about the origin of its joint) on the axes of its link: forces are
+linear in them, r = Y(q, v, a) pi with Y by pinocchio's `computeJointTorqueRegressor`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array, IntArray
+from framework.dynamics.forces import JointMotion
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.pinocchio_memory import scratch_of
+
+INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+# entries of the symmetric matrix of second moments that hold a moment of inertia of pinocchio's order
+_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+
+
+def body_parameters(robot: Mechanism) -> tuple[tuple[str, ...], Array]:
+    """Return names LINK.mass, LINK.mx .. LINK.Izz and values (p,) of all bodies that move.
+
+    A body is all that is fixed to the link behind a joint: mass [kg], mass times the place of its centre
+    [kg m], inertia [kg m^2] about the joint's origin, on the link's axes.
+    """
+    bodies = range(1, robot.model.njoints)
+    names = [f"{link_of(robot.model, j)}.{parameter}" for j in bodies for parameter in INERTIAL]
+    return tuple(names), np.concatenate([link_parameters(robot.model, j) for j in bodies])
+
+
+def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | None = None) -> Array:
+    """Compute the derivatives (T, nv, 10 b) of the open tree's forces along the parameters of bodies.
+
+    `bodies` (b,) are those that these joints carry, all by default.
+    """
+    model, data = robot.model, scratch_of(robot).data
+    bodies = np.arange(1, model.njoints) if bodies is None else bodies
+    used = (10 * (bodies[:, None] - 1) + np.arange(10)).ravel()
+    regressor = np.empty((len(motion.q), model.nv, len(used)))
+    for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
+        regressor[k] = pin.computeJointTorqueRegressor(model, data, q, v, a)[:, used]
+    for i, body in enumerate(bodies):
+        axes = link_axes(model, int(body))
+        if not axes.isIdentity(0.0):
+            columns = slice(10 * i, 10 * i + 10)
+            regressor[..., columns] = regressor[..., columns] @ moved_parameters(axes)
+    return regressor
+
+
+def link_of(model: pin.Model, j: int) -> str:
+    """Return the name of the link that joint j carries: the first of those fixed to it."""
+    body = pin.FrameType.BODY
+    names = [str(frame.name) for frame in model.frames if frame.parentJoint == j and frame.type == body]
+    return names[0] if names else str(model.names[j])
+
+
+def link_axes(model: pin.Model, j: int) -> pin.SE3:
+    """Return the placement of the link's axes on joint j: the identity, but that balls turn theirs."""
+    name = str(model.names[j])
+    if model.existFrame(name, pin.FrameType.JOINT):
+        return model.frames[model.getFrameId(name, pin.FrameType.JOINT)].placement
+    return pin.SE3.Identity()
+
+
+def link_parameters(model: pin.Model, j: int) -> Array:
+    """Return the ten inertial parameters of what joint j carries, about its origin on the link's axes."""
+    return np.asarray(link_axes(model, j).actInv(model.inertias[j]).toDynamicParameters())
+
+
+def pseudo_inertia(parameters: Array) -> Array:
+    """Return the pseudo-inertia (..., 4, 4), the second moments of mass, of ten parameters (..., 10).
+
+    [[int r r' dm, m c], [(m c)', m]] of Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3(1),
+    2018: positive semidefinite for a body that can exist.
+    """
+    matrix = np.zeros((*parameters.shape[:-1], 4, 4))
+    inertia = np.zeros((*parameters.shape[:-1], 3, 3))
+    for k, (i, j) in enumerate(_PLACES):
+        inertia[..., i, j] = inertia[..., j, i] = parameters[..., 4 + k]
+    half_trace = 0.5 * np.trace(inertia, axis1=-2, axis2=-1)
+    matrix[..., :3, :3] = half_trace[..., None, None] * np.eye(3) - inertia
+    matrix[..., :3, 3] = matrix[..., 3, :3] = parameters[..., 1:4]
+    matrix[..., 3, 3] = parameters[..., 0]
+    return matrix
+
+
+def of_pseudo_inertia(matrix: Array) -> Array:
+    """Return the ten parameters (..., 10) of a pseudo-inertia (..., 4, 4)."""
+    moments = matrix[..., :3, :3]
+    trace = np.trace(moments, axis1=-2, axis2=-1)
+    inertia = trace[..., None, None] * np.eye(3) - moments
+    first = [matrix[..., 3, 3], *np.moveaxis(matrix[..., :3, 3], -1, 0)]
+    return np.stack([*first, *(inertia[..., i, j] for i, j in _PLACES)], axis=-1)
+
+
+def moved_parameters(placement: pin.SE3) -> Array:
+    """Return the matrix (10, 10) that expresses ten parameters of one frame in another, at `placement`."""
+    move = np.asarray(placement.homogeneous)
+    return np.asarray(of_pseudo_inertia(move @ pseudo_inertia(np.eye(10)) @ move.T).T)

@@ -1,0 +1,131 @@
+"""Exact derivatives of the inverse dynamics along the motion of the closed robot.
+
+With T = dq/dv of the motions that close the loops, G = n T_a the motors' speeds for unit twists and lambda
+the loop forces (`forces`), the torque t of the motors that moves the bodies is G' t = T' r, and
+
+    G' dt = T' d(r - J' lambda)          at fixed lambda,
+
+so it takes the change of the open tree's forces (`force_changes`) along that of the joints' motion
+(`motion_changes`), and one solution with G, which is singular at Type 2. With redundant motors t is the
+least, t = G k, and dt = dG k + G dk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.dynamics.body_parameters import body_parameters, tree_regressor
+from framework.dynamics.force_changes import force_changes, force_slopes
+from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
+from framework.dynamics.platform_wrench import motor_speeds
+from framework.dynamics.pointwise_dynamics import prescribed_motion, require_hold
+from framework.kinematics.linearised_loops import LinearisedLoops
+from framework.kinematics.motion_changes import MotionSteps, coordinate_steps, motion_changes
+from framework.kinematics.motion_rates import Motion
+from framework.kinematics.parallel_robot import ParallelRobot
+
+
+@dataclass(frozen=True, eq=False)
+class DynamicsDerivatives(ReadOnlyArrays):
+    """Motor torques of one instant and their derivatives; of T instants T is the first axis of all arrays.
+
+    Torques are on the motor side, with rotors, armature, damping and springs on joints. The platform's
+    coordinates x, their rates and their accelerations vary each with the two others held.
+    """
+
+    torque: Array  # (n_a,) [N m, N] as `dynamics_at` gives it
+    torque_x: Array  # (n_a, n) per m, rad
+    torque_dx: Array  # (n_a, n) per m/s, rad/s
+    torque_ddx: Array  # (n_a, n) per m/s2, rad/s2
+    regressor: Array  # (n_a, p) per unit of the parameters, see `body_parameters`
+    parameters: tuple[str, ...]  # (p,)
+
+
+def dynamics_derivatives(
+    robot: ParallelRobot,
+    q: ArrayLike,
+    *,
+    dx: ArrayLike | None = None,
+    ddx: ArrayLike | None = None,
+    wrenches: Mapping[str, ArrayLike] | None = None,
+) -> DynamicsDerivatives:
+    """Compute the derivatives of the torques of `dynamics_at` at an assembled configuration q (nq,).
+
+    They are those of the closed robot: with x all joints move on, in their working mode. An elastic robot
+    keeps the deflections of q, as in `dynamics_at`, which takes springs for rigid where they are. Wrenches of
+    the world keep their components on base axes and move along with their frames.
+
+    Args:
+        q, dx, ddx, wrenches: as for `dynamics_at`, a stack of T instants included.
+
+    Raises:
+        InvalidInput: as `dynamics_at`; or damping or armature of balls drives an idle turn.
+        NotAssembled: the platform does not determine the joints at this pose (Type 1).
+        SingularPose: the motors do not hold the robot there (Type 2), where torques and their derivatives
+            have a pole; `forward_derivatives` is regular there.
+    """
+    prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
+    motion = prescribed.motion
+    require_hold(robot, motion.linearised, prescribed.x)
+    r = tree_forces(robot, motion)
+    joint_torque = balanced_forces(robot, motion.linearised, r).joint_torque
+    multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)
+    steps = coordinate_steps(robot, (prescribed.x, prescribed.dx, prescribed.ddx))
+    changes = motion_changes(robot, motion, steps)
+    changed = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
+    speeds, rates = motor_speeds(robot, motion.linearised)
+    slopes = (changed @ rates).swapaxes(1, 2)  # (T, n, 3 n) of the platform wrench
+    moved = _least_torque_changes(robot, motion, steps, speeds, joint_torque)
+    slopes = moved + _motor_shares(speeds, slopes - speeds.swapaxes(1, 2) @ moved)
+    rotors = robot.rotor_inertia * robot.gear_ratio
+    slopes = slopes + (rotors * changes.a[..., robot.actuated]).swapaxes(1, 2)
+    along_bodies = rates.swapaxes(1, 2) @ tree_regressor(robot, motion)
+    entry, n = 0 if prescribed.single else slice(None), robot.n
+    return DynamicsDerivatives(
+        torque=motor_torque(robot, motion, joint_torque)[entry],
+        torque_x=slopes[entry, ..., :n],
+        torque_dx=slopes[entry, ..., n : 2 * n],
+        torque_ddx=slopes[entry, ..., 2 * n :],
+        regressor=_motor_shares(speeds, along_bodies)[entry],
+        parameters=body_parameters(robot)[0],
+    )
+
+
+def loop_multipliers(
+    robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array
+) -> Array:
+    """Compute lambda (T, m) of the independent loop equations, r - S tau_joint = J' lambda."""
+    left = r.take(robot.moving, axis=1)
+    left[:, : robot.n_a] -= joint_torque
+    return linearised.factors.solve_transposed(left)[:, robot.n :]
+
+
+def _motor_shares(speeds: Array, wrenches: Array) -> Array:
+    """Compute the least motor torques (T, n_a, k) for platform wrenches (T, n, k).
+
+    `speeds` are G (T, n_a, n) of the motors for unit twists of the platform.
+    """
+    transposed = speeds.swapaxes(1, 2)
+    if speeds.shape[1] == speeds.shape[2]:
+        return np.asarray(np.linalg.solve(transposed, wrenches))
+    return np.asarray(np.linalg.pinv(transposed) @ wrenches)
+
+
+def _least_torque_changes(
+    robot: ParallelRobot, motion: Motion, steps: MotionSteps, speeds: Array, joint_torque: Array
+) -> Array:
+    """Compute dG k (T, n_a, steps) for the least torques G k = t of redundant motors; 0 of others."""
+    count, many = steps.twist[0].shape[:2]
+    if robot.n_a == robot.n:
+        return np.zeros((count, robot.n_a, many))
+    k = np.linalg.pinv(speeds) @ (joint_torque / robot.gear_ratio)[..., None]
+    rates = motor_speeds(robot, motion.linearised)[1]
+    still = np.zeros_like(steps.twist[0])
+    at_twist = replace(motion, v=(rates @ k)[..., 0], a=np.zeros_like(motion.a))
+    held = steps._replace(twist=(steps.twist[0], still, still))
+    changed = motion_changes(robot, at_twist, held).v[..., robot.actuated]
+    return (robot.gear_ratio * changed).swapaxes(1, 2)

@@ -1,0 +1,83 @@
+"""How the forces that motors and loops balance change along small changes of a motion.
+
+With r the forces of the open tree, less those of the world, and lambda the loop forces held fixed,
+
+    d(r - J' lambda) = dr/dq dq + dr/dv dv + M da - (d(J' lambda)/dq) dq.
+
+Along motions that keep the loops closed nothing is left of what dlambda would add. dr/dq, dr/dv and M are
+pinocchio's (`computeRNEADerivatives`), the curvature of the loops is that of `loop_curvature`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.kinematics.external_wrenches import AppliedWrench
+from framework.kinematics.frame_variations import bracket, tree_columns
+from framework.kinematics.frames import along_joints_slope
+from framework.kinematics.loop_curvature import loop_curvature
+from framework.kinematics.motion_changes import MotionChanges
+from framework.kinematics.motion_rates import Motion
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.pinocchio_memory import scratch_of
+from framework.linalg.ordered_sums import cross
+
+
+class ForceSlopes(NamedTuple):
+    """Derivatives of the forces (T, nv) of the open tree, less those of the world; (T, nv, nv) each."""
+
+    by_q: Array  # along pinocchio's tangent at q
+    by_v: Array
+    mass: Array  # with armature, without rotors
+
+
+def force_slopes(robot: ParallelRobot, motion: Motion) -> ForceSlopes:
+    """Compute the derivatives of `tree_forces`: bodies, armature, joint springs, damping, wrenches."""
+    model, data, nv = robot.model, scratch_of(robot).data, robot.model.nv
+    by_q, by_v, mass = np.empty((3, len(motion.q), nv, nv))
+    for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
+        pin.computeRNEADerivatives(model, data, q, v, a)
+        by_q[k], by_v[k], mass[k] = data.dtau_dq, data.dtau_dv, data.M
+    if robot.joint_stiffness.any():
+        by_q += along_joints_slope(robot, robot.neutral, motion.q, robot.joint_stiffness)
+    by_v[:, range(nv), range(nv)] += robot.joint_damping
+    for wrench in motion.wrenches:
+        by_q -= wrench_slope(robot, motion.linearised.frames.screws, wrench)
+    return ForceSlopes(by_q, by_v, mass)
+
+
+def wrench_slope(robot: ParallelRobot, screws: Array, applied: AppliedWrench) -> Array:
+    """Compute the derivative (T, nv, nv) of the joint forces S_j . w of a wrench of the world.
+
+    With w = (f, m + p x f) about the base's origin, a column i before j turns S_j by [S_i, S_j], and every i
+    that moves the frame takes w along: on base axes p alone, by d_i, S_j . (0, d_i x f); on axes of the frame
+    all of it, -[S_i, S_j] . w.
+    """
+    columns, w = tree_columns(robot), applied.wrench
+    carried = columns.carried[applied.joint]
+    turned = np.einsum("tijs,ts->tji", bracket(screws[:, :, None], screws[:, None]), w)
+    if applied.turns:
+        moved = -turned
+    else:
+        slide = screws[..., :3] + cross(screws[..., 3:], applied.origin[:, None])  # (T, nv, 3) of the frame
+        moved = screws[..., 3:] @ cross(slide, w[:, None, :3]).swapaxes(1, 2)
+    return np.asarray((turned * columns.before.T + moved) * carried * carried[:, None])
+
+
+def force_changes(
+    robot: ParallelRobot,
+    motion: Motion,
+    slopes: ForceSlopes,
+    multipliers: Array,
+    changes: MotionChanges,
+) -> Array:
+    """Compute d(r - J' lambda) (T, k, nv) for multipliers (T, m) of the independent loop equations."""
+    before = tree_columns(robot).before
+    curved = loop_curvature(robot.loops, motion.linearised.frames, before, multipliers)
+    dq, dv, da = changes
+    by_q = (slopes.by_q - curved).swapaxes(1, 2)
+    return np.asarray(dq @ by_q + dv @ slopes.by_v.swapaxes(1, 2) + da @ slopes.mass)

@@ -1,0 +1,127 @@
+"""Exact derivatives of the forward dynamics along state and torques, regular at Type 2.
+
+Along the coordinates y of the closed robot (the platform's and the deflections), with T = dq/dy of the
+motions that close the loops and lambda the loop forces,
+
+    T' (r + rotors + springs - S' n tau) = 0,        so        T' d(r - J' lambda + ...) = T' S' n dtau
+
+at fixed lambda. What y", y', y and tau change of the left side comes from `force_changes`; the block of y" is
+the inertia, and nothing is divided by what vanishes at a Type 2 singularity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.dynamics.dynamics_derivatives import loop_multipliers
+from framework.dynamics.force_changes import force_changes, force_slopes
+from framework.dynamics.forces import tree_forces
+from framework.dynamics.forward_dynamics import equations_of, forward_dynamics
+from framework.errors import InvalidInput
+from framework.kinematics.frames import frame_motions
+from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.motion_changes import coordinate_steps, motion_changes, solved_rates
+from framework.kinematics.motion_rates import Motion
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.platform import CoordinateRates
+
+
+@dataclass(frozen=True, eq=False)
+class ForwardDerivatives(ReadOnlyArrays):
+    """Accelerations of one state under motor torques, and their derivatives; of T states T comes first.
+
+    The coordinates y are the platform's x (n,), of an elastic robot followed by the deflections (n_e,): d of
+    them. Positions, rates and torques vary each with the others held; torques are on the motor side, motor
+    accelerations on the joint side of the gears.
+    """
+
+    acceleration: Array  # (d,) of y
+    acceleration_y: Array  # (d, d) along y
+    acceleration_dy: Array  # (d, d) along its rates
+    acceleration_torque: Array  # (d, n_a) per N m, N
+    motor: Array  # (n_a,) accelerations of the motors' joints
+    motor_y: Array  # (n_a, d)
+    motor_dy: Array  # (n_a, d)
+    motor_torque: Array  # (n_a, n_a)
+
+
+def forward_derivatives(
+    robot: ParallelRobot,
+    q: ArrayLike,
+    v: ArrayLike,
+    torque: ArrayLike,
+    *,
+    wrenches: Mapping[str, ArrayLike] | None = None,
+) -> ForwardDerivatives:
+    """Compute the derivatives of `forward_dynamics`, assembled at q (nq,) with joint rates v (nv,).
+
+    Args:
+        q, v, torque, wrenches: as for `forward_dynamics`, a stack of T states included.
+
+    Raises:
+        InvalidInput: as `forward_dynamics`; a platform that does not determine the joints; a motion without
+            mass, whose acceleration torques of one instant do not tell; damping or armature of balls that
+            drives an idle turn.
+        NotAssembled: the platform does not determine the joints at this pose (Type 1).
+    """
+    expect_robot(robot)
+    require_square(robot)
+    instant = forward_dynamics(robot, q, v, torque, wrenches=wrenches)
+    if not np.isfinite(instant.a).all():
+        raise InvalidInput(
+            f"{robot.name}, {robot.flexibility}: some motion has no mass, so that torques do not tell its "
+            f"acceleration; give the links of the springs mass, or leave the springs out"
+        )
+    motion, n = instant._motion, robot.n
+    x = platform_rates_of(robot, motion)
+    others = np.concatenate([robot.elastic, robot.structure.idle])
+    changes = motion_changes(robot, motion, coordinate_steps(robot, x, others))
+    r = tree_forces(robot, motion)
+    multipliers = loop_multipliers(robot, motion.linearised, r, np.atleast_2d(instant.joint_torque))
+    changed = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
+    changed += equations_of(robot).rotors * changes.a
+    changed[..., robot.elastic] += robot.stiffness * changes.q[..., robot.elastic]
+    d, size = n + robot.n_e, n + len(others)
+    units = np.broadcast_to(np.eye(size), (len(motion.q), size, size))
+    right = np.zeros((*units.shape[:2], motion.linearised.residual.shape[1]))
+    right[..., :n] = units[..., :n]
+    rates = solved_rates(robot, motion.linearised, right, others, units[..., n:])  # (T, size, nv)
+    by_y, by_dy, inertia = np.split(rates @ changed.swapaxes(1, 2), 3, axis=2)
+    pushed = robot.gear_ratio * rates[..., robot.actuated]
+    answers = np.linalg.solve(inertia, np.concatenate([-by_y[..., :d], -by_dy[..., :d], pushed], axis=2))
+    joint = changes.a[..., robot.actuated].swapaxes(1, 2)  # (T, n_a, 3 size)
+    motor = joint[..., 2 * size :] @ answers
+    motor[..., :d] += joint[..., :d]
+    motor[..., d : 2 * d] += joint[..., size : size + d]
+    answers = answers[:, :d]
+    entry = 0 if instant.q.ndim == 1 else slice(None)
+    return ForwardDerivatives(
+        acceleration=np.concatenate([x[2], motion.a[:, robot.elastic]], axis=1)[entry],
+        acceleration_y=answers[entry, ..., :d],
+        acceleration_dy=answers[entry, ..., d : 2 * d],
+        acceleration_torque=answers[entry, ..., 2 * d :],
+        motor=motion.a[entry, ..., robot.actuated],
+        motor_y=motor[entry, ..., :d],
+        motor_dy=motor[entry, ..., d : 2 * d],
+        motor_torque=motor[entry, ..., 2 * d :],
+    )
+
+
+def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:
+    """Compute x, dx, ddx (T, n) of a motion."""
+    platform, frames, n = robot.platform, motion.linearised.frames, robot.n
+    x = platform.coordinates(frames)
+    drift = platform.drift(frames, frame_motions(robot, frames, motion.q, motion.v))
+    jacobian = motion.linearised.platform
+    twist, twist_rate = (np.einsum("tnv,tv->tn", jacobian, part) for part in (motion.v, motion.a))
+    count = len(x)
+    units = np.broadcast_to(np.eye(n), (count, n, n)).reshape(-1, n)
+    by_rates = platform.twist(np.repeat(x, n, axis=0), units)[0].reshape(count, n, n).swapaxes(1, 2)
+    dx = np.linalg.solve(by_rates, twist[..., None])[..., 0]
+    quadratic = platform.twist(x, dx)[1]
+    ddx = np.linalg.solve(by_rates, (twist_rate + drift - quadratic)[..., None])[..., 0]
+    return x, dx, ddx

@@ -1,0 +1,116 @@
+"""How the motion of all joints changes with that of the platform and the deflections: exact derivatives.
+
+With v and a from (dF/dq) v = [twist; 0] and its time derivative, a small step of the platform moves the
+joints by dq, and
+
+    (dF/dq) dv = [d twist; 0] - d((dF/dq) v)/dq dq,        (dF/dq) da = [d twist rate; 0] - ...,
+
+with the derivatives of `frame_variations` at fixed v and a. Regular at Type 2, like the motion itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, IntArray
+from framework.errors import InvalidInput
+from framework.kinematics.frame_variations import TreeMotion, row_variation
+from framework.kinematics.idle_turns import driven_turns
+from framework.kinematics.linearised_loops import LinearisedLoops
+from framework.kinematics.motion_rates import Motion
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.platform import CoordinateRates
+
+
+class MotionSteps(NamedTuple):
+    """k small steps at T instants: displacements, changes of rates and of accelerations, three of each."""
+
+    twist: CoordinateRates  # (T, k, n) along the platform's v, of v, of dv/dt
+    columns: IntArray  # (c,) of the joints that step by themselves: deflections, idle joints
+    joints: CoordinateRates  # (T, k, c) of these
+
+
+class MotionChanges(NamedTuple):
+    """What steps make of the joints' positions, rates and accelerations, each (T, k, nv)."""
+
+    q: Array
+    v: Array
+    a: Array
+
+
+def coordinate_steps(
+    robot: ParallelRobot, x: CoordinateRates, columns: IntArray | None = None
+) -> MotionSteps:
+    """Return unit steps of coordinates at T instants: of all positions, then of rates, then of accelerations.
+
+    Coordinates are those of a platform at x, dx, ddx (T, n), and behind them the joints of c `columns`, none
+    by default, of deflections or idle joints: k = 3 (n + c) steps.
+    """
+    columns = np.empty(0, dtype=np.intp) if columns is None else columns
+    count, n = x[0].shape
+    size = n + len(columns)
+    units = np.zeros((3, count, 3 * size, size))
+    for order in range(3):
+        units[order, :, order * size : (order + 1) * size] = np.eye(size)
+    repeated = _three(np.repeat(part, 3 * size, axis=0) for part in x)
+    twists = robot.platform.twist_changes(repeated, _three(part[..., :n].reshape(-1, n) for part in units))
+    along = _three(part.reshape(count, 3 * size, n) for part in twists)
+    return MotionSteps(along, columns, _three(units[..., n:]))
+
+
+def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> MotionChanges:
+    """Compute the changes of a motion for small steps.
+
+    Raises:
+        InvalidInput: balls drive an idle turn of the robot.
+        numpy.linalg.LinAlgError: the platform does not determine the joints at some instant.
+    """
+    require_turns_at_rest(robot)
+    linearised, (count, k) = motion.linearised, steps.twist[0].shape[:2]
+    tree = TreeMotion.of(robot, linearised.frames, motion.v, motion.a)
+    still, closed = np.zeros((count, k, robot.model.nv)), np.zeros((count, k, len(robot.loops.names)))
+    columns, joints = steps.columns, steps.joints
+    moved = np.concatenate([steps.twist[0], closed], axis=2)
+    dq = solved_rates(robot, linearised, moved, columns, joints[0])
+
+    def left_over(dv: Array, order: int) -> Array:
+        """Return what the equations' derivatives of this order change by at fixed joint accelerations."""
+        variation = tree.variation(dq, dv, still)
+        platform = robot.platform.velocity_changes(tree, variation)[order]
+        loops = row_variation(robot.loops, tree, variation)[order]
+        return np.concatenate([steps.twist[1 + order] - platform, -loops], axis=2)
+
+    dv = solved_rates(robot, linearised, left_over(still, 0), columns, joints[1])
+    da = solved_rates(robot, linearised, left_over(dv, 1), columns, joints[2])
+    return MotionChanges(dq, dv, da)
+
+
+def solved_rates(
+    robot: ParallelRobot, linearised: LinearisedLoops, right: Array, columns: IntArray, given: Array
+) -> Array:
+    """Solve (dF/dq) rates = right (T, k, n + m) for joint rates (T, k, nv), some of them given (T, k, c)."""
+    rates = np.zeros((*right.shape[:2], robot.model.nv))
+    if len(columns):
+        rates[..., columns] = given
+        right = right - given @ linearised.jacobian[:, :, columns].swapaxes(1, 2)
+    rates[..., robot.moving] = linearised.factors.solve(right.swapaxes(0, 1)).swapaxes(0, 1)
+    return rates
+
+
+def require_turns_at_rest(robot: ParallelRobot) -> None:
+    """Raise InvalidInput where the damping or the armature of balls drives an idle turn."""
+    turns = driven_turns(robot)
+    if len(turns):
+        names = ", ".join(robot.coordinates.name_of(int(column)) for column in turns)
+        raise InvalidInput(
+            f"{robot.name}: the damping or the armature of balls drives the idle turns {names}; "
+            f"derivatives are for turns at rest: leave damping and armature of these balls out"
+        )
+
+
+def _three(parts: Iterable[Array]) -> CoordinateRates:
+    position, rate, acceleration = parts
+    return position, rate, acceleration

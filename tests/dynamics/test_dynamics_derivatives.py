@@ -1,0 +1,225 @@
+"""Derivatives of torques and accelerations against central differences, for every robot and kind of loop."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, ParallelRobot, SingularPose, assemble, dynamics_at, forward_dynamics
+from framework.dynamics.body_parameters import body_parameters
+from framework.dynamics.dynamics_derivatives import dynamics_derivatives
+from framework.dynamics.forward_derivatives import forward_derivatives
+from framework.kinematics.diagnostics.proposal import propose
+from framework.kinematics.frames import difference, integrate
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.linearised_loops import assembled_at
+from framework.kinematics.motion_rates import motion_at
+from framework.model.readers.recognise import parse_any
+from tests.kinematics.test_couplings import URDF, YAML
+from tests.model.readers.foreign_files import DATA, without_dry_friction
+from tests.robots.every_robot import CASES, in_stages
+from tests.robots.test_closures_of_all_kinds import without_right_rod
+
+STENCIL = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}  # eighth order, odd
+MASSLESS = {("five_bar", "flexible_links"), ("bricard", "flexible_links")}  # whose springs bear no mass
+STEP = 5e-4  # [rad, robot lengths], and as much a second
+THREE_PRS = Path(__file__).parents[1] / "data" / "three_prs" / "three_prs.yaml"
+
+
+def slopes(values, points, sizes):
+    """Eighth-order central differences (f, k) of values (T, f) of points (T, k) at points (k,)."""
+    k = len(points)
+    shifts = [sign * m for m in STENCIL for sign in (1, -1)]
+    moved = np.concatenate([points + STEP * m * np.diag(sizes) for m in shifts])
+    results = values(moved).reshape(len(shifts), k, -1)
+    weights = [np.sign(m) * STENCIL[abs(m)] for m in shifts]
+    return (np.tensordot(weights, results, 1) / (STEP * sizes[:, None])).T
+
+
+def on_balls():
+    """The head on six rods between balls, which rest; its springs and damping are left out."""
+    description = parse_any(DATA / "head_on_six_rods.xml", propose=propose).description
+    return ParallelRobot.from_description(without_dry_friction(replace(description, joints={})))
+
+
+def coupled(tmp_path):
+    """Two links with a gear and damping between their joints, the platform on a line."""
+    (tmp_path / "cardan.urdf").write_text(URDF, encoding="utf-8")
+    (tmp_path / "cardan.yaml").write_text(YAML, encoding="utf-8")
+    return ParallelRobot.from_file(tmp_path / "cardan.yaml")
+
+
+OTHERS = {
+    "distance": lambda _: ParallelRobot.from_description(
+        without_right_rod(robots.load("five_bar").description)
+    ),
+    "two turns": lambda _: ParallelRobot.from_file(THREE_PRS),
+    "balls": lambda _: on_balls(),
+    "coupling": coupled,
+}
+
+
+AT_ONCE = ("five_bar", "five_bar_heavy", "three_rpr", "spherical_rrr", "two_arms")
+STAGES = in_stages(CASES, at_once=lambda case: case[0] in AT_ONCE and case[1] != "flexible_joints")
+
+
+@pytest.fixture(params=[*STAGES, *(pytest.param((name,), id=name) for name in OTHERS)])
+def robot(request, tmp_path) -> ParallelRobot:
+    case = request.param
+    return OTHERS[case[0]](tmp_path) if len(case) == 1 else robots.load(case[0], flexibility=case[1])
+
+
+def state_of(robot, seed=1):
+    """Deflections and a pose near the reference, with rates and accelerations; a force of the world."""
+    rng = np.random.default_rng(seed)
+    x = robot.reference.x + 0.02 * robot.platform_scale * rng.standard_normal(robot.n)
+    bent = 1e-3 * robot.column_scale[robot.elastic] * rng.standard_normal(robot.n_e)
+    dx, ddx = rng.standard_normal((2, robot.n)) * robot.platform_scale
+    body = robot.model.frames[robot.model.nframes - 1].name
+    return x, bent, dx, ddx, {body: rng.standard_normal(6)}
+
+
+def closed_at(robot, x, bent):
+    """Configurations (T, nq) at x (T, n) with deflections (T, n_e)."""
+    guess = np.repeat(robot.reference.q[None], len(x), axis=0)
+    step = np.zeros((len(x), robot.model.nv))
+    step[:, robot.elastic] = bent - difference(robot, robot.neutral, guess)[:, robot.elastic]
+    return close_loops(robot, x, integrate(robot, guess, step)).q
+
+
+def test_torque_derivatives_are_differences_of_torques(robot):
+    x, bent, dx, ddx, wrenches = state_of(robot)
+    q = closed_at(robot, x[None], bent[None])[0]
+
+    def torque(points):
+        at = closed_at(robot, points[:, : robot.n], np.repeat(bent[None], len(points), axis=0))
+        rates = points[:, robot.n :].reshape(len(points), 2, robot.n)
+        return dynamics_at(robot, at, dx=rates[:, 0], ddx=rates[:, 1], wrenches=wrenches).torque
+
+    found = dynamics_derivatives(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
+    sizes = np.tile(robot.platform_scale, 3)
+    expected = slopes(torque, np.concatenate([x, dx, ddx]), sizes) * sizes
+    ours = np.concatenate([found.torque_x, found.torque_dx, found.torque_ddx], axis=1) * sizes
+    np.testing.assert_allclose(found.torque, torque(np.concatenate([x, dx, ddx])[None])[0], rtol=1e-12)
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_acceleration_derivatives_are_differences_of_accelerations(robot):
+    """Of all coordinates; of springs without mass the torques of one instant do not tell the acceleration."""
+    n, n_a, d = robot.n, robot.n_a, robot.n + robot.n_e
+    x, bent, dx, _, wrenches = state_of(robot)
+    torque = np.linspace(-0.1, 0.1, n_a)
+
+    def state(points):
+        y, dy = points[:, :d], points[:, d : 2 * d]
+        closed = assembled_at(robot, closed_at(robot, y[:, :n], y[:, n:]), stacks=True)
+        motion = motion_at(robot, closed, dy[:, :n], np.zeros_like(dy[:, :n]), dy[:, n:])
+        return closed.q, motion.v
+
+    def accelerations(points):
+        q, v = state(points)
+        a = forward_dynamics(robot, q, v, points[:, 2 * d :], wrenches=wrenches).a
+        return a[:, np.concatenate([robot.elastic, robot.actuated])]
+
+    point = np.concatenate([x, bent, dx, np.zeros(robot.n_e), torque])
+    q, v = (part[0] for part in state(point[None]))
+    if (robot.name, robot.flexibility) in MASSLESS:
+        with pytest.raises(InvalidInput, match="no mass"):
+            forward_derivatives(robot, q, v, torque, wrenches=wrenches)
+        return
+    found = forward_derivatives(robot, q, v, torque, wrenches=wrenches)
+    sizes = np.concatenate(
+        [np.tile([*robot.platform_scale, *robot.column_scale[robot.elastic]], 2), np.ones(n_a)]
+    )
+    expected = slopes(accelerations, point, sizes) * sizes
+    of_springs = np.hstack([found.acceleration_y, found.acceleration_dy, found.acceleration_torque])[n:]
+    of_motors = np.hstack([found.motor_y, found.motor_dy, found.motor_torque])
+    ours = np.concatenate([of_springs, of_motors]) * sizes
+    np.testing.assert_allclose(found.motor, accelerations(point[None])[0, robot.n_e :], rtol=1e-12)
+    for part in (slice(0, d), slice(d, 2 * d), slice(2 * d, None)):
+        scale = np.abs(expected[:, part]).max()
+        np.testing.assert_allclose(ours[:, part], expected[:, part], rtol=0, atol=1e-7 * scale)
+
+
+def test_forward_derivatives_undo_those_of_torques(robot):
+    """With torques tau(x, dx, ddx) and accelerations ddx(x, dx, tau), two ways to the same motions."""
+    if robot.n_e or robot.n_a != robot.n or len(robot.structure.idle):  # idle turns are held or swing
+        return
+    x, bent, dx, ddx, wrenches = state_of(robot)
+    q = closed_at(robot, x[None], bent[None])[0]
+    instant = dynamics_at(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
+    there = dynamics_derivatives(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
+    back = forward_derivatives(robot, q, instant.v, instant.torque, wrenches=wrenches)
+    np.testing.assert_allclose(back.acceleration, ddx, rtol=1e-9)
+    np.testing.assert_allclose(back.acceleration_torque @ there.torque_ddx, np.eye(robot.n), atol=1e-9)
+    for ours, theirs in ((back.acceleration_y, there.torque_x), (back.acceleration_dy, there.torque_dx)):
+        scale = np.abs(back.acceleration_torque).max() * np.abs(theirs).max()
+        np.testing.assert_allclose(ours, -back.acceleration_torque @ theirs, rtol=0, atol=1e-9 * scale)
+
+
+def test_the_regressor_gives_what_bodies_ask_of_the_motors(robot):
+    """Torques less those of rotors, armature, damping and springs; another payload asks for what it says."""
+    x, bent, dx, ddx, _ = state_of(robot)
+    q = closed_at(robot, x[None], bent[None])[0]
+    bare = replace(
+        robot,
+        rotor_inertia=0.0 * robot.rotor_inertia,
+        joint_damping=0.0 * robot.joint_damping,
+        joint_stiffness=0.0 * robot.joint_stiffness,
+    )
+    armature = bare.model.armature.copy()
+    bare.model.armature[:] = 0.0
+    torque = dynamics_at(bare, q, dx=dx, ddx=ddx).torque
+    bare.model.armature[:] = armature
+    found, (names, values) = dynamics_derivatives(robot, q, dx=dx, ddx=ddx), body_parameters(robot)
+    given = found.regressor @ values
+    assert found.parameters == names
+    np.testing.assert_allclose(given, torque, rtol=0, atol=1e-10 * np.abs(torque).max())
+
+
+def test_a_stack_is_its_instants():
+    robot = robots.load("gough_stewart")
+    states = [state_of(robot, seed) for seed in range(3)]
+    x, bent, dx, ddx = (np.array([state[k] for state in states]) for k in range(4))
+    q, wrenches = closed_at(robot, x, bent), {"platform": np.arange(18.0).reshape(3, 6)}
+    torque = dynamics_at(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
+    stacks = [
+        dynamics_derivatives(robot, q, dx=dx, ddx=ddx, wrenches=wrenches),
+        forward_derivatives(robot, q, torque.v, torque.torque, wrenches=wrenches),
+    ]
+    for k in range(3):
+        load = {"platform": wrenches["platform"][k]}
+        alone = [
+            dynamics_derivatives(robot, q[k], dx=dx[k], ddx=ddx[k], wrenches=load),
+            forward_derivatives(robot, q[k], torque.v[k], torque.torque[k], wrenches=load),
+        ]
+        for stack, one in zip(stacks, alone, strict=True):
+            for name in set(vars(one)) - {"parameters"}:
+                ours, single = getattr(stack, name)[k], getattr(one, name)
+                np.testing.assert_allclose(
+                    ours, single, rtol=0, atol=1e-11 * np.abs(single).max(), err_msg=name
+                )
+
+
+def test_at_a_type_2_singularity_forward_derivatives_are_finite_and_torques_have_a_pole():
+    """The 5R at y = sqrt(0.06), where its rods are in line."""
+    robot = robots.load("five_bar")
+    q = assemble(robot, [0.0, np.sqrt(0.06)]).q
+    instant = forward_dynamics(robot, q, np.zeros(4), [0.1, -0.2])
+    found = forward_derivatives(robot, q, np.zeros(4), [0.1, -0.2])
+    np.testing.assert_allclose(found.motor, instant.a[robot.actuated], rtol=1e-12)
+    assert all(np.isfinite(part).all() for part in vars(found).values())
+    assert np.linalg.matrix_rank(found.acceleration_torque, tol=1e-9) == 1
+    with pytest.raises(SingularPose, match="Type 2"):
+        dynamics_derivatives(robot, q)
+
+
+def test_idle_turns_that_balls_drive_are_refused_by_name():
+    description = parse_any(DATA / "head_on_six_rods.xml", propose=propose).description
+    driven = ParallelRobot.from_description(without_dry_friction(description))
+    with pytest.raises(InvalidInput, match="idle turns passive"):
+        dynamics_derivatives(driven, driven.reference.q)
