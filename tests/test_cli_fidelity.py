@@ -104,7 +104,7 @@ def test_auto_plans_with_what_the_scene_keeps(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--scene", "A"), "scene A of five_bar keeps no rung"),
+        (("--scene", "B"), "scene B of five_bar keeps no rung"),
         (("--scene", "none"), "unknown scene 'none'"),
         (("--from", "0.1", "0.345", "--to", "0", "0.3", "--duration", "1"), "give --scene"),
         (("--scene", "C", "--duration", "2"), "--duration: the rung"),
@@ -131,4 +131,4 @@ def test_a_rung_that_there_is_not_is_told_with_its_place(capsys, tmp_path):
         (tmp_path / f"five_bar{suffix}").write_text(text.replace("rung: payload", "rung: playload"))
     code, _, err = run(capsys, "check", tmp_path / "five_bar.yaml")
     assert code == 2
-    assert "scenes.C.fidelity.rung: unknown rung 'playload'; did you mean 'payload'?" in err
+    assert "scenes.A.fidelity.rung: unknown rung 'playload'; did you mean 'payload'?" in err

@@ -100,9 +100,21 @@ def fidelity_text(study: FidelityStudy) -> str:
         torque, platform = (_where(study, errors) for errors in (enough.torque_error, enough.platform_error))
         lines += [
             f"  enough            {enough.level.name}: torques off by {torque}, platform by {platform}",
+            *_luck(study),
             f"  foretold          {study.indicated.level.name}, by the indicators alone",
         ]
     return "\n".join(lines)
+
+
+def _luck(study: FidelityStudy) -> list[str]:
+    """Return a line where the level that is enough is so by luck."""
+    if study.enough is None or not study.by_luck:
+        return []
+    more, are = ", ".join(study.by_luck), "are" if len(study.by_luck) > 1 else "is"
+    return [
+        f"  by luck           {study.enough.level.name} leaves out errors that cancel: {more}, which model "
+        f"more, {are} not enough"
+    ]
 
 
 def _columns(*cells: str) -> str:

@@ -74,6 +74,18 @@ class FidelityStudy(ReadOnlyArrays):
             return None
         return next((level for level in self.levels if self.is_enough(level)), None)
 
+    @property
+    def by_luck(self) -> tuple[str, ...]:
+        """Names of levels that model more than the least that is enough, and are not enough.
+
+        Errors that add up in them cancel below.
+        Empty where all that model more are enough too, as they should be.
+        """
+        if self.enough is None:
+            return ()
+        above = self.levels[self.levels.index(self.enough) + 1 :]
+        return tuple(one.level.name for one in above if not self.is_enough(one))
+
     @cached_property
     def indicated(self) -> Comparison:
         """The level that the indicators alone would choose; of levels with the same torques the lowest."""
@@ -130,6 +142,7 @@ class FidelityStudy(ReadOnlyArrays):
             "peak_torque": self.highest.peak_torque,
             "crossings": [{"s": crossing.s, "time": crossing.time} for crossing in self.highest.crossings],
             "enough": None if self.enough is None else self.enough.level.name,
+            "by_luck": list(self.by_luck),
             "foretold": self.indicated.level.name,
             "growth": _finite(self.indicators.growth),
             "neglected": {

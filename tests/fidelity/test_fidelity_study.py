@@ -12,6 +12,7 @@ import pytest
 import robots
 from framework import InvalidInput, NoAnswer, ParallelRobot, UnboundedTorque, fidelity_study, plan_scene
 from framework.cli import main
+from framework.cli.fidelity import fidelity_text
 from framework.crossing.scenes import scene_path
 from framework.fidelity.fidelity_study import FidelityStudy, kept_options
 from framework.fidelity.model_comparison import model_of
@@ -178,6 +179,22 @@ def test_misuse_is_told(options, words):
         fidelity_study(robots.load("five_bar"), "C", **options)
 
 
+def test_a_level_that_is_enough_while_one_above_it_is_not_is_called_so():
+    """At a tolerance between their errors, errors that add up in one level cancel in the one below."""
+    study = fidelity_study(robots.load("n_four_bar"), "swing", tolerance=1e-3)
+    errors = {one.level.name: max(one.torque, one.platform) for one in study.levels}
+    assert errors["rigid"] < errors["flexible_links"]
+    between = replace(study, tolerance=0.5 * (errors["rigid"] + errors["flexible_links"]))
+    assert between.enough.level.name == "rigid"
+    assert "flexible_links" in between.by_luck
+    assert all(errors[name] > between.tolerance for name in between.by_luck)
+    assert re.search(
+        r"by luck +rigid leaves out errors that cancel: .*flexible_links", fidelity_text(between)
+    )
+    above_both = 2.0 * max(errors["rigid"], errors["flexible_links"])
+    assert replace(study, tolerance=above_both).by_luck == ()
+
+
 # ------------------------------------------------------------------ what is foretold, and kept
 
 
@@ -209,8 +226,8 @@ def test_a_kept_rung_plans_what_was_judged(name):
 
 
 def test_a_scene_that_keeps_nothing_is_told():
-    with pytest.raises(InvalidInput, match="scene A of five_bar keeps no rung"):
-        kept_options(robots.load("five_bar").description, "A")
+    with pytest.raises(InvalidInput, match="scene B of five_bar keeps no rung"):
+        kept_options(robots.load("five_bar").description, "B")
 
 
 @pytest.mark.slow

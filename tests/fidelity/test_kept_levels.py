@@ -1,0 +1,40 @@
+"""What each scene of the catalogue keeps as its level: enough by simulation, and no lower level is."""
+
+from __future__ import annotations
+
+import pytest
+
+import robots
+from framework import plan_scene
+from framework.fidelity.model_comparison import Comparison, HighestLevel, model_of
+from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
+from tests.robots.every_robot import RIGID, SCENES, asks_nothing, in_stages
+
+PLANNED = [(name, scene) for name, scene in SCENES if not asks_nothing(RIGID[name].description.scenes[scene])]
+
+
+def quick(case) -> bool:
+    return case in [("five_bar", "A"), ("humanoid_ankle", "swing")]
+
+
+def test_every_scene_that_has_a_plan_keeps_a_level_at_one_per_cent():
+    kept = {case: RIGID[case[0]].description.scenes[case[1]].fidelity for case in SCENES}
+    assert {case for case, level in kept.items() if level is not None} == set(PLANNED)
+    assert {level.tolerance for level in kept.values() if level is not None} == {0.01}
+
+
+@pytest.mark.parametrize("case", in_stages(PLANNED, at_once=quick))
+def test_the_kept_level_is_enough_and_the_one_below_it_is_not(case):
+    name, scene = case
+    kept = robots.load(name).description.scenes[scene].fidelity
+    top = model_of(robots.load(name).description, LEVELS[-1])
+    plan = plan_scene(top, scene)
+    highest = HighestLevel.of(plan, kept.tolerance)
+
+    def error(comparison: Comparison) -> float:
+        return max(comparison.torque, comparison.platform)
+
+    place = LEVELS.index(LEVELS_BY_NAME[kept.level])
+    assert error(highest.compared(LEVELS[place], [])) <= kept.tolerance
+    if place:
+        assert error(highest.compared(LEVELS[place - 1], [])) > kept.tolerance
