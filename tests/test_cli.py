@@ -27,7 +27,16 @@ PLAN = ["plan", "five_bar"]
 FREE = [*PLAN, *LINE, "--duration", "1.5"]
 PLAN_KEYS = [
     *("version", "robot", "robot_file", "flexibility", "geometry", "duration", "request", "law", "crossings"),
-    *("peak_torque", "exceeded", "neglected_friction", "certificate", "reason", "optimality", "seconds"),
+    *(
+        "peak_torque",
+        "exceeded",
+        "neglected_friction",
+        "neglected",
+        "certificate",
+        "reason",
+        "optimality",
+        "seconds",
+    ),
 ]
 PASSIVE = ["left_elbow", "right_elbow"]
 UNITS = ["m", "rad", "N m"]

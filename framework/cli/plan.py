@@ -22,6 +22,7 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.cli.raw import report_raw
+from framework.crossing.neglected_effects import NeglectedEffect
 from framework.crossing.optimal.lower_bound import estimated_best
 from framework.crossing.path_modification import plan_request_with_modified_path
 from framework.crossing.plan import ADVANCES, plan_request
@@ -203,9 +204,7 @@ def _certificate(plan: CrossingPlan) -> list[str]:
 def _warnings(plan: CrossingPlan) -> list[str]:
     """Return lines on effects left out, limits exceeded and a law that overshoots."""
     lines = []
-    if plan.neglected_friction:
-        lines.append(f"  left out          dry friction: {plan.neglected_friction} (joint side)")
-    lines += [f"  left out          {what}" for what in plan.robot.description.left_out]
+    lines += [f"  left out          {_neglected(plan, effect)}" for effect in plan.neglected]
     for joint, excess in plan.exceeded.items():
         lines.append(f"  warning           {joint} exceeds its limits: {excess}")
     if plan.certificate.end_speed > NOTABLE_END_SPEED:
@@ -220,6 +219,19 @@ def _warnings(plan: CrossingPlan) -> list[str]:
             f"times or speeds, or a higher --smoothness, avoid it"
         )
     return lines
+
+
+def _neglected(plan: CrossingPlan, neglected: NeglectedEffect) -> str:
+    """Return what a plan leaves out, and the torque that it is worth, in words."""
+    if neglected.torque is None or neglected.share is None:
+        return neglected.effect
+    robot = plan.robot
+    motor = robot.actuator_names.index(neglected.motor) if neglected.motor else 0
+    at = f" at {neglected.motor}" if neglected.motor else ""
+    return (
+        f"{neglected.effect}: worth {neglected.torque:.2g} {robot.torque_units[motor]}{at}, "
+        f"{100 * neglected.share:.2g} % of the largest"
+    )
 
 
 def _idle_turns(robot: ParallelRobot) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
 from typing import IO
 
@@ -13,6 +14,7 @@ from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.crossing.condition import Condition8, Deflection, coefficients_at, crossing_point
 from framework.crossing.crossing_points import PathToCross
 from framework.crossing.motion_table import MotionTable, motion_table
+from framework.crossing.neglected_effects import NeglectedEffect, neglected_effects
 from framework.crossing.request import Request
 from framework.crossing.specification import Specification
 from framework.crossing.timing import CrossingTime
@@ -122,6 +124,11 @@ class CrossingPlan:
         if self.request.friction == "driven":
             return robot.friction_sizes(robot.passive)
         return robot.friction_sizes(np.concatenate([robot.actuated, robot.passive]))
+
+    @cached_property
+    def neglected(self) -> tuple[NeglectedEffect, ...]:
+        """What the plan leaves out, each effect with the torque that it is worth, the largest first."""
+        return neglected_effects(self.dynamics)
 
     @property
     def exceeded(self) -> dict[str, str]:

@@ -56,6 +56,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[st
         "peak_torque": plan.peak_torque,
         "exceeded": plan.exceeded,
         "neglected_friction": plan.neglected_friction,
+        "neglected": [effect._asdict() for effect in plan.neglected],
         "certificate": asdict(plan.certificate),
         "reason": plan.reason,
         "optimality": None

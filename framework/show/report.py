@@ -44,6 +44,7 @@ def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | No
             _section(
                 "The certificate, in words", _certificate(plan, film) + _both_certificates(plan, planned)
             ),
+            _section("What is left out", _neglected(plan)),
             _section("Parameters", _parameters(plan)),
             _section("How to reproduce it", _reproduction(plan)),
             "</div>",
@@ -189,8 +190,6 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
                 f"The measure of singularity |g| is {nearest:.3g} or more at {len(film.g)} instants of the "
                 f"motion."
             )
-    if plan.neglected_friction:
-        said_of.append(f"Dry friction that the torques leave out: {plan.neglected_friction} (joint side).")
     items = "".join(f"<li>{_marked(text)}</li>" for text in said_of)
     return (
         f"<ul>{items}</ul><p>All of it was computed from the law when this page was "
@@ -243,6 +242,27 @@ def _condition(crossing: Crossing) -> str:
     return (
         f"The law was made to meet condition (8) at t = {crossing.time:.6g} s: t_s · W_p is the sum of these "
         f"multiples: {listed}."
+    )
+
+
+def _neglected(plan: CrossingPlan) -> str:
+    """Return the table of what the torques leave out."""
+    if not plan.neglected:
+        return "<p>Nothing that the robot's file knows of.</p>"
+    units = dict(zip(plan.robot.actuator_names, plan.robot.torque_units, strict=True))
+    rows = [
+        (
+            effect,
+            "unknown" if torque is None else f"{torque:.2g} {units.get(motor, plan.robot.torque_units[0])}",
+            said(motor),
+            "" if share is None else f"{100 * share:.2g} %",
+        )
+        for effect, torque, motor, share in plan.neglected
+    ]
+    return (
+        "<p>What the robot's file has and the torques above do not count with, and how much it would change "
+        "them at most, each by itself and to first order.</p>"
+        + _table(rows, ("left out", "worth", "at motor", "of the largest torque"))
     )
 
 

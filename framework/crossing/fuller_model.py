@@ -1,0 +1,154 @@
+"""A model that takes more into account than a motion was computed with, along nearly the same motion.
+
+The fuller model has its own condition (8), and where springs give way its own singular point on the path. So
+the law is corrected by the polynomial of least degree that vanishes at both ends, as smoothly as laws of the
+fuller model do, and takes it through its own singular points at the same instants and speeds with the
+accelerations that its condition (8) asks for: then its torques are bounded, and tell what the motion's lack.
+Deflections are those that the forces of the first model cause: one pass, of first order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, ArrayLike
+from framework.crossing.condition import Deflection, condition_at, crossing_point
+from framework.crossing.request import SMOOTHNESS
+from framework.dynamics.elastic_pass import Pass, one_pass
+from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
+from framework.dynamics.motor_friction import signs
+from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.errors import NotConverged
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.chebyshev import TimeFunction, TimeGrid
+from framework.motion.law import Condition, Law, MotionLaw
+from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.tolerances import RESOLVABLE_TAIL
+
+
+@dataclass(frozen=True)
+class CorrectedLaw:
+    """A law plus a polynomial that vanishes at its ends."""
+
+    law: MotionLaw
+    correction: Law
+
+    @property
+    def duration(self) -> float:
+        return self.law.duration
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        return np.asarray(self.law(t, order) + self.correction(t, order))
+
+
+@dataclass(frozen=True, eq=False)
+class FullerModel:
+    """A motion with its torques, and the same path searched with a robot that models more.
+
+    friction: dry friction (nv,) of the joints [N m or N] that the fuller model counts with, if any.
+    """
+
+    dynamics: InverseDynamics
+    searched: SearchedPath
+    friction: Array | None = None
+
+    @classmethod
+    def of(
+        cls, dynamics: InverseDynamics, robot: ParallelRobot, *, friction: Array | None = None
+    ) -> FullerModel:
+        """Search the path of a motion with a fuller robot.
+
+        Raises:
+            NoAnswer: it cannot follow the path.
+        """
+        return cls(dynamics, search_path(robot, dynamics.path), friction)
+
+    @property
+    def robot(self) -> ParallelRobot:
+        """The fuller robot."""
+        return self.searched.branch.robot
+
+    @property
+    def grid(self) -> TimeGrid:
+        """The nodes of the motion."""
+        torques = self.dynamics.torques
+        return TimeGrid(torques.edges, torques.coefficients.shape[1])
+
+    def known_deflections(self) -> Array:
+        """Return the deflections (T, n_e) of the fuller robot that the motion's forces were taken at."""
+        dynamics, robot = self.dynamics, self.robot
+        deflections = np.zeros((len(self.grid.times), robot.n_e))
+        if dynamics.geometry == "deformed":
+            columns = [robot.elastic_names.index(name) for name in dynamics.robot.elastic_names]
+            deflections[:, columns] = dynamics.deflection(self.grid.times)
+        return deflections
+
+    def moved(self, deflections: Array) -> Pass:
+        """Compute motion and forces on the nodes with deflections (T, n_e), the law corrected for them.
+
+        Raises:
+            NoAnswer: no correction of the law makes the torques bounded.
+        """
+        function = self.grid.fit(deflections)
+        law = CorrectedLaw(self.dynamics.law, self._correction(function))
+        return one_pass(self.searched.branch, self.grid, law, function, None)
+
+    def torque(self, moved: Pass) -> Array:
+        """Compute the motors' torques (T, n_a) [N m or N], motor side, on the nodes.
+
+        Raises:
+            NotConverged: they have a pole.
+        """
+        robot, motion = self.robot, moved.motion
+        torque = motor_torque(robot, motion, moved.forces.joint_torque)
+        if self.friction is not None:
+            forces = tree_forces(robot, motion) + self.friction * signs(motion.v / robot.column_scale)
+            return motor_torque(robot, motion, balanced_forces(robot, motion.linearised, forces).joint_torque)
+        tail = self.grid.fit(torque).tail
+        if not tail <= RESOLVABLE_TAIL:
+            raise NotConverged("the torques of the fuller model have a pole on this motion", residual=tail)
+        return torque
+
+    def _correction(self, function: TimeFunction) -> Law:
+        """Compute the polynomial that corrects the law for deflections as a function of time."""
+        duration, smoothness = self.dynamics.duration, SMOOTHNESS[self.robot.n_e > 0]
+        corrections = [
+            Condition(time, order, 0.0) for time in (0.0, duration) for order in range(smoothness + 1)
+        ]
+        for crossing in self.dynamics.crossings:
+            planned = [float(self.dynamics.law(crossing.time, order)) for order in range(3)]
+            wanted = self._crossed(crossing, function, planned)
+            corrections += [
+                Condition(crossing.time, order, target - value)
+                for order, (target, value) in enumerate(zip(wanted, planned, strict=True))
+            ]
+        return Law.from_conditions(corrections, duration)
+
+    def _crossed(
+        self, crossing: SingularityCrossing, function: TimeFunction, planned: list[float]
+    ) -> tuple[float, float, float]:
+        """Return s, s' and s" with which the fuller model crosses where the motion does.
+
+        Raises:
+            NoAnswer: the fuller model has no such singular point, or no s" meets its condition (8).
+        """
+        branch, (_, speed, acceleration) = self.searched.branch, planned
+        singular = min(self.searched.points, key=lambda point: abs(point.s - crossing.s), default=None)
+        if singular is None or singular.corank > 1:
+            raise NotConverged(
+                "the fuller model has no simple singular point at the crossing", residual=np.inf
+            )
+        deflection = Deflection(*(function(crossing.time, order) for order in range(3)))
+        place = crossing_point(branch, singular, deflection, crossing.s)
+        condition = condition_at(branch, place, deflection)
+        if self.friction is not None:
+            rates = self.dynamics.velocity(np.array([crossing.time])) / self.robot.column_scale
+            power = float(self.friction * signs(rates)[0] @ place.motion)
+            condition = condition._replace(gamma=condition.gamma + power)
+        if condition.alpha == 0.0 and not condition.holds_anyway:
+            raise NotConverged("no acceleration at the crossing makes up for it", residual=np.inf)
+        if not condition.holds_anyway:
+            acceleration = condition.acceleration(speed)
+        return place.s, speed, acceleration
