@@ -48,7 +48,9 @@ COMMANDS = {
         "report",
         "write one HTML page about a plan: scene, figures, law, certificate, parameters, reproduction",
     ),
-    "export": Command("export", "a robot as MuJoCo's MJCF, or a plan as a trajectory for ros2_control"),
+    "export": Command(
+        "export", "a robot as MuJoCo's MJCF, a plan as a trajectory for ros2_control, a scene as a lesson"
+    ),
 }
 
 

@@ -1,4 +1,4 @@
-"""`crossing export`: a robot for MuJoCo, or a plan for ros2_control."""
+"""`crossing export`: a robot for MuJoCo, a plan for ros2_control, or a page to learn from."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.crossing.restored import is_plan_folder
+from framework.crossing.scenes import scene, scene_path
 from framework.errors import InvalidInput
 from framework.export.joint_trajectory import (
     DEFAULT_SAMPLES,
@@ -29,9 +30,10 @@ from framework.export.joint_trajectory import (
     side_told,
 )
 from framework.export.mjcf import START, mjcf_text, ranges_left_out
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import write_file
 
-SUFFIXES = {"mjcf": (".xml", ".mjcf"), "ros2_control": (".yaml", ".yml", ".json")}
+SUFFIXES = {"mjcf": (".xml", ".mjcf"), "ros2_control": (".yaml", ".yml", ".json"), "lesson": (".html",)}
 
 
 def add(commands: Any) -> None:
@@ -41,7 +43,10 @@ def add(commands: Any) -> None:
     add_moved_robot(parser)
     parser.add_argument("--to", dest="program", choices=tuple(SUFFIXES), required=True, help="what reads it")
     parser.add_argument(
-        "--out", metavar="FILE", required=True, help="NAME.xml, or for ros2_control NAME.yaml or NAME.json"
+        "--out",
+        metavar="FILE",
+        required=True,
+        help="NAME.xml, for ros2_control NAME.yaml or NAME.json, for a lesson NAME.html",
     )
     parser.add_argument(
         "--samples", type=integer_between(*SAMPLE_RANGE), metavar="N", help="of the trajectory (default: 501)"
@@ -73,6 +78,9 @@ def run(options: argparse.Namespace) -> Report:
         lines.append(f"  {START}")
         if left_out := ranges_left_out(robot):
             lines.append(f"  without the ranges of {', '.join(left_out)}: the reference is outside")
+    elif options.program == "lesson":
+        robot, text = _lesson(options)
+        description = "a lesson of five steps, to be opened in a browser"
     else:
         if not (is_plan_folder(options.robot) or options.scene):
             raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
@@ -96,3 +104,15 @@ def run(options: argparse.Namespace) -> Report:
     return document, "\n".join(
         [f"{robot.name}, {robot.flexibility}: {description}, written to {file}", *lines]
     )
+
+
+def _lesson(options: argparse.Namespace) -> tuple[ParallelRobot, str]:
+    """Return the robot and the page about one of its scenes."""
+    if options.scene is None or options.samples is not None or options.side is not None:
+        raise InvalidInput("a lesson is about a scene of a robot: give --scene, without --samples and --side")
+    from framework.show.lesson import lesson_page  # matplotlib takes time to import
+
+    robot = arguments.load(options)
+    asked = scene(robot, options.scene)
+    page = lesson_page(robot, scene_path(asked), duration=asked.duration, name=f"Scene {asked.name}")
+    return robot, page

@@ -30,26 +30,33 @@ def draw_robot(robot: ParallelRobot, q: Any = None, ax: Axes | None = None) -> A
     """
     ax = figure(height=3.0)[1][0] if ax is None else ax
     q = configuration(robot, robot.reference if q is None else q)
-    onto = projection(robot)
-    pose = joint_poses(robot, q[None])[0]
-    pieces: list[tuple[float, Array, Array]] = []  # depth, outline, colour
-    for shape in [*body_shapes(robot), *motor_shapes(robot)]:
-        pieces += _pieces(shape, pose[shape.node], onto)
-    pieces.sort(key=lambda piece: -piece[0])  # the farthest first
-    colors = np.array([color for _, _, color in pieces])
-    outlines = [outline for _, outline, _ in pieces]
+    drawn = outlines(robot, q)
+    colors, lines = np.array([color for _, _, color in drawn]), [line for _, line, _ in drawn]
     # a solid has a dark outline, a triangle of a mesh none of its own
-    edges = np.array([color * ((1.0 if len(line) == 3 else 0.6,) * 3 + (1,)) for _, line, color in pieces])
-    ax.add_collection(PolyCollection(outlines, facecolors=colors, edgecolors=edges, linewidths=0.4, zorder=1))
+    edges = np.array([color * ((1.0 if len(line) == 3 else 0.6,) * 3 + (1,)) for _, line, color in drawn])
+    ax.add_collection(PolyCollection(lines, facecolors=colors, edgecolors=edges, linewidths=0.4, zorder=1))
     ax.autoscale_view()
     ax.set_aspect("equal")
     ax.grid(visible=False)
     if planar_normal(robot) is None:
         ax.set_axis_off()
     else:
+        onto = projection(robot)
         ax.set_xlabel(f"{_named(onto.right)}  [m]")
         ax.set_ylabel(f"{_named(onto.up)}  [m]")
     return ax
+
+
+def outlines(robot: ParallelRobot, q: Array) -> list[tuple[int, Array, Array]]:
+    """Return node, outline (m, 2) and colour (4,) of all visible faces at q (nq,), the farthest first."""
+    onto = projection(robot)
+    pose = joint_poses(robot, q[None])[0]
+    pieces = [
+        (depth, shape.node, outline, color)
+        for shape in [*body_shapes(robot), *motor_shapes(robot)]
+        for depth, outline, color in _pieces(shape, pose[shape.node], onto)
+    ]
+    return [piece[1:] for piece in sorted(pieces, key=lambda piece: -piece[0])]
 
 
 def _named(direction: Array) -> str:

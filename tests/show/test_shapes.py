@@ -77,7 +77,6 @@ def test_a_shape_has_its_own_colour_or_that_of_its_material(visuals, after, mate
         visual('<box size="1 2 -3"/>'),
         visual('<cylinder radius="1"/>'),
         visual('<sphere radius="x"/>'),
-        visual('<sphere radius="1"/>', before='<origin xyz="1"/>'),
         visual('<sphere radius="1"/>', after='<material name="a"><color rgba="1"/></material>'),
         visual("<mesh/>"),
         visual(MESH.format("nowhere.stl")),

@@ -1,0 +1,147 @@
+"""The crossing of a planar robot as functions of the path coordinate, apart from the motion law.
+
+With ds/dt = v and d2s/dt2 = a the motor torques and t_s . W_p are
+
+    torque = (c0 + cv v^2 + ca a) / g,     t_s . W_p = d0 + dv v^2 + da a,
+
+whose numerators are smooth through the singular point, where the measure g vanishes. So a page can evaluate
+any law by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.crossing.optimal.phase_plane import demand
+from framework.crossing.plan import plan_crossing
+from framework.crossing.result import CrossingPlan
+from framework.dynamics.forces import inertial_forces, static_forces
+from framework.dynamics.platform_wrench import motor_speeds
+from framework.errors import InvalidInput
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.motion_rates import motion_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.optimal_law import Smoothstep
+from framework.motion.path import Path
+from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
+from framework.singularity.type2 import sign_along, singularity_measure, unit_twist
+
+STANDARD_GRAVITY = 9.81  # [m/s^2]
+PATH_SMOOTHNESS = 2  # derivatives of s that vanish at both ends of the best laws
+STEP_ASIDE = 1e-3  # [robot lengths] of the platform, for how the robot follows it
+
+
+class AskedForces(NamedTuple):
+    """Torques times g and t_s . W_p at M places: constant, per ds/dt squared and per d2s/dt2."""
+
+    torque: Array  # (M, 3, n_a) [N m] and with 1/s^2 and 1/s^2 taken out
+    power: Array  # (M, 3) [N]
+
+
+class CrossingSamples(NamedTuple):
+    """The crossing at places s (M,)."""
+
+    q: Array  # (M, nq)
+    q_aside: Array  # (n, 2, M, nq) the platform one STEP_ASIDE forward and back along each of its axes
+    g: Array  # (M,) measure of singularity, 0 at the crossing
+    t_s: Array  # (M, n) of unit speed at the crossing, pointing along the path there
+    motor_speed: Array  # (M, n_a, n) G, as in `PlatformWrench`
+    torque_of_force: Array  # (M, n_a, n) g times the torques that hold a force on the platform
+    forces: dict[str, AskedForces]  # by "off" and "on" of gravity
+
+
+class PlanarCrossing(NamedTuple):
+    """A path of a planar robot across its locus, with gravity off and on, and its best law for each."""
+
+    searched: SearchedPath
+    robots: dict[str, ParallelRobot]  # by "off" and "on"
+    plans: dict[str, CrossingPlan]  # of least peak torque in the duration
+
+    @property
+    def point(self) -> SingularPoint:
+        return self.searched.points[0]
+
+    def at(self, s: Array) -> CrossingSamples:
+        """Compute all at places s (M,), ascending, none of them the crossing itself."""
+        robot, branch = self.robots["off"], self.searched.branch
+        closed = branch.closed(s)
+        measure = singularity_measure(robot, closed.linearised)
+        twist = np.einsum("tnv,tv->tn", closed.linearised.platform, measure.motion)
+        nearest = int(np.argmin(np.abs(measure.g)))
+        size = unit_twist(robot, twist[nearest])
+        size *= sign_along(twist[nearest], branch.path(s, 1)[nearest])
+        speeds = motor_speeds(robot, closed.linearised)[0]
+        step = STEP_ASIDE * robot.length
+        aside = [
+            [close_loops(robot, closed.x + sign * step * axis, closed.q).q for sign in (1.0, -1.0)]
+            for axis in np.eye(robot.n)
+        ]
+        g = measure.g[:, None, None]
+        return CrossingSamples(
+            closed.q,
+            np.array(aside),
+            measure.g,
+            twist / size,
+            speeds,
+            g * np.linalg.inv(speeds.transpose(0, 2, 1)),
+            {key: self._forces(each, s, g, measure.motion / size) for key, each in self.robots.items()},
+        )
+
+    def _forces(self, robot: ParallelRobot, s: Array, g: Array, motion: Array) -> AskedForces:
+        branch = self.searched.branch
+        closed = branch.closed(s)
+        slope, bend = branch.path(s, 1), branch.path(s, 2)
+        parts = (
+            static_forces(robot, closed.q),
+            inertial_forces(robot, motion_at(robot, closed, slope, bend)),
+            inertial_forces(robot, motion_at(robot, closed, 0.0 * slope, slope)),
+        )
+        torque = demand(replace(branch, robot=robot), Smoothstep(0), s, None, "rigid").torque
+        return AskedForces(
+            g * np.stack([torque.constant, torque.per_z, torque.per_u], axis=1),
+            np.stack([np.sum(part * motion, axis=1) for part in parts], axis=1),
+        )
+
+
+def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: Array) -> PlanarCrossing:
+    """Search the path, and find the best laws with gravity off and on.
+
+    Args:
+        robot: rigid, without damping; its platform shifts in a plane, by as many motors as axes.
+        path: crosses the singular locus once.
+        duration: of the motion [s].
+        upwards: (3,) against gravity, where it is on.
+
+    Raises:
+        InvalidInput: the robot or the path is none of these.
+        As `plan_crossing` with law "optimal".
+    """
+    needed = {
+        "a rigid robot": robot.n_e == 0,
+        "no damping": not robot.is_damped,
+        "a platform with two translations and no turn": robot.n == 2 and bool(robot.translations.all()),
+        "as many motors as the platform has axes": robot.n_a == robot.n,
+        "passive joints": len(robot.passive) > 0,
+    }
+    missing = [reason for reason, holds in needed.items() if not holds]
+    if missing:
+        raise InvalidInput(f"{robot.name}: a lesson needs {', '.join(missing)}")
+    searched = search_path(robot, path)
+    if len(searched.points) != 1 or searched.points[0].contact == "tangential":
+        raise InvalidInput(
+            f"{robot.name}: a lesson needs a path that crosses the singular locus once, this one meets it "
+            f"{len(searched.points)} times"
+        )
+    robots = {key: _weighed(robot, -size * upwards) for key, size in (("off", 0.0), ("on", STANDARD_GRAVITY))}
+    options: dict[str, Any] = {"law": "optimal", "optimize": "peak_torque", "smoothness": PATH_SMOOTHNESS}
+    plans = {key: plan_crossing(each, path, duration=duration, **options) for key, each in robots.items()}
+    return PlanarCrossing(searched, robots, plans)
+
+
+def _weighed(robot: ParallelRobot, gravity: Array) -> ParallelRobot:
+    x, y, z = map(float, gravity)
+    return ParallelRobot.from_description(replace(robot.description, gravity=(x, y, z)))

@@ -1,0 +1,167 @@
+"""A page to learn condition (8) by hand, without Python: one file, nothing fetched.
+
+All that the page needs along its path are Chebyshev series in s (see `planar_crossing`), which it evaluates
+for whatever law its reader makes; nothing on it was drawn beforehand.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+from importlib.resources import files
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.crossing.planar_crossing import PATH_SMOOTHNESS, STEP_ASIDE, PlanarCrossing, planar_crossing
+from framework.crossing.result import CrossingPlan
+from framework.errors import InvalidInput
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.placements import joint_poses, rotated
+from framework.locus.drawn_locus import locus_curves
+from framework.motion.chebyshev import COEFFICIENT_ROUNDING, coefficients, nodes, tail
+from framework.motion.optimal_law import OptimalLaw
+from framework.motion.path import Path
+from framework.show.captions import said, why
+from framework.show.drawing import outlines
+from framework.show.sight import Projection, projection
+
+NODE_COUNTS = (64, 96, 128, 192)  # of the series in s, until they are resolved
+LAW_NODE_COUNTS = (160, 320, 640, 1280)  # of the best law's squared speed in sigma, likewise
+SERIES_TAIL = 1e-12  # of the largest coefficient, of all series of the page
+LIMIT_RATIO = 1.5  # the motors' limit over the peak torque of the best law
+
+
+def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str = "") -> str:
+    """Return the page, HTML, about a path of a rigid planar robot that crosses its singular locus once.
+
+    Args:
+        robot, path, duration: as in `planar_crossing`.
+        name: what stands beside the robot's name, such as Scene C.
+
+    Raises:
+        InvalidInput: the path comes too near another singularity for series.
+        As `planar_crossing`.
+    """
+    onto = projection(robot)
+    crossing = planar_crossing(robot, path, duration, onto.up)
+    heading = said(robot.name) + (f", {name}" if name else "")
+    document = json.dumps(_document(robot, crossing, onto), allow_nan=False)
+    return Template(_asset("lesson.html")).substitute(
+        title=f"Thread the needle: {html.escape(heading)}",
+        style=_asset("lesson.css"),
+        document=document.replace("<", "\\u003c"),
+        script=_asset("lesson.js"),
+    )
+
+
+def _document(robot: ParallelRobot, crossing: PlanarCrossing, onto: Projection) -> dict[str, Any]:
+    series = _series(crossing, onto)
+    ends = np.cumsum([0, *(each.shape[1] for each in series.values())]).tolist()
+    locus = locus_curves(robot, crossing.point.q, crossing.point.platform)
+    return {
+        "robot": said(robot.name),
+        "duration": crossing.plans["off"].duration,
+        "smoothness": PATH_SMOOTHNESS,
+        "motors": [said(motor) for motor in robot.actuator_names],
+        "unit": robot.torque_units[0],
+        "crossing": crossing.point.s,
+        "why": why(robot),
+        "length": robot.length,
+        "series": [_truncated(column) for each in series.values() for column in each.T],
+        "slices": {key: [begin, end] for key, begin, end in zip(series, ends, ends[1:], strict=False)},
+        "shapes": _outlines(crossing, onto),
+        "locus": [_plane(robot, curve, onto).round(6).tolist() for curve in (locus.curves if locus else [])],
+        "best": {
+            key: {
+                "peak": max(plan.peak_torque.values()),
+                "limit": LIMIT_RATIO * max(plan.peak_torque.values()),
+                "squared_speed": _squared_speed(plan),
+            }
+            for key, plan in crossing.plans.items()
+        },
+    }
+
+
+def _series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
+    """Return Chebyshev series (N, k) in s of all that the page evaluates."""
+    for count in NODE_COUNTS:
+        columns = _columns(crossing, 0.5 * (1.0 + nodes(count)), onto)
+        series = {key: coefficients(values.reshape(count, -1)) for key, values in columns.items()}
+        if max(map(tail, series.values())) < SERIES_TAIL:
+            return series
+    raise InvalidInput(
+        f"{crossing.robots['off'].name}: the path is too near another singularity for a lesson"
+    )
+
+
+def _columns(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, Array]:
+    """Return what the page evaluates, at s (M,), each (M, ...)."""
+    robot, samples = crossing.robots["off"], crossing.at(s)
+    forward, back = (np.stack([_poses(robot, q, onto) for q in samples.q_aside[:, side]]) for side in (0, 1))
+    along_axes = (forward - back) / (2.0 * STEP_ASIDE * robot.length)  # (2, M, k)
+    axes = _plane(robot, np.eye(2), onto)  # the platform's axes on the paper, orthogonal
+    columns = {
+        "g": samples.g,
+        "t_s": samples.t_s,
+        "place": _plane(robot, crossing.searched.branch.path(s), onto),
+        "motor_speed": samples.motor_speed,
+        "torque_of_force": samples.torque_of_force,
+        "poses": _poses(robot, samples.q, onto),
+        "pose_rates": np.einsum("ab,amk->mbk", axes, along_axes),
+    }
+    for key, forces in samples.forces.items():
+        columns |= {f"torque_{key}": forces.torque, f"power_{key}": forces.power}
+    return columns
+
+
+def _squared_speed(plan: CrossingPlan) -> list[float]:
+    """Return the Chebyshev series of z on sigma from 0 to 1 of the best law."""
+    law = plan.law
+    assert isinstance(law, OptimalLaw)
+    for count in LAW_NODE_COUNTS:
+        series = coefficients(law.squared_speed(0.5 * (1.0 + nodes(count)))[:, None])
+        if tail(series) < SERIES_TAIL:
+            break
+    return _truncated(series[:, 0])
+
+
+def _poses(robot: ParallelRobot, q: Array, onto: Projection) -> Array:
+    """Return place (2), cosine and sine of each moving joint's pose on the paper, (M, 4 per joint)."""
+    columns = []
+    for pose in joint_poses(robot, q).transpose(1, 0, 2)[1:]:
+        columns += [onto(pose[:, :3]), onto(rotated(pose[:, 3:], onto.right))]
+    return np.concatenate(columns, axis=1)
+
+
+def _outlines(crossing: PlanarCrossing, onto: Projection) -> list[dict[str, Any]]:
+    """Return the outline (m, 2) of each body in its joint's frame on the paper, the farthest first."""
+    robot, q = crossing.robots["off"], crossing.searched.branch.closed(np.zeros(1)).q
+    poses = [np.array([0.0, 0.0, 1.0, 0.0]), *_poses(robot, q, onto)[0].reshape(-1, 4)]
+    shapes = []
+    for node, points, colour in outlines(robot, q[0]):
+        x, y, cosine, sine = poses[node]
+        local = (points - (x, y)) @ np.array([[cosine, -sine], [sine, cosine]])
+        shapes.append(
+            {"node": node, "points": local.round(6).tolist(), "colour": [round(float(c), 3) for c in colour]}
+        )
+    return shapes
+
+
+def _plane(robot: ParallelRobot, x: Array, onto: Projection) -> Array:
+    """Return places (M, 2) on the paper of platform coordinates x (M, 2)."""
+    space = np.zeros((len(x), 3))
+    space[:, robot.platform.along] = x
+    return onto(space)
+
+
+def _truncated(series: Array) -> list[float]:
+    """Return a series without its last coefficients that are rounding."""
+    large = np.flatnonzero(np.abs(series) > COEFFICIENT_ROUNDING * np.abs(series).max(initial=0.0))
+    return [float(value) for value in series[: large[-1] + 1 if large.size else 1]]
+
+
+def _asset(name: str) -> str:
+    return files("framework.show").joinpath("page", name).read_text(encoding="utf-8")

@@ -1,0 +1,91 @@
+"""The lesson's numbers: its series against the dynamics at one instant, and whom it refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.polynomial.chebyshev import chebval
+
+import robots
+from framework import InvalidInput, Line, ParallelRobot, dynamics_at
+from framework.crossing.planar_crossing import PATH_SMOOTHNESS
+from framework.crossing.scenes import scene, scene_path
+from framework.show.lesson import lesson_page
+from framework.singularity.points_on_path import search_path
+
+SCENES = (("five_bar", "C"), pytest.param("five_bar_heavy", "C", marks=pytest.mark.slow))
+
+
+@cache
+def document(name: str, scene_name: str) -> dict[str, Any]:
+    robot = robots.load(name)
+    chosen = scene(robot, scene_name)
+    page = lesson_page(robot, scene_path(chosen), duration=chosen.duration, name=scene_name)
+    assert len(page.encode()) < 300_000
+    found = re.search(r'<script type="application/json" id="document">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])
+
+
+def along(content: dict[str, Any], key: str, s: float | np.ndarray) -> np.ndarray:
+    """Values of a quantity at s, (K,) or (K, M)."""
+    begin, end = content["slices"][key]
+    return np.array([chebval(2 * s - 1, column) for column in content["series"][begin:end]])
+
+
+@pytest.mark.parametrize(("name", "scene_name"), SCENES)
+def test_torques_of_the_page_are_those_of_the_dynamics_with_and_without_gravity(name, scene_name):
+    content = document(name, scene_name)
+    robot = robots.load(name)
+    path = scene_path(scene(robot, scene_name))
+    branch = search_path(robot, path).branch
+    for gravity, size in (("off", 0.0), ("on", 9.81)):
+        weighed = ParallelRobot.from_description(replace(robot.description, gravity=(0.0, -size, 0.0)))
+        for s, v, a in ((0.1, 1.3, -2.0), (0.45, 0.4, 5.0), (0.9, 2.0, 0.0)):
+            place = np.array([s])
+            slope, bend = path(place, 1)[0], path(place, 2)[0]
+            q = branch.closed(place).q[0]
+            instant = dynamics_at(weighed, q, dx=slope * v, ddx=slope * a + bend * v**2)
+            parts = along(content, f"torque_{gravity}", s).reshape(3, -1)
+            torque = np.array([1.0, v**2, a]) @ parts / along(content, "g", s)
+            np.testing.assert_allclose(torque, instant.torque, rtol=1e-9)
+            # W_p of massless legs is the payload's: what the motors' forces add up to, rotors apart
+            force = along(content, "torque_of_force", s).reshape(2, 2) / along(content, "g", s)
+            np.testing.assert_allclose(
+                along(content, "motor_speed", s).reshape(2, 2).T @ force, np.eye(2), atol=1e-9
+            )
+
+
+def test_the_best_law_of_the_page_threads_the_eye_within_its_peak():
+    content = document("five_bar", "C")
+    sigma = np.linspace(0.0, 1.0, 4002)[1:-1]
+    s = sigma**3 * (10 - 15 * sigma + 6 * sigma**2)
+    slope, bend = 30 * (sigma * (1 - sigma)) ** 2, 60 * sigma * (1 - sigma) * (1 - 2 * sigma)
+    assert PATH_SMOOTHNESS == 2  # which these are made for
+    for gravity, best in content["best"].items():
+        z = chebval(2 * sigma - 1, best["squared_speed"])
+        assert np.trapezoid(1 / np.sqrt(z), sigma) == pytest.approx(content["duration"], rel=2e-3)
+        u = chebval(2 * sigma - 1, np.polynomial.chebyshev.chebder(best["squared_speed"]))
+        parts = along(content, f"torque_{gravity}", s).T.reshape(len(s), 3, -1)
+        g = along(content, "g", s)[0]
+        terms = np.stack([np.ones_like(s), slope**2 * z, slope * u + bend * z], axis=1)
+        torque = np.einsum("mk,mka->ma", terms, parts) / g[:, None]
+        clear = np.abs(s - content["crossing"]) > 1e-3
+        assert np.abs(torque[clear]).max() == pytest.approx(best["peak"], rel=1e-3)
+
+
+def test_whom_a_lesson_is_not_for_is_told_what_it_needs():
+    line = Line([0.1, 0.345], [-0.05, 0.195])
+    with pytest.raises(InvalidInput, match="a lesson needs a rigid robot"):
+        lesson_page(robots.load("five_bar", flexibility="flexible_links"), line, duration=1.5)
+    three_rrr = robots.load("three_rrr")
+    with pytest.raises(InvalidInput, match="two translations"):
+        lesson_page(three_rrr, scene_path(scene(three_rrr, "crossing")), duration=1.0)
+    with pytest.raises(InvalidInput, match="crosses the singular locus once, this one meets it 0 times"):
+        lesson_page(robots.load("five_bar"), Line([0.1, 0.345], [0.05, 0.345]), duration=1.0)
