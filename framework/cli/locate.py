@@ -63,7 +63,8 @@ def run(options: argparse.Namespace) -> Report:
     for singular, shift, condition in zip(points, shifts, feasible, strict=True):
         lines += _lines(robot, singular, shift, condition)
     if points:
-        lines += [f"  {durations.sentence}" for durations in (polynomial, optimal) if durations is not None]
+        lines += [] if polynomial is None else [f"  {polynomial.sentence}{polynomial.advice}"]
+        lines += [] if optimal is None else [f"  {optimal.sentence}"]
     lines += [
         f"near miss at s = {miss.s:.9f}  {', '.join(robot.axis_names)} = {point(path(miss.s))}  "
         f"|g| = {abs(miss.g):.3g}"

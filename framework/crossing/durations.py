@@ -57,6 +57,13 @@ class PolynomialDurations(NamedTuple):
         return [self.shortest, self.longest if np.isfinite(self.longest) else None]
 
     @property
+    def advice(self) -> str:
+        """What helps where a duration is beyond the bounds."""
+        if not self.longest or (np.isinf(self.longest) and not self.shortest):
+            return ""
+        return "; else use the optimal law, or take a path with less weight or more of its tangent along t_s"
+
+    @property
     def sentence(self) -> str:
         """The durations, in one line."""
         if not self.longest:
@@ -65,10 +72,7 @@ class PolynomialDurations(NamedTuple):
             return "one polynomial advances at any duration"
         bounds = [f"from {self.shortest:.3g} s on"] if self.shortest else []
         bounds += [f"up to {self.longest:.3g} s"] if np.isfinite(self.longest) else []
-        return (
-            f"one polynomial advances {' and '.join(bounds)}; else use the optimal law, or take a path with "
-            f"less weight or more of its tangent along t_s"
-        )
+        return f"one polynomial advances {' and '.join(bounds)}"
 
 
 class OptimalDurations(NamedTuple):

@@ -20,7 +20,7 @@ from framework.crossing.request import Request
 from framework.crossing.timing import CrossingTime, choose_timing
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, NoLaw
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import Condition, Law, MotionLaw, advance_through
 from framework.singularity.points_on_path import SingularPoint
@@ -67,7 +67,7 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
 
     def choose_law(deflections: TimeFunction | None, before: MotionLaw | None) -> Law:
         conditions_met = crossings(deflections, before)
-        law = _law(conditions_met, choice, request)
+        law = _law(conditions_met, choice, request, robot.name)
         if before is None:
             check_advance(law, [point.s for point in points], robot.name)
         chosen.append((law, [condition for _, condition in conditions_met]))
@@ -94,8 +94,9 @@ def polynomial_at_rest(to_cross: PathToCross, request: Request) -> Law:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
     crossings = _at_rest(to_cross)
-    law = _law(crossings, timing_of(to_cross, request), request)
-    check_advance(law, [point.s for point in to_cross.points], to_cross.branch.robot.name)
+    name = to_cross.branch.robot.name
+    law = _law(crossings, timing_of(to_cross, request), request, name)
+    check_advance(law, [point.s for point in to_cross.points], name)
     return law
 
 
@@ -110,6 +111,7 @@ def _law(
     crossings: list[tuple[CrossingPoint, Condition8]],
     crossing_times: Sequence[CrossingTime],
     request: Request,
+    name: str,
 ) -> Law:
     inner = _inner(crossings, crossing_times)
     duration = request.fixed_duration
@@ -120,10 +122,12 @@ def _law(
             f"t = {crossing_time.time:g} s (s' = {crossing_time.speed:g} 1/s)"
             for crossing_time in crossing_times
         )
-        raise InvalidInput(
-            f"times: no polynomial over {duration:g} s through {through or 'the ends'} could be computed: "
-            f"{problem}; {OF_A_SCENE}"
-        ) from None
+        why = (
+            f"no polynomial over {duration:g} s through {through or 'the ends'} could be computed: {problem}"
+        )
+        if request.times is None:
+            raise NoLaw(f"{name}: {why}") from None
+        raise InvalidInput(f"times: {why}; {OF_A_SCENE}") from None
 
 
 def _inner(

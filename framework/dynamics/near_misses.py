@@ -27,8 +27,13 @@ from framework.tolerances import RESOLVABLE_TAIL
 def unseen_near_miss(
     searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics
 ) -> NearMiss | None:
-    """Return the first near miss where the torques differ from their series; None if none does."""
+    """Return the first near miss where the torques differ from their series; None if none does.
+
+    At the ends of the path the motion rests, and nodes are densest.
+    """
     for miss in searched.near_misses:
+        if miss.s in (0.0, 1.0):
+            continue
         for t in instants(state.law, state.grid.edges, miss.s):
             if not _is_seen(searched, state, result, miss, t):
                 return miss

@@ -69,7 +69,7 @@ class SearchedPath(NamedTuple):
 
     branch: Branch
     points: tuple[SingularPoint, ...]
-    near_misses: tuple[NearMiss, ...] = ()  # minima of |g| below a hundredth of its largest on the path
+    near_misses: tuple[NearMiss, ...] = ()  # minima of |g|, at ends too, below a hundredth of its largest
 
     def under(self, wrenches: ExternalWrenches) -> SearchedPath:
         """Return the same path under wrenches of the world, which move none of its singular points.

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import chebyshev
 
 from framework.arrays import Array
 from framework.singularity.bordered_system import Border, solve_bordered
@@ -56,7 +57,7 @@ class Contact(NamedTuple):
 
 
 class NearMiss(NamedTuple):
-    """A place beside a singularity: the measure is least there and not zero."""
+    """A place beside a singularity, an end of the path perhaps: the measure is least there and not zero."""
 
     s: float
     g: float  # the smallest singular value with the sign of the determinant
@@ -99,7 +100,7 @@ def near_misses(measured: Measured, resolved: list[Panel], known: list[Contact])
     """Find where the matrix comes near to losing rank and does not, ascending; `known` are its `contacts`."""
     values = [np.linalg.svd(panel.matrices, compute_uv=False)[:, -1].max() for panel in resolved]
     near = NEAR_MISS**measured.power * max(values, default=0.0)
-    misses: list[NearMiss] = []
+    misses = _near_ends(measured, resolved, known, near)
     for panel, start in turning_places(resolved):
         if np.linalg.svd(panel.matrix(start), compute_uv=False)[-1] >= near:
             continue
@@ -115,6 +116,26 @@ def near_misses(measured: Measured, resolved: list[Panel], known: list[Contact])
         g = float(solve_bordered(matrix, Border.of(matrix[0])).g[0])
         misses.append(NearMiss(turning.s, g, min(turning.s - before, behind - turning.s), size))
     return sorted(misses, key=lambda miss: miss.s)
+
+
+def _near_ends(
+    measured: Measured, resolved: list[Panel], known: list[Contact], near: float
+) -> list[NearMiss]:
+    """Find the ends of the path at which the least singular value is below `near` and falls outwards."""
+    misses = []
+    for panel, end, s in ((resolved[0], -1.0, 0.0), (resolved[-1], 1.0, 1.0)):
+        matrix = panel.matrices[0 if s == 0.0 else -1]
+        size = _size(measured, matrix)
+        value, slope = (
+            chebyshev.chebval(end, part) for part in (panel.series, chebyshev.chebder(panel.series))
+        )
+        if np.linalg.svd(matrix, compute_uv=False)[-1] >= near or value * slope * end >= 0.0:
+            continue
+        width = 0.5 * (panel.end - panel.start) * float(abs(value / slope))
+        if all(abs(contact.s - s) > width for contact in known):
+            g = float(solve_bordered(matrix[None], Border.of(matrix)).g[0])
+            misses.append(NearMiss(s, g, width, size))
+    return misses
 
 
 def _is_apart(s: float, places: Sequence[Contact | NearMiss], distance: float) -> bool:

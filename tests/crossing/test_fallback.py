@@ -7,6 +7,7 @@ import pytest
 
 import robots
 from framework import Line, NotConverged, plan_crossing
+from framework.errors import NoAnswer
 from tests.oracles.equations_of_motion import defects
 
 TOP = float(np.sqrt(0.06))  # [m] of the locus of the 5R on its axis of symmetry
@@ -43,6 +44,40 @@ def test_beside_the_locus_the_law_of_lower_peak_torque_is_taken(start, end):
     assert (plan.law.kind, peaks(plan)) == ("optimal", peaks(optimal))
     assert peaks(plan) < 0.5 * peaks(polynomial)
     assert f"largest torque, {peaks(polynomial):.4g} N m, is beside s = " in plan.reason
+
+
+A, B, S = (
+    np.array([0.1, 0.345]),
+    np.array([-0.05, 0.195]),
+    0.667006874764,
+)  # of the paper, and where it crosses
+
+
+def ending(off: float) -> Line:
+    """The paper's line, ended this far [m] before the locus."""
+    return Line(A, A + S * (B - A) - off * (B - A) / np.linalg.norm(B - A))
+
+
+@pytest.mark.parametrize("off", [1e-3, 1e-4])
+def test_a_path_that_ends_before_the_locus_is_planned_with_the_law_of_lower_peak(off):
+    robot = robots.load("five_bar")
+    polynomial = plan_crossing(robot, ending(off), duration=1.5, law="polynomial")
+    plan = plan_crossing(robot, ending(off), duration=1.5)
+    assert plan.law.kind == "optimal"
+    assert "is beside s = 1, where the path misses a singularity" in plan.reason
+    assert peaks(plan) < 0.2 * peaks(polynomial)
+    t = np.linspace(0.0, plan.duration, 101)
+    motion = plan.dynamics.motion(t)
+    left = defects(robot, q=motion.q, v=motion.v, a=motion.a, torque=plan.torque(t), x=plan.platform(t))
+    assert left.force < 1e-9
+
+
+def test_what_was_tried_is_not_advised():
+    with pytest.raises(NoAnswer) as refusal:
+        plan_crossing(robots.load("five_bar"), Line(A + (S - 1e-5) * (B - A), B), duration=1.5, speeds=[1.5])
+    assert "nor does the optimal law help" in str(refusal.value)
+    assert "use the optimal law" not in str(refusal.value)
+    assert "use law" not in str(refusal.value)
 
 
 def test_a_polynomial_whose_peak_is_lower_is_kept_and_says_what_the_other_costs(monkeypatch):

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+import robots
+from framework import Line
 from framework.errors import SingularPath
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.piecewise_measure import Measured, Samples, panels
+from framework.singularity.points_on_path import search_path
 from framework.singularity.rank_deficiency import contacts, near_misses
 
 SIZE = 6
@@ -174,3 +177,20 @@ def test_squares_touch():
 def test_a_path_along_the_locus_is_refused():
     with pytest.raises(SingularPath, match="runs along a singularity"):
         found(root(0.4), lambda s: 0.0 * s)
+
+
+@pytest.mark.parametrize("gap", [1e-3, 1e-6])
+def test_an_end_of_the_path_beside_a_root_is_a_near_miss(gap):
+    """Where g is nearly linear it doubles over as much as the root is beyond the end."""
+    robot = robots.load("five_bar")
+    path = Line([0.1, 0.345], [-0.05, 0.195])
+    (point,) = search_path(robot, path).points
+    for start, end in ((0.0, point.s - gap), (point.s + gap, 1.0)):
+        searched = search_path(robot, Line(path(start), path(end)))
+        (miss,) = searched.near_misses
+        assert not searched.points
+        assert miss.s == (1.0 if start == 0.0 else 0.0)
+        assert miss.width * (end - start) == pytest.approx(gap, rel=0.02)
+        assert abs(miss.g) == pytest.approx(abs(point.slope) * gap, rel=0.02)
+    for start, end in ((0.0, point.s - 0.2), (0.0, point.s + gap)):
+        assert not search_path(robot, Line(path(start), path(end))).near_misses

@@ -57,7 +57,7 @@ def test_we_count_them_and_refuse_what_they_cannot_have_together():
     with pytest.raises(UncontrolledMotions, match=r"3 uncontrolled motions at once at s = 0\.5") as refusal:
         plan_crossing(robot, path, duration=1.0)
     assert refusal.value.count == 3
-    with pytest.raises(NoLaw, match=r"3 motions are uncontrolled at once.* use law optimal"):
+    with pytest.raises(NoLaw, match=r"3 motions are uncontrolled at once.* the optimal law each"):
         plan_crossing(robot, path, duration=1.0, law="polynomial")
 
 

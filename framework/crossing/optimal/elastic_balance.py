@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.optimal.optimal_task import Task, conditions_at, crossing_places
+from framework.crossing.optimal.optimal_task import Task, conditions_at, crossing_places, other_law
 from framework.crossing.optimal.speed_program import conditions_on_speed
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.restoration import coefficients_for, restored
@@ -45,7 +45,7 @@ def in_balance(
         except InvalidInput:
             raise NotConverged(
                 f"{task.branch.robot.name}: no law near the best crosses where the deflected robot is "
-                f"singular; use stiffer springs, law polynomial, or geometry rigid",
+                f"singular; use {other_law(task)}stiffer springs, or geometry rigid",
                 residual=np.inf,
             ) from None
         return OnParameter(changed, task.branch.knots)

@@ -25,6 +25,7 @@ from framework.crossing.optimal.optimal_task import (
     check_speeds,
     check_unfolded,
     crossing_places,
+    other_law,
 )
 from framework.crossing.optimal.phase_plane import Deflections, DeflectionsOnPath
 from framework.crossing.optimal.speed_program import (
@@ -47,6 +48,7 @@ from framework.tolerances import PEAK_TORQUE_MISMATCH
 MAX_PASSES = 8  # of optimising and resolving in turn
 ROUGHNESS_WEIGHT_GROWTH = 30.0  # factor on the weight, for a law that could not be resolved
 MAX_ROUGHNESS_WEIGHT = 1e-2
+MAX_RESIDUAL_RATIO = 0.5  # of what two such laws leave unresolved; above, smoother ones do not help
 ELASTIC_DEGREE_GAP = 2e-2  # the same where deflections have to be resolved as well, at the cost of its cube
 # of laws whose deflections are to be resolved: at first, and at most, where it costs some of the peak
 ELASTIC_ROUGHNESS_WEIGHT, MAX_ELASTIC_ROUGHNESS_WEIGHT = 1e-5, 0.3
@@ -76,14 +78,14 @@ def optimal_motion(task: Task) -> OptimalMotion:
     if elastic and damped:
         raise NoLaw(
             f"{task.branch.robot.name}: optimal laws of elastic robots with damping are not supported; use "
-            f"law polynomial, or flexibility rigid"
+            f"{other_law(task)}flexibility rigid"
         )
     check_speeds(task, places)
     if elastic:
         return _elastic(task, places)
     program, best = first_program(task, places)
     roughness, degree = ROUGHNESS_WEIGHT, program.degree
-    specification = task.specification
+    specification, residual = task.specification, np.inf
     for k in range(MAX_PASSES):
         try:
             if k > 0:
@@ -99,10 +101,10 @@ def optimal_motion(task: Task) -> OptimalMotion:
             continue
         try:
             dynamics, law, _ = _resolved(task, best.law, None)
-        except NotConverged:
-            if roughness >= MAX_ROUGHNESS_WEIGHT:
+        except NotConverged as failure:
+            if roughness >= MAX_ROUGHNESS_WEIGHT or failure.residual > MAX_RESIDUAL_RATIO * residual:
                 raise
-            roughness *= ROUGHNESS_WEIGHT_GROWTH
+            residual, roughness = failure.residual, roughness * ROUGHNESS_WEIGHT_GROWTH
             continue
         excess = _excess(dynamics, task.specification)
         if excess <= 1.0:
@@ -156,7 +158,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
         return kept
     raise NotConverged(
         f"{task.branch.robot.name}: law and deflections do not settle together in {MAX_PASSES} passes; use "
-        f"stiffer springs, law polynomial, or geometry rigid",
+        f"{other_law(task)}stiffer springs, or geometry rigid",
         residual=abs(excess - 1.0),
     )
 

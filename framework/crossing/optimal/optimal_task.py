@@ -57,6 +57,11 @@ class Task(NamedTuple):
         return Stretch(tuple(float(self.phi.inverse(target.s)) for target in self.targets))
 
 
+def other_law(task: Task) -> str:
+    """Return the advice to take the polynomial, where it was not tried before."""
+    return "law polynomial or " if task.request.kind == "optimal" else ""
+
+
 def crossing_places(
     task: Task, deflections: Deflections | None, before: Sequence[CrossingPoint] | None
 ) -> list[CrossingPoint]:

@@ -16,7 +16,13 @@ from framework.crossing.optimal.best_law import (
     off_limits,
     within_limits,
 )
-from framework.crossing.optimal.optimal_task import Task, check_speeds, conditions_at, crossing_places
+from framework.crossing.optimal.optimal_task import (
+    Task,
+    check_speeds,
+    conditions_at,
+    crossing_places,
+    other_law,
+)
 from framework.crossing.optimal.phase_plane import Deflections, SquaredSpeed, demand
 from framework.crossing.optimal.speed_program import (
     ROUGHNESS_WEIGHT,
@@ -30,7 +36,7 @@ from framework.crossing.optimal.speed_program import (
 )
 from framework.crossing.refusals.refusal_proofs import HoldingTorque, NoAdmissibleSpeed
 from framework.crossing.specification import Specification
-from framework.errors import NoLaw, NotConverged
+from framework.errors import InvalidInput, NoLaw, NotConverged
 from framework.motion.cone_program import Optimum, Unsolved
 from framework.motion.exact_duration import adjusted
 from framework.motion.infeasibility import Infeasible
@@ -86,7 +92,7 @@ def best_with_damping(
             return best._replace(law=_meeting_conditions(task, places, best.law))
     raise NotConverged(
         f"{task.branch.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes; "
-        f"use law polynomial",
+        f"use {other_law(task)}another duration",
         residual=change,
     )
 
@@ -96,8 +102,14 @@ def _meeting_conditions(task: Task, places: Sequence[CrossingPoint], law: Optima
     for _ in range(MAX_CONDITION_STEPS):
         sigma, conditions = conditions_at(task, places, None, law.squared_speed)
         equalities = conditions_on_speed(sigma, conditions, law.degree, law.stretch)
-        y = adjusted(law.coefficients, equalities, law.duration, law.stretch)
-        law = OptimalLaw(y, law.smoothness, law.duration, law.dense_at)
+        try:
+            y = adjusted(law.coefficients, equalities, law.duration, law.stretch)
+            law = OptimalLaw(y, law.smoothness, law.duration, law.dense_at)
+        except InvalidInput as problem:
+            raise NotConverged(
+                f"{task.branch.robot.name}: no law near the best has condition (8) with damping ({problem})",
+                residual=np.inf,
+            ) from None
     return law
 
 
@@ -187,8 +199,15 @@ def _refusal(
             proof=holding,
         )
     if not isinstance(obstacle, Infeasible):
+        nearest = min(program.on_path.crossings, key=lambda sigma: min(sigma, 1.0 - sigma), default=None)
+        near_end = ""
+        if nearest is not None:
+            s = float(task.phi(nearest))
+            near_end = f"; the crossing nearest to an end of the path is {min(s, 1.0 - s):.2g} of it away"
         return NotConverged(
-            f"{name}: no optimal law of degree {program.degree} found ({obstacle.status})", residual=np.inf
+            f"{name}: no optimal law of degree {program.degree} found: the solver of the cone program ends "
+            f"with {obstacle.status}{near_end}",
+            residual=np.inf,
         )
     proof = NoAdmissibleSpeed(program.degree, *off_limits(quicker), obstacle)
     return NoLaw(

@@ -21,7 +21,7 @@ def explained(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw
     ]
     polynomial = polynomial_durations(searched, request.smoothness)
     if polynomial is not None:
-        sentences.append(polynomial.sentence)
+        sentences.append(polynomial.sentence + ("" if request.may_be_optimal else polynomial.advice))
     optimal = None if request.may_be_optimal else optimal_durations(searched, request)
     if optimal is not None:
         sentences.append(optimal.sentence)

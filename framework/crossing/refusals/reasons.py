@@ -11,6 +11,7 @@ from framework.crossing.optimal.optimal_motion import optimal_motion
 from framework.crossing.optimal.optimal_task import check_speeds, check_unfolded
 from framework.crossing.optimal.task_programs import best_undeformed
 from framework.crossing.plan import plan_request
+from framework.crossing.polynomial import polynomial_motion
 from framework.crossing.refusals.explanation import check_limits, explained
 from framework.crossing.refusals.turning_back import check_advance
 from framework.crossing.refusals.uncrossable_points import check_crossable, check_one_condition_each
@@ -76,6 +77,7 @@ POLYNOMIAL_LAW = (
     _reason("a touch, or several motions: more than one condition", NoLaw, check_one_condition_each),
     _reason('the path is orthogonal to t_s: s" has no effect on t_s . W_p', NoLaw, condition_at),
     _reason("too many crossings, or no times and speeds at which a law advances", NoLaw, choose_timing),
+    _reason("its conditions repeat or contradict each other", NoLaw, polynomial_motion),
     _reason("the law runs back or leaves the path", NoLaw, check_advance),
 )
 OPTIMAL_LAW = (

@@ -11,7 +11,7 @@ from framework.motion.law import Law
 from framework.tolerances import AT_REST, OVERSHOOT
 
 LAW_SAMPLES = 2001  # equidistant instants at which a law is looked at
-ADVICE = "choose other times or speeds, or law optimal"
+ADVICE = "choose other times or speeds"
 
 
 def check_advance(law: Law, s: Sequence[float], name: str) -> None:

@@ -54,11 +54,11 @@ def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoin
         if singular.corank > 1:
             raise NoLaw(
                 f"{where} {singular.corank} motions are uncontrolled at once, each with a condition (8) of "
-                f"its own, and the polynomial meets one; use law optimal"
+                f"its own, and the polynomial meets one, the optimal law each"
             )
         if singular.contact == "tangential":
             raise NoLaw(
                 f"{where} the path touches the locus without crossing it; finite torques ask for condition "
-                f"(8) and its time derivative at once, and the polynomial meets the first; use law optimal, "
-                f"or move the path off the locus or across it"
+                f"(8) and its time derivative at once, and the polynomial meets the first, the optimal law "
+                f"both; or move the path off the locus or across it"
             )
