@@ -66,6 +66,23 @@ class OneLineParser(argparse.ArgumentParser):
         # argparse takes -1e-3 for an option: its pattern for negative numbers knows no exponents
         self._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse what is known, and complain of the rest in the name of the command that was given it."""
+        parsed, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            hint = self._option_like(unknown[0])
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+        return parsed, unknown
+
+    def _option_like(self, given: str) -> str:
+        """Return the hint at the option that an unknown one may stand for; empty if none is like it."""
+        from difflib import get_close_matches
+
+        options = [option for option in self._option_string_actions if option.startswith("--")]
+        begun = [option for option in options if len(given) > len("--") and option.startswith(given)]
+        near = begun or get_close_matches(given.partition("=")[0], options, n=1)
+        return f"; did you mean {' or '.join(near)}?" if near else ""
+
     def error(self, message: str) -> NoReturn:
         raise Misuse(f"{message} (see `{self.prog} --help`)")
 
@@ -94,6 +111,10 @@ def parser_of(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser.set_defaults(json=False)
     parser.add_argument("--version", action=_Version, help="say the version and end")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=OneLineParser)
+    if arguments and not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
+        from framework.errors import choose_from
+
+        raise Misuse(f"{choose_from('command', arguments[0], COMMANDS)} (see `{parser.prog} --help`)")
     if arguments and arguments[0] in COMMANDS:
         import_module(f"framework.cli.{COMMANDS[arguments[0]].module}").add(commands)
     else:
