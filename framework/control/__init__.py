@@ -6,12 +6,13 @@
 Open `study` first (many runs), then `closed_loop` (one sampling period after the other).
 `tuned_controller` makes one of `CONTROLLERS` for a plan, `run_closed_loop` drives robots that differ from the
 model as `Spread` says, `run_study` draws and judges many of them, and `load_study` reads what `crossing
-robustness --out` wrote. The controllers are `feedforward`, `computed_torque` (on `platform_dynamics`) and
-`lqr`; `imperfections` come between them and the robot, and `kept_runs` keeps what is finished. A controller
-of one's own follows the protocol `Controller`.
+robustness --out` wrote. The controllers are `feedforward`, `computed_torque` and `lqr`; `imperfections` come
+between them and the robot, and `kept_runs` keeps what is finished. A controller of one's own follows the
+protocol `Controller`. `ControlCycle` has the pose and the torques of one robot once a millisecond.
 """
 
 from framework.control.closed_loop import run_closed_loop
+from framework.control.control_cycle import ControlCycle
 from framework.control.controllers import CONTROLLERS, tuned_controller
 from framework.control.estimation import Controller, Measurement
 from framework.control.reference import Reference, reference_of
@@ -22,6 +23,7 @@ from framework.control.variation import Spread, Variation, draw
 
 __all__ = [
     "CONTROLLERS",
+    "ControlCycle",
     "ControlLoop",
     "Controller",
     "Measurement",

@@ -12,8 +12,9 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.control.estimation import Measurement
-from framework.control.platform_dynamics import platform_dynamics
 from framework.control.reference import Reference
+from framework.dynamics.platform_wrench import motor_speeds
+from framework.dynamics.pointwise_dynamics import dynamics_at
 
 MAX_SAMPLED_DAMPING = 0.5  # of the damping at which a rotor stops within one sampling period; 2 is unstable
 
@@ -33,10 +34,9 @@ class FeedforwardPD:
         That is so for each alone, at the start of the motion. With springs a motor feels its rotor before
         it feels the rest; the frequency is then lowered to what a sampled damper may do to a rotor.
         """
-        robot, N = reference.robot, reference.N[:1]
-        mass = platform_dynamics(robot, reference.x[:1], reference.dx[:1], reference.motion.q[:1]).mass[0]
-        geared = robot.gear_ratio[:, None] * N[0][robot.actuated]  # (n_a, n) motor speed for unit dx
-        from_motors = np.linalg.pinv(geared)
+        robot, motion = reference.robot, reference.motion
+        mass = dynamics_at(robot, motion.q[0]).platform_inertia
+        from_motors = np.linalg.pinv(motor_speeds(robot, motion.linearised.at(0))[0][0])
         inertia = np.diag(from_motors.T @ mass @ from_motors)  # (n_a,) [kg m^2], what each motor turns
         rate = np.full(robot.n_a, frequency)
         if robot.n_e and robot.rotor_inertia.all():

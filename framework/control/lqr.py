@@ -14,12 +14,10 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.control.estimation import Measurement, estimated_state
-from framework.control.platform_dynamics import platform_dynamics
 from framework.control.reference import Reference
+from framework.dynamics.forward_derivatives import forward_derivatives
 from framework.errors import InvalidInput
 from framework.linalg.ordered_sums import matvec
-
-DIFFERENCE_STEP = 1e-5  # [robot lengths] or [rad], of the central differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,24 +64,12 @@ class TimeVaryingLQR:
 
 def _linearised(reference: Reference) -> tuple[Array, Array]:
     """Linearise the error e = [x; dx]: de/dt = A e + B tau; A (K, 2n, 2n), B (K, 2n, n_a)."""
-    robot, count, n = reference.robot, len(reference.times), reference.robot.n
-    size = robot.platform_scale
-    A = np.zeros((count, 2 * n, 2 * n))
+    robot, motion, n = reference.robot, reference.motion, reference.robot.n
+    slopes = forward_derivatives(robot, motion.q, motion.v, reference.torque)
+    A = np.zeros((len(reference.times), 2 * n, 2 * n))
     A[:, :n, n:] = np.eye(n)
-    for k in range(2 * n):
-        step = np.zeros(2 * n)
-        step[k] = DIFFERENCE_STEP * size[k % n]
-        ends = [
-            platform_dynamics(
-                robot, reference.x + sign * step[:n], reference.dx + sign * step[n:], reference.motion.q
-            ).acceleration(reference.torque)
-            for sign in (1.0, -1.0)
-        ]
-        A[:, n:, k] = (ends[0] - ends[1]) / (2 * step[k])
-    dynamics = platform_dynamics(robot, reference.x, reference.dx, reference.motion.q)
-    B = np.zeros((count, 2 * n, robot.n_a))
-    B[:, n:] = np.linalg.solve(dynamics.mass, dynamics.motors.transpose(0, 2, 1))
-    return A, B
+    A[:, n:, :n], A[:, n:, n:] = slopes.acceleration_y, slopes.acceleration_dy
+    return A, np.concatenate([np.zeros_like(slopes.acceleration_torque), slopes.acceleration_torque], axis=1)
 
 
 def riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:

@@ -24,7 +24,12 @@ from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.pointwise_dynamics import prescribed_motion, require_hold
 from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.motion_changes import MotionSteps, coordinate_steps, motion_changes
+from framework.kinematics.motion_changes import (
+    MotionSteps,
+    coordinate_steps,
+    motion_changes,
+    require_turns_at_rest,
+)
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 
@@ -69,6 +74,7 @@ def dynamics_derivatives(
             have a pole; `forward_derivatives` is regular there.
     """
     prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
+    require_turns_at_rest(robot)
     motion = prescribed.motion
     require_hold(robot, motion.linearised, prescribed.x)
     r = tree_forces(robot, motion)

@@ -64,8 +64,7 @@ def forward_derivatives(
 
     Raises:
         InvalidInput: as `forward_dynamics`; a platform that does not determine the joints; a motion without
-            mass, whose acceleration torques of one instant do not tell; damping or armature of balls that
-            drives an idle turn.
+            mass, whose acceleration torques of one instant do not tell.
         NotAssembled: the platform does not determine the joints at this pose (Type 1).
     """
     expect_robot(robot)

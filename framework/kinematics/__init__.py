@@ -15,6 +15,7 @@ The equations, for stacks of configurations
     closures            the loop equations, their derivatives and drift
     loop_curvature      how the forces of the loops change with the configuration
     equations           the table of all equations and the sparsity of dF/dq
+    single_pose         the loop equations of one configuration after another, for control cycles
     linearised_loops    F and dF/dq at given configurations
 
 From the platform to the joints, and back

@@ -65,10 +65,8 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
     """Compute the changes of a motion for small steps.
 
     Raises:
-        InvalidInput: balls drive an idle turn of the robot.
         numpy.linalg.LinAlgError: the platform does not determine the joints at some instant.
     """
-    require_turns_at_rest(robot)
     linearised, (count, k) = motion.linearised, steps.twist[0].shape[:2]
     tree = TreeMotion.of(robot, linearised.frames, motion.v, motion.a)
     still, closed = np.zeros((count, k, robot.model.nv)), np.zeros((count, k, len(robot.loops.names)))
@@ -107,7 +105,7 @@ def require_turns_at_rest(robot: ParallelRobot) -> None:
         names = ", ".join(robot.coordinates.name_of(int(column)) for column in turns)
         raise InvalidInput(
             f"{robot.name}: the damping or the armature of balls drives the idle turns {names}; "
-            f"derivatives are for turns at rest: leave damping and armature of these balls out"
+            f"they are taken for turns at rest here: leave damping and armature of these balls out"
         )
 
 

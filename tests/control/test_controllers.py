@@ -14,8 +14,8 @@ from framework.control.computed_torque import ComputedTorque
 from framework.control.controllers import CONTROLLERS, tuned_controller
 from framework.control.estimation import Measurement, RobotState, consistent_solution, estimated_state
 from framework.control.lqr import riccati
-from framework.control.platform_dynamics import platform_dynamics
 from framework.control.reference import reference_of
+from framework.dynamics.forward_derivatives import forward_derivatives
 
 PERIOD = 1.7e-3  # no sample on the singular instant, 1 s: the naive law has a value at each
 ROBOTS = [("five_bar", "C"), ("five_bar_heavy", "C"), ("three_rrr", "crossing"), ("gough_stewart", "tilt")]
@@ -47,11 +47,11 @@ def test_on_the_plan_a_controller_asks_for_the_planned_torque(name, sensors):
 
 @pytest.mark.parametrize(("name", "scene"), ROBOTS)
 def test_the_planned_torque_gives_the_planned_acceleration(name, scene):
-    """M_x ddx + h_x = G' tau, with tau from A and lambda: two routes, one of them regular at Type 2."""
+    """Forward dynamics, with tau from A and lambda: two routes, one of them regular at Type 2."""
     ref = reference(name, scene, period=plan_scene(robots.load(name), scene).duration / 300)
-    model = platform_dynamics(ref.robot, ref.x, ref.dx, ref.motion.q)
+    model = forward_derivatives(ref.robot, ref.motion.q, ref.motion.v, ref.torque)
     scale = np.abs(ref.ddx).max()
-    np.testing.assert_allclose(model.acceleration(ref.torque), ref.ddx, atol=1e-8 * scale)
+    np.testing.assert_allclose(model.acceleration, ref.ddx, atol=1e-8 * scale)
 
 
 def test_with_constant_dynamics_the_riccati_gains_are_those_of_the_algebraic_equation():

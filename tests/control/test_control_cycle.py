@@ -1,0 +1,121 @@
+"""The control cycle against forward kinematics and the dynamics of one instant, for every robot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, Type2Singularity, assemble, dynamics_at, forward_kinematics
+from framework.control import ControlCycle
+from framework.errors import NotAssembled
+from tests.dynamics.test_dynamics_derivatives import OTHERS, STAGES
+
+FREE = ("two_arms", "standing_quadruped")  # their motors are redundant
+
+
+@pytest.fixture(params=[*STAGES, *(pytest.param((name,), id=name) for name in OTHERS)])
+def robot(request, tmp_path):
+    case = request.param
+    if case[0] in FREE:
+        pytest.skip("motors that depend on one another")
+    return OTHERS[case[0]](tmp_path) if len(case) == 1 else robots.load(case[0], flexibility=case[1])
+
+
+def swing(robot, count=40, size=2e-3, seed=0):
+    """Positions, rates and accelerations of the motors' joints, 1 ms apart, each (count, n_a)."""
+    t, rng = 1e-3 * np.arange(count)[:, None], np.random.default_rng(seed)
+    start = robot.actuated_coordinates(robot.reference.q[None])[0]
+    w, size = 20.0 + rng.uniform(0, 10, robot.n_a), size * robot.column_scale[robot.actuated]
+    wave = size * np.sin(w * t)
+    return start + wave, size * w * np.cos(w * t), -(w**2) * wave
+
+
+def test_pose_rates_and_torques_are_those_of_one_instant(robot):
+    cycle = ControlCycle(robot)
+    for q_a, dq_a, ddq_a in zip(*swing(robot), strict=True):
+        cycle.update(q_a, dq_a)
+        torque = cycle.torque(ddq_a)
+    pose = forward_kinematics(robot, q_a)
+    if not len(robot.structure.idle):  # an idle turn is where the way has left it
+        np.testing.assert_allclose(cycle.q, pose.q, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(cycle.x, pose.x, rtol=0, atol=1e-10 * robot.length)
+    assert cycle.residual < 1e-13 * max(robot.length, 1.0)
+    # the same joint rates, and accelerations of the platform that give the motors ddq_a
+    at_rest = dynamics_at(robot, cycle.q, dx=cycle.dx)
+    np.testing.assert_allclose(at_rest.v, cycle.v, rtol=0, atol=1e-9 * np.abs(cycle.v).max())
+    units = [dynamics_at(robot, cycle.q, dx=cycle.dx, ddx=e).a - at_rest.a for e in np.eye(robot.n)]
+    by_motors = np.array(units).T[robot.actuated]
+    ddx = np.linalg.solve(by_motors, ddq_a - at_rest.a[robot.actuated])
+    expected = dynamics_at(robot, cycle.q, dx=cycle.dx, ddx=ddx).torque
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(torque, expected, rtol=0, atol=1e-8 * scale)
+    np.testing.assert_allclose(cycle.mass @ ddq_a + cycle.bias, torque, rtol=0, atol=1e-10 * scale)
+
+
+def test_distances_are_those_of_the_matrices(robot):
+    """That to Type 2 within the square root of the size of P of the least singular value."""
+    cycle = ControlCycle(robot)
+    count = np.sqrt(len(robot.following))
+    least = dynamics_at(robot, cycle.q).clearance
+    assert (
+        least / count * (1 - 1e-9) <= cycle.type2 <= 3 * least * count
+    )  # an estimate of the norm, not above
+    motors = robot.actuated_coordinates(cycle.q[None])[0]
+    steps = 1e-6 * robot.column_scale[robot.actuated]
+    columns = []
+    for k, h in enumerate(steps):
+        ends = [forward_kinematics(robot, motors + s * h * np.eye(robot.n_a)[k]).x for s in (1, -1)]
+        columns.append((ends[0] - ends[1]) / (2e-6 * robot.platform_scale))
+    values = np.linalg.svd(np.array(columns).T, compute_uv=False)
+    if getattr(robot.platform, "attitude", None) is None or robot.platform.attitude.by_rates:
+        assert abs(cycle.type1) == pytest.approx(values[-1], rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["five_bar", "three_rrr", "gough_stewart"])
+def test_no_jump_leads_to_another_branch(name):
+    """Motors far away: the pose that the followed way has, or the same refusal, and the cycle goes on."""
+    robot, rng = robots.load(name), np.random.default_rng(5)
+    cycle, start = ControlCycle(robot), robot.actuated_coordinates(robot.reference.q[None])[0]
+    size, refused = 0.7 * robot.column_scale[robot.actuated], 0
+    for _ in range(12):
+        target, before = start + size * rng.uniform(-1, 1, robot.n_a), cycle.q.copy()
+        try:
+            expected = forward_kinematics(robot, target, near=before).q
+        except NotAssembled as refusal:
+            refused += 1
+            with pytest.raises(type(refusal)):
+                cycle.update(target, np.zeros(robot.n_a))
+            np.testing.assert_array_equal(cycle.q, before)
+        else:
+            cycle.update(target, np.zeros(robot.n_a))
+            np.testing.assert_allclose(cycle.q, expected, rtol=0, atol=1e-9)
+    assert refused > 0 or name == "gough_stewart"
+
+
+def test_a_way_into_a_type_2_singularity_ends_there_and_leads_back():
+    """The 5R's cranks towards the pose with both rods in line, in steps of a millisecond."""
+    robot = robots.load("five_bar")
+    inside, singular = (assemble(robot, [0.0, y]) for y in (0.28, np.sqrt(0.06)))
+    start, end = (robot.actuated_coordinates(pose.q[None])[0] for pose in (inside, singular))
+    cycle = ControlCycle(robot, near=inside)
+    distances = []
+    for share in np.arange(0.0, 0.9985, 1e-3):
+        cycle.update(start + share * (end - start), end - start)
+        distances.append(cycle.type2)
+    with pytest.raises(Type2Singularity, match="Type 2"):
+        cycle.update(start + 1.001 * (end - start), end - start)
+    assert distances[-1] < 0.05 * distances[0]
+    assert min(distances) > 0.0
+    cycle.update(start, np.zeros(2))
+    np.testing.assert_allclose(cycle.q, inside.q, rtol=0, atol=1e-10)
+
+
+def test_what_cannot_be_is_refused_by_name():
+    robot = robots.load("five_bar")
+    cycle = ControlCycle(robot)
+    for motors in ([0.0], [0.0, np.nan], "no"):
+        with pytest.raises(InvalidInput, match="left_motor"):
+            cycle.update(motors, [0.0, 0.0])
+    with pytest.raises(InvalidInput, match="none of them can move"):
+        ControlCycle(robots.load("two_arms"))
