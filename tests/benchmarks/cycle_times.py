@@ -2,8 +2,8 @@
 
     python -m tests.benchmarks.cycle_times [ROBOT ...] [--cycles 100000] [--figure FILE]
 
-Times are those of the thread on the processor: what else the machine does is left out, but for the caches. The
-figure has a histogram for each robot.
+Times are those of the thread on the processor: what else the machine does is left out, but for the caches.
+The figure has a histogram for each robot.
 """
 
 from __future__ import annotations

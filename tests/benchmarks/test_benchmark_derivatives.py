@@ -1,8 +1,8 @@
 """What exact derivatives cost and how far differences are from them, for every robot: `make bench`.
 
-Differences are central ones over `dynamics_at`, of second order with the step that loses the fewest digits, all
-poses in one stack: the quickest way to them that our public calls give. Errors of ours are against differences
-of eighth order, over the largest entry.
+Differences are central ones over `dynamics_at`, of second order with the step that loses the fewest digits,
+all poses in one stack: the quickest way to them that our public calls give. Errors of both are distances from
+differences of eighth order, over the largest entry.
 """
 
 from __future__ import annotations
