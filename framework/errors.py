@@ -80,6 +80,15 @@ def short(value: object) -> str:
     return reprlib.repr(value)
 
 
+def told_apart(one: float, other: float, digits: int = 4) -> tuple[str, str]:
+    """Return two numbers as texts of so many digits, or of as many more as it takes for them to differ."""
+    for count in range(digits, 18):
+        texts = f"{one:.{count}g}", f"{other:.{count}g}"
+        if texts[0] != texts[1]:
+            break
+    return texts
+
+
 def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     """Return the sentence for a name that is not in a list: the given, the nearest and the valid names."""
     names = sorted(valid)

@@ -353,10 +353,11 @@ def test_a_pole_is_no_plan_and_leaves_nothing_behind(refusal, tmp_path, scene, f
 
 
 def test_a_pole_leaves_the_files_of_an_earlier_plan_alone(refusal, tmp_path):
-    (tmp_path / "plan.json").write_text("earlier")
+    earlier = '{"robot": "five_bar"}'
+    (tmp_path / "plan.json").write_text(earlier)
     refusal(1, *PLAN, "--scene", "B", "--out", tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
-    assert (tmp_path / "plan.json").read_text() == "earlier"
+    assert (tmp_path / "plan.json").read_text() == earlier
 
 
 @pytest.mark.parametrize("flexibility", ["rigid", "flexible_links"])

@@ -20,6 +20,7 @@ from framework.crossing.specification import Specification
 from framework.crossing.timing import CrossingTime
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.errors import told_apart
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.motion.law import PlannedLaw
@@ -143,9 +144,11 @@ class CrossingPlan:
             excesses = []
             if motor.torque_limit is not None and torques[k] > motor.torque_limit:
                 unit = self.robot.torque_units[k]
-                excesses.append(f"torque {torques[k]:.4g} {unit} of {motor.torque_limit:.4g}")
+                torque, limit = told_apart(torques[k], motor.torque_limit)
+                excesses.append(f"torque {torque} {unit} of {limit}")
             if motor.speed_limit is not None and speeds[k] > motor.speed_limit:
-                excesses.append(f"speed {speeds[k]:.4g} rad/s of {motor.speed_limit:.4g}")
+                speed, limit = told_apart(speeds[k], motor.speed_limit)
+                excesses.append(f"speed {speed} rad/s of {limit}")
             if excesses:
                 exceeded[motor.joint] = ", ".join(excesses)
         beyond = positions_beyond_limits(self.robot.limits, self.dynamics.configuration(times))

@@ -48,6 +48,11 @@ class Specification(ReadOnlyArrays):
         return np.isfinite(self.torque_limit)
 
     @property
+    def limited_speeds(self) -> bool:
+        """Whether any speed has a limit."""
+        return bool(np.isfinite(self.speed_limit).any())
+
+    @property
     def most(self) -> float | None:
         """The duration not to be exceeded [s], if any."""
         return self.duration if self.duration is not None else self.longest

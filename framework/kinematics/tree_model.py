@@ -23,6 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
+from framework.errors import told_apart
 from framework.model.placement import turning
 from framework.model.urdf_elements import SEVERAL
 from framework.tolerances import SAME_PLACE
@@ -181,9 +182,14 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
         least, largest = float(np.min(q[:, coordinate])), float(np.max(q[:, coordinate]))
         beyond, slack = [], SAME_PLACE * max(abs(lower), abs(upper))
         if least < lower - slack:
-            beyond.append(f"{least:.6g} {unit} of {lower:.6g}")
+            beyond.append(_beyond(least, lower, unit))
         if largest > upper + slack:
-            beyond.append(f"{largest:.6g} {unit} of {upper:.6g}")
+            beyond.append(_beyond(largest, upper, unit))
         if beyond:
             exceeded[joint] = "position " + " and ".join(beyond)
     return exceeded
+
+
+def _beyond(position: float, limit: float, unit: str) -> str:
+    reached, allowed = told_apart(position, limit, 6)
+    return f"{reached} {unit} of {allowed}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -105,13 +106,18 @@ def _platform(urdf: Urdf) -> Reader[Platform]:
     return read
 
 
+def _limit(where: str, given: Any) -> float | None:
+    """Read a limit of a motor; null or infinity is none."""
+    return None if given is None or given == math.inf else positive(where, given)
+
+
 def _actuator(urdf: Urdf) -> Reader[Actuator]:
     table = {
         "joint": required(one_of("joint", urdf.joints)),
         "gear_ratio": optional(positive, 1.0),
         "rotor_inertia": optional(not_negative, 0.0),
-        "torque_limit": optional(positive),
-        "speed_limit": optional(positive),
+        "torque_limit": optional(_limit),
+        "speed_limit": optional(_limit),
     }
     return record(table, lambda _, values: Actuator(**values))
 

@@ -184,7 +184,11 @@ class _Formulation:
         """Return the rows that may not be negative."""
         program, parts = self.program, self.parts
         linear = [self.affine(program.positive, -program.floor)]
-        linear.append(self.affine(-program.below_one, (1.0 - program.kept) ** 2))
+        if self.goal in ("peak_speed", "peak"):
+            largest = parts.rows("peak", np.ones((len(program.below_one), 1)))
+            linear.append(largest.and_(self.affine(-program.below_one)))
+        else:
+            linear.append(self.affine(-program.below_one, (1.0 - program.kept) ** 2))
         bounded = program.bounded.any()
         if bounded:
             linear.append(parts.rows("bound", np.array([[-1.0]]), np.array([1.0 - program.kept])))
@@ -205,7 +209,7 @@ class _Formulation:
         ]
         if program.bounded.any():
             cones.append(self.torque_below("bound", program.bounded))
-        if self.goal == "peak_torque":  # each row of a torque is there but once
+        if self.goal in ("peak_torque", "peak"):  # each row of a torque is there but once
             cones.append(self.torque_below("peak", ~program.bounded))
         if self.goal == "energy":  # e w >= the sum of power^2
             e, (matrix, offset) = parts.each("e"), program.power
@@ -220,7 +224,7 @@ class _Formulation:
         cost = np.zeros(parts.size)
         if self.goal == "time":
             cost[parts.place("v")] = program.weights
-        elif self.goal == "peak_torque":
+        elif self.goal in ("peak_torque", "peak_speed", "peak"):
             cost[parts.place("peak")] = 1.0
         elif self.goal == "energy":
             cost[parts.place("e")] = program.weights

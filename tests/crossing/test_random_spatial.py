@@ -73,10 +73,10 @@ def check_refusal(refusal: NoLaw, limit: float, best: float | None) -> None:
     # it combines the rows A x + s = b to 0 x + q' s = b' q < 0, while q' s >= 0: for all x up to 1e3 at least
     margin = -float(program.right @ q)
     assert margin > 1e3 * np.abs(program.matrix.T @ q).max() > 0.0
-    assert proof.least_peak is None or proof.least_peak > 1.0
+    assert proof.least.torque_peak is None or proof.least.torque_peak > 1.0
     # the estimate is without smoothness at the ends: less than what a smooth law needs, but not much
-    if best is not None and proof.least_peak is not None:
-        assert 0.95 < best / limit / proof.least_peak < 1.0 + 1e-3
+    if best is not None and proof.least.torque_peak is not None:
+        assert 0.95 < best / limit / proof.least.torque_peak < 1.0 + 1e-3
 
 
 def settled_estimate(plan: CrossingPlan) -> float:

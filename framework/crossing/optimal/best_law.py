@@ -57,40 +57,37 @@ def best_law(program: SpeedProgram) -> Best | Infeasible | Unsolved:
     return within_limits(program, cones, optimum) if isinstance(optimum, Optimum) else optimum
 
 
-def off_limits(program: SpeedProgram) -> tuple[float | None, float | None]:
-    """Compute the least peak of torque over its limit in the required duration, and the least duration [s]
-    within all limits, of laws of this degree; None where none was found."""
-    specification = program.specification
-    free = replace(
-        specification, goal="peak_torque", torque_limit=np.full(len(specification.torque_limit), np.inf)
-    )
-    quickest = replace(specification, goal="time", duration=None, longest=None)
-    # a motor without a limit counts for nothing in a peak over the limits
-    units = program.units._replace(
-        torque=np.where(specification.limited_motors, program.units.torque, np.inf)
-    )
-    gentle = (
-        _best_of(replace(program, specification=free, units=units))
-        if specification.limited and specification.most is not None
-        else None
-    )
-    quick = _best_of(replace(program, specification=quickest)) if specification.limited else None
-    return (None if gentle is None else gentle.peak, None if quick is None else quick.law.duration)
-
-
-def _best_of(program: SpeedProgram) -> Best | None:
-    best = best_law(program)
-    return best if isinstance(best, Best) else None
-
-
 def within_limits(
     program: SpeedProgram, cones: ConeProgram, optimum: Optimum
 ) -> Best | Infeasible | Unsolved:
-    """Return the law of an optimum, solved again with rows where a limit does not hold between the points.
+    """Return the law of an optimum, solved again until limits hold between the points (`kept_between`)."""
+    unextended = optimum
+    kept = kept_between(program, cones, optimum)
+    if isinstance(kept, Infeasible | Unsolved):
+        return kept
+    cones, optimum = kept
+    try:
+        y = optimum.y if program.specification.duration is None else _lasting(program, cones, optimum)
+        law = OptimalLaw(
+            y * program.scale,
+            program.specification.smoothness,
+            program.specification.duration or 0.0,
+            program.on_path.stretch.at,
+        )
+    except InvalidInput as problem:
+        return Unsolved(str(problem))
+    peak = float(program.torques(y).max())
+    final = optimum._replace(peak=peak, duration=law.duration / program.units.time)
+    return Best(law, peak, program.units.torque, _cost(program, final), _bound(program, unextended))
+
+
+def kept_between(
+    program: SpeedProgram, cones: ConeProgram, optimum: Optimum
+) -> tuple[ConeProgram, Optimum] | Infeasible | Unsolved:
+    """Solve again with rows where a limit does not hold between the points.
 
     Rows that are far from their limit are left out of that; where they are needed they come back.
     """
-    unextended = optimum
     relevant = np.abs(cones.torque(optimum.y)) > MIN_ROW_TORQUE_RATIO * _allowed(cones.bounded, optimum.peak)
     rows = Affine(cones.torque.matrix[relevant], cones.torque.offset[relevant])
     cones = replace(cones, torque=rows, bounded=cones.bounded[relevant])
@@ -106,19 +103,7 @@ def within_limits(
         if not isinstance(resolved, Optimum):
             return resolved
         cones, optimum = extended, resolved
-    try:
-        y = optimum.y if program.specification.duration is None else _lasting(program, cones, optimum)
-        law = OptimalLaw(
-            y * program.scale,
-            program.specification.smoothness,
-            program.specification.duration or 0.0,
-            program.on_path.stretch.at,
-        )
-    except InvalidInput as problem:
-        return Unsolved(str(problem))
-    peak = float(program.torques(y).max())
-    final = optimum._replace(peak=peak, duration=law.duration / program.units.time)
-    return Best(law, peak, program.units.torque, _cost(program, final), _bound(program, unextended))
+    return cones, optimum
 
 
 def _bound(program: SpeedProgram, limited: Optimum) -> float:
@@ -142,15 +127,23 @@ def _cost(program: SpeedProgram, optimum: Optimum) -> float:
 def _with_rows_where_exceeded(
     program: SpeedProgram, cones: ConeProgram, y: Array, allowed: Array
 ) -> ConeProgram | None:
-    """Add rows where torques of y exceed what is allowed (n_a,) or z is too low; None if there are none."""
+    """Add rows where torques of y exceed what is allowed (n_a,), speeds what they may be, or z is too low.
+
+    Returns None if there are none.
+    """
     over = _peaks((program.torques(y) / allowed).max(axis=1), 1.0)
     low = _peaks(-(program.speeds_between @ y), -0.5 * cones.floor)
-    if not len(over) and not len(low):
+    fastest = 1.0
+    if program.specification.goal in ("peak_speed", "peak"):
+        fastest = float((cones.below_one @ y).max(initial=0.0)) * (1.0 + 2.0 * LIMIT_MARGIN)
+    fast = _peaks(program.squared_speeds(y), fastest)
+    if not len(over) and not len(low) and not len(fast):
         return None
     return replace(
         cones,
         torque=_stacked(cones.torque, program.torque_rows(program.between[over])),
         bounded=np.append(cones.bounded, np.tile(program.specification.limited_motors, len(over))),
+        below_one=np.concatenate([cones.below_one, program.speed_rows(program.between[fast])]),
         positive=np.concatenate([cones.positive, program.speeds_between[low]]),
     )
 

@@ -43,6 +43,7 @@ from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer, NoLaw, NotConverged, UnboundedTorque
 from framework.motion.optimal_law import OptimalLaw
+from framework.motion.peaks import peak_sizes
 from framework.tolerances import PEAK_TORQUE_MISMATCH
 
 MAX_PASSES = 8  # of optimising and resolving in turn
@@ -193,17 +194,19 @@ def _resolved(
     return dynamics, law, known
 
 
-def _sampled(dynamics: InverseDynamics) -> tuple[Array, Array]:
-    """Compute the largest motor torques [N m] and speeds [rad/s] (n_a,), sampled at 8 times the nodes."""
-    t = np.linspace(0.0, dynamics.duration, 8 * dynamics.certificate.nodes)
-    return np.abs(dynamics.torque(t)).max(axis=0), np.abs(dynamics.motor_angle(t, 1)).max(axis=0)
+def _peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:
+    """Compute the largest motor torques [N m] and speeds [rad/s] (n_a,)."""
+    _, size, _ = dynamics.torques.coefficients.shape
+    edges = dynamics.torques.edges
+    speed = peak_sizes(lambda t: dynamics.motor_angle(t, 1), edges, size)
+    return peak_sizes(dynamics.torque, edges, size), speed
 
 
 def _excess(dynamics: InverseDynamics, specification: Specification) -> float:
     """Return the largest torque or speed over its limit; 0 without limits."""
-    torque, speed = _sampled(dynamics)
+    torque, speed = _peaks(dynamics)
     return float(max((torque / specification.torque_limit).max(), (speed / specification.speed_limit).max()))
 
 
 def _peak(dynamics: InverseDynamics, reference: Array) -> float:
-    return float((_sampled(dynamics)[0] / reference).max())
+    return float((_peaks(dynamics)[0] / reference).max())

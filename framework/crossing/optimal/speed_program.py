@@ -157,6 +157,23 @@ class SpeedProgram:
         matrix, offset = self._torque
         return np.asarray(np.abs(self.between @ (matrix @ y + offset) + self._friction(self.between)))
 
+    @cached_property
+    def _squared_speed(self) -> Array:
+        """Squared speeds over their limits at the points, of motors that have one: (M, motors, n)."""
+        limit = self.specification.speed_limit
+        limited = np.isfinite(limit)
+        ratio = self.on_path.demand.speed[:, limited] / limit[limited]
+        basis = Basis.at(self.on_path.sigma, self.degree, self.on_path.stretch)
+        return np.asarray(self.scale * ratio[:, :, None] ** 2 * basis.z[:, None])
+
+    def speed_rows(self, take: Array) -> Array:
+        """Return squared speeds over their limits at combinations `take` (R, M) of the points, as rows."""
+        return np.tensordot(take, self._squared_speed, axes=1).reshape(-1, self.degree + 1)
+
+    def squared_speeds(self, y: Array) -> Array:
+        """Return the largest squared speed over its limit between the points and at the crossings (R,)."""
+        return np.asarray((self.between @ (self._squared_speed @ y)).max(axis=1, initial=0.0))
+
     def conditions(self) -> Affine:
         """Return condition (8) at all crossings, as rows on the coefficients."""
         path = self.on_path
@@ -168,9 +185,6 @@ class SpeedProgram:
         points, weights = legendre.leggauss(degree + degree // 2)
         size = len(self.on_path.sigma)
         rows = np.append(np.arange(0, size - 1, FIRST_ROW_STRIDE), size - 1)  # both ends are among them
-        limited = np.isfinite(specification.speed_limit)
-        speed = self.on_path.demand.speed[np.ix_(rows, limited)] / specification.speed_limit[limited]
-        z = chebyshev.chebvander(nodes(size)[rows], degree)
         power = Affine(np.empty((0, degree + 1)), np.empty(0))
         if specification.goal == "energy":
             power = self.torque_rows(evaluate(points, series_through(np.eye(size))))
@@ -181,12 +195,12 @@ class SpeedProgram:
             positive=np.empty((0, degree + 1)),
             torque=self.torque_rows(np.eye(size)[rows]),
             bounded=np.tile(specification.limited_motors, len(rows)),
-            below_one=(self.scale * speed[:, :, None] ** 2 * z[:, None]).reshape(-1, degree + 1),
+            below_one=self.speed_rows(np.eye(size)[rows]),
             power=power,
             equalities=self.conditions(),
             roughness=self.roughness * np.diag(np.arange(degree + 1.0) ** 2),
             floor=MIN_SQUARED_SPEED_RATIO,
-            kept=LIMIT_MARGIN if specification.limited else 0.0,
+            kept=LIMIT_MARGIN if specification.limited or specification.limited_speeds else 0.0,
         )
 
     def solved(self, cones: ConeProgram) -> Optimum | Infeasible | Unsolved:

@@ -13,7 +13,6 @@ from framework.crossing.optimal.best_law import (
     MAX_CROSSINGS_AT_FIRST_DEGREE,
     Best,
     best_law,
-    off_limits,
     within_limits,
 )
 from framework.crossing.optimal.optimal_task import (
@@ -34,9 +33,10 @@ from framework.crossing.optimal.speed_program import (
     guessed_units,
     points_of,
 )
+from framework.crossing.optimal.sufficient_limits import least_duration, least_limits
 from framework.crossing.refusals.refusal_proofs import HoldingTorque, NoAdmissibleSpeed
 from framework.crossing.specification import Specification
-from framework.errors import InvalidInput, NoLaw, NotConverged
+from framework.errors import InvalidInput, NoLaw, NotConverged, told_apart
 from framework.motion.cone_program import Optimum, Unsolved
 from framework.motion.exact_duration import adjusted
 from framework.motion.infeasibility import Infeasible
@@ -187,16 +187,19 @@ def _refusal(
     task: Task, program: SpeedProgram, obstacle: Infeasible | Unsolved, quicker: SpeedProgram
 ) -> NoLaw | NotConverged:
     """Return the reason why there is no law; the `quicker` program says how far off the limits are."""
-    name = task.branch.robot.name
-    holding = _holding(task, program.on_path)
+    robot = task.branch.robot
+    name, holding = robot.name, _holding(task, program.on_path)
+    least = least_limits(quicker)
+    would_do = "".join(f"; {sentence}" for sentence in least.sentences(robot, task.request.margin))
     if holding is not None:
         where, unit = "start" if holding.s == 0 else "end", _unit(task, holding.joint)
-        rubs = task.branch.robot.joint_friction.any()
+        needed, allowed = told_apart(holding.torque, holding.limit)
+        rubs = robot.joint_friction.any()
         uncounted = " (dry friction, which may hold some of it, not counted)" if rubs else ""
         return NoLaw(
-            f"{name}: no law is admissible: at the {where} {holding.joint} must hold {holding.torque:.4g} "
-            f"{unit} at rest{uncounted}, and may {holding.limit:.4g}",
-            proof=holding,
+            f"{name}: no law is admissible: at the {where} {holding.joint} must hold {needed} "
+            f"{unit} at rest{uncounted}, and may {allowed}{would_do}",
+            proof=replace(holding, least=least),
         )
     if not isinstance(obstacle, Infeasible):
         nearest = min(program.on_path.crossings, key=lambda sigma: min(sigma, 1.0 - sigma), default=None)
@@ -209,10 +212,10 @@ def _refusal(
             f"with {obstacle.status}{near_end}",
             residual=np.inf,
         )
-    proof = NoAdmissibleSpeed(program.degree, *off_limits(quicker), obstacle)
+    proof = NoAdmissibleSpeed(program.degree, least, least_duration(quicker), obstacle)
     return NoLaw(
         f"{name}: no law of free shape (degree {program.degree}) is admissible: "
-        f"{proof.sentence or 'none within all limits meets condition (8)'}",
+        f"{proof.sentence or 'none within all limits meets condition (8)'}{would_do}",
         proof=proof,
     )
 

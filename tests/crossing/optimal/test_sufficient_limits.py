@@ -1,0 +1,83 @@
+"""Limits that are too low: refused with numbers that would do, and planned with these."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Line, NoLaw, plan_crossing, plan_scene
+from framework.errors import told_apart
+
+LINE = Line([0.1, 0.345], [-0.05, 0.195])
+DURATION = 1.5  # [s]
+NEAR = 0.99  # of limits that would do: they are the least ones to 1 %
+
+
+def refused(*arguments, plan=plan_crossing, **options):
+    """The least limits of a refusal, as options; each set of them would do."""
+    with pytest.raises(NoLaw, match="would do") as caught:
+        plan(*arguments, **options)
+    least = caught.value.proof.least
+    limits = {"torque_limit": least.torque, "speed_limit": least.speed}
+    limits = {name: limit for name, limit in limits.items() if limit is not None}
+    sets = [limits] if least.together else [{name: limit} for name, limit in limits.items()]
+    for name, limit in limits.items():
+        assert name in str(caught.value)
+        assert np.all(limit >= np.array(options[name], dtype=float) * (1 - 1e-12)) or least.together
+    return sets
+
+
+def kept(plan, torque_limit=np.inf, speed_limit=np.inf):
+    times = np.linspace(0.0, plan.duration, 20001)
+    assert np.all(np.abs(plan.torque(times)).max(axis=0) <= torque_limit)
+    assert np.all(np.abs(plan.motor_angle(times, 1)).max(axis=0) <= speed_limit)
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [{"torque_limit": 0.03}, {"speed_limit": 10.0}, {"torque_limit": 0.03, "speed_limit": 20.0}],
+    ids=lambda limits: " ".join(limits),
+)
+def test_a_limit_that_is_too_low_is_refused_with_one_that_would_do(limits):
+    robot = robots.load("five_bar")
+    for enough in refused(robot, LINE, duration=DURATION, **limits):
+        kept(plan_crossing(robot, LINE, duration=DURATION, **{**limits, **enough}), **{**limits, **enough})
+        less = {name: NEAR * limit for name, limit in enough.items()}
+        refused(robot, LINE, duration=DURATION, **{**limits, **less})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["five_bar", "biglide", "three_rrr"])
+def test_random_limits_that_are_too_low_are_planned_with_the_ones_that_would_do(name):
+    """Limits below the peaks of the plan that is gentlest on the torques, in its duration."""
+    robot, generator = robots.load(name), np.random.default_rng(1)
+    scene = next(iter(robot.description.scenes))
+    gentle = plan_scene(robot, scene, optimize="peak_torque")
+    times = np.linspace(0.0, gentle.duration, 2001)
+    peaks = {
+        "torque_limit": np.abs(gentle.torque(times)).max(axis=0),
+        "speed_limit": np.abs(gentle.motor_angle(times, 1)).max(axis=0),
+    }
+    planned = 0
+    for _ in range(8):
+        names = generator.choice(list(peaks), size=generator.integers(1, 3), replace=False)
+        limits = {key: peaks[key].max() * 10 ** generator.uniform(-1.0, -0.5) for key in names}
+        for enough in refused(robot, scene, plan=plan_scene, **limits):
+            within = {**limits, **enough}
+            kept(plan_scene(robot, scene, **within), **within)
+            planned += 1
+    assert planned >= 8
+
+
+def test_a_speed_limit_is_kept_to_rounding_between_samples_too():
+    plan = plan_crossing(robots.load("five_bar"), LINE, optimize="time", speed_limit=(100, 70))
+    kept(plan, speed_limit=(100, 70))
+
+
+@pytest.mark.parametrize("other", [0.92114, 0.921100001, 0.9211 * (1 + 1e-14), 1.0, -0.9211])
+def test_two_numbers_that_differ_are_shown_with_the_digits_that_differ(other):
+    one, two = told_apart(0.9211, other)
+    assert one != two
+    assert float(one) == pytest.approx(0.9211, rel=1e-3)
+    assert told_apart(other, other)[0] == told_apart(other, other)[1]
