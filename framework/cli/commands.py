@@ -51,6 +51,11 @@ COMMANDS = {
     "export": Command(
         "export", "a robot as MuJoCo's MJCF, a plan as a trajectory for ros2_control, a scene as a lesson"
     ),
+    "identify": Command(
+        "identify",
+        "masses, inertias, rotor inertias and friction from recorded motor angles and torques, with standard "
+        "deviations",
+    ),
 }
 
 

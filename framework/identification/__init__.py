@@ -1,10 +1,25 @@
 """The twin: which parameters of a robot its data determine, and their values.
 
+    found = identify(robot, "sensors.csv")        # torques: masses, inertias, rotors, friction
+    found.write("my_robot_identified")
+
 Open `base_parameters` first: which combinations of masses, inertias and motor parameters torques depend on.
+`identify` finds them in a recorded motion. `read_recording` reads data, `record_sensors` makes them of a
+simulation.
 """
 
 from framework.identification.base_parameters import BaseParameters, base_parameters
+from framework.identification.identify import Identification, identify
 from framework.identification.recording import Recording, read_recording
 from framework.identification.sensors import Sensors, record_sensors
 
-__all__ = ["BaseParameters", "Recording", "Sensors", "base_parameters", "read_recording", "record_sensors"]
+__all__ = [
+    "BaseParameters",
+    "Identification",
+    "Recording",
+    "Sensors",
+    "base_parameters",
+    "identify",
+    "read_recording",
+    "record_sensors",
+]

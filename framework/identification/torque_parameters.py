@@ -89,14 +89,21 @@ class ParameterRegressor(NamedTuple):
 
 
 def parameter_regressor(
-    robot: ParallelRobot, motion: Motion, parameters: TorqueParameters
+    robot: ParallelRobot, motion: Motion, parameters: TorqueParameters, *, signs: Array | None = None
 ) -> ParameterRegressor:
-    """Compute the regressor of the closed robot at T instants of a motion, along its parameters."""
+    """Compute the regressor of the closed robot at T instants of a motion, along its parameters.
+
+    Args:
+        signs: (T, n_a) of the motors' speeds, as a filter leaves them; by default those of the motion.
+    """
     G, rates = motor_speeds(robot, motion.linearised)  # (T, n_a, n), (T, nv, n)
     columns, bodies = robot.actuated, rates.swapaxes(1, 2) @ tree_regressor(robot, motion, parameters.bodies)
     v, a = motion.v[:, columns], motion.a[:, columns]
     along = rates[:, columns].transpose(0, 2, 1)  # (T, n, n_a)
-    motors = np.stack([robot.gear_ratio**2 * a, v, np.sign(v)], axis=2)[:, None] * along[..., None]
+    motors = (
+        np.stack([robot.gear_ratio**2 * a, v, np.sign(v) if signs is None else signs], axis=2)[:, None]
+        * along[..., None]
+    )
     matrix = np.concatenate([bodies, motors.reshape(*motors.shape[:2], -1)], axis=2)
     values = parameters.values.copy()
     values[bodies.shape[2] :].reshape(-1, len(OF_MOTORS))[:, [0, 2]] = 0.0  # tree_forces has neither of them

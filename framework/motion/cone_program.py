@@ -11,6 +11,7 @@ orthonormal basis of their null space, so that they hold to rounding whatever th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -322,3 +323,39 @@ def eliminate(equalities: Affine) -> tuple[Array, Array]:
     rank = int(np.count_nonzero(values > INDEPENDENT_CONDITIONS))
     start = -right[:rank].T @ ((left.T @ offset)[:rank] / values[:rank])
     return start, right[rank:].T
+
+
+class LinearMatrix(NamedTuple):
+    """The symmetric matrix offset + sum of slopes[..., i] y_i."""
+
+    slopes: Array  # (k, k, n)
+    offset: Array  # (k, k)
+
+
+def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affine) -> Array | Unsolved:
+    """Compute the shortest y (n,) for which matrices are semidefinite and `positive` is not negative.
+
+    Returns:
+        y, or `Unsolved` if the solver gives up.
+    """
+    import clarabel
+    import scipy.sparse as sparse
+
+    rows, right = [-positive.matrix], [positive.offset]
+    cones: list[Any] = [clarabel.NonnegativeConeT(len(positive.offset))]
+    for slopes, offset in matrices:
+        column, row = np.tril_indices(len(offset))  # of the upper triangle, by columns
+        weight = np.where(row == column, 1.0, np.sqrt(2.0))
+        rows.append(-weight[:, None] * slopes[row, column])
+        right.append(weight * offset[row, column])
+        cones.append(clarabel.PSDTriangleConeT(len(offset)))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.direct_solve_method = "qdldl"
+    count = positive.matrix.shape[1]
+    squares = sparse.csc_array(np.eye(count))
+    stacked = sparse.csc_array(np.concatenate(rows))
+    problem = (squares, np.zeros(count), stacked, np.concatenate(right), cones, settings)
+    solution = clarabel.DefaultSolver(*problem).solve()
+    status = str(solution.status)
+    return np.array(solution.x) if status in ("Solved", "AlmostSolved") else Unsolved(status)

@@ -1,0 +1,94 @@
+"""`crossing identify`: inertial and motor parameters from recorded motor angles and torques."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from framework.cli import arguments
+from framework.cli.parser import Report, add_robot, command
+from framework.errors import InvalidInput
+from framework.identification.identify import DEFAULT_PRIOR, Identification, identify
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    parser = command(
+        commands,
+        "identify",
+        run,
+        "Named are the combinations that torques depend on, see base parameters in the literature; what they "
+        "do not show stays as near to the robot file as bodies that can exist allow.",
+    )
+    add_robot(parser)
+    parser.add_argument(
+        "data", metavar="DATA", help="CSV with time, motor_angle_JOINT, torque_JOINT as in motion.csv"
+    )
+    parser.add_argument(
+        "--cutoff", type=float, metavar="HZ", help="of the filter (default: where the angles' noise begins)"
+    )
+    parser.add_argument(
+        "--poses",
+        choices=("motors", "platform"),
+        help="what poses come from; platform passes Type 2 singularities and needs all its coordinates "
+        "(default: motors, or platform where these lead to one)",
+    )
+    parser.add_argument(
+        "--prior",
+        metavar="P",
+        default=f"{DEFAULT_PRIOR:g}",
+        help="how far the file's values may be off, as a share such as 20%% (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--massless", action="store_true", help="identify bodies without mass in the file as well"
+    )
+    parser.add_argument("--out", metavar="DIR", help="write the robot file and its URDF there")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Identify, and say what was found and how well it predicts torques that were held out."""
+    if options.out == "":
+        raise InvalidInput("--out: needs the name of a folder, got an empty text")
+    found = identify(
+        arguments.load(options),
+        options.data,
+        cutoff=options.cutoff,
+        poses=options.poses,
+        prior=arguments.share("--prior", options.prior),
+        massless=options.massless,
+    )
+    document, text = found.to_dict(), identification_text(found)
+    if options.out is not None:
+        document["robot_file"] = str(found.write(options.out))
+        text += f"\n  written to        {document['robot_file']}"
+    return document, text
+
+
+def identification_text(found: Identification) -> str:
+    """Return the report on identified parameters, in words."""
+    base = found.base
+    width = max(map(len, base.names))
+    rows = zip(base.names, found.values, found.deviations, base.values, strict=True)
+    lines = [
+        f"{found.robot.name}: {base.rank} base parameters of {len(base.parameters)} "
+        f"(gap of singular values {base.gap:.1e}{'' if base.certain else ', SMALL: the rank is uncertain'})",
+        f"  data              {found.instants} instants, low-pass at {found.cutoff:.3g} Hz, poses by the "
+        f"{found.poses}",
+        f"  torques held out  {_errors(found.robot.actuator_names, found.error_before)} off by the file, "
+        f"{_errors(found.robot.actuator_names, found.error_after)} now",
+        f"  no effect         {len(base.without_effect)} parameters"
+        + (f"; massless, left out: {', '.join(base.left_out)}" if base.left_out else ""),
+        f"  {'base parameter':{width}}  {'value':>12}  {'deviation':>10}  {'file':>12}",
+    ]
+    lines += [f"  {name:{width}}  {value:12.6g}  {off:10.2g}  {own:12.6g}" for name, value, off, own in rows]
+    if found.changed:
+        lines.append(f"  off the file      {'; '.join(found.changed)}")
+    if found.undetermined:
+        lines.append(f"  not seen          by these data: {'; '.join(found.undetermined)}")
+    return "\n".join(lines)
+
+
+def _errors(joints: tuple[str, ...], errors: np.ndarray) -> str:
+    return ", ".join(f"{joint} {100 * error:.2g} %" for joint, error in zip(joints, errors, strict=True))

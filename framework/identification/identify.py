@@ -1,0 +1,259 @@
+"""Identification of inertial and motor parameters from motor angles, torques and time.
+
+Weighted least squares on the base parameters, from rows N' Y theta = N' S tau (`torque_parameters`) whose
+noise is that of the torques, G' e of `platform_wrench`. At a Type 2 singularity G' e has no component along
+t_s, and what is wrong there comes from the motion: a floor keeps such rows from counting without bound.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.errors import InvalidInput
+from framework.identification.base_parameters import BaseParameters, base_parameters
+from framework.identification.measured_motion import MeasuredMotion, measured_motion
+from framework.identification.physical import (
+    LinkParameters,
+    link_parameters_of,
+    possible_parameters,
+    with_masses_and_motors,
+)
+from framework.identification.recording import Recording, check_recording, read_recording
+from framework.identification.torque_parameters import ParameterRegressor, parameter_regressor
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.model.robot_file_writer import write_robot_file
+from framework.tolerances import RANK_ROUNDING
+
+HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # the recording in blocks of time, of which every fourth is held out
+NOISE_FLOOR = 0.05  # of the largest noise of a row at an instant: the least that a row is taken to have
+SIGNIFICANT = 4.0  # standard deviations: one in 16000 by chance
+DEFAULT_PRIOR = 1.0  # standard deviation of the file's values, as a share of each body's own size
+
+
+class Rows(NamedTuple):
+    """Rows A theta = b of unit noise but for a common factor, of T instants."""
+
+    matrix: Array  # (T, n, p)
+    right: Array  # (T, n)
+
+
+@dataclass(frozen=True, eq=False)
+class Identification(ReadOnlyArrays):
+    """Identified parameters, with what proves them: torques of instants that were held out.
+
+    base: the base parameters of the robot; values and deviations (rank,) identified, with their standard
+        deviations, infinite where these data do not show one.
+    parameters: (p,) of `base.parameters`: bodies that can exist, nearest to the file's; links and
+        link_values: the same of single links.
+    error_before, error_after: (n_a,) of motor torques held out, by the file and by `parameters`, root mean
+        square over that of the measured torques; NaN where all of them are at Type 2.
+    """
+
+    robot: ParallelRobot
+    base: BaseParameters
+    values: Array
+    deviations: Array
+    parameters: Array
+    links: LinkParameters
+    link_values: Array
+    error_before: Array
+    error_after: Array
+    noise: float  # of rows over what the noise of the torques alone makes: 1 if nothing else is wrong
+    cutoff: float  # [Hz]
+    poses: str  # what they come from: motors or platform
+    instants: int
+    seconds: float
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Base parameters that these data leave open: their standard deviation is above their size."""
+        size = np.maximum(np.abs(self.values), np.abs(self.base.values))
+        return tuple(
+            name for name, open_ in zip(self.base.names, self.deviations > size, strict=True) if open_
+        )
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Base parameters that are off the file's values by more than `SIGNIFICANT` standard deviations."""
+        off = np.abs(self.values - self.base.values) > SIGNIFICANT * self.deviations
+        return tuple(name for name, is_off in zip(self.base.names, off, strict=True) if is_off)
+
+    def identified_robot(self) -> ParallelRobot:
+        """Return the robot with the identified parameters."""
+        description = with_masses_and_motors(self.robot, self.links, self.link_values)
+        return ParallelRobot.from_description(description)
+
+    def write(self, folder: str | Path) -> Path:
+        """Write the robot file and the URDF with the identified parameters; return the robot file.
+
+        Raises:
+            OutputError: the folder cannot be written, or they would overwrite the files that were read.
+        """
+        description = with_masses_and_motors(self.robot, self.links, self.link_values)
+        return write_robot_file(description, folder, comments=["Its parameters were identified."])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all numbers, for JSON."""
+        base = zip(self.base.names, self.values, self.deviations, self.base.values, strict=True)
+        return {
+            "robot": self.robot.name,
+            "rank": self.base.rank,
+            "gap": self.base.gap if np.isfinite(self.base.gap) else None,
+            "base_parameters": [
+                {
+                    "name": name,
+                    "value": value,
+                    "standard_deviation": deviation if np.isfinite(deviation) else None,
+                    "file": own,
+                }
+                for name, value, deviation, own in base
+            ],
+            "changed": list(self.changed),
+            "undetermined": list(self.undetermined),
+            "parameters": dict(zip(self.base.parameters, self.parameters.tolist(), strict=True)),
+            "torque_error_before": _by_motor(self.robot, self.error_before),
+            "torque_error_after": _by_motor(self.robot, self.error_after),
+            "noise": self.noise,
+            "cutoff": self.cutoff,
+            "poses": self.poses,
+            "instants": self.instants,
+            "seconds": self.seconds,
+        }
+
+
+def identify(
+    robot: ParallelRobot,
+    data: Recording | str | Path,
+    *,
+    cutoff: float | None = None,
+    poses: str | None = None,
+    prior: float = DEFAULT_PRIOR,
+    massless: bool = False,
+) -> Identification:
+    """Identify inertial parameters, rotor inertias and friction from a recorded motion.
+
+    Args:
+        data: with time, motor angles and torques (and the platform, where the motion passes Type 2), or the
+            file of it, see `read_recording`.
+        cutoff: of the filter [Hz], see `measured_motion`; poses: "motors" or "platform", the same.
+        prior: how far the file's values may be off, a share of each body's size.
+        massless: whether bodies without mass in the file have parameters, too.
+
+    Raises:
+        InvalidInput: data that are not right, or too few; a robot with springs.
+        NotAssembled: the loops do not close along the recorded motion.
+        NotConverged: no physically possible parameters were found.
+    """
+    expect_robot(robot)
+    started = clock.perf_counter()
+    if not (np.isfinite(prior) and prior > 0):
+        raise InvalidInput(f"prior: needs a positive number, got {prior!r}")
+    base = base_parameters(robot, massless=massless)
+    if isinstance(data, Recording):
+        check_recording(robot, data)
+    else:
+        data = read_recording(robot, data)
+    measured = measured_motion(robot, data, cutoff=cutoff, poses=poses)
+    regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
+    rows = _whitened(robot, regressor, measured)
+    held = _held_out(measured.times)
+    used = Rows(rows.matrix[~held].reshape(-1, rows.matrix.shape[2]), rows.right[~held].ravel())
+    if len(used.right) <= base.rank:
+        raise InvalidInput(
+            f"{data.source}: {len(used.right)} equations at {int((~held).sum())} instants for {base.rank} "
+            f"base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
+        )
+    values, deviations, noise = _least_squares(base, used)
+    links = link_parameters_of(robot, base.described)
+    missing = used.right - used.matrix @ base.described.values
+    link_values = possible_parameters(
+        robot, links, used.matrix.T @ used.matrix / noise**2, used.matrix.T @ missing / noise**2, prior
+    )
+    parameters = base.described.values + links.to_parameters @ (link_values - links.values)
+    before, after = (
+        torque_error(robot, regressor, measured, held, each) for each in (base.described.values, parameters)
+    )
+    return Identification(
+        robot=robot,
+        base=base,
+        values=values,
+        deviations=deviations,
+        parameters=parameters,
+        links=links,
+        link_values=link_values,
+        error_before=before,
+        error_after=after,
+        noise=noise,
+        cutoff=measured.cutoff,
+        poses=measured.source,
+        instants=len(measured.times),
+        seconds=clock.perf_counter() - started,
+    )
+
+
+def _whitened(robot: ParallelRobot, regressor: ParameterRegressor, measured: MeasuredMotion) -> Rows:
+    """Return the rows of all instants, weighed by the noise G' e of the torques."""
+    arm = robot.platform_scale
+    noise = np.maximum(measured.torque_noise, RANK_ROUNDING * np.abs(measured.torque).max(axis=0))
+    spread = regressor.motors * noise / arm[:, None]  # (T, n, n_a), forces and couples by the robot's length
+    variance, axes = np.linalg.eigh(spread @ spread.swapaxes(1, 2))
+    floor = NOISE_FLOOR**2 * variance[:, -1:]
+    turned = axes.swapaxes(1, 2) / np.sqrt(np.maximum(variance, floor))[..., None] / arm
+    wrench = np.einsum("tna,ta->tn", regressor.motors, measured.torque) - regressor.known
+    return Rows(turned @ regressor.matrix, np.einsum("tmn,tn->tm", turned, wrench))
+
+
+def _held_out(times: Array) -> BoolArray:
+    """Return which instants are held out: every fourth block of time."""
+    share = (times - times[0]) / (times[-1] - times[0])
+    blocks = np.minimum((share * HELD_OUT_BLOCKS).astype(int), HELD_OUT_BLOCKS - 1)
+    return np.asarray(blocks % HELD_OUT_EVERY == HELD_OUT_EVERY - 1)
+
+
+def _least_squares(base: BaseParameters, rows: Rows) -> tuple[Array, Array, float]:
+    """Return base parameters, their standard deviations, and the noise of rows that were to have 1."""
+    leading = base.combinations.leading
+    sizes = base.described.sizes[leading]
+    left, values, right = np.linalg.svd(rows.matrix[:, leading] * sizes, full_matrices=False)
+    seen = values > RANK_ROUNDING * values[0]
+    solution = right[seen].T @ ((left.T @ rows.right)[seen] / values[seen])
+    residual = rows.right - rows.matrix[:, leading] @ (sizes * solution)
+    noise = float(np.sqrt(residual @ residual / (len(residual) - np.count_nonzero(seen))))
+    deviations = noise * np.sqrt(np.sum((right[seen] / values[seen, None]) ** 2, axis=0))
+    unseen = np.sum(right[~seen] ** 2, axis=0) > RANK_ROUNDING
+    return sizes * solution, np.where(unseen, np.inf, sizes * deviations), noise
+
+
+def torque_error(
+    robot: ParallelRobot,
+    regressor: ParameterRegressor,
+    measured: MeasuredMotion,
+    instants: BoolArray,
+    parameters: Array,
+) -> Array:
+    """Compute the error (n_a,) of motor torques by parameters (p,), root mean square over the measured ones.
+
+    Of instants at which the motors hold the robot well; NaN where there are none.
+    """
+    speeds = regressor.motors / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
+    values = np.linalg.svd(speeds / robot.gear_ratio, compute_uv=False)
+    which = np.flatnonzero(instants & (values[:, -1] > NOISE_FLOOR * values[:, 0]))
+    if not len(which):
+        return np.full(robot.n_a, np.nan)
+    wrench = regressor.matrix[which] @ parameters + regressor.known[which]
+    to_motors, torque = regressor.motors[which], measured.torque[which]
+    missing = wrench - np.einsum("tna,ta->tn", to_motors, torque)
+    error = np.einsum("tan,tn->ta", np.linalg.pinv(to_motors), missing)
+    size = np.sqrt(np.mean(torque**2, axis=0))
+    return np.asarray(np.sqrt(np.mean(error**2, axis=0)) / np.maximum(size, np.finfo(float).tiny))
+
+
+def _by_motor(robot: ParallelRobot, values: Array) -> dict[str, float | None]:
+    pairs = zip(robot.actuator_names, values.tolist(), strict=True)
+    return {joint: value if np.isfinite(value) else None for joint, value in pairs}

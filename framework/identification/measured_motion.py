@@ -1,0 +1,191 @@
+"""From recorded samples to the motion of all joints: filtered, differentiated, loops closed.
+
+Angles, platform and torques pass the same filter without delay (scipy: a Butterworth filter of order 4,
+forwards and backwards), derivatives are those of splines of degree 5 through what is left (scipy, too). Kept
+are instants half a period of the cutoff apart, whose noise is then nearly independent, away from the ends of
+the recording. The signs of the motors' speeds, on which dry friction depends, pass the filter as the torques
+do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.arrays import Array, IntArray
+from framework.errors import InvalidInput, NotAssembled, Type2Singularity, point
+from framework.identification.recording import Recording, uniform_period
+from framework.kinematics.continuation.pose_stack import follow_motors
+from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.inverse_kinematics import close_loops, require_square
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
+from framework.kinematics.loop_matrices import clearance
+from framework.kinematics.motion_rates import Motion, joint_rates, motion_at, without_elastic_rates
+from framework.kinematics.parallel_robot import ParallelRobot
+
+ORDER, SPLINE_DEGREE = 4, 5  # of the filter, of the splines
+MIN_INSTANTS = 8
+MIN_SAMPLES = 64
+SIGNAL_TO_NOISE = 10.0  # of spectra: where a signal ends
+SMOOTHING_BINS = 9  # of a spectrum
+MAX_CUTOFF = 0.4  # of the sampling rate: half of it is the limit of any sampling
+MIN_PERIODS = 8  # of the cutoff in a recording
+END_PERIODS = 1.0  # of the cutoff, at either end, that are left out
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMotion:
+    """A recorded motion at instants whose noise is nearly independent, with measured torques."""
+
+    source: str  # of the poses: motors or platform
+    cutoff: float  # [Hz] of the filter
+    times: Array  # (T,)
+    motion: Motion
+    signs: Array  # (T, n_a) of the motors' speeds, filtered
+    torque: Array  # (T, n_a) filtered, motor side
+    torque_noise: Array  # (n_a,) standard deviation of what noise is left in it
+
+
+def measured_motion(
+    robot: ParallelRobot, data: Recording, *, cutoff: float | None = None, poses: str | None = None
+) -> MeasuredMotion:
+    """Compute the motion of all joints that was recorded.
+
+    Args:
+        cutoff: of the filter [Hz]; by default where the spectra of the angles meet their noise.
+        poses: what they come from: "motors", or "platform" (all its coordinates measured), which passes Type
+            2 singularities; by default motors, unless they lead to one.
+
+    Raises:
+        InvalidInput: columns that are missing, too few samples, unequal time steps, a cutoff out of range.
+        NotAssembled: the loops do not close on the way; Type2Singularity of motors.
+    """
+    require_square(robot)
+    period = uniform_period(data)
+    if len(data) < MIN_SAMPLES:
+        raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
+    joints = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
+    torque = data.columns("torque", robot.actuator_names)
+    complete = data.has("platform", robot.axis_names)
+    cutoff = _cutoff(data, joints, period) if cutoff is None else _checked(cutoff, period, len(data))
+    margin = int(np.ceil(END_PERIODS / (cutoff * period)))
+    angles = _with_derivatives(joints, period, cutoff)
+    kept = np.arange(margin, len(data) - margin, max(round(0.5 / (cutoff * period)), 1))
+    if len(kept) < MIN_INSTANTS:
+        raise InvalidInput(
+            f"{data.source}: {len(kept)} instants are left between the ends, at least "
+            f"{MIN_INSTANTS} are needed: record longer, or give a cutoff above {cutoff:.3g} Hz"
+        )
+    smooth = _filtered(torque, period, cutoff)
+    noise = np.std(torque - smooth, axis=0) * np.sqrt(2.0 * cutoff * period)
+    if poses not in (None, "motors", "platform"):
+        raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
+    source, motion = "motors", None
+    if poses != "platform":
+        try:
+            motion = _by_motors(robot, *(rows[kept] for rows in angles))
+        except NotAssembled:
+            if poses == "motors" or not complete:
+                raise
+    if motion is None:
+        x = data.columns("platform", robot.axis_names)
+        source, motion = "platform", _by_platform(robot, x, period, cutoff, kept)
+    signs = _filtered(np.sign(angles[1]), period, cutoff)[kept]
+    return MeasuredMotion(source, cutoff, data.column("time")[kept], motion, signs, smooth[kept], noise)
+
+
+def _checked(cutoff: float, period: float, count: int) -> float:
+    least, most = MIN_PERIODS / (count * period), MAX_CUTOFF / period
+    if not least <= cutoff <= most:
+        raise InvalidInput(f"cutoff: needs {least:.3g} to {most:.3g} Hz for these data, got {cutoff:g}")
+    return cutoff
+
+
+def _cutoff(data: Recording, joints: Array, period: float) -> float:
+    """Return the frequency [Hz] at which the last spectrum of the angles' accelerations meets its noise."""
+    from scipy.ndimage import uniform_filter1d
+
+    count = len(joints)
+    straight = joints[0] + np.linspace(0.0, 1.0, count)[:, None] * (joints[-1] - joints[0])
+    window = np.hanning(count)[:, None]
+    power = np.abs(np.fft.rfft((joints - straight) * window, axis=0)) ** 2
+    power = uniform_filter1d(power, SMOOTHING_BINS, axis=0, mode="nearest")
+    floor = np.median(power[len(power) // 2 :], axis=0)
+    above = power > SIGNAL_TO_NOISE * np.maximum(floor, np.finfo(float).tiny)
+    first = [int(np.argmin(column)) if not column.all() else len(column) for column in above.T]
+    frequency = max(first) / (count * period)
+    least, most = MIN_PERIODS / (count * period), MAX_CUTOFF / period
+    if least > most:
+        raise InvalidInput(f"{data.source}: {count} samples are too few to filter")
+    return float(np.clip(frequency, least, most))
+
+
+def _filtered(values: Array, period: float, cutoff: float) -> Array:
+    """Return values (T, k) without what is above the cutoff [Hz], without delay."""
+    from scipy.signal import butter, sosfiltfilt
+
+    sections = butter(ORDER, cutoff, fs=1.0 / period, output="sos")
+    padding = min(len(values) - 1, int(np.ceil(3.0 / (cutoff * period))))
+    return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=padding))
+
+
+def _with_derivatives(values: Array, period: float, cutoff: float) -> list[Array]:
+    """Return values (T, k) without what is above the cutoff [Hz], and their first and second derivatives."""
+    from scipy.interpolate import make_interp_spline
+
+    times = period * np.arange(len(values))
+    spline = make_interp_spline(times, _filtered(values, period, cutoff), k=SPLINE_DEGREE)
+    return [np.asarray(spline(times, order)) for order in range(3)]
+
+
+def _by_motors(robot: ParallelRobot, q_a: Array, dq_a: Array, ddq_a: Array) -> Motion:
+    """Compute the motion of all joints for motor joints with rates and accelerations (T, n_a)."""
+    q = np.array([pose.q for pose in follow_motors(robot, q_a)])
+    linearised = linearised_at(robot, q, None)
+    _check_apart(robot, q, linearised)
+    units = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, len(q), robot.n))
+    rates = joint_rates(robot, linearised, units, np.zeros((len(q), 0))).transpose(1, 2, 0)  # (T, nv, n)
+    to_twist = np.linalg.pinv(rates[:, robot.actuated])
+    v = np.einsum("tvn,tna,ta->tv", rates, to_twist, dq_a)
+    drifting = without_elastic_rates(robot, q, v, np.zeros_like(v))
+    missing = ddq_a - drifting.a[:, robot.actuated]
+    return without_elastic_rates(
+        robot, q, v, drifting.a + np.einsum("tvn,tna,ta->tv", rates, to_twist, missing)
+    )
+
+
+def _check_apart(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) -> None:
+    """Refuse motors that may pass a Type 2 singularity between two instants: a mode of many is then taken.
+
+    So where the least singular value of P, going on as it did, comes to zero before the next instant; the
+    way back of another mode looks like that from both sides.
+    """
+    value = clearance(robot, linearised)
+    change = np.diff(value)
+    meets = np.zeros(len(value), dtype=bool)
+    meets[1:-1] = (value[1:-1] + change[:-1] <= 0.0) | (value[1:-1] - change[1:] <= 0.0)
+    if not meets.any():
+        return
+    k = int(np.flatnonzero(meets)[0])
+    x = robot.platform.coordinates(linearised.frames)[k]
+    raise Type2Singularity(
+        f"{robot.name}: the recorded motors pass a Type 2 singularity or come near one beside "
+        f"{', '.join(robot.axis_names)} = {point(x)}, where they do not say how the robot goes on; the data "
+        f"need the measured platform as well (platform_{robot.axis_names[0]} ...)",
+        q=q[k],
+        residual=float(linearised.gap[k]),
+        share=k / len(q),
+        platform=x,
+    )
+
+
+def _by_platform(robot: ParallelRobot, x: Array, period: float, cutoff: float, kept: IntArray) -> Motion:
+    """Compute the motion of all joints for measured platform coordinates (samples, n)."""
+    x, dx, ddx = (rows[kept] for rows in _with_derivatives(x, period, cutoff))
+    near, q = assemble(robot, x[0]).q, []
+    for place in x:
+        near = close_loops(robot, place[None], near[None]).q[0]
+        q.append(near)
+    stack = np.array(q)
+    return motion_at(robot, ClosedStack(stack, x, linearised_at(robot, stack, x)), dx, ddx)

@@ -1,0 +1,183 @@
+"""Parameters of bodies and motors that can exist, nearest to those of the file and true to what was measured.
+
+What data determine is a quadratic form of all parameters; what they do not see keeps the file's values, by a
+prior. Every body's pseudo-inertia is positive semidefinite (Wensing, Kim and Slotine, IEEE Robotics and
+Automation Letters 3(1), 2018), rotor inertia, damping and friction are not negative: a semidefinite program.
+Links that are fixed to one another make one body: the prior shares out what is measured of it.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.dynamics.body_parameters import (
+    link_axes,
+    moved_parameters,
+    of_pseudo_inertia,
+    pseudo_inertia,
+)
+from framework.errors import NotConverged
+from framework.identification.torque_parameters import OF_MOTORS, TorqueParameters
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.description import JointDynamics, RobotDescription
+from framework.model.placement import from_rpy, placement
+from framework.model.urdf_writing import vector_text
+from framework.motion.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
+
+NO_ROTOR = 1e-9  # of the size of a motor's inertia: what a rotor that the file does not have may take
+ROUNDED_BODY = 1e-9  # of mass and second moments: what rounding may leave negative
+
+
+class LinkParameters(NamedTuple):
+    """The parameters of single links, (10,) each on its own axes, and of motors: u of them."""
+
+    links: tuple[str, ...]  # with mass in the file
+    values: Array  # (u,) ten of each link, then three of each motor
+    spread: Array  # (u,) sizes of each link and motor
+    to_parameters: Array  # (p, u) to those of bodies and motors, `TorqueParameters`
+
+
+def link_parameters_of(robot: ParallelRobot, parameters: TorqueParameters) -> LinkParameters:
+    """Return the parameters of all links with mass; those of a body are fixed to one another and add up."""
+    urdf = ElementTree.fromstring(robot.description.urdf_text)
+    own = {link.get("name", ""): inertial_parameters(link) for link in urdf.findall("link")}
+    links, values, spread, blocks = [], [], [], []
+    for i, j in enumerate(map(int, parameters.bodies)):
+        for frame in robot.model.frames:
+            is_link = frame.parentJoint == j and frame.type == pin.FrameType.BODY
+            if not is_link or own.get(frame.name, np.zeros(1))[0] <= 0.0:
+                continue
+            block = np.zeros((len(parameters.names), 10))
+            place = link_axes(robot.model, j).inverse() * frame.placement
+            block[10 * i : 10 * i + 10] = moved_parameters(place)
+            links.append(str(frame.name))
+            values.append(own[frame.name])
+            spread.append(_body_sizes(own[frame.name]))
+            blocks.append(block)
+    motors = slice(10 * len(parameters.bodies), None)
+    sizes = parameters.sizes[motors].copy()
+    rotors = parameters.values[motors][:: len(OF_MOTORS)]
+    sizes[:: len(OF_MOTORS)] = np.maximum(rotors, NO_ROTOR * sizes[:: len(OF_MOTORS)])
+    return LinkParameters(
+        links=tuple(links),
+        values=np.concatenate([*values, parameters.values[motors]]),
+        spread=np.concatenate([*spread, sizes]),
+        to_parameters=np.concatenate([*blocks, np.eye(len(parameters.names))[:, motors]], axis=1),
+    )
+
+
+def _body_sizes(body: Array) -> Array:
+    """Return sizes (10,) of a body's parameters, by its mass and its extent; a point stays a point."""
+    moments = float(np.trace(pseudo_inertia(body)[:3, :3]))
+    arm = np.sqrt(max(moments, 0.0) / body[0])
+    return np.asarray(body[0] * arm ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2]))
+
+
+def inertial_parameters(link: ElementTree.Element) -> Array:
+    """Return the ten parameters of a URDF's link, about its origin; zeros without <inertial>."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return np.zeros(10)
+    origin, mass, inertia = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
+    attributes = {} if origin is None else origin.attrib
+    xyz, rpy = ([float(part) for part in attributes.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
+    values = {key: float(text) for key, text in (inertia.attrib if inertia is not None else {}).items()}
+    central = np.array([float(mass.get("value", "0")) if mass is not None else 0.0, 0.0, 0.0, 0.0])
+    keys = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
+    central = np.append(central, [values.get(key, 0.0) for key in keys])
+    return np.asarray(moved_parameters(pin.SE3(placement(from_rpy(rpy), xyz))) @ central)
+
+
+def possible_parameters(
+    robot: ParallelRobot, links: LinkParameters, information: Array, residual: Array, prior: float
+) -> Array:
+    """Compute the parameters (u,) of links and motors that data want, nearest to the file's and possible.
+
+    They minimise |A (theta - theta_file) - r|^2 and their distance from the file's.
+
+    Args:
+        information: A' A (p, p) of rows whose noise is of unit size; residual: A' r (p,).
+        prior: standard deviation of the file's values, as a share of each link's own size.
+
+    Raises:
+        NotConverged: the solver does not settle.
+    """
+    spread = prior * links.spread
+    along = links.to_parameters * spread
+    # in unknowns whose distances are those of the quadratic form
+    squares, axes = np.linalg.eigh(along.T @ information @ along + np.eye(len(spread)))
+    change = spread[:, None] * axes / np.sqrt(squares)  # of the parameters along the unknowns
+    best = links.values + change @ (axes.T @ (along.T @ residual) / np.sqrt(squares))  # whatever can be
+    matrices = []
+    for i in range(len(links.links)):
+        body = slice(10 * i, 10 * i + 10)
+        balance = _balance(links.values[body])
+        slopes = np.moveaxis(balance @ pseudo_inertia(change[body].T) @ balance, 0, 2)
+        offset = balance @ pseudo_inertia(best[body]) @ balance
+        matrices.append(LinearMatrix(slopes, offset + ROUNDED_BODY * np.eye(4)))
+    motors = slice(10 * len(links.links), None)
+    positive = Affine(change[motors] / spread[motors, None], best[motors] / spread[motors])
+    solution = semidefinite_least_squares(matrices, positive)
+    if isinstance(solution, Unsolved):
+        raise NotConverged(
+            f"{robot.name}: no parameters of bodies that can exist were found ({solution.status})",
+            residual=float(np.linalg.norm(residual)),
+        )
+    values = best + change @ solution
+    values[motors] = np.maximum(values[motors], 0.0)
+    return np.asarray(values)
+
+
+def _balance(parameters: Array) -> Array:
+    """Return the diagonal matrix (4, 4) that makes mass and the largest second moment of mass 1."""
+    diagonal = np.diag(pseudo_inertia(parameters))
+    largest = float(diagonal[:3].max()) or float(diagonal[3])
+    return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))
+
+
+def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: Array) -> RobotDescription:
+    """Return the robot's description with these parameters (u,) of links and motors, its URDF rewritten."""
+    description = robot.description
+    urdf = ElementTree.fromstring(description.urdf_text)
+    elements = {link.get("name", ""): link for link in urdf.findall("link")}
+    for i, name in enumerate(links.links):
+        body = slice(10 * i, 10 * i + 10)
+        if (values[body] != links.values[body]).any():
+            _write_inertial(elements[name], values[body])
+    motors = values[10 * len(links.links) :].reshape(-1, len(OF_MOTORS))
+    actuators, joints = [], dict(description.joints)
+    for actuator, (rotor, damping, friction) in zip(description.actuators, motors.tolist(), strict=True):
+        actuators.append(replace(actuator, rotor_inertia=rotor))
+        own = joints.get(actuator.joint, JointDynamics())
+        joints[actuator.joint] = replace(own, damping=damping, friction=friction)
+    return replace(
+        description,
+        urdf_text=ElementTree.tostring(urdf, encoding="unicode"),
+        actuators=tuple(actuators),
+        joints=joints,
+    )
+
+
+def _write_inertial(link: ElementTree.Element, parameters: Array) -> None:
+    """Write the ten parameters of a link about its origin into its <inertial>, about the centre of mass."""
+    mass, centre = float(parameters[0]), parameters[1:4] / parameters[0]
+    matrix = pseudo_inertia(parameters)
+    matrix[:3, :3] -= mass * np.outer(centre, centre)
+    matrix[:3, 3] = matrix[3, :3] = 0.0
+    central = of_pseudo_inertia(matrix)
+    old = link.find("inertial")
+    if old is not None:
+        link.remove(old)
+    inertial = ElementTree.Element("inertial")
+    ElementTree.SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
+    ElementTree.SubElement(inertial, "mass", value=repr(mass))
+    keys = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
+    entries = {key: repr(float(value)) for key, value in zip(keys, central[4:], strict=True)}
+    ElementTree.SubElement(inertial, "inertia", entries)
+    link.insert(0, inertial)

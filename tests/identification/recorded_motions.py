@@ -1,0 +1,50 @@
+"""Recorded motions of robots that differ from their files: sums of sines, torques by `dynamics_at`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from framework import ParallelRobot, assemble, dynamics_at
+from framework.identification import Recording
+from framework.kinematics.inverse_kinematics import close_loops
+
+ENCODER_STEP = 2 * np.pi / 2**16
+HARMONICS = (1, 3, 5, 7, 9)
+
+
+def sines(robot: ParallelRobot, *, duration: float, rate: float, size: float, seed: int) -> Recording:
+    """The exact motion of a robot, dry friction included; `size` in lengths of the robot."""
+    random = np.random.default_rng(seed)
+    t = np.arange(int(duration * rate) + 1) / rate
+    w = 2 * np.pi / duration * np.array(HARMONICS)[:, None, None]
+    phase = random.uniform(0, 2 * np.pi, (len(w), 1, robot.n))
+    amplitude = random.standard_normal((len(w), 1, robot.n))
+    amplitude *= size * robot.platform_scale / np.sqrt((amplitude**2).sum(axis=0))
+    angle = w * t[:, None] + phase
+    x = robot.reference.x + (amplitude * np.sin(angle)).sum(axis=0)
+    dx = (amplitude * w * np.cos(angle)).sum(axis=0)
+    ddx = -(amplitude * w**2 * np.sin(angle)).sum(axis=0)
+    q = np.repeat(assemble(robot, x[0]).q[None], len(x), axis=0)
+    for k in range(1, len(x)):
+        q[k] = close_loops(robot, x[k : k + 1], q[k - 1 : k]).q[0]
+    instant = dynamics_at(robot, q, dx=dx, ddx=ddx)
+    speed = instant.v[:, robot.actuated]
+    dry = robot.joint_friction[robot.actuated] * np.sign(speed) / robot.gear_ratio
+    angles = robot.gear_ratio * robot.actuated_coordinates(q)
+    names = [
+        "time",
+        *(f"motor_angle_{joint}" for joint in robot.actuator_names),
+        *(f"torque_{joint}" for joint in robot.actuator_names),
+        *(f"platform_{axis}" for axis in robot.axis_names),
+    ]
+    return Recording("sines", tuple(names), np.column_stack([t, angles, instant.torque + dry, x]))
+
+
+def measured(exact: Recording, robot: ParallelRobot, seed: int, *, torque: float = 0.01) -> Recording:
+    """The same as encoders of 16 bits and motor currents show it; `torque` as a share of the largest."""
+    random, values, n = np.random.default_rng(seed), exact.values.copy(), robot.n_a
+    angles, torques = slice(1, 1 + n), slice(1 + n, 1 + 2 * n)
+    values[:, angles] = np.round(values[:, angles] / ENCODER_STEP) * ENCODER_STEP
+    size = torque * np.abs(values[:, torques]).max(axis=0)
+    values[:, torques] += size * random.standard_normal(values[:, torques].shape)
+    return Recording(exact.source, exact.names, values)

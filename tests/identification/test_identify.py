@@ -1,0 +1,152 @@
+"""Identified parameters against those that the data were made with."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, ParallelRobot, Type2Singularity, plan_scene
+from framework.cli import main
+from framework.dynamics.body_parameters import pseudo_inertia
+from framework.identification import Recording, identify
+from framework.identification.physical import link_parameters_of, with_masses_and_motors
+from framework.identification.torque_parameters import torque_parameters
+from tests.identification.recorded_motions import measured, sines
+
+NOMINAL = {name: robots.load(name) for name in ("five_bar", "five_bar_heavy", "three_rrr")}
+RUNS = 100
+
+
+def other_robot(nominal: ParallelRobot, change) -> tuple[ParallelRobot, np.ndarray]:
+    """The robot with other parameters of its links and motors, and those of its bodies and motors."""
+    described = torque_parameters(nominal)
+    links = link_parameters_of(nominal, described)
+    values = links.values.copy()
+    change(
+        links.links,
+        values[: 10 * len(links.links)].reshape(-1, 10),
+        values[10 * len(links.links) :].reshape(-1, 3),
+    )
+    body = described.values + links.to_parameters @ (values - links.values)
+    return ParallelRobot.from_description(with_masses_and_motors(nominal, links, values)), body
+
+
+def off_by_a_fifth(links, bodies, motors) -> None:
+    random = np.random.default_rng(5)
+    bodies *= random.uniform(0.8, 1.2, (len(bodies), 1))
+    motors[:, 0] *= random.uniform(0.8, 1.2, len(motors))
+    motors[:, 1:] = [0.05, 0.2]
+
+
+TRUE = {name: other_robot(robot, off_by_a_fifth) for name, robot in NOMINAL.items()}
+SINES = {"size": 0.03, "rate": 250.0, "seed": 0}
+
+
+@pytest.mark.parametrize("name", ["five_bar_heavy", pytest.param("three_rrr", marks=pytest.mark.slow)])
+def test_torques_held_out_are_predicted_and_the_bodies_can_exist(name):
+    nominal, (true, values) = NOMINAL[name], TRUE[name]
+    found = identify(nominal, measured(sines(true, duration=10.0, **SINES), true, 0))
+    assert found.error_before.min() > 0.1
+    assert found.error_after.max() < 0.02
+    off = found.values - found.base.combinations.coefficients @ values
+    assert np.abs(off / found.deviations).max() < 4.0
+    back = found.identified_robot()
+    written = torque_parameters(back)
+    np.testing.assert_allclose(
+        written.values / written.sizes, found.parameters / written.sizes, rtol=0, atol=1e-12
+    )
+    for body in written.values[: 10 * len(written.bodies)].reshape(-1, 10):
+        moments = np.linalg.eigvalsh(pseudo_inertia(body))
+        assert moments.min() > -1e-8 * moments.max()
+
+
+@pytest.mark.slow
+def test_parameters_are_within_three_deviations_in_95_of_100_runs():
+    nominal, (true, values) = NOMINAL["five_bar"], TRUE["five_bar"]
+    exact = sines(true, duration=2.5, **SINES)
+    inside = []
+    for seed in range(RUNS):
+        found = identify(nominal, measured(exact, true, seed))
+        off = found.values - found.base.combinations.coefficients @ values
+        inside.append(np.abs(off) < 3.0 * found.deviations)
+    assert np.mean(inside, axis=0).min() >= 0.95
+
+
+def test_an_error_of_one_rod_is_found_and_named():
+    def heavier(links, bodies, motors) -> None:
+        bodies[links.index("right_rod")] *= 1.5
+
+    nominal = NOMINAL["five_bar_heavy"]
+    true, _ = other_robot(nominal, heavier)
+    found = identify(nominal, measured(sines(true, duration=5.0, **SINES), true, 1))
+    assert found.changed
+    assert all("right_rod" in name for name in found.changed)
+    change = dict(zip(found.base.parameters, found.parameters - found.base.described.values, strict=True))
+    assert abs(change["right_rod.mx"]) > abs(change["left_rod.mx"])
+
+
+def test_a_motion_through_type_2_goes_by_the_platform():
+    """Scene C is a line of 1.5 s: it shows less than there is to see, and says so."""
+    robot = NOMINAL["five_bar_heavy"]
+    plan = plan_scene(robot, "C")
+    t = np.linspace(0.0, plan.duration, 1501)
+    names = (
+        "time",
+        *(f"motor_angle_{j}" for j in robot.actuator_names),
+        *(f"torque_{j}" for j in robot.actuator_names),
+    )
+    values = np.column_stack([t, plan.motor_angle(t), plan.torque(t)])
+    with pytest.raises(Type2Singularity, match="measured platform"):
+        identify(robot, Recording("C", names, values))
+    with_platform = Recording(
+        "C", (*names, "platform_x", "platform_y"), np.column_stack([values, plan.platform(t)])
+    )
+    found = identify(robot, with_platform, cutoff=20.0)
+    assert found.poses == "platform"
+    assert found.undetermined
+    assert found.error_after.max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "message"),
+    [
+        (lambda v: v[:, :3], {}, "no column torque_left_motor, torque_right_motor"),
+        (lambda v: v[:40], {}, "at least 64 are needed"),
+        (lambda v: v, {"cutoff": 1e4}, "cutoff: needs"),
+        (lambda v: v, {"poses": "both"}, "poses: needs motors or platform"),
+        (lambda v: v, {"prior": 0.0}, "prior: needs a positive number"),
+        (lambda v: np.delete(v, 7, axis=0), {}, "time steps differ"),
+    ],
+)
+def test_what_cannot_be_identified_from_is_said(change, options, message):
+    robot = NOMINAL["five_bar"]
+    plan = plan_scene(robot, "A")
+    t = np.linspace(0.0, plan.duration, 301)
+    names = (
+        "time",
+        *(f"motor_angle_{j}" for j in robot.actuator_names),
+        *(f"torque_{j}" for j in robot.actuator_names),
+    )
+    values = change(np.column_stack([t, plan.motor_angle(t), plan.torque(t)]))
+    with pytest.raises(InvalidInput) as said:
+        identify(robot, Recording("data", names[: values.shape[1]], values), **options)
+    assert message in str(said.value)
+
+
+def test_the_command_line_identifies_and_writes_the_robot(tmp_path, capsys):
+    data = tmp_path / "data.csv"
+    true, _ = TRUE["five_bar"]
+    data.write_text(measured(sines(true, duration=5.0, **SINES), true, 0).as_csv())
+    assert main(["identify", "five_bar", str(data), "--out", str(tmp_path / "new"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["rank"], len(found["base_parameters"])) == (9, 9)
+    assert max(found["torque_error_after"].values()) < 0.02 < min(found["torque_error_before"].values())
+    assert main(["check", found["robot_file"]]) == 0
+    capsys.readouterr()
+    assert main(["identify", "five_bar", str(data)]) == 0
+    assert "left_rod.mx" in capsys.readouterr().out
+    assert main(["identify", "five_bar", str(tmp_path / "none.csv")]) == 2
+    assert "none.csv" in capsys.readouterr().err
