@@ -31,8 +31,9 @@ class Loads(NamedTuple):
 class BareFiveBar:
     """Model, frames and columns of the 5R."""
 
-    def __init__(self, name: str = "five_bar") -> None:
-        self.model = given.robot(name).model
+    def __init__(self, model: pin.Model | None = None, size: float = 1.0) -> None:
+        self.model = given.robot().model if model is None else model
+        self.rotor_inertia = ROTOR_INERTIA * size**2
         self.data = self.model.createData()
         self.tips = [self.model.getFrameId(f"{side}_tip") for side in SIDES]
         columns = [self.model.joints[self.model.getJointId(f"{side}_motor")].idx_v for side in SIDES]
@@ -67,8 +68,19 @@ class BareFiveBar:
             q[k] = start
         return q, slopes
 
+    def rates(self, x: Array, dx: Array, ddx: Array, start: Array) -> tuple[Array, Array, Array]:
+        """Joints, their rates and their accelerations (T, 4) each of the motion x(t), x', x" (T, 2)."""
+        q, v, a, _ = self._motion(x, dx, ddx, start)
+        return q, v, a
+
     def loads(self, x: Array, dx: Array, ddx: Array, start: Array) -> Loads:
         """What the motion x(t), x', x" (T, 2) asks of the joints."""
+        q, v, a, slopes = self._motion(x, dx, ddx, start)
+        forces = np.array([pin.rnea(self.model, self.data, *motion) for motion in zip(q, v, a, strict=True)])
+        loop = (slopes[:, :2] - slopes[:, 2:]).transpose(0, 2, 1)
+        return Loads(loop[:, self.others], loop[:, self.motors], forces, np.asarray(a[:, self.motors]))
+
+    def _motion(self, x: Array, dx: Array, ddx: Array, start: Array) -> tuple[Array, Array, Array, Array]:
         q, slopes = self.joints(x, start)
         v = np.linalg.solve(slopes, np.concatenate([dx, dx], axis=1)[..., None])[..., 0]
         drift, still = np.empty((len(x), 4)), np.zeros(4)
@@ -78,15 +90,13 @@ class BareFiveBar:
                 acceleration = pin.getFrameClassicalAcceleration(self.model, self.data, tip, AXES)
                 drift[k, 2 * leg : 2 * leg + 2] = acceleration.linear[:2]
         a = np.linalg.solve(slopes, (np.concatenate([ddx, ddx], axis=1) - drift)[..., None])[..., 0]
-        forces = np.array([pin.rnea(self.model, self.data, *motion) for motion in zip(q, v, a, strict=True)])
-        loop = (slopes[:, :2] - slopes[:, 2:]).transpose(0, 2, 1)
-        return Loads(loop[:, self.others], loop[:, self.motors], forces, np.asarray(a[:, self.motors]))
+        return q, v, np.asarray(a), slopes
 
     def torques(self, loads: Loads) -> Array:
         """Motor torques (T, 2) [N m], at each instant for itself."""
         multipliers = np.linalg.solve(loads.passive, loads.forces[:, self.others][..., None])
         joint = loads.forces[:, self.motors] - (loads.actuated @ multipliers)[..., 0]
-        return np.asarray(ROTOR_INERTIA / GEAR_RATIO * loads.accelerations + joint / GEAR_RATIO)
+        return np.asarray(self.rotor_inertia / GEAR_RATIO * loads.accelerations + joint / GEAR_RATIO)
 
     def singularity(self, q: Array) -> float:
         """The determinant of the passive columns of the loop."""

@@ -89,10 +89,10 @@ class Load(NamedTuple):
     crank: tuple[Decimal, Decimal]  # angular accelerations of the cranks [rad/s^2]
 
 
-def load(x: Vector, dx: Vector, ddx: Vector, mass: Decimal) -> Load:
-    """The load of a motion of the payload, with rigid rods; `mass` [kg] of each crank and rod."""
+def load(x: Vector, dx: Vector, ddx: Vector, mass: Decimal, payload: Decimal = PAYLOAD) -> Load:
+    """The load of a motion of the payload [kg], with rigid rods; `mass` [kg] of each crank and rod."""
     both = legs(x)
-    force, across, centre, spun = _sum((-PAYLOAD, ddx)), [], [], []
+    force, across, centre, spun = _sum((-payload, ddx)), [], [], []
     for b, p in both:
         aside = dot(p, _turned(b))
         rate = dot(p, dx) / aside
@@ -168,6 +168,7 @@ class ExactMotion:
     powers: tuple[Decimal, ...]
     s_c: Decimal
     mass: Decimal
+    payload: Decimal = PAYLOAD
 
     def law(self, t: Decimal, order: int = 0) -> Decimal:
         """s or its derivative [1/s^order]."""
@@ -195,27 +196,30 @@ class ExactMotion:
             return self._torque(t + BESIDE)
         way = on_line(s, 1)
         found = motor_torques(
-            load(on_line(s), _sum((ds, way)), _sum((dds, way)), self.mass),
+            load(on_line(s), _sum((ds, way)), _sum((dds, way)), self.mass, self.payload),
             self.mass,
         )
         return float(found[0]), float(found[1])
 
 
 @lru_cache(maxsize=64)
-def motion(mass: float = 0.0, *, offset: float = 0.0, smoothness: int = 2) -> ExactMotion:
+def motion(
+    mass: float = 0.0, *, payload: float = float(PAYLOAD), offset: float = 0.0, smoothness: int = 2
+) -> ExactMotion:
     """Scene C under its law, with condition (8) imposed at the singular point, or `offset` beside it in s."""
     with localcontext(prec=DIGITS):
-        s_c, links = singular_s(), Decimal(mass)
+        s_c, links, carried = singular_s(), Decimal(mass), Decimal(payload)
         imposed = s_c + Decimal(offset)
-        return ExactMotion(law_through(imposed, _condition(s_c, links), smoothness), s_c, links)
+        powers = law_through(imposed, _condition(s_c, links, carried), smoothness)
+        return ExactMotion(powers, s_c, links, carried)
 
 
-def _condition(s_c: Decimal, mass: Decimal) -> Decimal:
+def _condition(s_c: Decimal, mass: Decimal, payload: Decimal) -> Decimal:
     """s" at the crossing by condition (8), which is linear in it."""
     way = on_line(s_c, 1)
 
     def left_over(dds: Decimal) -> Decimal:
-        found = load(on_line(s_c), _sum((CROSSING_SPEED, way)), _sum((dds, way)), mass)
+        found = load(on_line(s_c), _sum((CROSSING_SPEED, way)), _sum((dds, way)), mass, payload)
         return cross(found.force, found.legs[0].rod)
 
     still, moved = left_over(Decimal(0)), left_over(Decimal(1))

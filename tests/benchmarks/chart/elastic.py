@@ -58,7 +58,7 @@ def branch_of(scale: float) -> Branch:
     return track_path(scaled(scale), given.path())
 
 
-def _rods(robot: ParallelRobot) -> list[int]:
+def rod_columns(robot: ParallelRobot) -> list[int]:
     """Columns of the rods among the deflections, left before right."""
     return [k for k, name in enumerate(robot.elastic_names) if "rod" in name]
 
@@ -76,40 +76,45 @@ def _planned(setting: Setting, *, geometry: str) -> Callable[[], Elongated]:
 
     def run() -> Elongated:
         plan = plan_crossing(robot, given.path(), duration=T, times=[T_C], speeds=[SPEED], geometry=geometry)
-        columns = _rods(robot)
+        columns = rod_columns(robot)
         deflections = plan.dynamics.deflections
         return Elongated(lambda t: deflections(t)[:, columns], plan.certificate.passes)
 
     return run
 
 
-def _repeated(setting: Setting, *, moved: bool) -> Callable[[], Elongated]:
-    """Plain repetition on Chebyshev nodes; `moved`: with the law through the deformed robot's point."""
-    branch, chosen = branch_of(setting[0]), law(setting[0] if moved else None)
+def repeated_on_nodes(branch: Branch, chosen: Law) -> Elongated:
+    """Plain repetition on Chebyshev nodes: forces cause deflections, these move the robot, and so on.
+
+    Raises:
+        NotConverged: the deflections grow.
+    """
     robot = branch.robot
     scale = robot.column_scale[robot.elastic]
+    grid = TimeGrid.clear_of(np.array([T_C]), np.array([0.0, T]), NODES)
+    function = TimeFunction(grid.edges, np.zeros((1, grid.size, robot.n_e)))
+    before: Pass | None = None
+    least, best = np.inf, function
+    count = 0
+    while count < MOST:
+        count += 1
+        before = one_pass(branch, grid, chosen, function, before)
+        change = float(np.abs(before.residual / scale).max() / np.abs(before.caused / scale).max())
+        function = grid.resolved(before.caused)
+        if change < least:
+            least, best = change, function
+        if change < SETTLED or change > 1e3 * least:
+            break
+    if not least < 1.0:
+        raise NotConverged("plain repetition: the deflections grow", residual=least)
+    columns = rod_columns(robot)
+    return Elongated(lambda t: best(t)[:, columns], count)
 
-    def run() -> Elongated:
-        grid = TimeGrid.clear_of(np.array([T_C]), np.array([0.0, T]), NODES)
-        function = TimeFunction(grid.edges, np.zeros((1, grid.size, robot.n_e)))
-        before: Pass | None = None
-        least, best = np.inf, function
-        count = 0
-        while count < MOST:
-            count += 1
-            before = one_pass(branch, grid, chosen, function, before)
-            change = float(np.abs(before.residual / scale).max() / np.abs(before.caused / scale).max())
-            function = grid.resolved(before.caused)
-            if change < least:
-                least, best = change, function
-            if change < SETTLED or change > 1e3 * least:
-                break
-        if not least < 1.0:
-            raise NotConverged("plain repetition: the deflections grow", residual=least)
-        columns = _rods(robot)
-        return Elongated(lambda t: best(t)[:, columns], count)
 
-    return run
+def _repeated(setting: Setting, *, moved: bool) -> Callable[[], Elongated]:
+    """`moved`: with the law through the deformed robot's point."""
+    branch, chosen = branch_of(setting[0]), law(setting[0] if moved else None)
+    return lambda: repeated_on_nodes(branch, chosen)
 
 
 def _differences(setting: Setting) -> Callable[[], Elongated]:
@@ -120,7 +125,7 @@ def _differences(setting: Setting) -> Callable[[], Elongated]:
             branch.robot, branch.path, chosen, samples=SAMPLES, geometry="deformed", passes=FEW, branch=branch
         )
         off = ~np.isfinite(found.deflection).all(axis=1)
-        table = found.deflection[~off][:, _rods(branch.robot)]
+        table = found.deflection[~off][:, rod_columns(branch.robot)]
         return Elongated(CubicSpline(found.time[~off], table), FEW)
 
     return run

@@ -13,6 +13,7 @@ around it.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from functools import lru_cache
@@ -77,6 +78,23 @@ class ElasticMotion:
         return elongations(self.motion, t, rigid.ROD_STIFFNESS * self.scale)
 
 
+def followed(motion: rigid.ExactMotion, times: Iterable[Decimal], stiffness: Decimal) -> list[Pair]:
+    """eps (2,) [m] at each of the instants, from one to the next: extrapolated from the two before.
+
+    Raises:
+        ArithmeticError: as `elongations`.
+    """
+    known: list[tuple[Decimal, Pair]] = []
+    for t in times:
+        start = known[-1][1] if known else (Decimal(0), Decimal(0))
+        if len(known) > 1:
+            (t_0, (a_0, b_0)), (t_1, (a_1, b_1)) = known[-2:]
+            share = (t - t_1) / (t_1 - t_0)
+            start = a_1 + share * (a_1 - a_0), b_1 + share * (b_1 - b_0)
+        known.append((t, elongations(motion, t, stiffness, start)))
+    return [eps for _, eps in known]
+
+
 def _angle(one: rigid.Vector, other: rigid.Vector) -> Decimal:
     """The small angle from one crank to another: arcsin by its first two terms."""
     sine = rigid.cross(one, other) / rigid.LENGTH**2
@@ -89,11 +107,13 @@ def _load(motion: rigid.ExactMotion, t: Decimal) -> rigid.Vector:
     return push * way[0], push * way[1]
 
 
-def elongations(motion: rigid.ExactMotion, t: Decimal, stiffness: Decimal) -> Pair:
+def elongations(
+    motion: rigid.ExactMotion, t: Decimal, stiffness: Decimal, start: Pair = (Decimal(0), Decimal(0))
+) -> Pair:
     """eps (2,) [m] at one instant.
 
     Raises:
-        ArithmeticError: Newton's method from the unloaded robot finds none.
+        ArithmeticError: Newton's method from `start`, the unloaded robot by default, finds none.
     """
     x, load = rigid.on_line(motion.law(t)), _load(motion, t)
 
@@ -103,7 +123,7 @@ def elongations(motion: rigid.ExactMotion, t: Decimal, stiffness: Decimal) -> Pa
         lengths = (rigid.LENGTH + eps[0], rigid.LENGTH + eps[1])
         return eps[0] - share[0] * lengths[0] / stiffness, eps[1] - share[1] * lengths[1] / stiffness
 
-    eps = Decimal(0), Decimal(0)
+    eps = start
     for _ in range(MOST):
         here = lacking(eps)
         one, two = lacking((eps[0] + rigid.STEP, eps[1])), lacking((eps[0], eps[1] + rigid.STEP))

@@ -18,7 +18,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from framework.show.style import DASHES, save_figure, styled
 from tests.benchmarks.chart.measure import Method, Row, Stage
-from tests.benchmarks.chart.reading import LEAST, finite, front, sentence
+from tests.benchmarks.chart.reading import LEAST, WRONG, finite, front, sentence
 
 PALETTE = {
     "ours": ("#0072B2", "#009E73", "#56B4E9", "#332288", "#117733"),
@@ -201,11 +201,11 @@ def _plot_map(ax: Axes, method: Method, rows: Sequence[Row]) -> None:
     lost = np.full((len(up), len(across)), np.nan)
     for row in rows:
         i, j = up.index(row.setting[1]), across.index(row.setting[0])
-        if row.note:
+        if not np.isfinite(row.error):
             ax.text(j, i, "r", ha="center", va="center", fontsize=5.5, color="0.4")
             continue
         lost[i, j] = np.clip(np.log10(max(row.error, ROUNDING) / ROUNDING), 0, DIGITS)
-        words = "x" if lost[i, j] == DIGITS else f"{lost[i, j]:.0f}"
+        words = "x" if row.error >= WRONG else f"{lost[i, j]:.0f}"
         color = "white" if lost[i, j] > 0.5 * DIGITS else "black"
         ax.text(j, i, words, ha="center", va="center", fontsize=5.5, color=color)
     ax.set_facecolor("0.88")
@@ -213,7 +213,7 @@ def _plot_map(ax: Axes, method: Method, rows: Sequence[Row]) -> None:
         np.ma.masked_invalid(lost), cmap="viridis_r", vmin=0, vmax=DIGITS, origin="lower", aspect="auto"
     )
     ax.set_xticks(range(len(across)), [_brief(value) for value in across], fontsize=5)
-    ax.set_yticks(range(len(up)), [_brief(value) for value in up], fontsize=5)
+    ax.set_yticks(range(len(up)), [_brief(value) for value in up] if len(up) > 1 else [""], fontsize=5)
     ax.grid(False)
 
 

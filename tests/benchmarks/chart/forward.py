@@ -9,62 +9,31 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
-from framework.arrays import Array, ArrayLike
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
 from tests.benchmarks.chart import integrators, published
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.integrators import Case, Course, Prepared
 from tests.benchmarks.chart.measure import Judged, Method, Setting, Stage, singles
+from tests.benchmarks.chart.variants import Planned, planned
 
 T, HEAVY = given.DURATION, "five_bar_heavy"
 CROSSING, SQUEEZER = "5R with 1 kg links, through its singularity", "Andrews' squeezer"
-SIZE = 128  # points of the series of torques: twice what they need
 
 
-class Planned(NamedTuple):
-    """The 5R's motion as all simulators are given it."""
-
-    torques: Array  # Chebyshev coefficients (SIZE, 2)
-    places: Array  # (SIZE, 2)
-
-    def torque(self, t: ArrayLike) -> Array:
-        """(T, 2) [N m], motor side."""
-        return _series(self.torques, t)
-
-    def platform(self, t: ArrayLike, order: int = 0, /) -> Array:
-        """(T, 2) [m]."""
-        return _series(self.places, t)
-
-
-def _series(coefficients: Array, t: ArrayLike) -> Array:
-    local = np.clip(np.asarray(t, dtype=float) * (2.0 / T) - 1.0, -1.0, 1.0)
-    values = np.cos(np.arccos(local)[..., None] * np.arange(len(coefficients)))
-    return np.asarray(values @ coefficients)
-
-
-@cache
-def planned() -> Planned:
+def motion() -> Planned:
     """The reference's torques and path."""
-    motion = given.exact(HEAVY)
-    nodes = np.cos(np.pi * (np.arange(SIZE) + 0.5) / SIZE)
-    times = 0.5 * T * (nodes + 1.0)
-    torques, places = (
-        np.asarray(chebyshev.chebfit(nodes, values, SIZE - 1), dtype=float)
-        for values in (motion.torque(times), motion.platform(times))
-    )
-    return Planned(torques, places)
+    return planned(given.MASSES[HEAVY])
 
 
 @cache
 def _crossing() -> Case:
     robot = given.robot(HEAVY)
-    return Case(robot, planned().torque, T, assemble(robot, given.path()(0.0)).q)
+    return Case(robot, motion().torque, T, assemble(robot, given.path()(0.0)).q)
 
 
 @cache
@@ -83,9 +52,9 @@ def _simulator(module: str, **options: Any) -> Callable[[Setting], Callable[[], 
         from tests.benchmarks.chart.peers.five_bar import FiveBar
 
         prepared = import_module(f"tests.benchmarks.chart.peers.{module}").prepared
-        robot, motion = FiveBar.of(HEAVY, "rigid"), planned()
-        start = motion.platform(np.zeros(1))[0]
-        run: Callable[[], Any] = prepared(robot, motion.torque, start, step=setting[0], duration=T, **options)
+        robot, plan = FiveBar.of(HEAVY, "rigid"), motion()
+        start = plan.platform(np.zeros(1))[0]
+        run: Callable[[], Any] = prepared(robot, plan.torque, start, step=setting[0], duration=T, **options)
         return run
 
     return prepare
@@ -102,7 +71,7 @@ def judge(method: Method, setting: Setting, result: Any) -> Judged:
         places, times = robot.platform.coordinates(frames_at(robot, result.q)), result.times
     else:  # a peer's
         places, times = result.platform, result.time
-    return Judged(float(np.linalg.norm(places - planned().platform(times), axis=1).max()))
+    return Judged(float(np.linalg.norm(places - motion().platform(times), axis=1).max()))
 
 
 def _row(

@@ -12,36 +12,56 @@ from decimal import Decimal, localcontext
 from functools import cache
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from framework.arrays import Array
 from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.motion.chebyshev import TimeGrid
+from framework.motion.law import MotionLaw
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage
-from tests.benchmarks.chart.reading import finite, short
-from tests.benchmarks.chart.torque import ENDS, T_C, DifferencedLaw, T, direct, pointwise
+from tests.benchmarks.chart.reading import counts
+from tests.benchmarks.chart.torque import (
+    ENDS,
+    T_C,
+    DifferencedLaw,
+    T,
+    direct,
+    doubled,
+    pointwise,
+    pseudo_inverse,
+    tabulated,
+)
 
 OFFSETS = tuple(10.0**-k for k in (2, 4, 6, 8, 10, 12))  # of the path
 STEPS = tuple(T / 2**k for k in (4, 6, 8, 10, 12))  # [s]
 MEAN_STEPS = tuple(T / size for size in (16, 32, 64, 128))  # [s] of Chebyshev nodes
 NEAREST = 5  # decades of seconds to the pole
+DEGREE, CUT, AGREEMENT = 9, 1e-3, 1e-9  # of splines; of singular values; of tables [N m]
+PROVED = tuple((offset, 1e-10) for offset in OFFSETS)  # with a tolerance in place of a step
 CELLS = tuple((offset, step) for step in STEPS for offset in OFFSETS)
 
 Torque = Callable[[Array], Array]
 
 
-def _table(setting: Setting) -> Callable[[], Torque]:
-    law, times = given.law(offset=setting[0]), np.linspace(0.0, T, round(T / setting[1]) + 1)
-    return lambda: CubicSpline(times, pointwise(law, times, direct))
+def _tabulated(torque: Callable[[MotionLaw, Array], Array]) -> Callable[[Setting], Callable[[], Torque]]:
+    def prepare(setting: Setting) -> Callable[[], Torque]:
+        law, samples = given.law(offset=setting[0]), T / setting[1] + 1
+        return lambda: tabulated(lambda t: torque(law, t), (samples, DEGREE)).table
+
+    return prepare
 
 
 def _differences(setting: Setting) -> Callable[[], Torque]:
-    law, times = given.law(offset=setting[0]), np.linspace(0.0, T, round(T / setting[1]) + 1)
-    return lambda: CubicSpline(times, pointwise(DifferencedLaw(law, setting[1]), times, direct))
+    law, samples = DifferencedLaw(given.law(offset=setting[0]), setting[1]), T / setting[1] + 1
+    return lambda: tabulated(lambda t: pointwise(law, t, direct), (samples, DEGREE)).table
+
+
+def _doubled(setting: Setting) -> Callable[[], Torque]:
+    run = doubled(given.law(offset=setting[0]), AGREEMENT)
+    return lambda: run().table
 
 
 def _nodes(setting: Setting) -> Callable[[], Torque]:
@@ -81,56 +101,57 @@ def judge(method: Method, setting: Setting, result: Torque) -> Judged:
 
 
 def _remark(rows: Sequence[Row]) -> str:
-    lines = ["Each cell has the power of ten of the error; no step mends what the offset has spoilt."]
-    finest = min(STEPS)
-    at = [row for row in finite(rows, "table") if row.setting[1] == finest]
-    if at:
-        far, near = max(at, key=lambda r: r.setting[0]), min(at, key=lambda r: r.setting[0])
-        lines.append(
-            f"With {1e3 * finest:.2g} ms a table of pointwise solves is {short(far.error)} of the torque off "
-            f"at {short(far.setting[0])} of the path, and {short(near.error)} at {short(near.setting[0])}."
-        )
-    proved = [row for row in rows if row.method == "proved"]
-    refused = [row.setting[0] for row in proved if not np.isfinite(row.error)]
-    passed = [row.error for row in proved if np.isfinite(row.error)]
-    if refused:
-        least = short(min(refused))
-        lines.append(f"Proving measures what is left of condition (8) and refuses from {least} on.")
-        if passed:
-            lines.append(f"What it lets pass is right to {short(max(passed))}.")
-    return " ".join(lines)
+    return f"No step mends what the offset has spoilt: {counts(STAGE, rows)}."
+
+
+def _direct(law: MotionLaw, times: Array) -> Array:
+    return pointwise(law, times, direct)
+
+
+def _cut(law: MotionLaw, times: Array) -> Array:
+    return pointwise(law, times, pseudo_inverse(CUT))
 
 
 _GIVEN = "path followed; s, s', s\" exact"
 _UNIT = "offset, step [s]"
 STAGE = Stage(
     name="imposed",
-    title="Condition (8) imposed beside the singular point",
+    title="Distance to Type 2, and the step",
     reference="closed form of the 5R in fifty digits (chart/closed_form.py)",
     error="largest error over the largest torque",
     methods=(
-        Method("differences", "finite differences", "path followed; s alone", _UNIT, CELLS, _differences),
-        Method("table", "best pointwise solve", _GIVEN, _UNIT, CELLS, _table),
+        Method("proved", "ours, proved", "path and law", _UNIT, PROVED, _proved, "ours"),
         Method(
             "nodes",
-            "Chebyshev nodes, not proved",
+            "ours, nodes, not proved",
             _GIVEN,
             _UNIT,
             tuple((offset, step) for step in MEAN_STEPS for offset in OFFSETS),
             _nodes,
             "ours",
         ),
+        Method("table", "pointwise", _GIVEN, _UNIT, CELLS, _tabulated(_direct), source="splines of degree 9"),
         Method(
-            "proved",
-            "ours, proved",
-            "path and law alone",
-            "offset, tolerance",
-            tuple((offset, 1e-10) for offset in OFFSETS),
-            _proved,
-            "ours",
+            "pseudo_inverse",
+            f"pseudo-inverse, cut {CUT:.0e}",
+            _GIVEN,
+            _UNIT,
+            CELLS,
+            _tabulated(_cut),
+            source="splines of degree 9",
+        ),
+        Method("differences", "central differences", "path followed; s alone", _UNIT, CELLS, _differences),
+        Method(
+            "doubled",
+            "Pinocchio's tables, doubled",
+            "path and law",
+            _UNIT,
+            PROVED,
+            _doubled,
+            source=f"as in the stage torque, until tables agree to {AGREEMENT} N m",
         ),
     ),
     judge=judge,
     remark=_remark,
-    map_axes=("imposed beside it by  [path]", "step  [ms]"),
+    map_axes=("distance to Type 2  [path]", "step  [s]"),
 )

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ from framework.simulation.schemes import State
 from framework.simulation.stepper import Stepper
 
 LOOKS = 151  # equidistant instants at which a continuous solution is read
+MOST_CALLS = 20_000  # of the right-hand side
 PROXIMAL = (1e-12, 1e-12, 1e-8, 20)  # settings with which planar loops are sound in 3D
 Prepared = Callable[[float], Callable[[], "Course"]]
 
@@ -203,8 +205,15 @@ def scipy_contacts(case: Case, method: str) -> Prepared:
         start = np.concatenate(case.start)
 
         def run() -> Course:
+            calls = count()
+
+            def rate(t: float, y: Array) -> Array:
+                if next(calls) > MOST_CALLS:
+                    raise ArithmeticError(f"{method}: no end after {MOST_CALLS} calls, at t = {t:.6g} s")
+                return slope(y, case.joint_forces(np.array([t]))[0])
+
             solved = solve_ivp(
-                lambda t, y: slope(y, case.joint_forces(np.array([t]))[0]),
+                rate,
                 (0.0, case.duration),
                 start,
                 method,

@@ -202,7 +202,9 @@ def tried(stage: Stage, method: Method, setting: Setting) -> Trial:
         result = run()
         first = time.process_time() - began
         error, profile = stage.judge(method, setting, result)
-    except (FrameworkError, ArithmeticError, np.linalg.LinAlgError) as failure:
+        if np.isnan(error):
+            raise ArithmeticError("no number")
+    except (FrameworkError, ArithmeticError, ValueError, np.linalg.LinAlgError) as failure:
         note = " ".join(str(failure).split())[:200] or type(failure).__name__
         lost = Row(stage.name, method.name, setting, np.nan, np.nan, np.inf, note=note)
         return Trial(lost, lambda: None, 0)

@@ -13,6 +13,7 @@ import numpy as np
 
 from tests.benchmarks.chart.measure import Method, Row, Stage
 
+WRONG = 0.1  # relative error of an answer that has no digit right
 LEAST = 1e-17  # stands for an error of zero
 
 
@@ -73,6 +74,21 @@ def sentence(stage: Stage, rows: Sequence[Row]) -> str:
                 where = f"{panel}, to" if panel else "to"
                 lines.append(f"{where[0].upper()}{where[1:]} {goal:.0e}: {words}.")
     return " ".join([*lines, stage.remark(rows)]).strip()
+
+
+def counts(stage: Stage, rows: Sequence[Row]) -> str:
+    """Cells of a map: how many answers of each method are wrong or refused, and the worst of the others."""
+    words = []
+    for method in stage.methods:
+        cells = [row for row in rows if row.method == method.name]
+        refused = sum(not np.isfinite(row.error) for row in cells)
+        wrong = sum(WRONG <= row.error < np.inf for row in cells)
+        worst = max((row.error for row in cells if row.error < WRONG), default=None)
+        if cells:
+            words.append(
+                f"{method.label} {wrong} of {len(cells)} wrong, {refused} refused, else within {short(worst)}"
+            )
+    return "; ".join(words)
 
 
 def _quickest(times: Sequence[Time]) -> str:

@@ -10,7 +10,18 @@ import numpy as np
 from framework.errors import InvalidInput, choose_from
 from tests.benchmarks.chart.measure import Row, Stage, measured, read_setting
 
-NAMES = ("torque", "closing", "singular", "forward", "laws", "elastic", "imposed", "soft")
+NAMES = (
+    "torque",
+    "closing",
+    "singular",
+    "forward",
+    "laws",
+    "elastic",
+    "imposed",
+    "misfit",
+    "sizes",
+    "masses",
+)
 
 
 def stage(name: str) -> Stage:

@@ -219,9 +219,9 @@ def _planned(setting: Setting) -> Callable[[], Torques]:
     return run
 
 
-def _doubled(setting: Setting) -> Callable[[], Torques]:
+def doubled(law: MotionLaw, agreement: float) -> Callable[[], Torques]:
     """Point located by Brent on the determinant, condition (8) checked, table doubled until it stays."""
-    law, (robot, start) = given.law(), bare()
+    robot, start = bare()
 
     def measure(s: float) -> float:
         return robot.singularity(robot.close(given.path()(s), near[np.searchsorted(places, s) - 1])[0])
@@ -247,10 +247,10 @@ def _doubled(setting: Setting) -> Callable[[], Torques]:
         while samples <= MOST_COUNT:
             times = np.linspace(0.0, T, samples)
             values = bare_torques(law, times)
-            if before is not None and np.abs(before(times) - values).max() < setting[0]:
+            if before is not None and np.abs(before(times) - values).max() < agreement:
                 return Torques(make_interp_spline(times, values, k=9), lambda t: bare_torques(law, t))
             samples, before = 2 * samples - 1, make_interp_spline(times, values, k=9)
-        raise ArithmeticError(f"tables differ by more than {setting[0]:g} N m up to {MOST_COUNT} samples")
+        raise ArithmeticError(f"tables differ by more than {agreement:g} N m up to {MOST_COUNT} samples")
 
     return run
 
@@ -425,7 +425,7 @@ STAGE = Stage(
             "path and law",
             "agreement [N m]",
             singles(1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12),
-            _doubled,
+            lambda setting: doubled(given.law(), setting[0]),
             source="determinant's sign on 33 poses, Brent, condition (8) there, splines of degree 9",
             panel=PROVED,
         ),

@@ -17,11 +17,7 @@ import numpy as np
 from framework.arrays import Array
 from tests.benchmarks.chart.peers.exudyn_parts import ANGLE, Body, Marker, Mechanism
 from tests.benchmarks.chart.peers.five_bar import (
-    BASES,
     GEAR_RATIO,
-    LENGTH,
-    PAYLOAD,
-    ROTOR_INERTIA,
     FiveBar,
     Run,
     start_angles,
@@ -87,48 +83,48 @@ def _assemble(
 ) -> tuple[Mechanism, Body, list[Marker]]:
     """The mechanism, its payload, and the coordinates of its motors."""
     mechanism = Mechanism()
-    payload = mechanism.mass_point(PAYLOAD, start)
+    payload = mechanism.mass_point(robot.payload, start)
     motors = []
-    for leg, angles in enumerate(start_angles(start)):
+    for leg, angles in enumerate(start_angles(np.asarray(start) / robot.size)):
         crank, motor = _crank(mechanism, robot, leg, angles[0], rotor_speeds[leg])
         _rod(mechanism, robot, crank, payload, leg, angles)
         motors.append(motor)
     return mechanism, payload, motors
 
 
-def _half(angle: float) -> Array:
-    return np.array([0.5 * LENGTH * np.cos(angle), 0.5 * LENGTH * np.sin(angle)])
+def _half(length: float, angle: float) -> Array:
+    return np.array([0.5 * length * np.cos(angle), 0.5 * length * np.sin(angle)])
 
 
 def _crank(
     mechanism: Mechanism, robot: FiveBar, leg: int, angle: float, rotor_speed: float
 ) -> tuple[Body, Marker]:
     """The body of a crank, and the coordinate on which its motor acts."""
-    foot = np.array([BASES[leg], 0.0])
+    foot = np.array([robot.bases[leg], 0.0])
     stiffness = robot.drive_stiffness
-    inertia = robot.link_mass * LENGTH**2 / 12 + (ROTOR_INERTIA if stiffness is None else 0.0)
-    crank = mechanism.link(robot.link_mass, inertia, foot + _half(angle), angle)
-    mechanism.pin(mechanism.point(mechanism.ground(foot)), mechanism.point(crank, -LENGTH / 2))
+    inertia = robot.link_mass * robot.length**2 / 12 + (robot.rotor_inertia if stiffness is None else 0.0)
+    crank = mechanism.link(robot.link_mass, inertia, foot + _half(robot.length, angle), angle)
+    mechanism.pin(mechanism.point(mechanism.ground(foot)), mechanism.point(crank, -robot.length / 2))
     turn = mechanism.coordinate(crank, ANGLE)
     if stiffness is None:
         return crank, turn
-    return crank, mechanism.rotor(ROTOR_INERTIA, turn, stiffness, speed=rotor_speed)
+    return crank, mechanism.rotor(robot.rotor_inertia, turn, stiffness, speed=rotor_speed)
 
 
 def _rod(mechanism: Mechanism, robot: FiveBar, crank: Body, payload: Body, leg: int, angles: Array) -> None:
-    elbow, tip = mechanism.point(crank, LENGTH / 2), mechanism.point(payload)
+    elbow, tip = mechanism.point(crank, robot.length / 2), mechanism.point(payload)
     if robot.rod_stiffness is not None:
-        mechanism.spring([elbow, tip], LENGTH, robot.rod_stiffness)
+        mechanism.spring([elbow, tip], robot.length, robot.rod_stiffness)
     if robot.link_mass > 0:
-        start = np.array([BASES[leg], 0.0]) + 2 * _half(angles[0])
-        inertia = robot.link_mass * LENGTH**2 / 12
-        rod = mechanism.link(robot.link_mass, inertia, start + _half(angles[1]), angles[1])
-        mechanism.pin(elbow, mechanism.point(rod, -LENGTH / 2))
-        end = mechanism.point(rod, LENGTH / 2)
+        start = np.array([robot.bases[leg], 0.0]) + 2 * _half(robot.length, angles[0])
+        inertia = robot.link_mass * robot.length**2 / 12
+        rod = mechanism.link(robot.link_mass, inertia, start + _half(robot.length, angles[1]), angles[1])
+        mechanism.pin(elbow, mechanism.point(rod, -robot.length / 2))
+        end = mechanism.point(rod, robot.length / 2)
         if robot.rod_stiffness is not None:
-            slider = mechanism.link(0.0, 0.0, start + 2 * _half(angles[1]), angles[1])
-            mechanism.slide(rod, LENGTH / 2, slider)
+            slider = mechanism.link(0.0, 0.0, start + 2 * _half(robot.length, angles[1]), angles[1])
+            mechanism.slide(rod, robot.length / 2, slider)
             end = mechanism.point(slider)
         mechanism.pin(end, tip)
     elif robot.rod_stiffness is None:
-        mechanism.distance([elbow, tip], LENGTH)
+        mechanism.distance([elbow, tip], robot.length)

@@ -35,11 +35,31 @@ class Planned(Protocol):
 
 @dataclass(frozen=True)
 class FiveBar:
-    """What may differ between two 5R robots; None stands for a rigid drive or rod."""
+    """What may differ between two 5R robots; None stands for a rigid drive or rod.
+
+    `size` multiplies all lengths and, squared, the rotors' inertia.
+    """
 
     link_mass: float = 0.0  # of each crank and rod, uniform and slender [kg]
     drive_stiffness: float | None = None  # [N m/rad]
     rod_stiffness: float | None = None  # [N/m]
+    payload: float = PAYLOAD  # [kg]
+    size: float = 1.0
+
+    @property
+    def length(self) -> float:
+        """Of every link [m]."""
+        return LENGTH * self.size
+
+    @property
+    def bases(self) -> tuple[float, ...]:
+        """Abscissae of the motors [m]."""
+        return tuple(base * self.size for base in BASES)
+
+    @property
+    def rotor_inertia(self) -> float:
+        """On the joint side of the gear [kg m^2]."""
+        return ROTOR_INERTIA * self.size**2
 
     @classmethod
     def of(cls, name: str, flexibility: str) -> FiveBar:

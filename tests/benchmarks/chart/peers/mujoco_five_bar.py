@@ -18,11 +18,7 @@ from typing import Any
 import mujoco
 
 from tests.benchmarks.chart.peers.five_bar import (
-    BASES,
     GEAR_RATIO,
-    LENGTH,
-    PAYLOAD,
-    ROTOR_INERTIA,
     SIDES,
     FiveBar,
 )
@@ -63,18 +59,18 @@ def model_of(
 
 def _leg(robot: FiveBar, leg: int, mass: float) -> str:
     side = SIDES[leg]
-    bar = max(robot.link_mass * LENGTH**2 / 12, SHAPELESS)
-    link = _inertial(LENGTH / 2, mass, bar)
+    bar = max(robot.link_mass * robot.length**2 / 12, SHAPELESS)
+    link = _inertial(robot.length / 2, mass, bar)
     drive, rod = "", ""
     if robot.drive_stiffness is not None:
         drive = f'<joint name="{side}_drive" axis="0 0 1" stiffness="{robot.drive_stiffness!r}"/>'
     if robot.rod_stiffness is not None:
         rod = f'<joint name="{side}_rod" type="slide" axis="1 0 0" stiffness="{robot.rod_stiffness!r}"/>'
     return f"""
-      <body pos="{BASES[leg]!r} 0 0">
-        <joint name="{side}_motor" axis="0 0 1" armature="{ROTOR_INERTIA!r}"/>{drive}{link}
-        <body pos="{LENGTH!r} 0 0"><joint name="{side}_elbow" axis="0 0 1"/>{link}
-          <body pos="{LENGTH!r} 0 0">{rod}{_inertial(0.0, PAYLOAD / 2, SHAPELESS)}
+      <body pos="{robot.bases[leg]!r} 0 0">
+        <joint name="{side}_motor" axis="0 0 1" armature="{robot.rotor_inertia!r}"/>{drive}{link}
+        <body pos="{robot.length!r} 0 0"><joint name="{side}_elbow" axis="0 0 1"/>{link}
+          <body pos="{robot.length!r} 0 0">{rod}{_inertial(0.0, robot.payload / 2, SHAPELESS)}
             <site name="{side}_tip"/>
           </body>
         </body>

@@ -59,7 +59,7 @@ def prepared(
     step = duration / steps
     model = model_of(robot, step=step, **options)
     data = mujoco.MjData(model)
-    for side, (crank, rod) in zip(SIDES, start_angles(start), strict=True):
+    for side, (crank, rod) in zip(SIDES, start_angles(np.asarray(start) / robot.size), strict=True):
         data.joint(f"{side}_motor").qpos = crank
         data.joint(f"{side}_elbow").qpos = rod - crank
     for name, (place, speed) in (joints or {}).items():

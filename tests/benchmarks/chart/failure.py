@@ -1,0 +1,188 @@
+"""Methods, ours and peers', on variants of the 5R: what the maps of failure over size and masses are made of.
+
+Inverse methods are judged by the torques over the largest one, forward ones, driven by the exact torques, by
+how far the payload comes off its path over the path's length. All have the settings that suit scene C as
+printed: that is the point. Where nothing is returned, or no number, a method has refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from framework.arrays import Array
+from framework.crossing.plan import plan_crossing
+from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.frames import frames_at
+from framework.motion.path import along
+from framework.simulation import simulate
+from tests.benchmarks.chart import closed_form, integrators
+from tests.benchmarks.chart.bare import BareFiveBar
+from tests.benchmarks.chart.integrators import Case, Prepared
+from tests.benchmarks.chart.measure import Judged, Method, Setting
+from tests.benchmarks.chart.peers.five_bar import SIDES
+from tests.benchmarks.chart.variants import CHECKED, Variant
+
+STEPS = 600  # of forward runs with fixed steps
+SAMPLES, DEGREE = 257, 9  # of tables, read by a spline
+SHAPELESS = "1e-14 kg m^2 where MuJoCo refuses less inertia"
+TOLERANCE = 1e-9  # relative, of scipy's integrator
+
+VariantOf = Callable[[Setting], Variant]
+
+
+class Outcome(NamedTuple):
+    """What a method returned, what is exact, and the size of that."""
+
+    computed: Array
+    exact: Array
+    size: float
+
+
+def _torques(variant: Variant, torque: Callable[[Array], Array]) -> Outcome:
+    times = CHECKED * variant.duration
+    exact = variant.torque(times)
+    return Outcome(torque(times), exact, float(np.abs(exact).max()))
+
+
+def _places(variant: Variant, times: Array, places: Array) -> Outcome:
+    return Outcome(places, variant.platform(times), float(np.ptp(variant.platform(times), axis=0).max()))
+
+
+def _planned(variant: Variant) -> Outcome:
+    plan = plan_crossing(
+        variant.robot,
+        variant.path,
+        duration=variant.duration,
+        times=[variant.slower * float(closed_form.CROSSING_TIME)],
+        speeds=[float(closed_form.CROSSING_SPEED) / variant.slower],
+    )
+    return _torques(variant, plan.torque)
+
+
+def _simulated(variant: Variant) -> Outcome:
+    robot = variant.robot
+    start = assemble(robot, variant.platform(0.0)).q
+    run = simulate(robot, variant.torque, start=start, duration=variant.duration, samples=len(CHECKED))
+    return _places(variant, run.times, robot.platform.coordinates(frames_at(robot, run.q)))
+
+
+class Motion(NamedTuple):
+    """The law of a variant on the samples of a table."""
+
+    times: Array
+    x: Array
+    dx: Array
+    ddx: Array
+
+
+def _motion(variant: Variant) -> Motion:
+    law = closed_form.motion(variant.link, payload=variant.payload)
+    times = np.linspace(0.0, float(closed_form.DURATION), SAMPLES)
+    powers = np.polynomial.Polynomial([float(c) for c in law.powers])
+    s = [powers.deriv(k)(times) / variant.slower**k for k in range(3)]
+    return Motion(times * variant.slower, *along(variant.path, s))
+
+
+def _bare(variant: Variant) -> tuple[BareFiveBar, Array]:
+    robot = variant.robot
+    return BareFiveBar(robot.model, variant.size), assemble(robot, variant.platform(0.0)).q
+
+
+def _pinocchio_inverse(variant: Variant) -> Outcome:
+    robot, start = _bare(variant)
+    motion = _motion(variant)
+    table = robot.torques(robot.loads(motion.x, motion.dx, motion.ddx, start))
+    return _torques(variant, make_interp_spline(motion.times, table, k=DEGREE))
+
+
+def _mujoco_inverse(variant: Variant) -> Outcome:
+    from tests.benchmarks.chart.peers.mujoco_inverse import Tree
+
+    robot, start = _bare(variant)
+    names = [f"{side}_{part}" for side in SIDES for part in ("motor", "elbow")]
+    motion = _motion(variant)
+    joints = robot.rates(motion.x, motion.dx, motion.ddx, start)
+    table = Tree(variant.five_bar, names).inverse(*joints).torque
+    return _torques(variant, make_interp_spline(motion.times, table, k=DEGREE))
+
+
+def _case(variant: Variant) -> Case:
+    robot = variant.robot
+    return Case(robot, variant.torque, variant.duration, assemble(robot, variant.platform(0.0)).q)
+
+
+def _integrated(made: Callable[..., Prepared], *options: Any, tolerance: float | None = None) -> Any:
+    def run(variant: Variant) -> Outcome:
+        course = made(_case(variant), *options)(tolerance or variant.duration / STEPS)()
+        robot = variant.robot
+        if not np.all(np.isfinite(course.q)):
+            raise ArithmeticError("no number")
+        return _places(variant, course.times, robot.platform.coordinates(frames_at(robot, course.q)))
+
+    return run
+
+
+def _simulator(module: str) -> Callable[[Variant], Outcome]:
+    def run(variant: Variant) -> Outcome:
+        simulate_ = import_module(f"tests.benchmarks.chart.peers.{module}").simulate
+        found = simulate_(
+            variant.five_bar,
+            variant.torque,
+            variant.platform(0.0),
+            step=variant.duration / STEPS,
+            duration=variant.duration,
+        )
+        return _places(variant, found.time, found.platform)
+
+    return run
+
+
+def judge(method: Method, setting: Setting, result: Outcome) -> Judged:
+    """The largest error over the size of what is exact."""
+    return Judged(float(np.abs(result.computed - result.exact).max() / result.size))
+
+
+def methods(cells: tuple[Setting, ...], unit: str, variant_of: VariantOf) -> tuple[Method, ...]:
+    """The methods of a map over these cells."""
+
+    def method(
+        name: str,
+        label: str,
+        run: Callable[[Variant], Outcome],
+        given: str,
+        package: str = "",
+        source: str = "",
+    ) -> Method:
+        def prepare(setting: Setting) -> Callable[[], Outcome]:
+            variant = variant_of(setting)
+            return lambda: run(variant)
+
+        kind = "ours" if name in ("planned", "simulated") else "peer"
+        return Method(name, label, given, unit, cells, prepare, kind, source, package or None)  # type: ignore[arg-type]
+
+    rk4 = _integrated(integrators.contact_runge_kutta)
+    dop853 = _integrated(integrators.scipy_contacts, "DOP853", tolerance=TOLERANCE)
+    torques = "motor torques"
+    table, steps = f"{SAMPLES} samples, degree {DEGREE}", f"{STEPS} steps"
+    return (
+        method("planned", "ours, planned and proved", _planned, "path, duration, time, speed"),
+        method("simulated", "ours, simulated", _simulated, "motor torques"),
+        method("pinocchio", "Pinocchio, inverse", _pinocchio_inverse, "path, law", source=table),
+        method("mujoco", "MuJoCo, inverse", _mujoco_inverse, "joints", "mujoco", f"{table}; {SHAPELESS}"),
+        method("rk4", "Pinocchio, RK4", rk4, "motor torques", source=steps),
+        method("dop853", "Pinocchio, DOP853", dop853, "motor torques", source=f"rtol {TOLERANCE}"),
+        method("mujoco_rk4", "MuJoCo, RK4", _simulator("mujoco_forward"), torques, "mujoco", steps),
+        method(
+            "exudyn",
+            "Exudyn, gen. alpha",
+            _simulator("exudyn_five_bar"),
+            torques,
+            "exudyn",
+            f"{steps}, Newton to 1e-10",
+        ),
+    )

@@ -1,0 +1,186 @@
+"""Map of failure: the deformed 5R beside its loaded condition, over the load and the misfit.
+
+The law crosses `misfit` (of the path) beside the singular point of the deformed robot. Then there is no
+equilibrium in a band about that point, whatever the torque, and away from it there is one: the right answer
+is no. Judged are the elongations of the rods, as near to the point as 10 us; an answer where there is none
+counts as wrong. Springs are softer by the factor that the load over the stiffness is more than the paper's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from decimal import Decimal, localcontext
+from functools import cache
+
+import numpy as np
+from scipy import optimize
+from scipy.interpolate import make_interp_spline
+
+from framework.arrays import Array
+from framework.dynamics.finite_differences import finite_difference_torques
+from framework.dynamics.inverse_dynamics import inverse_dynamics
+from framework.motion.law import Condition, Law
+from tests.benchmarks.chart import closed_form, elastic_form
+from tests.benchmarks.chart import robot as given
+from tests.benchmarks.chart.elastic import (
+    FEW,
+    SPEED,
+    T_C,
+    T,
+    branch_of,
+    repeated_on_nodes,
+    rod_columns,
+    scaled,
+)
+from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, pairs
+from tests.benchmarks.chart.reading import counts
+
+LOADS = (0.01, 0.1, 1.0, 3.0, 10.0, 16.0)  # over the stiffness, over the paper's
+MISFITS = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)  # of the path
+NEAREST = 5  # decades of seconds to the singular point
+SAMPLES, DEGREE = 257, 5  # of tables, read by a spline
+NO_ANSWER = 1e3  # error of an answer where there is none
+
+Rods = Callable[[Array], Array]  # times (T,) -> elongations (T, 2) [m]
+
+
+@cache
+def law(cell: Setting) -> Law:
+    """Through the point that is `misfit` beside the singular one of the deformed robot."""
+    s_c = float(elastic_form.elastic_motion(1 / cell[0]).motion.s_c) + cell[1]
+    inner = [Condition(T_C, order, value) for order, value in enumerate((s_c, SPEED, 0.0))]
+    return Law.rest_to_rest(T, elastic_form.SMOOTHNESS, inner)
+
+
+def _proved(cell: Setting, *, geometry: str) -> Callable[[], Rods]:
+    robot, chosen = scaled(1 / cell[0]), law(cell)
+    columns = rod_columns(robot)
+
+    def run() -> Rods:
+        deflections = inverse_dynamics(robot, given.path(), chosen, geometry=geometry).deflections
+        return lambda t: deflections(t)[:, columns]
+
+    return run
+
+
+def _repeated(cell: Setting) -> Callable[[], Rods]:
+    branch, chosen = branch_of(1 / cell[0]), law(cell)
+    return lambda: repeated_on_nodes(branch, chosen).rods
+
+
+def _differences(cell: Setting) -> Callable[[], Rods]:
+    branch, chosen = branch_of(1 / cell[0]), law(cell)
+
+    def run() -> Rods:
+        table = finite_difference_torques(
+            branch.robot, branch.path, chosen, samples=SAMPLES, geometry="deformed", passes=FEW, branch=branch
+        )
+        rods = table.deflection[:, rod_columns(branch.robot)]
+        sound = np.isfinite(rods).all(axis=1)
+        return make_interp_spline(table.time[sound], rods[sound], k=DEGREE)
+
+    return run
+
+
+def _root(cell: Setting) -> Callable[[], Rods]:
+    """scipy's root, instant by instant, on the two equations of the 5R in floats, from the instant before."""
+    chosen, stiffness = law(cell), float(closed_form.ROD_STIFFNESS) / cell[0]
+    length, payload = float(closed_form.LENGTH), float(closed_form.PAYLOAD)
+    start, end = (complex(*map(float, point)) for point in (closed_form.START, closed_form.END))
+    times = np.linspace(0.0, T, SAMPLES)
+    bases, elbows = np.array(list(map(float, closed_form.BASES))), np.array(closed_form.ELBOWS)
+
+    def lacking(stretch: Array, x: complex, load: complex) -> Array:
+        eps = (stretch - 1) * length
+        reach = x - bases
+        square = np.abs(reach) ** 2
+        along_ = ((length**2 - (length + eps) ** 2) / square + 1) / 2
+        rod = reach - (along_ + 1j * elbows * np.sqrt(length**2 / square - along_**2)) * reach
+        below = (np.conj(rod[0]) * rod[1]).imag
+        share = np.array([(np.conj(load) * rod[1]).imag, (np.conj(rod[0]) * load).imag]) / below
+        return np.asarray((eps - share * (length + eps) / stiffness) / length)
+
+    def run() -> Rods:
+        x, loads = start + chosen(times) * (end - start), -payload * chosen(times, 2) * (end - start)
+        table, stretch = np.empty((SAMPLES, 2)), np.ones(2)
+        for k in range(SAMPLES):
+            solved = optimize.root(lacking, stretch, (x[k], loads[k]), tol=1e-14)
+            if not (solved.success or np.abs(solved.fun).max() < 1e-12):
+                raise ArithmeticError(f"scipy's root at t = {times[k]:.4g} s: {solved.message}")
+            stretch = solved.x
+            table[k] = (stretch - 1) * length
+        return make_interp_spline(times, table, k=DEGREE)
+
+    return run
+
+
+@cache
+def _exact(cell: Setting) -> tuple[Array, Array | None]:
+    """Instants (T,) [s] on both sides of the point, and elongations (T, 2) [m]; None where there are none."""
+    scale = 1 / cell[0]
+    solved = elastic_form.elastic_motion(scale)
+    with localcontext(prec=closed_form.DIGITS):
+        s_c = solved.motion.s_c
+        powers = closed_form.law_through(s_c + Decimal(cell[1]), Decimal(0), elastic_form.SMOOTHNESS)
+        motion = closed_form.ExactMotion(powers, s_c, Decimal(0))
+        pole = closed_form.CROSSING_TIME
+        for _ in range(60):
+            pole -= (motion.law(pole) - s_c) / motion.law(pole, 1)
+        try:
+            ways = [
+                elastic_form.followed(
+                    motion,
+                    [pole + side * d for d in _approach(pole)],
+                    closed_form.ROD_STIFFNESS * solved.scale,
+                )
+                for side in (-1, 1)
+            ]
+        except ArithmeticError:
+            return np.empty(0), None
+        times = [[float(pole + side * d) for d in _approach(pole)] for side in (-1, 1)]
+    return np.concatenate(times), np.array([*ways[0], *ways[1]], dtype=float)
+
+
+def _approach(pole: Decimal) -> list[Decimal]:
+    """Distances [s] from far to near, each half the one before."""
+    far = min(pole, closed_form.DURATION - pole) * Decimal("0.99")
+    near = [far / 2**k for k in range(60)]
+    return [d for d in near if d > Decimal(10) ** -NEAREST]
+
+
+def judge(method: Method, cell: Setting, result: Rods) -> Judged:
+    """The largest error of the rods over their largest elongation."""
+    times, exact = _exact(cell)
+    if exact is None:
+        return Judged(NO_ANSWER)
+    return Judged(float(np.abs(result(times) - exact).max() / np.abs(exact).max()))
+
+
+def _remark(rows: Sequence[Row]) -> str:
+    return f"Load over stiffness and misfit of the loaded condition: {counts(STAGE, rows)}."
+
+
+_GIVEN, _UNIT, _CELLS = "path and law", "load over stiffness, misfit", pairs(LOADS, MISFITS)
+STAGE = Stage(
+    name="misfit",
+    title="Beside the loaded condition",
+    reference="two equations in two unknowns at each instant, fifty digits (chart/elastic_form.py)",
+    error="largest error of the rods over their largest",
+    methods=(
+        Method(
+            "proved",
+            "ours, proved",
+            _GIVEN,
+            _UNIT,
+            _CELLS,
+            lambda cell: _proved(cell, geometry="deformed"),
+            "ours",
+        ),
+        Method("root", "scipy root at each instant", _GIVEN, _UNIT, _CELLS, _root),
+        Method("repeated", "plain repetition", _GIVEN, _UNIT, _CELLS, _repeated),
+        Method("differences", f"differences, {FEW} passes", _GIVEN, _UNIT, _CELLS, _differences),
+    ),
+    judge=judge,
+    remark=_remark,
+    map_axes=("load / stiffness", "misfit  [path]"),
+)
