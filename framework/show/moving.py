@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,17 +14,18 @@ from PIL import Image
 
 from framework.arrays import Array
 from framework.errors import InvalidInput, choose_from
-from framework.show.captions import said
+from framework.show.captions import said, subtitle
 from framework.show.film import Film
 from framework.show.force_polygon import eye_twist, plot_eyes
 from framework.show.plots import torque_axes
 from framework.show.scene import stated_limit
 from framework.show.still import locus_of, plot_still
-from framework.show.style import ALARM, GOOD, line_style, styled
+from framework.show.style import ALARM, GOOD, LOCUS, line_style, styled
 
 GIF_FRAMES = 60
 FRAME_TIME, SINGULAR_FRAME_TIME = 100, 2000  # [ms] of a frame, and of one at a singular instant
 FRAME_DPI = 100
+FILM_WIDTH = 2.8  # [in] of each of several films side by side
 
 
 PICTURE_KINDS = ("png", "svg", "pdf", "gif")
@@ -32,9 +34,11 @@ PICTURE_KINDS = ("png", "svg", "pdf", "gif")
 def film_picture(films: Sequence[Film], kind: str) -> bytes:
     """Draw the robot, and beside it the eye of the needle or, without a crossing, its torques.
 
+    A gif moves, and has several films side by side, the torques of each below its robot.
+
     Args:
-        films: of one robot; several go along one path, through a singularity.
-        kind: one of PICTURE_KINDS; a gif moves, the others show the singular instant.
+        films: of one robot; several go along one path, through a singularity, but for a gif.
+        kind: one of PICTURE_KINDS; all but gif show the singular instant.
 
     Raises:
         InvalidInput: no such kind, or the films do not share a robot and a path.
@@ -56,42 +60,110 @@ def _still(films: Sequence[Film], kind: str) -> bytes:
 
 def _gif(films: Sequence[Film]) -> bytes:
     """Draw an animated GIF, which stands still for two seconds at the singular instants."""
-    film = _shown(films)
-    instants = [int(np.argmin(np.abs(film.time - instant.time))) for instant in film.instants]
-    spread = np.linspace(0, len(film.time) - 1, GIF_FRAMES).astype(int)
-    frames = [int(k) for k in np.unique(np.append(spread, instants))]
-    pictures = []
+    instants = [instant.time for film in films for instant in film.instants]
+    end = max(float(film.time[-1]) for film in films)
+    times = np.unique([*np.linspace(0.0, end, GIF_FRAMES), *instants])
     with styled():
-        drawing, left, marks = _axes(films)
-        canvas, locus, limit = FigureCanvasAgg(drawing), locus_of(film), stated_limit(film, films)
-        for k in frames[:: max(1, len(frames) // 8)]:  # where the robot comes, so that nothing is cut off
-            plot_still(film, left, frame=k, limit=limit, locus=locus, alone=True)
-        edges = left.get_xlim(), left.get_ylim()
-        drawing.draw_without_rendering()
-        drawing.set_layout_engine("none")
-        for k in frames:
-            left.clear()
-            plot_still(film, left, frame=k, limit=limit, locus=locus, alone=True)
-            left.set(xlim=edges[0], ylim=edges[1])
-            for mark in marks:
-                mark(float(film.time[k]))
+        stage = _stage(films) if len(films) == 1 else _stages(films)
+        canvas = FigureCanvasAgg(stage.drawing)
+        for t in times[:: max(1, len(times) // 8)]:  # where the robots come, so that nothing is cut off
+            stage.move(float(t))
+        limits = np.array([[ax.get_xlim(), ax.get_ylim()] for ax in stage.robots])  # (N, 2, 2)
+        xlim, ylim = np.stack([limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)], axis=1)
+        for ax in stage.robots:
+            ax.set(xlim=xlim, ylim=ylim)
+        stage.drawing.draw_without_rendering()
+        stage.drawing.set_layout_engine("none")
+        pictures = []
+        for t in times:
+            for ax in stage.robots:
+                ax.clear()
+            stage.move(float(t))
+            for ax in stage.robots:
+                ax.set(xlim=xlim, ylim=ylim)
             canvas.draw()  # type: ignore[no-untyped-call]
             pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
             pictures.append(Image.fromarray(pixels).convert("RGB"))
     palette = pictures[0].quantize(256, method=Image.Quantize.FASTOCTREE)
     small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     written = io.BytesIO()
-    lasting = [SINGULAR_FRAME_TIME if k in instants or k == frames[-1] else FRAME_TIME for k in frames]
+    lasting = [SINGULAR_FRAME_TIME if t in instants or t == end else FRAME_TIME for t in times]
     small[0].save(written, "GIF", save_all=True, append_images=small[1:], duration=lasting, loop=0)
     return written.getvalue()
+
+
+Mark = Callable[[float], None]  # draws what an instant [s] is like
+
+
+class _Stage(NamedTuple):
+    """A figure that shows films at one instant after the other."""
+
+    drawing: Figure
+    robots: list[Axes]  # which are cleared between instants
+    marks: list[Mark]
+
+    def move(self, t: float) -> None:
+        for mark in self.marks:
+            mark(t)
+
+
+def _stage(films: Sequence[Film]) -> _Stage:
+    """Return the robot of one film, and beside it the eye of the needle or its torques."""
+    drawing, left, marks = _axes(films)
+    film, limit = films[0], stated_limit(films[0], films)
+    return _Stage(drawing, [left], [_robot(film, left, limit), *marks])
+
+
+def _stages(films: Sequence[Film]) -> _Stage:
+    """Return the robots of several films side by side, the torques of each below; an unproved one ends."""
+    drawing = Figure(figsize=(FILM_WIDTH * len(films), 4.2), layout="constrained")
+    robots, below = drawing.subplots(2, len(films), height_ratios=(2.4, 1.0))
+    largest = 1.1 * max(float(stated_limit(film, films).max()) for film in films)
+    marks: list[Mark] = []
+    for film, above, ax in zip(films, robots, below, strict=True):
+        marks.append(_robot(film, above, None))
+        for k, torque in enumerate(film.torque.T):
+            real = np.where(film.time <= _end(film), torque, np.nan)
+            ax.plot(film.time, np.clip(real, -9 * largest, 9 * largest), **line_style(k))
+        for instant in film.instants:
+            ax.axvline(instant.time, color=LOCUS if film.proved else ALARM, linewidth=0.8, linestyle=":")
+        ax.set(xlim=(0.0, film.time[-1]), ylim=(-largest, largest), xlabel="time  [s]")
+        marks.append(_moved_line(film, ax))
+    below[0].set_ylabel(f"motor torque  [{films[0].robot.torque_units[0]}]")
+    return _Stage(drawing, list(robots), marks)
+
+
+def _robot(film: Film, ax: Axes, limit: Array | None) -> Mark:
+    """Draw the robot at the frame of an instant; of an unproved motion at the latest where it ends."""
+    locus, end = locus_of(film), _end(film)
+
+    def draw(t: float) -> None:
+        frame = int(np.argmin(np.abs(film.time - min(t, end))))
+        plot_still(film, ax, frame=frame, limit=limit, locus=locus, alone=True)
+        if limit is None:  # several films: their titles instead of a legend each
+            if ax.legend_ is not None:
+                ax.legend_.remove()
+            ends = t >= end
+            words = "no torque is large enough" if ends else subtitle(film)
+            ax.set_title(f"{film.name}: {words}", color=ALARM if ends else "black", fontsize=8)
+            ax.set_axis_off()
+
+    return draw
+
+
+def _end(film: Film) -> float:
+    """Return the singular instant that an unproved motion does not get beyond; infinite for others."""
+    return np.inf if film.proved else film.instants[0].time
+
+
+def _moved_line(film: Film, ax: Axes) -> Mark:
+    line, end = ax.axvline(0.0, color="black", linewidth=0.8), _end(film)
+    return lambda t: line.set_xdata([min(t, end)] * 2)
 
 
 def _shown(films: Sequence[Film]) -> Film:
     """Return the film whose robot is drawn: the first that is proven."""
     return next((film for film in films if film.proved), films[0])
-
-
-Mark = Callable[[float], None]  # moves what marks an instant [s] on a curve
 
 
 def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[Mark]]:
@@ -105,14 +177,13 @@ def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[Mark]]:
     for k, (name, torque) in enumerate(zip(film.robot.actuator_names, film.torque.T, strict=True)):
         right.plot(film.time, torque, label=said(name), **line_style(k))
     torque_axes(right, film.robot)
-    line = right.axvline(0.0, color="black", linewidth=0.8)
-    return drawing, left, [lambda t: line.set_xdata([t, t])]
+    return drawing, left, [_moved_line(film, right)]
 
 
 def _dot(film: Film, twist: Array, ax: Axes) -> Mark:
     """Draw a dot on a curve of the eye; it stays where an unproved motion ends."""
     s, demand = film.law(film.time), film.motors.along(twist)
-    end = np.inf if film.proved else film.instants[0].time
+    end = _end(film)
     (dot,) = ax.plot(
         [], [], "o", color=GOOD if film.proved else ALARM, markersize=7, markeredgecolor="white", zorder=5
     )

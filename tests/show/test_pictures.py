@@ -87,6 +87,24 @@ def test_a_moving_picture_stands_two_seconds_at_the_singular_instant():
     assert abs(lasting.index(2000) / (moving.n_frames - 1) - film.instants[0].time / film.time[-1]) < 0.03
 
 
+@pytest.mark.slow
+def test_several_films_move_side_by_side(monkeypatch):
+    monkeypatch.setattr("framework.show.moving.GIF_FRAMES", 10)
+    films = [filmed("five_bar", name) for name in "ABC"]
+    moving = Image.open(io.BytesIO(film_picture(films, "gif")))
+    assert moving.size == (840, 420)
+    lasting, thirds = [], []
+    for k in range(moving.n_frames):
+        moving.seek(k)
+        lasting.append(moving.info["duration"])
+        thirds.append(np.array(moving.convert("RGB"))[:250].reshape(250, 3, 280, 3))
+    assert lasting.count(2000) == 3  # where B and C are singular, and at the end
+    singular = lasting.index(2000)
+    assert np.array_equal(thirds[singular][:, 1], thirds[-1][:, 1])  # B ends there
+    for scene in (0, 2):
+        assert not np.array_equal(thirds[singular][:, scene], thirds[-1][:, scene])
+
+
 def test_robots_and_plans_show_themselves_in_jupyter():
     formatters = pytest.importorskip("IPython.core.formatters")
     notebook = SimpleNamespace(display_formatter=formatters.DisplayFormatter())
