@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import pytest
@@ -95,24 +96,45 @@ def test_auto_plans_with_what_the_scene_keeps(capsys):
     told = ["plan", "five_bar", "--scene", "C", "--json"]
     auto = json.loads(run(capsys, *told, "--flexibility", "auto")[1])
     same = json.loads(run(capsys, *told, "--flexibility", "rigid", "--smoothness", "4")[1])
-    assert auto.pop("fidelity") == {"rung": "payload", "tolerance": 0.01}
+    kept = {"rung": "payload", "tolerance": 0.01, "simulated": True, "error": None}
+    assert auto.pop("fidelity") == kept
     assert {**auto, "seconds": 0} == {**same, "seconds": 0}
     text = run(capsys, "plan", "five_bar", "--scene", "C", "--flexibility", "auto")[1]
-    assert "payload is enough for 1 %" in text
+    assert "payload is enough for 1 %, as the scene keeps" in text
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        "--scene C --duration 2 --times 1.3 --speeds 1",
+        "--from 0.1 0.345 --to 0 0.3 --duration 1",
+    ],
+)
+def test_auto_foretells_what_no_scene_keeps(capsys, motion):
+    told = ["plan", "five_bar", *motion.split(), "--flexibility", "auto"]
+    fidelity = json.loads(run(capsys, *told, "--json")[1])["fidelity"]
+    assert fidelity["rung"] == "payload"
+    assert not fidelity["simulated"]
+    assert 0.0 < fidelity["error"] <= fidelity["tolerance"] == 0.01
+    assert re.search(r"payload for 1 %, off by .* %: foretold, not simulated", run(capsys, *told)[1])
+
+
+def test_auto_of_a_motion_that_no_model_can_make_is_refused_as_any(capsys):
+    code, out, err = run(capsys, "plan", "five_bar", "--scene", "B", "--flexibility", "auto")
+    assert (code, out) == (1, "")
+    assert "unbounded torque" in err
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--scene", "B"), "scene B of five_bar keeps no rung"),
         (("--scene", "none"), "unknown scene 'none'"),
-        (("--from", "0.1", "0.345", "--to", "0", "0.3", "--duration", "1"), "give --scene"),
-        (("--scene", "C", "--duration", "2"), "--duration: the rung"),
-        (("--scene", "C", "--torque-limit", "1"), "--torque-limit: the rung"),
+        ((), "give --scene"),
         (("--scene", "C", "--bend"), "--bend: the rung"),
+        (("--scene", "C", "--geometry", "rigid"), "--geometry: each rung"),
     ],
 )
-def test_auto_is_for_scenes_that_keep_a_rung_as_they_stand(capsys, arguments, words):
+def test_what_auto_cannot_take_is_told(capsys, arguments, words):
     code, out, err = run(capsys, "plan", "five_bar", *arguments, "--flexibility", "auto")
     assert (code, out) == (2, "")
     assert words in err

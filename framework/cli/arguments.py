@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,38 +16,45 @@ from framework.crossing.restored import is_plan_folder, load_plan
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene, scene_path, scene_request
 from framework.errors import InvalidInput
-from framework.fidelity.fidelity_study import kept_options
 from framework.fields import LARGEST_NUMBER
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import KeptLevel, ParsedRobot
+from framework.model.description import FLEXIBILITIES, ParsedRobot
 from framework.model.readers.missing_fields import Propose
 from framework.model.readers.recognise import parse_any
 from framework.motion.path import Line, Path
 
+if TYPE_CHECKING:
+    from framework.fidelity.chosen_level import ChosenLevel
+
 AUTO = "auto"
 
 
-def take_kept_level(options: argparse.Namespace) -> KeptLevel | None:
-    """Put what the scene keeps of a fidelity study where --flexibility is auto; None where it is not.
+def take_level(options: argparse.Namespace) -> ChosenLevel | None:
+    """Put the level of fidelity for the motion where --flexibility is auto; None where it is not.
+
+    What the scene keeps of a study, where the motion is the scene's as it stands; else what is foretold.
 
     Raises:
-        InvalidInput: the options are for another motion than that of the scene, or it keeps nothing.
+        InvalidInput: --geometry beside it, or no motion.
     """
     if options.flexibility != AUTO:
         return None
-    if options.scene is None:
-        raise InvalidInput("--flexibility auto: is kept by a scene of the robot file; give --scene")
-    overridden = [key for key in typed_options(options) if key != "keep_limits"]
-    if overridden:
-        raise InvalidInput(
-            f"{TYPED[overridden[0]].flag}: the rung of --flexibility auto was found for the motion of the "
-            f"scene as it is in the robot file; leave one of them out"
-        )
-    description = parsed(options).description
-    for key, value in kept_options(description, options.scene).items():
-        setattr(options, key, value)
-    return description.scenes[options.scene].fidelity
+    from framework.fidelity.chosen_level import foretold_level, kept_level, options_of_level
+
+    if options.geometry is not None:
+        raise InvalidInput("--geometry: each rung of --flexibility auto has its own; leave one of them out")
+    options.flexibility = FLEXIBILITIES[0]
+    robot = load(options)
+    asked, description = request(options, robot), robot.description
+    typed = {key: value for key, value in typed_options(options).items() if key != "keep_limits"}
+    chosen = None if typed or options.scene is None else kept_level(description, options.scene)
+    if chosen is None:
+        chosen = foretold_level(description, options.scene or asked.path, **typed)
+    for key, value in options_of_level(description, chosen.level).items():
+        if key != "smoothness" or options.smoothness is None:
+            setattr(options, key, value)
+    return chosen
 
 
 def load(options: argparse.Namespace) -> ParallelRobot:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path as FilePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,9 +32,11 @@ from framework.crossing.saved import FILE, plan_document
 from framework.errors import InvalidInput, NotConverged, point
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import KeptLevel
 from framework.motion.law import Law, PlannedLaw
 from framework.output import written_together
+
+if TYPE_CHECKING:
+    from framework.fidelity.chosen_level import ChosenLevel
 
 MOTION_FILE = "motion.csv"
 NOTABLE_END_SPEED = 1e-6  # of the largest motor speed, that motors have at the ends: worth a line
@@ -46,7 +48,7 @@ def add(commands: Any) -> None:
     parser = command(commands, "plan", run)
     add_robot(parser)
     add_path(parser)
-    add_flexibility(parser, auto="what `crossing fidelity` found enough and the scene keeps")
+    add_flexibility(parser, auto="the least that is enough for 1 %%, kept by the scene or foretold")
     add_motion(parser)
     add_options(parser, "keep_limits")
     parser.add_argument(
@@ -71,14 +73,14 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
-    kept = arguments.take_kept_level(options)
+    level = arguments.take_level(options)
     robot = arguments.load(options)
     request = arguments.request(options, robot)
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
-    if kept is not None and options.bend:
+    if level is not None and options.bend:
         raise InvalidInput(
-            "--bend: the rung of --flexibility auto was found for the path as it is; leave one out"
+            "--bend: the rung of --flexibility auto is for the path as it is; leave one of them out"
         )
     if options.bend and options.raw:
         raise InvalidInput("--bend: finds a plan with a proof; leave --raw out")
@@ -86,14 +88,14 @@ def run(options: argparse.Namespace) -> Report:
     if out is None and options.raw:
         return report_raw(options, robot, request, None)
     if out is None:
-        plan, entries, lines = _planned(robot, request, kept, bend=options.bend)
+        plan, entries, lines = _planned(robot, request, level, bend=options.bend)
         return plan_document(plan) | entries, plan_text(plan) + lines
     with written_together(out, document="raw.json" if options.raw else FILE) as folder:
         if options.raw:
             return report_raw(options, robot, request, folder)
         from framework.show.plots import save_figures
 
-        plan, entries, lines = _planned(robot, request, kept, bend=options.bend)
+        plan, entries, lines = _planned(robot, request, level, bend=options.bend)
         document = plan_document(plan, out) | entries
         (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
         motion = plan.samples(options.samples)
@@ -104,13 +106,12 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _planned(
-    robot: ParallelRobot, request: Request, kept: KeptLevel | None, *, bend: bool
+    robot: ParallelRobot, request: Request, level: ChosenLevel | None, *, bend: bool
 ) -> tuple[CrossingPlan, dict[str, Any], str]:
-    """Plan; return also the rung that a scene keeps, or how far --bend has bent its path."""
-    if kept is not None:
-        sentence = f"{kept.level} is enough for {100 * kept.tolerance:g} %, as the scene keeps"
-        document = {"fidelity": {"rung": kept.level, "tolerance": kept.tolerance}}
-        return plan_request(robot, request), document, f"\n  fidelity          {sentence}"
+    """Plan; return also the rung of --flexibility auto, or how far --bend has bent the path."""
+    if level is not None:
+        line = f"\n  fidelity          {level.sentence}"
+        return plan_request(robot, request), {"fidelity": level.to_dict()}, line
     if not bend:
         return plan_request(robot, request), {}, ""
     modified = plan_request_with_modified_path(robot, request)

@@ -1,42 +1,44 @@
-"""Indicators of what each level of fidelity leaves out, without a simulation or deformed geometry.
+"""Indicators of what each level of fidelity leaves out, without a simulation.
 
-Each thing that a level leaves out changes the torques by a share that can be told from the plans of the
-undeformed robot and from its vibrations:
+From the plan of the rigid level, one pass of first order gives the deflections of the highest model
+(`crossing.fuller_model`). A level's torques are then off in two ways, and the larger counts:
 
-* bodies, legs: their share in what the motion asks of the platform (regular at Type 2, unlike torques);
-* springs: a body on a spring of frequency omega that follows x(t) needs m (x" + x""/omega^2), so that max
-  |d4s/dt4| / (omega^2 max |d2s/dt2|) of the force that moves what is on the spring is left out: of the
-  rotors' for springs of joints and links, of the legs' for elastic inertia. Long motions and high
-  frequencies make it small: it goes as 1 / (frequency times duration)^2;
-* deformed geometry: the angle [rad] by which deflections move the joints without a motor. It turns the
-  forces, and moves the singular point about as far: the band in which a robot that crosses at the
-  undeformed point has no equilibrium is as wide as the deflection.
+* from the torques that the highest model needs for nearly the same motion: over their peak;
+* on the platform: what they lack of the wrench that the highest model asks for along the path, W - G' tau,
+  carries the platform off, and nothing corrects it (`dynamics.open_loop`): over the path's length.
 
-A share of the force is taken for the same share of the path. But a share of the weight W_g pushes all the
-time, and moves the platform by 1/2 W_g T^2 / m, times max |d2s/dt2| / (W - W_g) in path lengths; and what
-is off grows where weight and torques carry it farther off. What a level leaves out in all is the largest of
-what it and those above it leave out.
+Both are regular at Type 2: the first because the highest model crosses with its own condition (8), the second
+because nothing is divided by what vanishes there; the rest of t_s . W_p that the torques of too low a level
+leave is a push like any other. What a level leaves out in all is the largest of what it and those above it
+leave out: errors that cancel in one of them are luck.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from framework.arrays import Array
+from framework.crossing.fuller_model import FullerModel
+from framework.crossing.path_length import coordinate_sizes, path_length
 from framework.crossing.result import CrossingPlan
-from framework.dynamics.open_loop import open_loop_growth
+from framework.dynamics.elastic_pass import Pass, one_pass
+from framework.dynamics.forces import motor_torque
+from framework.dynamics.open_loop import ErrorDynamics, error_dynamics, open_loop_error, open_loop_growth
 from framework.dynamics.platform_wrench import platform_wrench
-from framework.errors import NotAssembled
-from framework.kinematics.frames import difference
-from framework.kinematics.inverse_kinematics import close_loops
+from framework.errors import NoAnswer
+from framework.kinematics.motion_rates import Motion
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.description import FLEXIBILITIES
 from framework.model.fidelity_levels import LEVELS
-from framework.statics.vibrations import free_motor_frequency
 
-MOTION_SAMPLES = 65  # equidistant instants at which bodies and vibrations are looked at
+INSTANTS = 65  # of the motion at which the dynamics of an error of the platform are computed
+STEPS = 512  # by which it is integrated
 
 
 class Indicators(NamedTuple):
@@ -51,117 +53,139 @@ class Indicators(NamedTuple):
         return next(name for name, error in self.error.items() if error <= tolerance)
 
 
-def indicators_of(plans: Mapping[str, CrossingPlan | None]) -> Indicators:
-    """Compute the indicators of a motion from its plans by name of level."""
-    rigid = plans["rigid"]
+class LevelError(NamedTuple):
+    """The error of a level as estimated: of torques over their peak, of the platform over the path."""
+
+    torque: float
+    platform: float
+
+
+def indicators_of(
+    rigid: CrossingPlan | None, payload: CrossingPlan | None, highest: ParallelRobot
+) -> Indicators:
+    """Compute the indicators of a motion from the plans of its two levels without springs.
+
+    Args:
+        rigid, payload: the plans of these levels, None where there is none.
+        highest: the highest model.
+    """
     if rigid is None:  # there is nothing to compute them from: everything may matter
-        return _accumulated({}, {}, np.inf)
-    shares = _shares(rigid, plans["payload"])
-    out, words = dict[str, float](), dict[str, str]()
-    out["kinematics"] = shares.bodies * shares.drift
-    words["kinematics"] = f"bodies make {_percent(shares.bodies)} of the force"
-    out["payload"] = shares.legs * shares.drift
-    words["payload"] = f"the payload makes {_percent(1.0 - shares.legs)} of the force"
-    for below, name, moved in (
-        ("rigid", "flexible_joints", shares.rotors),
-        ("flexible_joints", "flexible_links", max(shares.rotors, shares.legs)),
-    ):
-        ratio, cycles = _slowness(rigid, plans[name])
-        out[below] = ratio * moved
-        words[below] = f"{cycles:.3g} vibrations in the duration" if np.isfinite(cycles) else "no springs"
-    links = plans["flexible_links"]
-    bending = np.inf if links is None else _bending(rigid, links)
-    out["flexible_links"] = bending * shares.drift
-    words["flexible_links"] = f"the joints move by {bending:.2g} rad or robot lengths"
-    ratio, cycles = _slowness(rigid, links)
-    out["deformed"] = ratio * shares.legs
-    words["deformed"] = f"legs make {_percent(shares.legs)} of the force"
-    return _accumulated(out, words, _growth(rigid))
-
-
-def _growth(plan: CrossingPlan) -> float:
+        return _accumulated({}, np.inf)
     try:
-        return open_loop_growth(plan.dynamics)
-    except NotAssembled:  # on the border of the workspace: nobody knows
-        return np.inf
+        return _accumulated(_Motion.of(rigid, highest).errors(payload), open_loop_growth(rigid.dynamics))
+    except NoAnswer:  # on the border of the workspace, or the springs are too soft: nobody knows
+        return _accumulated({}, np.inf)
 
 
-def _accumulated(out: Mapping[str, float], words: Mapping[str, str], growth: float) -> Indicators:
+def _accumulated(errors: Mapping[str, LevelError], growth: float) -> Indicators:
     """Return errors that do not grow upwards: each level also leaves out what those above it do."""
-    error, names = dict[str, float](), [level.name for level in LEVELS]
+    error, words, names = dict[str, float](), dict[str, str](), [level.name for level in LEVELS]
     largest = 0.0
     for name in reversed(names):
-        largest = max(largest, 0.0 if name == names[-1] else _times(growth, out.get(name, np.inf)))
+        if name != names[-1]:
+            largest = max(largest, *errors.get(name, LevelError(np.inf, np.inf)))
         error[name] = largest
-    sentences = {name: words.get(name, "") for name in names}
-    return Indicators({name: error[name] for name in names}, sentences, growth)
-
-
-def _times(growth: float, error: float) -> float:
-    """Return the error as it grows; no error does not grow."""
-    return growth * error if error > 0.0 else 0.0
-
-
-class _Shares(NamedTuple):
-    """Parts of what a motion asks of the platform, over all of it at the same place and time: the largest."""
-
-    bodies: float
-    legs: float
-    rotors: float
-    drift: float  # times the share of the path, that a share of the force is of the path's length
-
-
-def _shares(rigid: CrossingPlan, payload: CrossingPlan | None) -> _Shares:
-    motion = rigid.dynamics.motion(np.linspace(0.0, rigid.duration, MOTION_SAMPLES))
-    robot = rigid.robot
-    full = platform_wrench(robot, motion)
-    size = robot.platform_scale  # moments: a force times the robot's length
-
-    def largest(wrench: Array) -> float:
-        return float(np.abs(wrench * size).max())
-
-    all_of_it = max(largest(full.asked), np.finfo(float).tiny)
-    legs = 1.0
-    if payload is not None:
-        legs = largest(full.asked - platform_wrench(payload.robot, motion).asked) / all_of_it
-    still = replace(motion, v=np.zeros_like(motion.v), a=np.zeros_like(motion.a))
-    weight = platform_wrench(robot, still).asked
-    t = np.linspace(0.0, rigid.duration, 1001)
-    pushing = 0.5 * rigid.duration**2 * float(np.abs(rigid.law(t, 2)).max())
-    moving = max(largest(full.asked - weight), np.finfo(float).tiny)
-    return _Shares(
-        bodies=largest(full.asked - full.rotors) / all_of_it,
-        legs=legs,
-        rotors=largest(full.rotors) / all_of_it,
-        drift=max(1.0, pushing * largest(weight) / moving),
+        if name in errors:
+            torque, platform = map(_percent, errors[name])
+            words[name] = f"torques {torque}, platform {platform}"
+    return Indicators(
+        {name: error[name] for name in names}, {name: words.get(name, "") for name in names}, growth
     )
 
 
-def _slowness(rigid: CrossingPlan, elastic: CrossingPlan | None) -> tuple[float, float]:
-    """Return max |d4s/dt4| / (omega^2 max |d2s/dt2|), and the first frequency times the duration."""
-    if elastic is None:
-        return np.inf, 0.0
-    t = np.linspace(0.0, elastic.duration, MOTION_SAMPLES)
-    frequency = float(free_motor_frequency(elastic.robot, elastic.configuration(t)).min())
-    times = np.linspace(0.0, rigid.duration, 1001)
-    fourth, second = (float(np.abs(rigid.law(times, order)).max()) for order in (4, 2))
-    return fourth / (second * (2.0 * np.pi * frequency) ** 2), frequency * rigid.duration
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """The motion of the rigid plan, and what the highest model asks for along it."""
+
+    rigid: CrossingPlan
+    fuller: FullerModel
+    undeformed: Pass  # of the highest model, springs held
+    deformed: Pass  # with the deflections that its forces cause, along the rigid plan's law
+    needed: Array  # (T, n_a) motor torques of the highest model that crosses with its own condition (8)
+
+    @classmethod
+    def of(cls, rigid: CrossingPlan, highest: ParallelRobot) -> _Motion:
+        fuller = FullerModel.of(rigid.dynamics, highest)
+        undeformed = fuller.moved(fuller.known_deflections())
+        deflections = fuller.grid.fit(undeformed.caused)
+        deformed = one_pass(fuller.searched.branch, fuller.grid, rigid.law, deflections, undeformed)
+        return cls(rigid, fuller, undeformed, deformed, fuller.torque(fuller.moved(undeformed.caused)))
+
+    def errors(self, payload: CrossingPlan | None) -> dict[str, LevelError]:
+        """Compute the error of each level but the highest; without a plan the payload's is missing."""
+        rigid, times = self.rigid, self.fuller.grid.times
+        rotors = rigid.robot.rotor_inertia * rigid.robot.gear_ratio
+        turning = rotors * rigid.dynamics.motion(times).a[:, rigid.robot.actuated]
+        errors = {"kinematics": self._of_masses(rigid, times, turning)}
+        if payload is not None:
+            alike = times * (payload.duration / rigid.duration)
+            errors["payload"] = self._of_masses(
+                payload, alike, payload.dynamics.torque_without_friction(alike)
+            )
+        for name in FLEXIBILITIES:
+            springs = self.fuller.robot.description.active_springs(name)
+            errors[name] = self._of_small_displacements(
+                [one for spring in springs for one in spring.coordinates]
+            )
+        return errors | {"deformed": self._without_elastic_inertia()}
+
+    def _of_masses(self, plan: CrossingPlan, times: Array, torque: Array) -> LevelError:
+        """Compute the error of torques (T, n_a) on a plan's motion, of the rigid robot with all masses."""
+        return LevelError(
+            self._torque_error(torque),
+            self._platform_error(_lacking(self.rigid.robot, plan.dynamics.motion(times), torque)),
+        )
+
+    def _of_small_displacements(self, names: Sequence[str]) -> LevelError:
+        """Compute the error of forces of the undeformed robot, its motors moved by some deflections."""
+        fuller, undeformed = self.fuller, self.undeformed
+        motion = undeformed.motion
+        if names:
+            caused = np.where(np.isin(fuller.robot.elastic_names, names), undeformed.caused, 0.0)
+            branch, function = fuller.searched.branch, fuller.grid.fit(caused)
+            motion = one_pass(branch, fuller.grid, self.rigid.law, function, undeformed).motion
+        torque = motor_torque(fuller.robot, motion, undeformed.forces.joint_torque)
+        lacking = _lacking(fuller.robot, self.deformed.motion, torque)
+        return LevelError(self._torque_error(torque), self._platform_error(lacking))
+
+    def _without_elastic_inertia(self) -> LevelError:
+        """Compute the error of forces of the deformed robot whose bodies do not feel how the springs move."""
+        robot, motion = self.fuller.robot, self.deformed.motion
+        if not robot.n_e:
+            return LevelError(0.0, 0.0)
+        still = replace(robot, elastic_inertia=False)
+        fuller = FullerModel.of(self.rigid.dynamics, still)
+        torque = fuller.torque(fuller.moved(self.undeformed.caused))
+        lacking = platform_wrench(robot, motion).asked - platform_wrench(still, motion).asked
+        return LevelError(self._torque_error(torque), self._platform_error(lacking))
+
+    def _torque_error(self, torque: Array) -> float:
+        """Compute how far torques (T, n_a) are from those needed, over the peak of motors of that unit."""
+        units, peaks = np.array(self.rigid.robot.torque_units), np.abs(self.needed).max(axis=0)
+        largest = np.maximum([peaks[units == unit].max() for unit in units], np.finfo(float).tiny)
+        return float((np.abs(torque - self.needed) / largest).max())
+
+    def _platform_error(self, lacking: Array) -> float:
+        """Compute how far the platform is off for lack of a wrench (T, n), over the path's length."""
+        robot, times = self.rigid.robot, np.linspace(0.0, self.rigid.duration, STEPS + 1)
+        wrench = self.fuller.grid.fit(lacking)(times)
+        off = open_loop_error(self.error_dynamics, times, wrench) * coordinate_sizes(robot)
+        return float(np.linalg.norm(off, axis=1).max() / path_length(robot, self.rigid.path))
+
+    @cached_property
+    def error_dynamics(self) -> ErrorDynamics:
+        """How a platform off its path accelerates, at the ends of all steps."""
+        few = np.linspace(0.0, self.rigid.duration, INSTANTS)
+        many = np.linspace(0.0, self.rigid.duration, STEPS + 1)
+        matrices = np.stack(error_dynamics(self.rigid.dynamics, few)).transpose(1, 0, 2, 3)
+        values = CubicSpline(few, matrices)(many)
+        return ErrorDynamics(*values.transpose(1, 0, 2, 3))
 
 
-def _bending(rigid: CrossingPlan, elastic: CrossingPlan) -> float:
-    """Return how far deflections move the joints without a motor, at most [rad, robot lengths].
-
-    What a motor takes up, such as the twist of its own gear, changes no geometry.
-    """
-    times = np.linspace(0.0, elastic.duration, 257)
-    near = rigid.configuration(np.minimum(times, rigid.duration))
-    undeformed = close_loops(rigid.robot, elastic.platform(times), near).q  # with the platform where it is
-    turned = []
-    for robot, q in ((rigid.robot, undeformed), (elastic.robot, elastic.configuration(times))):
-        columns = {robot.coordinates.name_of(int(column)): column for column in robot.following}
-        joints = difference(robot, robot.neutral, q) / robot.column_scale
-        turned.append(joints[:, [columns[name] for name in sorted(columns)]])
-    return float(np.abs(turned[0] - turned[1]).max(initial=0.0))
+def _lacking(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
+    """Compute what motor torques (T, n_a) lack of the wrench (T, n) that a motion asks for, W - G' tau."""
+    required = platform_wrench(robot, motion)
+    return np.asarray(required.asked - np.einsum("tan,ta->tn", required.motor_speed, torque))
 
 
 def _percent(share: float) -> str:

@@ -23,16 +23,16 @@ import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
 from framework.crossing.plan import plan_request
-from framework.crossing.request import SMOOTHNESS, Request
+from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene_request
-from framework.errors import InvalidInput, NoAnswer, choose_from
+from framework.errors import InvalidInput, NoAnswer
+from framework.fidelity.chosen_level import TOLERANCE
 from framework.fidelity.fidelity_indicators import Indicators, indicators_of
 from framework.fidelity.model_comparison import Comparison, HighestLevel, model_of
 from framework.fidelity.neglected_friction import neglected_work
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.model.description import FLEXIBILITIES, RobotDescription
-from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
+from framework.model.fidelity_levels import LEVELS
 from framework.motion.law import is_number
 from framework.motion.path import Path
 
@@ -179,7 +179,7 @@ def fidelity_study(
     robot: ParallelRobot,
     path: Path | str,
     *,
-    tolerance: float = 0.01,
+    tolerance: float = TOLERANCE,
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> FidelityStudy:
@@ -222,36 +222,10 @@ def fidelity_study(
         length=highest.length,
         times=highest.times,
         levels=tuple(levels),
-        indicators=indicators_of(plans),
+        indicators=indicators_of(plans["rigid"], plans["payload"], top),
         simulating=highest.seconds,
         seconds=time.perf_counter() - began,
     )
-
-
-def kept_options(description: RobotDescription, scene: str) -> dict[str, Any]:
-    """Return the options that plan a scene with the level that it keeps: flexibility, geometry, smoothness.
-
-    Levels below `rigid` are planned with all bodies: leaving them out saves nothing.
-
-    Raises:
-        InvalidInput: no such scene, or it keeps no level.
-    """
-    if scene not in description.scenes:
-        raise InvalidInput(f"{description.name}: {choose_from('scene', scene, description.scenes)}")
-    kept = description.scenes[scene].fidelity
-    if kept is None:
-        raise InvalidInput(
-            f"flexibility auto: scene {scene} of {description.name} keeps no rung that was found enough; run "
-            f"`crossing fidelity` on it, and put the line that it prints into the scene"
-        )
-    level = LEVELS_BY_NAME[kept.level]
-    flexibility = description.least_flexibility(level.flexibility)
-    elastic = bool(description.active_springs(FLEXIBILITIES[-1]))
-    return {
-        "flexibility": flexibility,
-        "geometry": "rigid" if flexibility == FLEXIBILITIES[0] else level.geometry,
-        "smoothness": SMOOTHNESS[elastic],
-    }
 
 
 def _finite(value: float) -> float | None:

@@ -127,7 +127,7 @@ class HighestLevel:
         if below and adds_nothing(description, level, below[-1].level):
             return replace(below[-1], level=level, same_as=below[-1].same_as or below[-1].level.name)
         try:
-            plan = self.plan if level is LEVELS[-1] else self._planned(level)
+            plan = self.plan if level is LEVELS[-1] else plan_of_level(description, level, self.plan)
         except FrameworkError as refusal:
             nothing = np.full(len(self.times), np.nan)
             return Comparison(level, None, nothing, nothing, reason=f"no plan: {refusal}")
@@ -137,28 +137,6 @@ class HighestLevel:
         if self._torque_error(plan, self.plan).max() <= EQUAL_TORQUES:
             return replace(self.own, level=level, plan=plan)
         return self._simulated(level, plan)
-
-    def _planned(self, level: Level) -> CrossingPlan:
-        """Plan with a level, for the duration, and the times and speeds of crossings, of the highest one."""
-        top = self.plan
-        model = model_of(top.robot.description, level)
-        request = replace(top.request, geometry=checked_geometry(model, level.geometry))
-        if level.bodies == "none":  # without forces there is no condition (8) to meet
-            request = Request(
-                path=top.path,
-                duration=top.duration,
-                times=(),
-                smoothness=request.smoothness,
-                tolerance=request.tolerance,
-                law="polynomial",
-            )
-        elif top.optimality is not None:
-            request = replace(request, law="optimal", times=None)
-        elif request.at is None and request.times is None:
-            times = tuple(crossing.time for crossing in top.crossings)
-            speeds = tuple(crossing.speed for crossing in top.crossings)
-            request = replace(request, times=times, speeds=speeds or None)
-        return plan_request(model, request)
 
     def _torque_error(self, plan: CrossingPlan, reference: CrossingPlan) -> Array:
         """Return how far torques of two plans differ (T,), over the peak, each at rest after its end.
@@ -224,6 +202,32 @@ class HighestLevel:
         robot = self.plan.robot
         off = robot.platform.residual(frames_at(robot, q), x) * coordinate_sizes(robot)
         return np.asarray(np.linalg.norm(off, axis=1) / self.length)
+
+
+def plan_of_level(description: RobotDescription, level: Level, reference: CrossingPlan) -> CrossingPlan:
+    """Plan with a level, for the duration, and the times and speeds of crossings, of another level's plan.
+
+    Raises:
+        As `plan_crossing`.
+    """
+    model = model_of(description, level)
+    request = replace(reference.request, geometry=checked_geometry(model, level.geometry))
+    if level.bodies == "none":  # without forces there is no condition (8) to meet
+        request = Request(
+            path=reference.path,
+            duration=reference.duration,
+            times=(),
+            smoothness=request.smoothness,
+            tolerance=request.tolerance,
+            law="polynomial",
+        )
+    elif reference.optimality is not None:
+        request = replace(request, law="optimal", times=None)
+    elif request.at is None and request.times is None:
+        times = tuple(crossing.time for crossing in reference.crossings)
+        speeds = tuple(crossing.speed for crossing in reference.crossings)
+        request = replace(request, times=times, speeds=speeds or None)
+    return plan_request(model, request)
 
 
 def model_of(description: RobotDescription, level: Level) -> ParallelRobot:

@@ -14,9 +14,10 @@ from framework import InvalidInput, NoAnswer, ParallelRobot, UnboundedTorque, fi
 from framework.cli import main
 from framework.cli.fidelity import fidelity_text
 from framework.crossing.scenes import scene_path
-from framework.fidelity.fidelity_study import FidelityStudy, kept_options
+from framework.fidelity.chosen_level import options_of_level
+from framework.fidelity.fidelity_study import FidelityStudy
 from framework.fidelity.model_comparison import model_of
-from framework.model.description import JointDynamics, KeptLevel
+from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, with_bodies
 from framework.model.robot_file_writer import write_robot_file
 from tests.oracles import five_bar as oracle
@@ -202,8 +203,6 @@ def test_indicators_do_not_grow_upwards():
     errors = [crossing_study().indicators.error[name] for name in NAMES]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] == 0.0
-    # legs without mass: what the bodies add above the payload is nothing
-    assert crossing_study().indicators.words["payload"] == "the payload makes 100 % of the force"
 
 
 def test_the_scene_keeps_what_the_study_finds():
@@ -215,19 +214,12 @@ def test_the_scene_keeps_what_the_study_finds():
 @pytest.mark.parametrize("name", NAMES)
 def test_a_kept_rung_plans_what_was_judged(name):
     description = robots.load("five_bar").description
-    scene = replace(description.scenes["C"], fidelity=KeptLevel(name, 0.01))
-    keeping = replace(description, scenes={"C": scene})
-    options = kept_options(keeping, "C")
-    robot = ParallelRobot.from_description(keeping, flexibility=options.pop("flexibility"))
+    options = options_of_level(description, name)
+    robot = ParallelRobot.from_description(description, flexibility=options.pop("flexibility"))
     plan, t = plan_scene(robot, "C", **options), np.linspace(0.0, 1.5, 31)
     # rungs below rigid are planned with all bodies; those of the 5R's legs have no mass
     comparison = level(crossing_study(), "rigid" if name == "kinematics" else name)
     np.testing.assert_allclose(plan.torque(t), comparison.plan.torque(t), rtol=0, atol=1e-10)
-
-
-def test_a_scene_that_keeps_nothing_is_told():
-    with pytest.raises(InvalidInput, match="scene B of five_bar keeps no rung"):
-        kept_options(robots.load("five_bar").description, "B")
 
 
 @pytest.mark.slow

@@ -1,0 +1,129 @@
+"""The level of fidelity to plan a motion with: the one that its scene keeps, or the one that is foretold.
+
+A scene keeps what a study has found by simulation (`fidelity_study`). For any other motion the indicators
+choose (`fidelity_indicators`): from the plans of the two levels without springs, and nothing is simulated.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from framework.crossing.plan import plan_request
+from framework.crossing.request import SMOOTHNESS, Request
+from framework.crossing.result import CrossingPlan
+from framework.crossing.scenes import scene_request
+from framework.errors import InvalidInput, NoAnswer
+from framework.fidelity.fidelity_indicators import Indicators, indicators_of
+from framework.fidelity.model_comparison import model_of, plan_of_level
+from framework.model.description import FLEXIBILITIES, RobotDescription
+from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
+from framework.motion.path import Path
+
+TOLERANCE = 0.01  # share of the path and of the peak torque that a level may be off, where none is given
+
+
+class ChosenLevel(NamedTuple):
+    """The least level that is enough for a motion, and how sure that is.
+
+    level: its name.
+    tolerance: share of the path's length and of the peak torque that it may be off.
+    simulated: whether a study found it by simulation; else it is foretold.
+    error: how far it is foretold to be off, a share; None where it was simulated, and of the fullest model,
+        with which all are compared.
+    """
+
+    level: str
+    tolerance: float
+    simulated: bool
+    error: float | None
+
+    @property
+    def sentence(self) -> str:
+        """How sure it is, in words."""
+        percent = f"{100 * self.tolerance:g} %"
+        if self.simulated:
+            return f"{self.level} is enough for {percent}, as the scene keeps"
+        if self.error is None:
+            return (
+                f"{self.level}, the fullest: foretold, not simulated, others are off by more than {percent}"
+            )
+        return f"{self.level} for {percent}, off by {100 * self.error:.2g} %: foretold, not simulated"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        return {
+            "rung": self.level,
+            "tolerance": self.tolerance,
+            "simulated": self.simulated,
+            "error": self.error,
+        }
+
+
+def kept_level(description: RobotDescription, scene: str) -> ChosenLevel | None:
+    """Return the level that a scene keeps; None if it keeps none or there is no such scene."""
+    found = description.scenes.get(scene)
+    if found is None or found.fidelity is None:
+        return None
+    return ChosenLevel(found.fidelity.level, found.fidelity.tolerance, True, None)
+
+
+def foretold_level(
+    description: RobotDescription, path: Path | str, *, tolerance: float = TOLERANCE, **options: Any
+) -> ChosenLevel:
+    """Compute the least level that the indicators foretell to be enough for a motion.
+
+    Args:
+        path: to follow, or the name of a scene.
+        tolerance: share of the path's length and of the peak torque that it may be off.
+        options: of `plan_crossing`, but no geometry, for each level has its own.
+
+    Raises:
+        InvalidInput: an option that cannot be right.
+    """
+    indicators = foretold_errors(description, path, **options)
+    level = indicators.chosen(tolerance)
+    error = None if level == LEVELS[-1].name else indicators.error[level]
+    return ChosenLevel(level, tolerance, False, error)
+
+
+def foretold_errors(description: RobotDescription, path: Path | str, **options: Any) -> Indicators:
+    """Compute the indicators of a motion; options as for `foretold_level`.
+
+    Raises:
+        InvalidInput: an option that cannot be right.
+    """
+    if options.get("geometry") is not None:
+        raise InvalidInput("geometry: each rung of the ladder has its own; leave it out")
+    highest, robot = (model_of(description, LEVELS_BY_NAME[name]) for name in (LEVELS[-1].name, "rigid"))
+    smoothness = options.pop("smoothness", None) or SMOOTHNESS[highest.n_e > 0]
+    if isinstance(path, str):
+        request = scene_request(robot, path, smoothness=smoothness, **options)
+    else:
+        request = Request.of(robot, path, smoothness=smoothness, **options)
+    try:
+        rigid = plan_request(robot, request)
+    except NoAnswer:
+        return indicators_of(None, None, highest)
+    return indicators_of(rigid, _payload_plan(description, rigid), highest)
+
+
+def _payload_plan(description: RobotDescription, rigid: CrossingPlan) -> CrossingPlan | None:
+    """Plan with the payload alone as the rigid level does; None where that has no plan."""
+    try:
+        return plan_of_level(description, LEVELS_BY_NAME["payload"], rigid)
+    except NoAnswer:
+        return None
+
+
+def options_of_level(description: RobotDescription, name: str) -> dict[str, Any]:
+    """Return the options that plan with a level: flexibility, geometry, smoothness.
+
+    Levels below `rigid` are planned with all bodies: leaving them out saves nothing.
+    """
+    level = LEVELS_BY_NAME[name]
+    flexibility = description.least_flexibility(level.flexibility)
+    return {
+        "flexibility": flexibility,
+        "geometry": "rigid" if flexibility == FLEXIBILITIES[0] else level.geometry,
+        "smoothness": SMOOTHNESS[bool(description.active_springs(FLEXIBILITIES[-1]))],
+    }

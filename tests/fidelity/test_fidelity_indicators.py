@@ -1,0 +1,79 @@
+"""What is foretold of each level without a simulation, against the simulations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, fidelity_study, plan_scene
+from framework.dynamics.open_loop import ErrorDynamics, error_dynamics, open_loop_error
+from framework.fidelity.chosen_level import foretold_errors, foretold_level, kept_level
+from tests.fidelity.test_kept_levels import PLANNED
+from tests.robots.every_robot import in_stages
+
+
+def quick(case) -> bool:
+    return case in [("five_bar", "C"), ("humanoid_ankle", "swing")]
+
+
+@pytest.mark.parametrize("case", in_stages(PLANNED, at_once=quick))
+def test_the_level_that_simulation_found_is_foretold(case):
+    name, scene = case
+    description = robots.load(name).description
+    kept = kept_level(description, scene)
+    foretold = foretold_level(description, scene, tolerance=kept.tolerance)
+    assert (foretold.level, foretold.simulated) == (kept.level, False)
+
+
+@pytest.mark.parametrize(
+    "case",
+    in_stages(
+        [("humanoid_ankle", "swing"), ("n_four_bar", "swing"), ("par4", "cross"), ("two_arms", "turn")],
+        at_once=lambda case: case[0] == "humanoid_ankle",
+    ),
+)
+def test_errors_are_foretold_to_a_tenth(case):
+    """Of all levels that are within 10 %; what is foretold of one is at least what those above leave out."""
+    name, scene = case
+    study = fidelity_study(robots.load(name), scene, tolerance=1e-3)
+    foretold = foretold_errors(study.robot.description, scene).error
+    simulated = [max(one.torque, one.platform) for one in study.levels]
+    compared = [k for k in range(len(simulated) - 1) if simulated[k] < 0.1]
+    for k in compared:
+        expected = max(simulated[k:-1])
+        assert foretold[study.levels[k].level.name] == pytest.approx(expected, rel=0.1, abs=1e-5)
+    assert len(compared) >= 4
+
+
+def test_a_scene_of_another_duration_is_foretold_and_keeps_nothing():
+    description = robots.load("five_bar").description
+    unlike = replace(description, scenes={"C": replace(description.scenes["C"], fidelity=None)})
+    assert kept_level(unlike, "C") is None
+    assert foretold_level(unlike, "C", duration=3.0, times=None, speeds=None).level == "payload"
+    with pytest.raises(InvalidInput, match="geometry: each rung"):
+        foretold_level(description, "C", geometry="deformed")
+
+
+def test_a_motion_without_a_rigid_plan_may_need_everything():
+    assert foretold_level(robots.load("five_bar").description, "B") == ("elastic_inertia", 0.01, False, None)
+
+
+def test_a_standing_rod_that_lacks_a_constant_torque_falls_as_a_hyperbolic_cosine():
+    """d" = (w d + lacking) / m: d = lacking / w (cosh(t sqrt(w / m)) - 1)."""
+    times, weight, mass = np.linspace(0.0, 2.0, 513), 3.0, 2.0
+    constant = np.ones((len(times), 1, 1))
+    dynamics = ErrorDynamics(-constant / mass, 0.0 * constant, constant * weight / mass)
+    off = open_loop_error(dynamics, times, np.full((len(times), 1), -0.1))[:, 0]
+    np.testing.assert_allclose(
+        off, 0.1 / weight * (np.cosh(times * np.sqrt(weight / mass)) - 1.0), rtol=1e-4, atol=1e-9
+    )
+
+
+def test_errors_of_the_platform_are_accelerated_by_the_robot_s_own_mass():
+    """A free payload of 10 kg on massless legs: the 5R's platform, whose rotors weigh little."""
+    plan = plan_scene(robots.load("five_bar"), "A")
+    dynamics = error_dynamics(plan.dynamics, np.linspace(0.0, 1.5, 5))
+    np.testing.assert_allclose(np.linalg.eigvalsh(dynamics.forced).min(axis=1), -0.1, rtol=0.1)
