@@ -6,10 +6,12 @@ linear in them, r = Y(q, v, a) pi with Y by pinocchio's `computeJointTorqueRegre
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, IntArray, read_only
 from framework.dynamics.forces import JointMotion
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import scratch_of
@@ -19,6 +21,7 @@ INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
+@lru_cache(maxsize=64)
 def body_parameters(robot: Mechanism) -> tuple[tuple[str, ...], Array]:
     """Return names LINK.mass, LINK.mx .. LINK.Izz and values (p,) of all bodies that move.
 
@@ -27,7 +30,7 @@ def body_parameters(robot: Mechanism) -> tuple[tuple[str, ...], Array]:
     """
     bodies = range(1, robot.model.njoints)
     names = [f"{link_of(robot.model, j)}.{parameter}" for j in bodies for parameter in INERTIAL]
-    return tuple(names), np.concatenate([link_parameters(robot.model, j) for j in bodies])
+    return tuple(names), read_only(np.concatenate([link_parameters(robot.model, j) for j in bodies]))
 
 
 def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | None = None) -> Array:
@@ -41,12 +44,18 @@ def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | Non
     regressor = np.empty((len(motion.q), model.nv, len(used)))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         regressor[k] = pin.computeJointTorqueRegressor(model, data, q, v, a)[:, used]
-    for i, body in enumerate(bodies):
-        axes = link_axes(model, int(body))
-        if not axes.isIdentity(0.0):
-            columns = slice(10 * i, 10 * i + 10)
-            regressor[..., columns] = regressor[..., columns] @ moved_parameters(axes)
+    turned = _turned_axes(robot)
+    for i in (i for i, body in enumerate(bodies) if int(body) in turned):
+        columns = slice(10 * i, 10 * i + 10)
+        regressor[..., columns] = regressor[..., columns] @ turned[int(bodies[i])]
     return regressor
+
+
+@lru_cache(maxsize=64)
+def _turned_axes(robot: Mechanism) -> dict[int, Array]:
+    """Return the matrices of `moved_parameters` of joints whose axes are not those of their links."""
+    axes = {j: link_axes(robot.model, j) for j in range(1, robot.model.njoints)}
+    return {j: moved_parameters(turned) for j, turned in axes.items() if not turned.isIdentity(0.0)}
 
 
 def link_of(model: pin.Model, j: int) -> str:

@@ -9,6 +9,18 @@ import numpy as np
 from framework.arrays import Array
 from framework.linalg.ordered_sums import dot
 
+# Coefficients of sum (-1)^j square^j / (2 j + first)!, differentiated 0, 1 and 2 times; first is 2 for a, 3
+# for b of the left Jacobian. The last one is below 1e-17.
+_SERIES = np.array(
+    [
+        [
+            [(-1.0) ** j * perm(j, order) / factorial(2 * j + first) for j in range(order, order + 12)]
+            for order in range(3)
+        ]
+        for first in (2, 3)
+    ]
+)
+
 
 def rotation_matrix(vector: Array) -> Array:
     """Compute rotation matrices (T, 3, 3) of rotation vectors (T, 3) [rad]."""
@@ -49,13 +61,7 @@ def left_jacobian_coefficients(square: Array) -> Array:
     """
     small = square < 1.0
     t = np.sqrt(np.where(small, 1.0, square))
-    series = np.zeros((2, 3, *square.shape))
-    for k in range(12):  # the last term is below 1e-17 for t < 1
-        power = square**k
-        for terms, first in zip(series, (2, 3), strict=True):
-            for order in range(3):
-                j = k + order  # of sum (-1)^j square^j / (2 j + first)!, differentiated `order` times
-                terms[order] += (-1.0) ** j * perm(j, order) / factorial(2 * j + first) * power
+    series = _SERIES @ np.where(small, square, 0.0) ** np.arange(_SERIES.shape[2])[:, None]
     sine, cosine = np.sin(t), np.cos(t)
     lost_a, lost_b = 1 - cosine, t - sine
     closed = [
