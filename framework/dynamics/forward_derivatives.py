@@ -112,14 +112,12 @@ def forward_derivatives(
 
 def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:
     """Compute x, dx, ddx (T, n) of a motion."""
-    platform, frames, n = robot.platform, motion.linearised.frames, robot.n
+    platform, frames = robot.platform, motion.linearised.frames
     x = platform.coordinates(frames)
     drift = platform.drift(frames, frame_motions(robot, frames, motion.q, motion.v))
     jacobian = motion.linearised.platform
     twist, twist_rate = (np.einsum("tnv,tv->tn", jacobian, part) for part in (motion.v, motion.a))
-    count = len(x)
-    units = np.broadcast_to(np.eye(n), (count, n, n)).reshape(-1, n)
-    by_rates = platform.twist(np.repeat(x, n, axis=0), units)[0].reshape(count, n, n).swapaxes(1, 2)
+    by_rates = platform.rate_matrix(x)
     dx = np.linalg.solve(by_rates, twist[..., None])[..., 0]
     quadratic = platform.twist(x, dx)[1]
     ddx = np.linalg.solve(by_rates, (twist_rate + drift - quadratic)[..., None])[..., 0]

@@ -120,22 +120,36 @@ def _motion_of_twist(
 
 def jacobian_rate(robot: ParallelRobot, motion: Motion) -> Array:
     """Compute the time derivative (T, n + m, nv) of `LinearisedLoops.jacobian` along a motion."""
-    equations, frames, v = robot.equations, motion.linearised.frames, motion.v
+    frames, v = motion.linearised.frames, motion.v
     model, data = robot.model, scratch_of(robot).data
     screw_rates = np.empty_like(frames.screws)
     for k, (row, rates) in enumerate(zip(motion.q, v, strict=True)):
         screw_rates[k] = pin.computeJointJacobiansTimeVariation(model, data, row, rates).T
-    twists = np.einsum("fv,tvi->tfi", frames.carried, frames.screws * v[:, :, None])  # at the base's origin
+    twists = np.einsum("fv,tvi->tfi", frames.carried, frames.screws * v[:, :, None])
+    return jacobian_change(robot, motion.linearised, twists, screw_rates)
+
+
+def jacobian_change(
+    robot: ParallelRobot, linearised: LinearisedLoops, displaced: Array, screw_changes: Array
+) -> Array:
+    """Compute what small displacements of the frames make of `LinearisedLoops.jacobian`, (T, n + m, nv).
+
+    Args:
+        displaced: (T, F, 6) of the frames, about the base's origin.
+        screw_changes: (T, nv, 6) of the joints' screws.
+    """
+    equations, frames, count = robot.equations, linearised.frames, len(displaced)
+    twists = displaced.copy()
     twists[..., :3] += cross(twists[..., 3:], frames.position)
     n, bodies, platform = robot.n, equations.bodies, robot.platform
-    wrench, rate = np.zeros((2, len(v), len(bodies), 6))
+    wrench, rate = np.zeros((2, count, len(bodies), 6))
     wrench[:, :n] = platform.wrenches(frames)
-    wrench[:, n:] = motion.linearised.loops.take(robot.structure.independent).wrench
-    rate[:, :n] = platform.wrench_rates(frames, twists[:, 0, 3:], screw_rates)
+    wrench[:, n:] = linearised.loops.take(robot.structure.independent).wrench
+    rate[:, :n] = platform.wrench_rates(frames, twists[:, 0, 3:], screw_changes)
     rate[:, n:] = wrench_rates(equations.loops, frames, twists)
     # about the base's origin
     moved = cross(twists[:, bodies, :3], wrench[..., :3])
     rate[..., 3:] += moved + cross(frames.position[:, bodies], rate[..., :3])
     wrench[..., 3:] += cross(frames.position[:, bodies], wrench[..., :3])
-    entries = equations.pattern.entries
-    return equations.pattern.dense(entries(rate, frames.screws) + entries(wrench, screw_rates))
+    parts = equations.pattern.entries(rate, frames.screws), equations.pattern.entries(wrench, screw_changes)
+    return equations.pattern.dense(parts[0] + parts[1])

@@ -115,6 +115,12 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
     def velocity_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
         """Compute the changes (T, k, n) of v and of dv/dt with those of the frames."""
 
+    def rate_matrix(self, x: Array) -> Array:
+        """Compute E (T, n, n) of v = E(x) dx for coordinates x (T, n)."""
+        units = np.broadcast_to(np.eye(self.n), (len(x), self.n, self.n)).reshape(-1, self.n)
+        columns = self.twist(np.repeat(x, self.n, axis=0), units)[0]
+        return columns.reshape(len(x), self.n, self.n).swapaxes(1, 2)
+
     def path_twist(self, path: Path, s: float) -> Array:
         """Compute v (n,) of the platform for ds/dt = 1 at path coordinate s."""
         parameter = np.array([s])

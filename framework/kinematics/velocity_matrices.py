@@ -47,8 +47,14 @@ def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMa
     N M_p = 0 for all times, so that N' M_p = -N M_p'. Of all bases that go on smoothly, N' = -N M_p' M_p^+ is
     the one that does not turn in itself. Another choice of basis adds R A, R B, R C with one R to the rates.
     """
-    jacobians = motion.linearised.jacobian, jacobian_rate(robot, motion)
-    M, dM = (_balanced(robot, jacobian) for jacobian in jacobians)
+    return matrices_and_changes(robot, motion.linearised, jacobian_rate(robot, motion))
+
+
+def matrices_and_changes(
+    robot: ParallelRobot, linearised: LinearisedLoops, changes: Array
+) -> tuple[VelocityMatrices, VelocityMatrices]:
+    """Compute A, B, C, and what changes (T, n + m, nv) of dF/dq make of them, see `matrices_and_rates`."""
+    M, dM = (_balanced(robot, jacobian) for jacobian in (linearised.jacobian, changes))
     N, passive = _left_null_space(robot, M), robot.following
     dN = -N @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
     columns = (robot.actuated, robot.elastic)
