@@ -41,7 +41,7 @@ PLAN_KEYS = [
 PASSIVE = ["left_elbow", "right_elbow"]
 UNITS = ["m", "rad", "N m"]
 CROSSING_KEYS = [
-    *("s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual", "condition"),
+    *("s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual", "condition", "loaded"),
 ]
 CERTIFICATE_KEYS = [
     *("nodes", "tail", "passes", "change", "max_closure_error", "max_residual_torque", "max_held_torque"),

@@ -167,7 +167,7 @@ def plan_text(plan: CrossingPlan) -> str:
 
 def _crossings(plan: CrossingPlan) -> list[str]:
     robot, lines = plan.robot, []
-    for crossing in plan.crossings:
+    for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True):
         lines.append(
             f"  crossing          t = {crossing.time:.6g} s at s = {crossing.s:.15f}, "
             f"{', '.join(robot.axis_names)} = {point(crossing.platform)}"
@@ -177,6 +177,12 @@ def _crossings(plan: CrossingPlan) -> list[str]:
             f's" = {round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of '
             f"its peak"
         )
+        if loaded is not None:
+            unit = "m" if robot.translations.any() else "rad"
+            lines.append(
+                f"                    singular under its loads at s = {loaded.s:.9f}, {loaded.distance:.2g} "
+                f"{unit} from there"
+            )
     return lines or ["  crossing          none"]
 
 

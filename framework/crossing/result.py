@@ -19,6 +19,7 @@ from framework.crossing.request import Request
 from framework.crossing.specification import Specification
 from framework.crossing.timing import CrossingTime
 from framework.dynamics.certificate import Certificate
+from framework.dynamics.loaded_measure import LoadedPoint, loaded_point
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import told_apart
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -76,6 +77,14 @@ class CrossingPlan:
     @property
     def path(self) -> Path:
         return self.request.path
+
+    @cached_property
+    def loaded_points(self) -> tuple[LoadedPoint | None, ...]:
+        """Where the robot is singular under its loads, beside each of `crossings`, where its geometry is.
+
+        None for rigid robots and rigid geometry; see `framework.dynamics.loaded_measure`.
+        """
+        return tuple(loaded_point(self.dynamics, crossing.time) for crossing in self.crossings)
 
     @property
     def duration(self) -> float:

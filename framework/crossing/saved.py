@@ -12,6 +12,7 @@ from framework.catalogue import catalogue
 from framework.crossing.request import Request
 from framework.crossing.result import Crossing, CrossingPlan
 from framework.crossing.saved_keys import LAW_KINDS, VERSION
+from framework.dynamics.loaded_measure import LoadedPoint
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw
@@ -52,7 +53,10 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[st
         "duration": plan.duration,
         "request": _request_document(plan.request),
         "law": _law_document(plan.law),
-        "crossings": [_crossing_document(crossing) for crossing in plan.crossings],
+        "crossings": [
+            _crossing_document(crossing, loaded)
+            for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True)
+        ],
         "peak_torque": plan.peak_torque,
         "exceeded": plan.exceeded,
         "neglected_friction": plan.neglected_friction,
@@ -106,7 +110,7 @@ def _law_document(law: object) -> dict[str, Any]:
     return document
 
 
-def _crossing_document(crossing: Crossing) -> dict[str, Any]:
+def _crossing_document(crossing: Crossing, loaded: LoadedPoint | None) -> dict[str, Any]:
     condition = crossing.condition
     return {
         "s": crossing.s,
@@ -118,4 +122,5 @@ def _crossing_document(crossing: Crossing) -> dict[str, Any]:
         "platform": crossing.platform.tolist(),
         "residual": crossing.residual,
         "condition": None if condition is None else condition._asdict(),
+        "loaded": None if loaded is None else {"s": loaded.s, "distance": loaded.distance},
     }

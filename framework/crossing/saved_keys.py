@@ -85,6 +85,9 @@ _CROSSING: Table = {
     "platform": _NUMBERS,
     "residual": required(not_negative),
     "condition": required(or_null(_mapping_of(dict.fromkeys(Condition8._fields, required(number))))),
+    "loaded": optional(
+        or_null(_mapping_of({"s": required(number), "distance": required(not_negative)})), None
+    ),
 }
 _CERTIFICATE = table_of(Certificate, {"int": whole, "float": not_negative, "bool": truth})
 PLAN: Table = {

@@ -5,7 +5,8 @@ Torques along a path, proved
     forces                  forces of the open tree, and the motors and springs that balance them
     elasticity              deflections that their own forces cause; `elastic_pass` is one pass
     restoration             the same as a whole, law and deflections, where the passes do not find them: on
-                            `balance_equations`, `loaded_balance` and `known_deflections`
+                            `balance_equations`, `loaded_balance` and `known_deflections`; `loaded_measure`
+                            is where that balance is singular
     singularity_crossings   when the motion is in a Type 2 singularity, and whether condition (8) holds there
     residuals, near_misses  what is measured on the finished motion; `refusals` are the errors
     result, certificate     the result, and the numbers by which it proves itself

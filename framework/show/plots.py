@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,6 +24,16 @@ from framework.show.style import ALARM, CROSSING, figure, legend_above, line_sty
 from framework.tolerances import SAME_PLACE
 
 CURVE_SAMPLES = 601
+VISIBLE_SHIFT = 5e-3  # of the path: half a marker
+MAX_INSET_SHIFT = 5.0  # of the loads over that of the geometry, to be in one corner
+LOADED: dict[str, Any] = {
+    "marker": "D",
+    "linestyle": "none",
+    "color": ALARM,
+    "markersize": 4,
+    "markerfacecolor": "white",
+    "zorder": 4,
+}
 MAX_LEGEND_CURVES = 4  # curves, among which a legend finds room
 
 
@@ -77,6 +88,7 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
         if plan.crossings:
             _magnify(ax, plan, measure)
     ax.axhline(0.0, color="black", linewidth=0.5)
+    _mark_loaded(ax, plan)
     for crossing in plan.crossings:
         ax.plot([crossing.s], [0.0], "o", color=CROSSING, markersize=4, zorder=3)
         ax.annotate(
@@ -91,6 +103,18 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
+    """Mark where the loaded robot is singular, if that is to be seen beside where its geometry is."""
+    visible = [
+        loaded.s
+        for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True)
+        if loaded is not None and abs(loaded.s - crossing.s) > VISIBLE_SHIFT
+    ]
+    if visible:
+        ax.plot(visible, np.zeros(len(visible)), **LOADED, label="singular under its loads")
+        ax.legend(loc="upper left")
+
+
 def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
     """Show in a corner how far the deflections move the first crossing."""
     crossing = plan.crossings[0]
@@ -99,13 +123,27 @@ def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
     if shift < SAME_PLACE:  # nothing to see: the deflections leave the locus where it is
         return
     inset = ax.inset_axes((0.66, 0.19, 0.31, 0.34), facecolor="white", zorder=4)
-    near = np.linspace(min(crossing.s, at_rest) - shift, max(crossing.s, at_rest) + shift, 5)
+    loaded = plan.loaded_points[0]
+    places = [crossing.s, at_rest]
+    if loaded is not None and 0.1 * shift < abs(loaded.s - crossing.s) < MAX_INSET_SHIFT * shift:
+        places.append(loaded.s)
+    near = np.linspace(min(places) - shift, max(places) + shift, 5)
     times = crossing.time + (near - crossing.s) / crossing.speed
     curves = ((near, measure.of_rest(near)), (plan.law(times), measure.of_motion(times)))
-    for k, (s, values) in enumerate(curves):
+    for k, (along, values) in enumerate(curves):
         upward = np.sign((values[-1] - values[0]) * crossing.speed)
-        inset.plot((s - at_rest) * 1e6, upward * values * 1e6, **line_style(k))
+        inset.plot((along - at_rest) * 1e6, upward * values * 1e6, **line_style(k))
     inset.axhline(0.0, color="black", linewidth=0.5)
+    for s in places[2:]:
+        inset.plot([(s - at_rest) * 1e6], [0.0], **LOADED)
+        inset.annotate(
+            "loaded",
+            ((s - at_rest) * 1e6, 0.0),
+            textcoords="offset points",
+            xytext=(0, -8),
+            ha="center",
+            fontsize=5.5,
+        )
     inset.set_xlabel(r"$10^6\,(s - s_\mathrm{rest})$", fontsize=6, labelpad=1)
     inset.set_ylabel(r"$10^6\,g$", fontsize=6, labelpad=1)
     inset.tick_params(labelsize=5.5, pad=1)

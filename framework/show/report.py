@@ -102,9 +102,11 @@ def _crossings(plan: CrossingPlan, film: Film) -> str:
     )
     if not plan.crossings:
         return f"{motion}{over}<p>The path meets no singularity.</p>"
+    loaded = any(point is not None for point in plan.loaded_points)
     head = (
         "t [s]",
         "s",
+        *(["s, singular under loads"] if loaded else []),
         _with_units(robot),
         "t_s, direction without hold",
         "s′ [1/s]",
@@ -115,13 +117,14 @@ def _crossings(plan: CrossingPlan, film: Film) -> str:
         (
             _number(crossing.time),
             f"{crossing.s:.12f}",
+            *([f"{under.s:.9f}" if under is not None else "none found"] if loaded else []),
             point(crossing.platform),
             point(crossing.twist),
             _number(crossing.speed),
             _number(round(crossing.acceleration, 9)),
             f"{crossing.residual:.1e}",
         )
-        for crossing in plan.crossings
+        for crossing, under in zip(plan.crossings, plan.loaded_points, strict=True)
     ]
     return f"{motion}{over}{_table(rows, head)}"
 

@@ -1,0 +1,71 @@
+"""Where the robot is singular under its loads: the singular point of the balance that its deflections are in.
+
+Along a motion the deflections l solve F(t, l) = 0 (`loaded_balance`). A small change of them at a prescribed
+platform changes F by F_l = Y' H Z: Y the motions with the motors locked and the platform free, Z those with
+the platform held and the motors free, H the stiffness of springs and loads. Deflections are lost hold of
+where F_l loses rank, a distance of the order of load over stiffness from where the geometry does (the root of
+g, which knows no load). The platform's stiffness with locked motors, Y' H Y, vanishes elsewhere.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.dynamics.loaded_balance import Course, balance_along, slopes_along, spring_units
+from framework.dynamics.result import InverseDynamics
+from framework.errors import NoAnswer
+from framework.motion.path import along
+from framework.singularity.root_of_g import root_of_g
+
+DEFLECTION_STEP = 1e-5  # in units of the springs, for differences
+
+
+class LoadedPoint(NamedTuple):
+    """A singular point of the loaded robot on its path, met by the motion at `time` [s]."""
+
+    time: float
+    s: float
+    distance: float  # [m], or [rad] of a platform that only turns: from the geometric singular point
+
+
+def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
+    """Compute F_l (T, n_e, n_e) at instants t (T,) of a motion of a deformed robot, over its stiffness.
+
+    In units of the springs; one regular matrix from the left for all instants, so that it is smooth in t.
+
+    Raises:
+        NotAssembled: a small deflection tears the loops.
+    """
+    robot, law = result.robot, result.law
+    s = [np.asarray(law(t, order)) for order in range(3)]
+    course = Course(s[0], *along(result.path, s), *(result.deflection(t, order) for order in range(3)))
+    balance = balance_along(robot, course, result.configuration(t), wrenches=result.wrenches)
+    still = Course(*(np.zeros_like(part) for part in course))
+    units = spring_units(robot)
+    steps = [still._replace(l=still.l + DEFLECTION_STEP * unit) for unit in np.diag(units)]
+    changes = slopes_along(robot, balance, steps) / DEFLECTION_STEP  # (T, f, n_e)
+    Y = balance.Y
+    stiffness = float((robot.stiffness * units**2).max())
+    return np.asarray(Y[len(t) // 2].T @ Y @ (Y.swapaxes(1, 2) @ changes) / stiffness)
+
+
+def loaded_point(result: InverseDynamics, time: float) -> LoadedPoint | None:
+    """Find the singular point of the loaded robot near a geometric one that a motion meets at `time` [s].
+
+    None for rigid robots and rigid geometry, which have no deflections to lose, and where none is found.
+    """
+    if result.geometry == "rigid" or not result.robot.n_e:
+        return None
+    try:
+        root = root_of_g(lambda t: loaded_tangent(result, t), time, high=result.duration)
+    except NoAnswer:
+        return None
+    if not root.converged:
+        return None
+    geometric, loaded = result.platform(np.array([time, root.place]))
+    moved, lengths = loaded - geometric, result.robot.translations
+    distance = float(np.linalg.norm(moved[lengths] if lengths.any() else moved))
+    return LoadedPoint(root.place, float(result.law(np.array([root.place]))[0]), distance)
