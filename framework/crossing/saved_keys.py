@@ -89,6 +89,10 @@ _CROSSING: Table = {
         or_null(_mapping_of({"s": required(number), "distance": required(not_negative)})), None
     ),
 }
+_NEGLECTED: Table = {
+    **dict.fromkeys(("effect", "motor"), required(text_or_empty)),
+    **dict.fromkeys(("torque", "share"), required(or_null(not_negative))),
+}
 _CERTIFICATE = table_of(Certificate, {"int": whole, "float": not_negative, "bool": truth})
 PLAN: Table = {
     "version": required(whole),
@@ -105,6 +109,7 @@ PLAN: Table = {
     "peak_torque": required(named(not_negative)),
     "exceeded": required(named(text)),
     "neglected_friction": required(text_or_empty),
+    "neglected": optional(list_of(_mapping_of(_NEGLECTED)), ()),
     "certificate": required(record(_CERTIFICATE, lambda _, values: Certificate(**values))),
     "reason": required(text_or_empty),
     "optimality": required(
