@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path as FilePath
 from typing import Any
 
 from framework.catalogue import catalogue
 from framework.cli.parser import Report, command
 from framework.errors import MissingPackage
 from framework.kinematics.diagnostics.diagnosis import check_robot
+from framework.output import write_file
 
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    command(commands, "robots", run)
+    parser = command(commands, "robots", run)
+    parser.add_argument("--picture", metavar="FILE", help="draw them all into one picture (.png, .svg, .pdf)")
 
 
 def run(options: argparse.Namespace) -> Report:
     """List the catalogue, one row for each entry."""
     rows: list[dict[str, Any]] = []
     figures: dict[str, Any]
+    drawn = []
     for name, entry in catalogue().items():
         try:
             robot = entry.load()
+            drawn.append(robot)
         except MissingPackage as missing:  # its URDF is somebody else's, and not here
             figures = {"needs": missing.package}
         else:
@@ -55,4 +60,10 @@ def run(options: argparse.Namespace) -> Report:
         kinds = ", ".join(row["singularities"]) or "none on its scenes"
         lines.append(f"{'':16s}  {row['summary']}; singularities: {kinds}")
         lines.append(f"{'':16s}  {row['source']}")
+    if options.picture is not None:
+        from framework.show.gallery import gallery_picture  # matplotlib takes time to import
+
+        picture = gallery_picture(drawn, FilePath(options.picture).suffix[1:])
+        write_file(FilePath(options.picture), picture, option="--picture")
+        lines.append(f"drawn into {options.picture}")
     return {"robots": rows}, "\n".join(lines)

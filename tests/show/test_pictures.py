@@ -15,6 +15,7 @@ from framework import plan_scene
 from framework.errors import InvalidInput
 from framework.kinematics.placements import frame_positions, joint_poses
 from framework.show.drawing import draw_robot, hull
+from framework.show.gallery import gallery_picture
 from framework.show.jupyter import load_ipython_extension
 from framework.show.moving import film_picture
 from framework.show.shapes import body_shapes
@@ -61,6 +62,13 @@ def test_a_still_shows_the_path_and_the_singular_place():
     lines = {line.get_color(): line.get_xydata() for line in plot_still(film).lines}
     np.testing.assert_allclose(lines["#009e73"], film.x, atol=1e-9)
     assert film.instants[0].platform == pytest.approx([0.0, np.sqrt(0.06)], abs=1e-4)
+
+
+def test_a_gallery_names_its_robots():
+    svg = gallery_picture([robots.load(name) for name in ("five_bar", "delta", "agile_eye")], "svg").decode()
+    assert all(f">{name}<" in svg for name in ("five bar", "delta", "agile eye"))
+    with pytest.raises(InvalidInput, match="pdf, png, svg"):
+        gallery_picture([], "gif")
 
 
 def test_a_picture_is_of_the_kind_asked_for():
