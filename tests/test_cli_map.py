@@ -155,3 +155,17 @@ def test_a_map_that_is_killed_goes_on_and_computes_nothing_twice(serial, tmp_pat
 def test_processes_give_the_same_files_bit_by_bit(serial, tmp_path):
     assert begun(tmp_path / "two", workers=2).wait() == 0
     assert files(tmp_path / "two") == serial
+
+
+def test_a_map_that_keeps_limits_says_beyond_which_range_a_pose_is(tmp_path, capsys):
+    command = ["map", "humanoid_ankle", "--keep-limits", "--size", "20", "--wrench", "35", "10"]
+    assert main([*command, "--out", str(tmp_path), "--json"]) == 0
+    poses = json.loads(capsys.readouterr().out)["poses"]
+    assert poses["reached"] > 0
+    assert poses["beyond the range of ankle_roll"] > 0
+    assert poses["beyond the torque limits at rest"] > 0
+    assert sum(poses.values()) == 400
+    assert "beyond the range of ankle_roll" in (tmp_path / "map.csv").read_text()
+    with np.load(tmp_path / "map.npz") as arrays:
+        assert list(arrays["reason_words"]) == list(poses)
+        assert np.isfinite(arrays["holding"]).sum() == poses["reached"]

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from framework.atlas.quantities import Quantity, unit_of
-from framework.atlas.sweep import REASON_WORDS, PoseReason
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -43,7 +42,8 @@ def package_versions() -> dict[str, str]:
 
 def map_setup(workspace: WorkspaceMap) -> dict[str, Any]:
     """Return what a map depends on, a document of JSON."""
-    return setup_document(workspace.robot, workspace.window, workspace.quantities)
+    setup = setup_document(workspace.robot, workspace.window, workspace.quantities)
+    return {**setup, "keep_limits": workspace.keeps_limits}
 
 
 def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Quantity]) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Qu
             if k not in window.axes
         },
         "quantities": [quantity.key for quantity in quantities],
-        "wrench": next((quantity.wrench for quantity in quantities if quantity.loaded), None),
+        "wrench": next((quantity.wrench for quantity in quantities if quantity.takes_wrench), None),
         "parameters": dict(robot.description.parameters),
         "versions": package_versions(),
     }
@@ -112,6 +112,7 @@ def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
         second=second,
         q=workspace.q,
         reason=workspace.reason,
+        reason_words=np.array(workspace.reason_words),
         assembly=workspace.assembly,
         **_locus_arrays(workspace),
         **({} if workspace.load is None else {"load": workspace.load}),
@@ -140,8 +141,7 @@ def _write_table(workspace: WorkspaceMap, stream: Any) -> None:
     loads = [] if workspace.load is None else ["load"]
     writer.writerow([*columns, "reached", "assembly_mode", *loads, *keys])
     x = workspace.window.points()[..., list(workspace.window.axes)].reshape(-1, 2)
-    words = {int(kind): REASON_WORDS[kind] for kind in PoseReason}
-    why = [words[kind] for kind in workspace.reason.ravel().tolist()]
+    why = [workspace.reason_words[code] for code in workspace.reason.ravel().tolist()]
     values = np.stack([workspace.values[key].ravel() for key in keys], axis=1)
     load = [_load_word(workspace, k) for k in range(len(x))]
     rows = zip(x.tolist(), why, workspace.assembly.ravel().tolist(), load, values.tolist(), strict=True)

@@ -10,10 +10,11 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.tangent_stiffness import given_wrench
-from framework.errors import InvalidInput, choose_from
+from framework.errors import InvalidInput, choose_from, finite_numbers
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.distances import Distances, singularity_distances
+from framework.statics.holding import holding_torques, largest_share_of_limits
 from framework.statics.loading import LoadedStack, LoadReason, loaded_stack
 from framework.statics.stiffness import (
     CompliantMotions,
@@ -61,8 +62,14 @@ class Quantity:
     decades: bool = False  # told in decades: a colour for each factor of ten
     signed: bool = False
     springs: bool = False  # of robots that have some
-    loaded: bool = False  # under weight and `wrench`
+    loaded: bool = False  # under weight and `wrench`, deflected by them
+    holding: bool = False  # against weight and `wrench`, of robots whose motors have limits of torque
     wrench: tuple[float, ...] | None = None
+
+    @property
+    def takes_wrench(self) -> bool:
+        """Whether the wrench counts for it."""
+        return self.loaded or self.holding
 
     def __reduce__(self) -> tuple[Callable[..., Quantity], tuple[str, tuple[float, ...] | None]]:
         return quantity_of_key, (self.key, self.wrench)  # another process has its own functions
@@ -102,6 +109,14 @@ QUANTITIES = {
             lambda poses: poses.distances.torque_norm,
             large_is_good=False,
             decades=True,
+        ),
+        Quantity(
+            *("holding", "largest motor torque at rest over its limit", "1"),
+            lambda poses: largest_share_of_limits(
+                poses.robot, holding_torques(poses.robot, poses.linearised, poses.q, poses.wrench)
+            ),
+            large_is_good=False,
+            holding=True,
         ),
         Quantity(
             *("stiffness", "stiffness in the softest direction, motors locked", "N/m"),
@@ -158,6 +173,8 @@ def chosen(
                 f"quantity {name}: {robot.name}, {robot.flexibility}, has no springs; take "
                 f"flexible_joints or flexible_links"
             )
+        if QUANTITIES[name].holding and not has_torque_limits(robot):
+            raise InvalidInput(f"quantity {name}: no motor of {robot.name} has a torque_limit")
         if "torque" in name and not robot.translations.any():
             raise InvalidInput(
                 f"quantity {name}: is the torque against a unit force, and the platform of {robot.name} "
@@ -166,13 +183,21 @@ def chosen(
     quantities_chosen = tuple(QUANTITIES[name] for name in dict.fromkeys(names))
     if wrench is None:
         return quantities_chosen
-    if not any(quantity.loaded for quantity in quantities_chosen):
-        loaded = [quantity.key for quantity in QUANTITIES.values() if quantity.loaded]
-        raise InvalidInput(f"wrench: counts for {' and '.join(loaded)} alone; ask for one of them")
-    load = tuple(given_wrench(robot, wrench).tolist())
+    if not any(quantity.takes_wrench for quantity in quantities_chosen):
+        loaded = [quantity.key for quantity in QUANTITIES.values() if quantity.takes_wrench]
+        raise InvalidInput(f"wrench: counts for {', '.join(loaded)} alone; ask for one of them")
+    load = tuple(finite_numbers("wrench", wrench, robot.n).tolist())
+    if any(quantity.loaded for quantity in quantities_chosen):
+        given_wrench(robot, load)  # a load that deflects has to have a potential
     return tuple(
-        replace(quantity, wrench=load) if quantity.loaded else quantity for quantity in quantities_chosen
+        replace(quantity, wrench=load) if quantity.takes_wrench else quantity
+        for quantity in quantities_chosen
     )
+
+
+def has_torque_limits(robot: ParallelRobot) -> bool:
+    """Whether any motor has a limit of torque."""
+    return any(actuator.torque_limit is not None for actuator in robot.description.actuators)
 
 
 def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
@@ -196,8 +221,9 @@ def quantity_values(
 
     With a quantity under load also the `LoadReason` of each configuration, under the key "load".
     """
-    loaded = [quantity for quantity in quantities if quantity.loaded]
-    wrench = np.array(loaded[0].wrench) if loaded and loaded[0].wrench is not None else None
+    loaded = any(quantity.loaded for quantity in quantities)
+    load = next((quantity.wrench for quantity in quantities if quantity.takes_wrench), None)
+    wrench = None if load is None else np.array(load)
     poses = Poses(robot, q, linearised, wrench)
     with np.errstate(all="ignore"):  # infinite at Type 2
         values = {quantity.key: np.asarray(quantity.of(poses), dtype=float) for quantity in quantities}

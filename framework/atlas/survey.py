@@ -13,6 +13,7 @@ from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map
 from framework.errors import InvalidInput, NoAnswer, OutOfReach
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tree_model import shares_beyond_limits
 
 EDGE_POSES = 200  # poses along an edge
 MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] between neighbours that are reached one from the other
@@ -28,6 +29,7 @@ def surveyed(
     axes: tuple[str, str] | None = None,
     at: ArrayLike | None = None,
     size: int = EDGE_POSES,
+    keep_limits: bool = False,
 ) -> Window:
     """Find the window about all that the reference's working mode reaches, within bounds.
 
@@ -37,6 +39,7 @@ def surveyed(
         axes: two of the platform's axes, by default its first translations.
         at: platform point (n,), the reference by default; its other coordinates are held.
         size: poses along an edge.
+        keep_limits: about what it reaches within the ranges of all joints, if that is any pose.
 
     Raises:
         InvalidInput: see `map_axes`; or `at` has the wrong length.
@@ -46,7 +49,10 @@ def surveyed(
     half = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(over)]
     about = held[list(over)]
     survey = Window(over, about - half, about + half, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), held)
-    reached = np.argwhere(seeded(robot, survey, 1)[1] == PoseReason.REACHED)
+    q, reason = seeded(robot, survey, 1)
+    is_reached = reason == PoseReason.REACHED
+    within = is_reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
+    reached = np.argwhere(within if keep_limits and within.any() else is_reached)
     low, high = reached.min(axis=0) - SURVEY_MARGIN, reached.max(axis=0) + SURVEY_MARGIN
     lower, upper = survey.lower + low * survey.cell, survey.lower + high * survey.cell
     lower, upper = np.maximum(lower, survey.lower), np.minimum(upper, survey.upper)

@@ -46,13 +46,14 @@ class WorkspaceMap(ReadOnlyArrays):
     quantities: tuple[Quantity, ...]
     values: Mapping[str, Array]  # (I, J) by the quantity's key
     q: Array  # (I, J, nq)
-    reason: NDArray[np.uint8]  # (I, J) why a pose is not reached, `sweep.PoseReason`
+    reason: NDArray[np.uint8 | np.uint16]  # (I, J) why a pose is not reached, the place in `reason_words`
     working_mode: int  # sign at the reference
     assembly: NDArray[np.int8]  # (I, J) sign of the assembly mode, 0 where not reached
     load: (
         NDArray[np.uint8] | None
     )  # (I, J) `LoadReason` of poses that are reached, with quantities under load
     seconds: float
+    reason_words: tuple[str, ...] = tuple(REASON_WORDS.values())  # first those of `sweep.PoseReason`
 
     @property
     def reached(self) -> BoolArray:
@@ -74,7 +75,17 @@ class WorkspaceMap(ReadOnlyArrays):
     @property
     def counts(self) -> dict[str, int]:
         """The number of poses reached, and of others by the reason in words."""
-        return {REASON_WORDS[kind]: int(np.sum(self.reason == kind)) for kind in PoseReason}
+        return {word: int(np.sum(self.reason == code)) for code, word in enumerate(self.reason_words)}
+
+    @property
+    def keeps_limits(self) -> bool:
+        """Whether only poses within the limits count as reached (`ranges.within_ranges`)."""
+        return len(self.reason_words) > len(PoseReason)
+
+    @property
+    def beyond_ranges(self) -> BoolArray:
+        """(I, J) reached, but not within the ranges of the joints (`ranges.within_ranges`)."""
+        return np.asarray(self.reason >= len(PoseReason))
 
     @property
     def load_counts(self) -> dict[str, int]:

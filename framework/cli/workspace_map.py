@@ -9,7 +9,8 @@ import numpy as np
 
 from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
-from framework.atlas.quantities import QUANTITIES, Quantity, chosen, unit_of
+from framework.atlas.quantities import QUANTITIES, Quantity, chosen, has_torque_limits, unit_of
+from framework.atlas.ranges import check_reference, within_ranges
 from framework.atlas.survey import EDGE_POSES, surveyed
 from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import WorkspaceMap, workspace_map
@@ -51,12 +52,18 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )
     _add_window(parser)
     parser.add_argument(
+        "--keep-limits",
+        action="store_true",
+        help="only what is reached within the ranges that the URDF gives its joints, and held at rest within "
+        "the motors' limits of torque where they have some",
+    )
+    parser.add_argument(
         "--wrench",
         type=float,
         nargs="+",
         metavar="W",
-        help="of the world on the platform, beside the weight [N, N m], for loaded_stiffness and "
-        "loaded_frequency",
+        help="of the world on the platform, beside the weight [N, N m], for holding, loaded_stiffness "
+        "and loaded_frequency",
     )
     parser.add_argument(
         "--nearest",
@@ -114,8 +121,10 @@ def run(options: argparse.Namespace) -> Report:
     if options.table is not None:
         raise InvalidInput("--table: is read with --study only; add it, or leave --table out")
     robot = arguments.load(options)
+    if options.keep_limits:
+        check_reference(robot)
     path = None if options.scene is None else scene_path(scene(robot, options.scene))
-    quantities = chosen(robot, options.quantity, options.wrench)
+    quantities = chosen(robot, _quantities(options, robot), options.wrench)
     window = _window(options, robot, path)
     margin = _margin(options, robot)
     if options.out is None:
@@ -133,12 +142,19 @@ def run(options: argparse.Namespace) -> Report:
     return document, f"{text}\n  written to        {options.out}"
 
 
+def _quantities(options: argparse.Namespace, robot: ParallelRobot) -> list[str] | None:
+    """Return the names of the quantities; by default those that apply, with --keep-limits also `holding`."""
+    if options.quantity is not None or not options.keep_limits or not has_torque_limits(robot):
+        return list(options.quantity) if options.quantity is not None else None
+    return [*(quantity.key for quantity in chosen(robot, None)), "holding"]
+
+
 def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None) -> Window:
     axes = None if options.over is None else tuple(options.over)
     centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or EDGE_POSES
     if options.window is None:
-        return surveyed(robot, axes=axes, at=centre, size=size)
+        return surveyed(robot, axes=axes, at=centre, size=size, keep_limits=options.keep_limits)
     bounds = np.array(finite_window(options))
     return Window(
         map_axes(robot, axes), bounds[::2], bounds[1::2], (size, size), held_coordinates(robot, centre)
@@ -156,7 +172,7 @@ def _mapped(
         executor_of(workers=options.workers, dask=options.dask) as executor,
         progress_bar(float(np.prod(window.shape)), "pose", silent=options.json) as progress,
     ):
-        return workspace_map(
+        workspace = workspace_map(
             robot,
             window,
             [quantity.key for quantity in quantities],
@@ -165,6 +181,7 @@ def _mapped(
             keeper=kept,
             progress=progress,
         )
+    return within_ranges(workspace) if options.keep_limits else workspace
 
 
 def _what_is_kept(options: argparse.Namespace, kept: KeptChunks) -> list[str]:

@@ -175,6 +175,15 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
     return tuple(limits)
 
 
+def shares_beyond_limits(limits: Sequence[JointLimit], q: Array) -> Array:
+    """Compute how far q (..., nq) is beyond each limit, over its range (..., limits); zero within them."""
+    place = [limit.coordinate for limit in limits]
+    lower, upper = (np.array([limit[k] for limit in limits]) for k in (2, 3))
+    slack = SAME_PLACE * np.maximum(np.abs(lower), np.abs(upper))
+    beyond = np.maximum(lower - q[..., place], q[..., place] - upper)
+    return np.asarray(np.where(beyond > slack, beyond, 0.0) / np.maximum(upper - lower, slack))
+
+
 def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str, str]:
     """Return joints of q (T, nq) beyond their limits, with text such as `position -4.27 rad of -3.2`."""
     exceeded = {}

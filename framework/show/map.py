@@ -28,7 +28,7 @@ from framework.tolerances import SAME_PLACE
 
 # Both can be told apart without red and green, and in grey.
 SEQUENTIAL, DIVERGING = "cividis", "BrBG"
-UNREACHED, NOT_CARRIED = "#e4e7eb", "#e8a48c"
+UNREACHED, BEYOND, NOT_CARRIED = "#e4e7eb", "#bcc4ce", "#e8a48c"
 COLOR_PERCENTILES = (2.0, 98.0)  # percentiles between which colours change: a pole would take them all
 PATH_SAMPLES = 401  # of a path
 UNEXPLAINED, NOT_TRACED = "g changes sign, no curve found", "locus not traced"
@@ -63,15 +63,16 @@ def plot_map(
     """Plot one quantity of a map, with the singular locus and a path on top."""
     quantity, robot = quantity_of(workspace, key), workspace.robot
     lost = not_carried(workspace, quantity)
-    header = _header(
-        workspace, quantity, entries=2 + sum(map(bool, _about_locus(workspace))) + int(lost.any())
-    )
+    beyond = workspace.beyond_ranges
+    entries = 2 + sum(map(bool, _about_locus(workspace))) + int(lost.any()) + int(beyond.any())
+    header = _header(workspace, quantity, entries=entries)
     ax, scale = _axes(workspace, header) if ax is None else (ax, None)
     edges = [cell_edges(span) for span in workspace.window.spans]
     ax.set_facecolor(UNREACHED)
-    if lost.any():
-        shade = np.ma.masked_where(~lost, lost)
-        ax.pcolormesh(*edges, shade.T, cmap=ListedColormap([NOT_CARRIED]), rasterized=True, linewidth=0)
+    for poses, colour in ((lost, NOT_CARRIED), (beyond, BEYOND)):
+        if poses.any():
+            shade = np.ma.masked_where(~poses, poses)
+            ax.pcolormesh(*edges, shade.T, cmap=ListedColormap([colour]), rasterized=True, linewidth=0)
     _draw_values(workspace, quantity, edges, ax, scale)
     halo = [withStroke(linewidth=2.8, foreground="white")]
     _draw_locus(workspace, ax, halo)
@@ -86,6 +87,8 @@ def plot_map(
         ax.plot(*start, "P", color="black", markeredgecolor="white", markersize=6, label="reference")
     if lost.any():
         ax.plot([], [], "s", color=NOT_CARRIED, label=f"load not carried: {lost.sum()} poses")
+    if beyond.any():
+        ax.plot([], [], "s", color=BEYOND, label=f"beyond a limit: {beyond.sum()} poses")
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor="#9aa4af", label="not reached")
     _frame(workspace, header, ax)
     return ax

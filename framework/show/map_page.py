@@ -13,7 +13,6 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.atlas.quantities import Quantity, unit_of
-from framework.atlas.sweep import REASON_WORDS, PoseReason
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
 from framework.show.map import (
@@ -68,7 +67,9 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> dict[str, Any]:
     if workspace.load is not None:
         lost = int(workspace.reached.sum()) - workspace.load_counts[LOAD_WORDS[LoadReason.CARRIED]]
         legend.append((f"load not carried: {lost} poses", NOT_CARRIED, True))
-    legend.append(("not reached", UNREACHED, True))
+    legend.append(
+        ("not reached within all limits" if workspace.keeps_limits else "not reached", UNREACHED, True)
+    )
     units = ["m" if slides else "rad" for slides in robot.translations]
     return {
         "shape": list(window.shape),
@@ -78,7 +79,7 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> dict[str, Any]:
         "to_scale": is_to_scale(workspace),
         "quantities": [_quantity(workspace, quantity) for quantity in workspace.quantities],
         "reason": _packed(workspace.reason.astype(np.uint8)),
-        "reasons": [REASON_WORDS[kind] for kind in PoseReason],
+        "reasons": list(workspace.reason_words),
         "assembly": _packed(workspace.assembly.astype(np.int8).view(np.uint8)),
         "has_sides": robot.n_a == robot.n and len(robot.passive) > 0,
         "load": None if workspace.load is None else _packed(workspace.load),

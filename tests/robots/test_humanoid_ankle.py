@@ -27,6 +27,9 @@ from framework import (
     plan_scene,
     velocity_matrices,
 )
+from framework.atlas.ranges import within_ranges
+from framework.atlas.survey import surveyed
+from framework.atlas.workspace_map import workspace_map
 from framework.kinematics.frames import frames_at
 from framework.model.description import Platform
 
@@ -105,6 +108,57 @@ def test_the_motors_hold_what_stands_on_the_toes_by_virtual_work(robot):
         pushed = derivative(lambda at: foot(at, toes), x).T @ force
         expected = -np.linalg.solve(derivative(cranks, x).T, pushed) / GEAR
         np.testing.assert_allclose(loaded, expected, rtol=1e-10)
+
+
+RANGES = np.array([[-0.87, 0.35], [-0.44, 0.44]])  # [rad] of pitch and roll
+MOTOR_RANGES = {
+    "as the file has them": [[-0.8187, 1.0228], [-0.6454, 1.0973]],
+    "narrow": [[-0.2, 0.25], [-0.5, 0.6]],
+}
+
+
+@pytest.mark.parametrize("ranges", MOTOR_RANGES.values(), ids=MOTOR_RANGES.keys())
+def test_what_it_reaches_within_its_ranges_has_a_closed_form(robot, ranges):
+    """Pitch and roll within theirs, and the cranks within theirs, in one piece with the reference."""
+    urdf = robot.description.urdf_text
+    for (lower, upper), (least, largest) in zip(MOTOR_RANGES["as the file has them"], ranges, strict=True):
+        urdf = urdf.replace(f'lower="{lower}" upper="{upper}"', f'lower="{least}" upper="{largest}"')
+    narrowed = ParallelRobot.from_description(replace(robot.description, urdf_text=urdf))
+    names = [limit.joint for limit in narrowed.limits]
+    everything = workspace_map(narrowed, surveyed(narrowed, size=41, keep_limits=True))
+    within = within_ranges(everything)
+    x = everything.window.points()
+    motors = np.array([[cranks(pose).real for pose in row] for row in x])
+    limits = np.concatenate([RANGES, ranges])
+    place = np.concatenate([x, motors], axis=-1)
+    beyond = np.maximum(limits[:, 0] - place, place - limits[:, 1]) / (limits[:, 1] - limits[:, 0])
+    assert everything.reached.all()
+    assert 300 < within.reached.sum() < everything.reached.sum()
+    np.testing.assert_array_equal(within.reached, (beyond <= 0).all(axis=-1))
+    joints = ("ankle_pitch", "ankle_roll", "motor_a", "motor_b")
+    for i, j in np.argwhere(~within.reached):
+        word = within.reason_words[within.reason[i, j]]
+        assert word == f"beyond the range of {joints[np.argmax(beyond[i, j])]}"
+    assert set(joints) <= set(names)
+    assert np.isnan(within.values["g"][~within.reached]).all()
+    assert sum(within.counts.values()) == within.reached.size
+
+
+def test_what_its_motors_hold_within_their_limits_has_a_closed_form(robot):
+    """A moment about the axes of pitch and roll, by virtual work, beside the weight of the foot."""
+    moment, limit = np.array([35.0, 10.0]), 2.3889  # [N m]
+    window = surveyed(robot, size=21, keep_limits=True)
+    everything = workspace_map(robot, window, ["holding"], wrench=moment)
+    within, share = within_ranges(everything), everything.values["holding"]
+    for i, j in np.argwhere(everything.reached)[::7]:
+        weight = dynamics_at(robot, everything.q[i, j]).torque
+        slope = derivative(cranks, window.points()[i, j])
+        torque = weight - np.linalg.solve(slope.T, moment) / GEAR
+        assert share[i, j] == pytest.approx(np.abs(torque).max() / limit, rel=1e-10)
+    weak = within.reason == within.reason_words.index("beyond the torque limits at rest")
+    in_range = ~np.char.startswith(np.array(within.reason_words)[within.reason], "beyond the range")
+    np.testing.assert_array_equal(weak, in_range & (share > 1.0))
+    assert 0 < weak.sum() < within.reached.sum()
 
 
 def test_pitch_and_roll_of_the_cross_are_the_two_angles_of_the_foot(robot):
