@@ -36,7 +36,9 @@ Family = Callable[[Array], Clock]  # laws by their scalars (k,)
 class CoursePoints(NamedTuple):
     """Course and clock at 2 N Chebyshev points of each panel."""
 
+    clock: Clock
     course: Course
+    rate: Array  # (T,) d/dt of the Chebyshev series' variable
     bases: tuple[Array, Array, Array]  # (T, N) what a coefficient makes of deflections, rates, accelerations
 
 
@@ -55,15 +57,69 @@ class BalanceState(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """What deflections, their rates and accelerations, and scalars change of the loads, along the panels."""
+    """What deflections, their rates and accelerations, and scalars change of the loads, along the panels.
+
+    Of rates it is that of d/dp, p the series' variable: times dp/dt it is as smooth as the squared speed.
+    """
 
     series: Array  # (panels, M, f d)
     directions: int  # d
+    misfit: float  # of the state that they are of
 
     def at(self, size: int) -> Array:
         """At `size` nodes of all panels, (panels size, f, d)."""
         values = chebyshev.chebvander(nodes(size), self.series.shape[1] - 1) @ self.series
         return np.asarray(values.reshape(len(self.series) * size, -1, self.directions))
+
+
+class Tangent(NamedTuple):
+    """Linear equations of balance and of rest for a step, its unknowns in units of their columns' sizes."""
+
+    balance: Array  # (T n_e, unknowns)
+    rest: Array  # (rows, unknowns)
+    sizes: Array  # (unknowns,) of the columns before
+    factor: tuple[Array, bool]  # Cholesky's, of the normal equations of balance
+    eased: Array  # (unknowns, rows) by how much balance gives way to rest
+
+    @staticmethod
+    def of(balance: Array, rest: Array, scalars_from: int) -> Tangent:
+        """Factor the equations of least squares; columns of scalars weigh as much as others."""
+        from scipy.linalg import cho_factor, cho_solve
+
+        sizes = np.linalg.norm(balance, axis=0)
+        sizes[:scalars_from] = np.maximum(sizes[:scalars_from], np.median(sizes[:scalars_from]))
+        sizes[sizes == 0.0] = 1.0  # a scalar that changes nothing
+        balance, rest = balance / sizes, rest / sizes
+        normal = balance.T @ balance
+        normal[np.diag_indices(len(normal))] += WEAK_COLUMN**2
+        factor = cho_factor(normal)
+        return Tangent(balance, rest, sizes, factor, cho_solve(factor, rest.T))
+
+    def step(self, state: BalanceState) -> Step:
+        """The step of least squares but for what is weak, from a state with as many coefficients.
+
+        The weight of rest falls with the misfit: a change of the normal equations in few directions
+        (Sherman, Morrison and Woodbury).
+        """
+        from scipy.linalg import cho_solve
+
+        series, F = state.series, state.balance.F.ravel()
+        unknowns = np.append(series.ravel(), np.zeros(len(state.scalars))) * self.sizes
+        y = -cho_solve(self.factor, self.balance.T @ F)
+        weight = min(1.0, state.misfit / END_RATE_MISFIT)
+        core = np.eye(len(self.rest)) / weight**2 + self.rest @ self.eased
+        y -= self.eased @ np.linalg.solve(core, self.rest @ (unknowns + y))
+        left = float(np.abs(self.balance @ y + F).max() / state.balance.size)
+        step = y / self.sizes
+        return Step(step[: series.size].reshape(series.shape), step[series.size :], left)
+
+
+class Step(NamedTuple):
+    """A step of the unknowns."""
+
+    series: Array  # (panels, N, n_e)
+    scalars: Array  # (k,)
+    left: float  # the misfit that it would leave if F were linear
 
 
 class BalanceEquations:
@@ -103,7 +159,8 @@ class BalanceEquations:
         )
         bases = np.asarray(value), np.asarray(r * slope), np.asarray(r**2 * bend + a * slope)
         bent = [(basis.reshape(panels, 2 * N, N) @ series).reshape(-1, n_e) * self.units for basis in bases]
-        return CoursePoints(Course(s[0], *along(self.branch.path, s), *bent), bases)
+        course = Course(s[0], *along(self.branch.path, s), *bent)
+        return CoursePoints(clock, course, r[:, 0], bases)
 
     def slopes(self, state: BalanceState) -> Slopes:
         """What each unknown changes at a state.
@@ -112,14 +169,14 @@ class BalanceEquations:
             NotAssembled: a step tears the loops.
         """
         course, panels = state.points.course, len(state.series)
-        duration = self.family(state.scalars).law.duration
+        duration = state.points.clock.law.duration
         still = Course(*(np.zeros_like(part) for part in course))
         directions, sizes = [], []
-        parts = (("l", DEFLECTION_STEP), ("dl", 1.0 / duration), ("ddl", duration**-2.0))
-        for part, size in parts[: self.orders]:
+        parts = (("l", DEFLECTION_STEP, 1.0), ("dl", 1.0, state.points.rate), ("ddl", duration**-2.0, 1.0))
+        for part, size, pace in parts[: self.orders]:
             for k, unit in enumerate(self.units):
                 bent = np.zeros_like(course.l)
-                bent[:, k] = size * unit
+                bent[:, k] = size * unit * pace
                 directions.append(still._replace(**{part: bent}))
                 sizes.append(size)
         for k, step in enumerate(self.steps):
@@ -128,37 +185,35 @@ class BalanceEquations:
             directions.append(Course(*(0.5 * (a - b) for a, b in zip(more, less, strict=True))))
             sizes.append(float(step))
         changes = slopes_along(self.branch.robot, state.balance, directions) / np.array(sizes)
-        return Slopes(coefficients(changes.reshape(panels, len(changes) // panels, -1)), len(sizes))
+        series = coefficients(changes.reshape(panels, len(changes) // panels, -1))
+        return Slopes(series, len(sizes), state.misfit)
 
-    def step(self, state: BalanceState, slopes: Slopes) -> tuple[Array, Array, float]:
-        """The step of series and scalars, and the misfit that it would leave if F were linear."""
-        series, F = state.series, state.balance.F.ravel()
-        matrix = self._matrix(state, slopes)
-        rest, moving = self._at_rest(state)
-        step = _least_squares(np.concatenate([matrix, rest]), -np.concatenate([F, moving]), series.size)
-        left = float(np.abs(matrix @ step + F).max() / state.balance.size)
-        return step[: series.size].reshape(series.shape), step[series.size :], left
+    def tangent(self, state: BalanceState, slopes: Slopes) -> Tangent:
+        """The equations for a step from this state, and from others near it."""
+        return Tangent.of(self._matrix(state, slopes), self._at_rest(state), state.series.size)
 
     def _matrix(self, state: BalanceState, slopes: Slopes) -> Array:
         """What the unknowns change of F: (T n_e, panels N n_e + k)."""
         panels, N, n_e = state.series.shape
         change = np.einsum("tfe,tfd->ted", state.balance.Y, slopes.at(2 * N))
+        value, slope, bend = state.points.bases
+        bases = value, slope / state.points.rate[:, None], bend
         rows, columns = 2 * N * n_e, N * n_e
         matrix = np.zeros((panels * rows, panels * columns + len(self.steps)))
         for k in range(panels):
             here = slice(2 * N * k, 2 * N * (k + 1))
             block = np.zeros((2 * N, n_e, N, n_e))
-            for order, basis in enumerate(state.points.bases[: self.orders]):
+            for order, basis in enumerate(bases[: self.orders]):
                 F = change[here, :, order * n_e : (order + 1) * n_e]
                 block += F[:, :, None, :] * basis[here][:, None, :, None]
             matrix[k * rows : (k + 1) * rows, k * columns : (k + 1) * columns] = block.reshape(rows, columns)
         matrix[:, panels * columns :] = change[:, :, self.orders * n_e :].reshape(panels * rows, -1)
         return matrix
 
-    def _at_rest(self, state: BalanceState) -> tuple[Array, Array]:
-        """What unknowns change of rates and accelerations at the ends, jumps at the knots, and these."""
+    def _at_rest(self, state: BalanceState) -> Array:
+        """What unknowns change of rates and accelerations at the ends, and of jumps at the knots, weighted."""
         panels, N, n_e = state.series.shape
-        duration = self.family(state.scalars).law.duration
+        duration = state.points.clock.law.duration
         basis, slope, bend = (part.reshape(panels, 2 * N, N) for part in state.points.bases)
         rows = np.zeros((2 * panels + 2, panels, N))
         rows[0, 0], rows[1, -1] = duration * slope[0, 0], duration * slope[-1, -1]
@@ -166,33 +221,11 @@ class BalanceEquations:
         for k in range(panels - 1):
             for row, part in ((2 + 2 * k, basis), (3 + 2 * k, duration * slope)):
                 rows[row, k], rows[row, k + 1] = part[k, -1], -part[k + 1, 0]
-        weight = (
-            END_RATE_WEIGHT
-            * min(1.0, state.misfit / END_RATE_MISFIT)
-            * state.balance.stiffer
-            * self.stiffness
-        )
-        now = np.einsum("rpn,pne->re", rows, state.series).ravel()
-        matrix = np.einsum("rpn,ef->repnf", rows, np.eye(n_e)).reshape(len(now), -1)
-        return weight * np.pad(matrix, ((0, 0), (0, len(self.steps)))), weight * now
+        weight = END_RATE_WEIGHT * state.balance.stiffer * self.stiffness
+        matrix = weight * np.kron(rows.reshape(len(rows), -1), np.eye(n_e))
+        return np.pad(matrix, ((0, 0), (0, len(self.steps))))
 
 
 def longer(series: Array, count: int) -> Array:
     """The same functions (panels, N, n_e) with as many coefficients, or what is left of them with fewer."""
     return np.pad(series[:, :count], ((0, 0), (0, max(count - series.shape[1], 0)), (0, 0)))
-
-
-def _least_squares(matrix: Array, right: Array, scalars_from: int) -> Array:
-    """y of least |matrix y - right| but for what is weak; columns of scalars weigh as much as others."""
-    from scipy.linalg import cho_factor, cho_solve
-
-    size = np.linalg.norm(matrix, axis=0)
-    size[:scalars_from] = np.maximum(size[:scalars_from], np.median(size[:scalars_from]))
-    size[size == 0.0] = 1.0  # a scalar that changes nothing
-    matrix = matrix / size
-    normal = matrix.T @ matrix
-    normal[np.diag_indices(len(normal))] += WEAK_COLUMN**2
-    try:
-        return np.asarray(cho_solve(cho_factor(normal), matrix.T @ right) / size)
-    except np.linalg.LinAlgError:  # rounding hides what is weak
-        return np.asarray(np.linalg.lstsq(matrix, right, rcond=WEAK_COLUMN)[0] / size)

@@ -42,22 +42,7 @@ def one_pass(
     Raises:
         NotAssembled: the deflections tear the loops.
     """
-    return _pass(branch, law, function, *moving(branch, grid, law, function, before))
-
-
-def known_pass(
-    branch: Branch, grid: TimeGrid, law: MotionLaw, deflections: tuple[Array, Array, Array]
-) -> Pass:
-    """The pass with deflections (T, n_e) at the nodes that are known with two time derivatives.
-
-    Raises:
-        NotAssembled: the deflections tear the loops.
-    """
-    motion = moving_with(branch, grid, law, deflections)
-    return _pass(branch, law, grid.fit(deflections[0]), deflections[0], motion)
-
-
-def _pass(branch: Branch, law: MotionLaw, function: TimeFunction, q_e: Array, motion: Motion) -> Pass:
+    q_e, motion = moving(branch, grid, law, function, before)
     forces = joint_forces(branch.robot, motion)
     caused = -forces.spring_force / branch.robot.stiffness  # Eq. (3b) with linear springs
     return Pass(law, function, q_e, motion, forces, caused)

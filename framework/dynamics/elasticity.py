@@ -31,9 +31,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.elastic_pass import Pass, known_pass, moving, one_pass, spring_scale
+from framework.dynamics.elastic_pass import Pass, moving, moving_with, one_pass, spring_scale
 from framework.dynamics.forces import Forces
 from framework.dynamics.known_deflections import KnownDeflections
+from framework.dynamics.loaded_balance import forces_in_balance
 from framework.errors import NoAnswer, NotConverged
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.motion_rates import Motion
@@ -126,8 +127,11 @@ def given_deflections(
     Raises:
         NotAssembled: they tear the loops.
     """
-    here = known_pass(branch, grid, law, known(grid.times))
-    return _Iteration(branch, grid, lambda *_: law, 0.0)._result(here, here.function)
+    deflections = known(grid.times)
+    motion = moving_with(branch, grid, law, deflections)
+    forces, change = forces_in_balance(branch.robot, motion, deflections[0])
+    caused = -forces.spring_force / branch.robot.stiffness
+    return DeflectionSolution(grid, law, motion, forces, grid.fit(deflections[0]), caused, change=change)
 
 
 def _small_displacements(branch: Branch, grid: TimeGrid, here: Pass) -> DeflectionSolution:

@@ -231,7 +231,7 @@ def resolve(
         enough = min(enough, left)
         changes.append(certificate.change)
         if left > tolerance and size < SIZES[-1]:
-            if certificate.change > tolerance and stalled(changes):
+            if certificate.change > tolerance and (known is not None or stalled(changes)):
                 break
             continue
         result = _with_neglected(branch, state, result)

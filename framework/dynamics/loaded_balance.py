@@ -24,11 +24,12 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, IntArray
-from framework.dynamics.forces import tree_forces
+from framework.dynamics.forces import Forces, tree_forces
 from framework.dynamics.tangent_stiffness import moving_columns
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matvec, solve
@@ -84,48 +85,67 @@ def balance_along(
         NotAssembled: the deflections tear the loops.
     """
     loaded = _loaded(robot, course, near, wrenches, stiffer)
-    columns, units = _locked(robot)
-    J, load = _loops(robot, loaded.motion), loaded.load[:, columns] * units
-    m = J.shape[1]
-    Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
-    multipliers = solve(R[:, :m], matvec(Q[:, :, :m].swapaxes(1, 2), load))
-    Y = Q[:, :, m:]
-    return LoadedBalance(
-        course,
-        loaded,
-        matvec(Y.swapaxes(1, 2), load),
-        float(np.abs(load).max()),
-        Y,
-        multipliers,
-        wrenches,
-        stiffer,
-    )
+    load, multipliers, Y = _balanced(robot, loaded)
+    F = matvec(Y.swapaxes(1, 2), load)
+    return LoadedBalance(course, loaded, F, float(np.abs(load).max()), Y, multipliers, wrenches, stiffer)
+
+
+def forces_in_balance(robot: ParallelRobot, motion: Motion, deflections: Array) -> tuple[Forces, float]:
+    """Compute the forces of a motion with deflections (T, n_e), and what is out of balance.
+
+    Motors and loops give what leaves least of the load in the least squares: nothing, if deflections are
+    right. Springs hold part of what no motor can, so this is regular at Type 2. What is out of balance is
+    counted over the largest force of a spring.
+    """
+    r = tree_forces(robot, motion)
+    load = r.copy()
+    load[:, robot.elastic] += robot.stiffness * deflections
+    units = _locked(robot)[1]
+    scaled, multipliers, Y = _balanced(robot, Loaded(motion, load))
+    lacking = matvec(Y, matvec(Y.swapaxes(1, 2), scaled))
+    held = matvec(motion.linearised.closures.swapaxes(1, 2), multipliers * _row_weights(robot))
+    spring_force = lacking[:, : robot.n_e] / units[: robot.n_e] - robot.stiffness * deflections
+    largest = float(np.abs(spring_force * units[: robot.n_e]).max())
+    change = float(np.abs(lacking).max()) / largest if largest > 0.0 else 0.0
+    return Forces((r - held)[:, robot.actuated], spring_force), change
 
 
 def slopes_along(robot: ParallelRobot, balance: LoadedBalance, directions: Sequence[Course]) -> Array:
     """Compute by how much small steps, d directions, change r + K l - J' lambda: (T, f, d).
 
-    By central differences, which are exact for what is linear or quadratic, as rates and accelerations are.
+    By central differences, which are exact for what is linear or quadratic, as rates and accelerations are;
+    of accelerations alone one side is enough.
 
     Raises:
         NotAssembled: a step tears the loops.
     """
-    sides = [
-        Course(*(own + sign * step for own, step in zip(balance.course, direction, strict=True)))
-        for sign in (1.0, -1.0)
-        for direction in directions
-    ]
+    own, changes = _unheld(robot, balance, balance.loaded), []
+    for direction in directions:
+        forth = _unheld(robot, balance, _shifted(robot, balance, direction, 1.0))
+        if any(part.any() for part in (direction.x, direction.dx, direction.l, direction.dl)):
+            changes.append(0.5 * (forth - _unheld(robot, balance, _shifted(robot, balance, direction, -1.0))))
+        else:
+            changes.append(forth - own)
+    return np.stack(changes, axis=2)
+
+
+def _unheld(robot: ParallelRobot, balance: LoadedBalance, loaded: Loaded) -> Array:
+    """What of the load the multipliers of the balance do not hold (T, f)."""
     columns, units = _locked(robot)
-    left = []
-    for side in sides:
-        motion = balance.loaded.motion
-        bent = joint_rates(robot, motion.linearised, side.x - balance.course.x, side.l - balance.course.l)
-        near = integrate(robot, motion.q, bent)
-        loaded = _loaded(robot, side, near, balance.wrenches, balance.stiffer)
-        held = matvec(_loops(robot, loaded.motion).swapaxes(1, 2), balance.multipliers)
-        left.append(loaded.load[:, columns] * units - held)
-    forth, back = np.array(left).reshape(2, len(directions), *left[0].shape)
-    return np.asarray(0.5 * np.moveaxis(forth - back, 0, 2))
+    held = matvec(_loops(robot, loaded.motion).swapaxes(1, 2), balance.multipliers)
+    return np.asarray(loaded.load[:, columns] * units - held)
+
+
+def _shifted(robot: ParallelRobot, balance: LoadedBalance, direction: Course, sign: float) -> Loaded:
+    """The loads a step along a direction away from the course."""
+    course = Course(*(own + sign * step for own, step in zip(balance.course, direction, strict=True)))
+    motion = balance.loaded.motion
+    if not (direction.x.any() or direction.l.any()):
+        closed = ClosedStack(motion.q, course.x, motion.linearised)
+        return _loads(robot, course, closed, balance.wrenches, balance.stiffer)
+    bent = joint_rates(robot, motion.linearised, sign * direction.x, sign * direction.l)
+    near = integrate(robot, motion.q, bent)
+    return _loaded(robot, course, near, balance.wrenches, balance.stiffer)
 
 
 def _loaded(
@@ -135,11 +155,27 @@ def _loaded(
     step = np.zeros((len(near), robot.model.nv))
     step[:, robot.elastic] = course.l - difference(robot, robot.neutral, near)[:, robot.elastic]
     closed = close_loops(robot, course.x, integrate(robot, near, step))
+    return _loads(robot, course, closed, wrenches, stiffer)
+
+
+def _loads(
+    robot: ParallelRobot, course: Course, closed: ClosedStack, wrenches: ExternalWrenches, stiffer: float
+) -> Loaded:
+    """The loads along a course whose loops are closed."""
     motion = motion_at(robot, closed, course.dx, course.ddx, course.dl, course.ddl)
     motion = motion.under(wrenches.at(robot, closed.linearised.frames, course.s))
     load = tree_forces(robot, motion)
     load[:, robot.elastic] += stiffer * robot.stiffness * course.l
     return Loaded(motion, load)
+
+
+def _balanced(robot: ParallelRobot, loaded: Loaded) -> tuple[Array, Array, Array]:
+    """The load (T, f) along what moves while the motors are locked, the loops' multipliers, and Y."""
+    columns, units = _locked(robot)
+    J, load = _loops(robot, loaded.motion), loaded.load[:, columns] * units
+    m = J.shape[1]
+    Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
+    return load, solve(R[:, :m], matvec(Q[:, :, :m].swapaxes(1, 2), load)), Q[:, :, m:]
 
 
 def _locked(robot: ParallelRobot) -> tuple[IntArray, Array]:
@@ -153,5 +189,9 @@ def _locked(robot: ParallelRobot) -> tuple[IntArray, Array]:
 def _loops(robot: ParallelRobot, motion: Motion) -> Array:
     """Independent loop equations (T, m, f) along those columns, in their units."""
     columns, units = _locked(robot)
-    weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length) / robot.structure.row_sizes
-    return np.asarray(motion.linearised.closures[:, :, columns] * weights[:, None] * units)
+    return np.asarray(motion.linearised.closures[:, :, columns] * _row_weights(robot)[:, None] * units)
+
+
+def _row_weights(robot: ParallelRobot) -> Array:
+    """What makes the loop equations (m,) of unit size."""
+    return np.asarray(np.where(robot.loops.rotation, 1.0, 1.0 / robot.length) / robot.structure.row_sizes)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.balance_equations import BalanceEquations, BalanceState, Family, Slopes, longer
+from framework.dynamics.balance_equations import BalanceEquations, BalanceState, Family, Slopes, Step, longer
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.loaded_balance import spring_units
 from framework.dynamics.singularity_crossings import panel_edges
@@ -27,16 +27,27 @@ from framework.tolerances import MAX_UNRESOLVED_MISFIT
 
 MAX_MISFIT_RATIO = 0.5  # of the misfits after and before a step that is taken; above, more coefficients are
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # the same, for slopes that are used once more
+MAX_MISFIT_OF_SLOPES = 1e-2  # of their state: above, what a step with them leaves is no want of coefficients
+MAX_LINEAR_MISFIT_RATIO = 2.0  # of what a step leaves to what it was to leave: slopes are good enough
 SETTLED_MISFIT = 2e-14  # that is enough
 FIRST_COEFFICIENTS = 48
 COEFFICIENTS_PER_DEGREE = 1.25  # of an optimal law, at first
 MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH = 1.25, 2.0  # where some are added
 MAX_UNKNOWNS = 4000
 MAX_COEFFICIENTS = 400
+MAX_NEEDED_RATIO = 1.5  # of coefficients that would settle if the misfit went on falling, over the most
 MAX_STEPS = 12  # with the same coefficients
 MIN_STEP_SHARE = 1 / 16  # of a step of Newton's method that is halved
 MAX_STIFFENING = 32.0  # times the stiffness of the springs
 SOFTENING, MIN_SOFTENING = 2.0, 1.1  # from one stiffness to the next
+
+
+class Settled(NamedTuple):
+    """A state that steps do not make better."""
+
+    state: BalanceState
+    held: bool  # only more coefficients can
+    slopes: Slopes | None  # of a state near it
 
 
 class Restored(NamedTuple):
@@ -72,7 +83,7 @@ def restored(
     if start is not None:
         series = longer(start.series / spring_units(robot), first)
     state = _resolved(equations := BalanceEquations(branch, family, steps), _held(equations, series, scalars))
-    deflections = KnownDeflections(family(state.scalars), state.series * equations.units)
+    deflections = KnownDeflections(state.points.clock, state.series * equations.units)
     return Restored(deflections, state.scalars, state.misfit)
 
 
@@ -94,79 +105,95 @@ def coefficients_for(degree: int) -> int:
     return int(COEFFICIENTS_PER_DEGREE * degree) + 10
 
 
-def _held(equations: BalanceEquations, series: Array, scalars: Array) -> BalanceState:
+def _held(equations: BalanceEquations, series: Array, scalars: Array) -> Settled:
     """A state that only more coefficients can make better; by way of stiffer springs if need be.
 
     Raises:
         NotConverged: none is found.
     """
-    state, held = _settled(equations, equations.at(series, scalars))
-    if held:
-        return state
-    known, held = _settled(equations, equations.at(0.0 * series, scalars, stiffer=MAX_STIFFENING))
-    stiffer, softening = MAX_STIFFENING, SOFTENING
+    settled = _settled(equations, equations.at(series, scalars))
+    if settled.held:
+        return settled
+    known = _settled(equations, equations.at(0.0 * series, scalars, stiffer=MAX_STIFFENING))
+    held, stiffer, softening = known.held, MAX_STIFFENING, SOFTENING
     while held and softening > MIN_SOFTENING:
-        softer = max(stiffer / softening, 1.0)
-        start = equations.at(known.series * (stiffer / softer), known.scalars, stiffer=softer)
-        state, settles = _settled(equations, start)
-        if settles and softer == 1.0:
-            return state
-        if settles:
-            known, stiffer = state, softer
+        softer, state = max(stiffer / softening, 1.0), known.state
+        start = equations.at(state.series * (stiffer / softer), state.scalars, stiffer=softer)
+        settled = _settled(equations, start)
+        if settled.held and softer == 1.0:
+            return settled
+        if settled.held:
+            known, stiffer = settled, softer
         else:
             softening = np.sqrt(softening)
     springs = f"springs {stiffer:.2g} times as stiff {'do' if held else 'do not either'}"
     raise NotConverged(
         f"{equations.branch.robot.name}: no deflections found that hold the forces they cause, under the law "
         f"tried or one near it; {springs}",
-        residual=state.misfit,
+        residual=settled.state.misfit,
     )
 
 
-def _settled(equations: BalanceEquations, state: BalanceState) -> tuple[BalanceState, bool]:
-    """The state after all steps that help, and whether only more coefficients can help it."""
-    slopes: Slopes | None = None
+def _settled(equations: BalanceEquations, state: BalanceState, before: Settled | None = None) -> Settled:
+    """The state after all steps that help, and whether only more coefficients can help it.
+
+    Slopes of a state near by, and what is factored of them, are taken as long as steps with them help much:
+    at first those of a state `before` with fewer coefficients.
+    """
+    slopes, tangent = None if before is None else before.slopes, None
     for _ in range(MAX_STEPS):
+        if state.misfit <= SETTLED_MISFIT and slopes is not None:
+            return Settled(state, True, slopes)
         fresh = slopes is None
         slopes = equations.slopes(state) if slopes is None else slopes
-        bent, changed, left = equations.step(state, slopes)
-        if state.misfit <= SETTLED_MISFIT or (
-            left > MAX_MISFIT_RATIO * state.misfit and state.misfit <= MAX_UNRESOLVED_MISFIT
-        ):
-            return state, True
-        new = _moved(equations, state, bent, changed)
+        tangent = equations.tangent(state, slopes) if tangent is None else tangent
+        step = tangent.step(state)
+        if step.left > MAX_MISFIT_RATIO * state.misfit and state.misfit <= MAX_UNRESOLVED_MISFIT:
+            if before is None or slopes.misfit <= MAX_MISFIT_OF_SLOPES:
+                return Settled(state, True, slopes)
+            slopes, tangent = equations.slopes(before.state), None
+            continue
+        new = _moved(equations, state, step)
         if new is None and fresh:
             break
-        if new is None or new.misfit > MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit:
-            slopes = None
+        if new is None or new.misfit > max(
+            MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit, MAX_LINEAR_MISFIT_RATIO * step.left
+        ):
+            slopes = tangent = None
         state = new or state
-    return state, False
+    return Settled(state, False, slopes)
 
 
-def _resolved(equations: BalanceEquations, state: BalanceState) -> BalanceState:
-    """The state with more coefficients, until its balance is settled or more do not halve its misfit."""
+def _resolved(equations: BalanceEquations, settled: Settled) -> BalanceState:
+    """The state with more coefficients, until its balance is settled or more are not going to settle it."""
+    state = settled.state
     most = min(MAX_COEFFICIENTS, MAX_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
-    before, held, count = np.inf, True, state.series.shape[1]
-    while held and SETTLED_MISFIT < state.misfit < MAX_MISFIT_RATIO * before and count < most:
-        before = state.misfit
+    count = state.series.shape[1]
+    while settled.held and state.misfit > SETTLED_MISFIT and count < most:
+        before, few = state.misfit, count
         more = np.clip(
             np.log(SETTLED_MISFIT) / np.log(before), MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH
         )
         count = min(int(more * count) + 1, most)
-        state, held = _settled(equations, equations.at(longer(state.series, count), state.scalars))
+        start = equations.at(longer(state.series, count), state.scalars)
+        settled = _settled(equations, start, settled)
+        state = settled.state
+        gain = np.log(before / state.misfit)
+        if gain < -np.log(MAX_MISFIT_RATIO):
+            break
+        if count + (count - few) * np.log(state.misfit / SETTLED_MISFIT) / gain > MAX_NEEDED_RATIO * most:
+            break
     return state
 
 
-def _moved(
-    equations: BalanceEquations, state: BalanceState, bent: Array, changed: Array
-) -> BalanceState | None:
+def _moved(equations: BalanceEquations, state: BalanceState, step: Step) -> BalanceState | None:
     """The state after a step, halved until it helps; None if it does not."""
     share = 1.0
     while share >= MIN_STEP_SHARE:
         try:
             new = equations.at(
-                state.series + share * bent,
-                state.scalars + share * changed,
+                state.series + share * step.series,
+                state.scalars + share * step.scalars,
                 stiffer=state.balance.stiffer,
                 near=state.balance.loaded.motion.q,
             )

@@ -44,7 +44,7 @@ from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer, NoLaw, NotConverged, UnboundedTorque
 from framework.motion.optimal_law import OptimalLaw
 from framework.motion.peaks import peak_sizes
-from framework.tolerances import PEAK_TORQUE_MISMATCH
+from framework.tolerances import MAX_END_SPEED, PEAK_TORQUE_MISMATCH
 
 MAX_PASSES = 8  # of optimising and resolving in turn
 ROUGHNESS_WEIGHT_GROWTH = 30.0  # factor on the weight, for a law that could not be resolved
@@ -120,39 +120,46 @@ def optimal_motion(task: Task) -> OptimalMotion:
 def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
     """Programs and balances in turn, as long as the certified motion becomes better.
 
-    Each program has the deflections of the motion before, as functions of the path parameter.
+    Each program has the deflections of the motion before, as functions of the path parameter. What is not
+    resolved or at rest at its ends is followed by a smoother law.
     """
-    first, _ = first_program(task, places, ELASTIC_DEGREE_GAP)
     specification, roughness = task.specification, ELASTIC_ROUGHNESS_WEIGHT
+    least_roughness = roughness
+    first, best = first_program(task, places, ELASTIC_DEGREE_GAP, roughness)
     deflections: Deflections | None = None
     known: KnownDeflections | None = None
     kept: OptimalMotion | None = None
     unresolved: NoAnswer | None = None
-    for _ in range(MAX_PASSES):
+    for k in range(MAX_PASSES):
         try:
-            program = program_of(task, places, deflections, specification, first.degree, first.units)
-            best = best_of_program(replace(program, roughness=roughness), task)
+            if k > 0:
+                program = program_of(task, places, deflections, specification, first.degree, first.units)
+                best = best_of_program(replace(program, roughness=roughness), task)
         except (NoLaw, NotConverged) as failure:
             if kept is not None:
                 return kept
             raise unresolved or failure from None
+        if kept is not None and not _expected(task, best) < _worthwhile(task, kept):
+            return kept
         try:
             dynamics, law, known = _resolved(task, best.law, known)
+            _check_rest(dynamics)
         except (NoLaw, NotConverged, UnboundedTorque) as failure:
             if kept is not None:
                 return kept
+            least_roughness = roughness * ROUGHNESS_WEIGHT_GROWTH**0.5
             unresolved, roughness = failure, roughness * ROUGHNESS_WEIGHT_GROWTH
             if roughness > MAX_ELASTIC_ROUGHNESS_WEIGHT:
                 raise
             continue
         new, excess = OptimalMotion(dynamics, law, best), _excess(dynamics, task.specification)
         if excess <= 1.0:
-            if kept is not None and not _cost(task, new) < (1.0 - PEAK_TORQUE_MISMATCH) * _cost(task, kept):
+            if kept is not None and not _cost(task, new) < _worthwhile(task, kept):
                 return min(new, kept, key=lambda motion: _cost(task, motion))
             kept = new
         elif deflections is not None:
             specification = specification.tightened((1.0 - LIMIT_TIGHTENING) / excess)
-        roughness = max(roughness / ROUGHNESS_WEIGHT_GROWTH**0.5, ELASTIC_ROUGHNESS_WEIGHT)
+        roughness = max(roughness / ROUGHNESS_WEIGHT_GROWTH**0.5, least_roughness)
         deflections = DeflectionsOnPath(law, dynamics.deflections)
         places = crossing_places(task, deflections, places)
     if kept is not None:
@@ -162,6 +169,32 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
         f"{other_law(task)}stiffer springs, or geometry rigid",
         residual=abs(excess - 1.0),
     )
+
+
+def _check_rest(dynamics: InverseDynamics) -> None:
+    """Raise NotConverged where the motors do not start and stop at rest."""
+    speed = dynamics.certificate.end_speed
+    if speed > MAX_END_SPEED:
+        raise NotConverged(
+            f"{dynamics.robot.name}: the springs let the motors start or stop with {speed:.2g} of their "
+            f"largest speed (at most {MAX_END_SPEED:g}): let more derivatives of the law vanish there "
+            f"(smoothness)",
+            residual=speed,
+        )
+
+
+def _worthwhile(task: Task, kept: OptimalMotion) -> float:
+    """What another motion has to cost less than."""
+    return (1.0 - PEAK_TORQUE_MISMATCH) * _cost(task, kept)
+
+
+def _expected(task: Task, best: Best) -> float:
+    """What `_cost` is of the motion that a program foresees."""
+    if task.specification.goal == "time":
+        return best.law.duration
+    if task.specification.goal == "peak_torque":
+        return best.peak
+    return best.cost / float(best.reference.max()) ** 2
 
 
 def _cost(task: Task, motion: OptimalMotion) -> float:

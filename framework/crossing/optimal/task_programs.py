@@ -114,13 +114,17 @@ def _meeting_conditions(task: Task, places: Sequence[CrossingPoint], law: Optima
 
 
 def first_program(
-    task: Task, places: Sequence[CrossingPoint], gap: float = MAX_DEGREE_GAP
+    task: Task,
+    places: Sequence[CrossingPoint],
+    gap: float = MAX_DEGREE_GAP,
+    roughness: float = ROUGHNESS_WEIGHT,
 ) -> tuple[SpeedProgram, Best]:
     """Return the program of the least degree that leaves little to be gained, and its best law."""
     best_of_degrees: tuple[SpeedProgram, Best] | None = None
     failures: list[tuple[SpeedProgram, Infeasible | Unsolved]] = []
     for degree in DEGREES[len(task.targets) > MAX_CROSSINGS_AT_FIRST_DEGREE :]:
-        program, optimum = _in_fitting_units(program_of(task, places, None, task.specification, degree, None))
+        program = program_of(task, places, None, task.specification, degree, None)
+        program, optimum = _in_fitting_units(replace(program, roughness=roughness))
         best = within_limits(program, program.cones(), optimum) if isinstance(optimum, Optimum) else optimum
         if not isinstance(best, Best):
             failures.append((program, best))
