@@ -33,7 +33,7 @@ from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.documents import naming
 from framework.motion.law import Law, PlannedLaw, check_duration
-from framework.motion.optimal_law import OptimalLaw
+from framework.motion.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import FILE_ROUNDING
 
@@ -177,11 +177,13 @@ def _law(stated: dict[str, Any], request: Request) -> PlannedLaw:
     if saved["kind"] == Law.kind:
         law = Law(np.array(saved["chebyshev"]), duration)
     else:
-        if saved["smoothness"] != request.smoothness:
+        smoothness = saved["smoothness"]
+        if not request.smoothness <= smoothness <= HIGHEST_SMOOTHNESS:
             raise InvalidInput(
-                f"law.smoothness: got {saved['smoothness']}, but the request says {request.smoothness}"
+                f"law.smoothness: got {smoothness}, but the request says {request.smoothness} (at most "
+                f"{HIGHEST_SMOOTHNESS})"
             )
-        law = OptimalLaw(np.array(saved["squared_speed"]), request.smoothness, duration, saved["dense_at"])
+        law = OptimalLaw(np.array(saved["squared_speed"]), smoothness, duration, saved["dense_at"])
     for key, value in law.to_dict().items():
         if np.any(saved[key] != np.array(value)):
             raise InvalidInput(f"law.{key}: got {short(saved[key])}, must be {short(value)}")

@@ -211,7 +211,7 @@ class BalanceEquations:
         return matrix
 
     def _at_rest(self, state: BalanceState) -> Array:
-        """What unknowns change of rates and accelerations at the ends, and of jumps at the knots, weighted."""
+        """What unknowns change of rates and accelerations at the ends, and jumps at the knots, weighted."""
         panels, N, n_e = state.series.shape
         duration = state.points.clock.law.duration
         basis, slope, bend = (part.reshape(panels, 2 * N, N) for part in state.points.bases)

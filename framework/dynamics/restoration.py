@@ -29,7 +29,8 @@ MAX_MISFIT_RATIO = 0.5  # of the misfits after and before a step that is taken; 
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # the same, for slopes that are used once more
 MAX_MISFIT_OF_SLOPES = 1e-2  # of their state: above, what a step with them leaves is no want of coefficients
 MAX_LINEAR_MISFIT_RATIO = 2.0  # of what a step leaves to what it was to leave: slopes are good enough
-SETTLED_MISFIT = 2e-14  # that is enough
+SETTLED_MISFIT = 2e-14  # that is rounding
+ENOUGH_MISFIT, MIN_LAST_GAIN = 1e-12, 10.0  # below, more coefficients have to make it that many times less
 FIRST_COEFFICIENTS = 48
 COEFFICIENTS_PER_DEGREE = 1.25  # of an optimal law, at first
 MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH = 1.25, 2.0  # where some are added
@@ -179,7 +180,8 @@ def _resolved(equations: BalanceEquations, settled: Settled) -> BalanceState:
         settled = _settled(equations, start, settled)
         state = settled.state
         gain = np.log(before / state.misfit)
-        if gain < -np.log(MAX_MISFIT_RATIO):
+        least = MIN_LAST_GAIN if state.misfit <= ENOUGH_MISFIT else 1.0 / MAX_MISFIT_RATIO
+        if gain < np.log(least):
             break
         if count + (count - few) * np.log(state.misfit / SETTLED_MISFIT) / gain > MAX_NEEDED_RATIO * most:
             break

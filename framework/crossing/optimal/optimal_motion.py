@@ -42,9 +42,9 @@ from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer, NoLaw, NotConverged, UnboundedTorque
-from framework.motion.optimal_law import OptimalLaw
+from framework.motion.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.motion.peaks import peak_sizes
-from framework.tolerances import MAX_END_SPEED, PEAK_TORQUE_MISMATCH
+from framework.tolerances import MAX_END_RATE, PEAK_TORQUE_MISMATCH
 
 MAX_PASSES = 8  # of optimising and resolving in turn
 ROUGHNESS_WEIGHT_GROWTH = 30.0  # factor on the weight, for a law that could not be resolved
@@ -54,6 +54,8 @@ ELASTIC_DEGREE_GAP = 2e-2  # the same where deflections have to be resolved as w
 # of laws whose deflections are to be resolved: at first, and at most, where it costs some of the peak
 ELASTIC_ROUGHNESS_WEIGHT, MAX_ELASTIC_ROUGHNESS_WEIGHT = 1e-5, 0.3
 ENERGY_SAMPLES = 2001
+END_SAMPLES = 401  # of a motion, for the largest rates of its springs
+NEGLIGIBLE_RATE = 1e-6  # of a spring, over that of the quickest: rounding may be part of it
 LIMIT_TIGHTENING = 1e-5  # share of a limit that is left free when it was exceeded
 
 
@@ -121,7 +123,8 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
     """Programs and balances in turn, as long as the certified motion becomes better.
 
     Each program has the deflections of the motion before, as functions of the path parameter. What is not
-    resolved or at rest at its ends is followed by a smoother law.
+    resolved or at rest at its ends is followed by a smoother law, with more of its derivatives zero there:
+    rates of springs with inertia follow the fifth and their accelerations the sixth.
     """
     specification, roughness = task.specification, ELASTIC_ROUGHNESS_WEIGHT
     least_roughness = roughness
@@ -147,6 +150,8 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
         except (NoLaw, NotConverged, UnboundedTorque) as failure:
             if kept is not None:
                 return kept
+            task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
+            specification = replace(specification, smoothness=HIGHEST_SMOOTHNESS)
             least_roughness = roughness * ROUGHNESS_WEIGHT_GROWTH**0.5
             unresolved, roughness = failure, roughness * ROUGHNESS_WEIGHT_GROWTH
             if roughness > MAX_ELASTIC_ROUGHNESS_WEIGHT:
@@ -172,15 +177,20 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
 
 
 def _check_rest(dynamics: InverseDynamics) -> None:
-    """Raise NotConverged where the motors do not start and stop at rest."""
-    speed = dynamics.certificate.end_speed
-    if speed > MAX_END_SPEED:
-        raise NotConverged(
-            f"{dynamics.robot.name}: the springs let the motors start or stop with {speed:.2g} of their "
-            f"largest speed (at most {MAX_END_SPEED:g}): let more derivatives of the law vanish there "
-            f"(smoothness)",
-            residual=speed,
-        )
+    """Raise NotConverged where springs do not start and stop at rest, in balance though they may be."""
+    robot = dynamics.robot
+    t = np.linspace(0.0, dynamics.duration, END_SAMPLES)
+    for order, what in ((1, "rate"), (2, "acceleration")):
+        values = np.abs(dynamics.deflection(t, order)) / robot.column_scale[robot.elastic]
+        largest = values.max(axis=0)
+        counted = largest > NEGLIGIBLE_RATE * largest.max()
+        at_ends = (values[[0, -1]][:, counted] / largest[counted]).max(initial=0.0)
+        if at_ends > MAX_END_RATE:
+            raise NotConverged(
+                f"{robot.name}: springs start or stop with {at_ends:.2g} of their largest {what} (at most "
+                f"{MAX_END_RATE:g}): let more derivatives of the law vanish there (smoothness)",
+                residual=float(at_ends),
+            )
 
 
 def _worthwhile(task: Task, kept: OptimalMotion) -> float:
