@@ -72,7 +72,7 @@ class Slopes(NamedTuple):
         return np.asarray(values.reshape(len(self.series) * size, -1, self.directions))
 
 
-class Tangent(NamedTuple):
+class LinearBalance(NamedTuple):
     """Linear equations of balance and of rest for a step, its unknowns in units of their columns' sizes."""
 
     balance: Array  # (T n_e, unknowns)
@@ -82,7 +82,7 @@ class Tangent(NamedTuple):
     eased: Array  # (unknowns, rows) by how much balance gives way to rest
 
     @staticmethod
-    def of(balance: Array, rest: Array, scalars_from: int) -> Tangent:
+    def of(balance: Array, rest: Array, scalars_from: int) -> LinearBalance:
         """Factor the equations of least squares; columns of scalars weigh as much as others."""
         from scipy.linalg import cho_factor, cho_solve
 
@@ -93,7 +93,7 @@ class Tangent(NamedTuple):
         normal = balance.T @ balance
         normal[np.diag_indices(len(normal))] += WEAK_COLUMN**2
         factor = cho_factor(normal)
-        return Tangent(balance, rest, sizes, factor, cho_solve(factor, rest.T))
+        return LinearBalance(balance, rest, sizes, factor, cho_solve(factor, rest.T))
 
     def step(self, state: BalanceState) -> Step:
         """The step of least squares but for what is weak, from a state with as many coefficients.
@@ -188,9 +188,9 @@ class BalanceEquations:
         series = coefficients(changes.reshape(panels, len(changes) // panels, -1))
         return Slopes(series, len(sizes), state.misfit)
 
-    def tangent(self, state: BalanceState, slopes: Slopes) -> Tangent:
+    def tangent(self, state: BalanceState, slopes: Slopes) -> LinearBalance:
         """The equations for a step from this state, and from others near it."""
-        return Tangent.of(self._matrix(state, slopes), self._at_rest(state), state.series.size)
+        return LinearBalance.of(self._matrix(state, slopes), self._at_rest(state), state.series.size)
 
     def _matrix(self, state: BalanceState, slopes: Slopes) -> Array:
         """What the unknowns change of F: (T n_e, panels N n_e + k)."""
