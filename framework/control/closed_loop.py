@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import pinocchio as pin
 
 from framework.arrays import Array
 from framework.control.estimation import Controller, Measurement, RobotState
@@ -17,6 +18,7 @@ from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matvec
 from framework.simulation import Stepper
+from framework.simulation.world_forces import WorldForces
 
 MAX_JOINT_STEP = 3.0  # [rad, robot lengths] that a joint may move in one sampling period: more is a runaway
 
@@ -58,6 +60,7 @@ def run_closed_loop(
     nominal, last = ref.robot, len(ref.times) - 1
     stepper, *start = _started(controller, variations)
     q, v = start
+    world = _world_of(ref, [robot.model for robot in stepper.stack.robots])
     noise = noise_of(nominal, spread, [variation.seed for variation in variations], last + 1)
     friction = MotorFriction.of(controller, variations)
     line = DelayLine.of(controller, variations)
@@ -76,13 +79,22 @@ def run_closed_loop(
         monitor.act(torque, record=record)
         if k == last or not monitor.alive.any():
             break
-        q, v = stepper.step(q, v, torque - friction.torque(v), ref.period)
+        pushed = world(ref.times[k] + 0.5 * ref.period, integrate(nominal, q, 0.5 * ref.period * v))
+        q, v = stepper.step(q, v, torque - friction.torque(v), ref.period, pushed=pushed)
         # one run without numbers would leave none in stacked solves: runs that are over stand at their start
         slow = np.abs(v) * ref.period < MAX_JOINT_STEP * nominal.column_scale
         monitor.end(ref.times[k + 1], np.asarray(~(np.isfinite(q).all(axis=1) & slow.all(axis=1))))
         running = monitor.alive[:, None]
         q, v = np.where(running, q, start[0]), np.where(running, v, start[1])
     return monitor.verdict(loop, variations)
+
+
+def _world_of(reference: Reference, models: Sequence[pin.Model]) -> Callable[[float, Array], Array | None]:
+    """Return the generalised forces (R, nv) of the world on R robots at t [s] and q (R, nq)."""
+    world = WorldForces.of(reference.robot, reference.wrenches, reference.law)
+    if not world.acts:
+        return lambda t, q: None
+    return lambda t, q: world(reference.robot, np.repeat(min(t, reference.times[-1]), len(q)), q, models)
 
 
 def _started(controller: Controller, variations: Sequence[Variation]) -> tuple[Stepper, Array, Array]:
@@ -92,7 +104,9 @@ def _started(controller: Controller, variations: Sequence[Variation]) -> tuple[S
     count = len(real)
     try:
         stepper = Stepper.of(real, like=ref.robot)
-        q, v = stepper.start(np.tile(ref.motion.q[0], (count, 1)), None, np.tile(ref.torque[0], (count, 1)))
+        torque, start = np.tile(ref.torque[0], (count, 1)), np.tile(ref.motion.q[0], (count, 1))
+        world = WorldForces.of(ref.robot, ref.wrenches, ref.law)
+        q, v = stepper.start(start, None, torque, world=world)
     except NotAssembled as error:
         raise InvalidInput(f"places: with so large a spread a robot cannot be assembled: {error}") from None
     return stepper, q, v

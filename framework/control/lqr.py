@@ -65,7 +65,9 @@ class TimeVaryingLQR:
 def _linearised(reference: Reference) -> tuple[Array, Array]:
     """Linearise the error e = [x; dx]: de/dt = A e + B tau; A (K, 2n, 2n), B (K, 2n, n_a)."""
     robot, motion, n = reference.robot, reference.motion, reference.robot.n
-    slopes = forward_derivatives(robot, motion.q, motion.v, reference.torque)
+    slopes = forward_derivatives(
+        robot, motion.q, motion.v, reference.torque, wrenches=reference.planned_wrenches
+    )
     A = np.zeros((len(reference.times), 2 * n, 2 * n))
     A[:, :n, n:] = np.eye(n)
     A[:, n:, :n], A[:, n:, n:] = slopes.acceleration_y, slopes.acceleration_dy

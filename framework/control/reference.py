@@ -13,6 +13,7 @@ from framework.kinematics.external_wrenches import AppliedWrench, ExternalWrench
 from framework.kinematics.frames import FrameStack
 from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.law import MotionLaw
 
 MAX_SAMPLES = 200_000
 PERIOD_ROUNDING = 1e-12  # of the duration over the period: the last instant is the end, not beside it
@@ -34,12 +35,18 @@ class Reference(ReadOnlyArrays):
     motor_angle: Array  # (K, n_a) [rad], motor side
     motor_speed: Array  # (K, n_a)
     N: Array  # (K, nv, n) joint rates for unit rates of x, springs at rest
-    s: Array  # (K,) path coordinates
+    law: MotionLaw
     wrenches: ExternalWrenches  # of the world, as the plan knows them
 
-    def wrenches_at(self, k: int, frames: FrameStack) -> tuple[AppliedWrench, ...]:
-        """Compute the wrenches of instant k on R robots with these frames."""
-        return self.wrenches.at(self.robot, frames, np.repeat(self.s[k], len(frames.q)))
+    @property
+    def planned_wrenches(self) -> dict[str, Array]:
+        """The wrenches (K, 6) by frame, on base axes, along the planned motion."""
+        frames = self.motion.linearised.frames
+        return self.wrenches.on_base_axes(self.robot, frames, np.asarray(self.law(self.times)))
+
+    def wrenches_at(self, t: Array, frames: FrameStack) -> tuple[AppliedWrench, ...]:
+        """Compute the wrenches at instants t (T,) [s] on robots with these frames."""
+        return self.wrenches.at(self.robot, frames, np.asarray(self.law(t)))
 
 
 def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
@@ -73,7 +80,7 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
         motor_angle=plan.motor_angle(times),
         motor_speed=plan.motor_angle(times, 1),
         N=platform_rates(robot, motion, x),
-        s=np.asarray(plan.law(times)),
+        law=plan.law,
         wrenches=plan.dynamics.wrenches,
     )
 

@@ -193,6 +193,7 @@ class HighestLevel:
             tolerance=self.step_error,
             start=start,
             start_velocity=np.zeros(robot.model.nv),
+            wrenches=self.plan.request.wrenches or {},
             events=(Event(room, "lost", terminal=True, direction=-1),),
             samples=2,
         )

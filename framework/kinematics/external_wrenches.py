@@ -13,22 +13,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
+from framework.arrays import Array, ArrayLike, read_only
 from framework.errors import InvalidInput, choose_from, finite_numbers, short
 from framework.kinematics.frames import FrameStack, rotations
 from framework.kinematics.mechanism import Mechanism, frame_of
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import carriers, scratch_of
+from framework.kinematics.platform import FramePlatform
 from framework.linalg.ordered_sums import cross, matvec
+from framework.model.frame_wrench import FrameWrench
 from framework.motion.path import NO_KNOTS
-
-AXES_OF_WRENCHES = ("base", "tool")
-TABLE_DEGREE = 3  # of the spline through a table: the torque of an elastic robot has w" in it
 
 
 class AppliedWrench(NamedTuple):
@@ -39,76 +38,6 @@ class AppliedWrench(NamedTuple):
     generalised: Array  # (T, nv) the joint forces J' w
     origin: Array  # (T, 3) where it acts, which moves with the body
     turns: bool  # with the body, on axes of its frame
-
-
-@dataclass(frozen=True, eq=False)
-class FrameWrench(ReadOnlyArrays):
-    """A wrench on the body of one frame.
-
-    `rows` are (force, moment) (6,), or a table (K, 7) of rows with the path coordinate s before it, from 0
-    to 1: a cubic spline leads through it, twice continuously differentiable (of less degree through fewer
-    than four rows).
-    """
-
-    frame: str
-    rows: Array
-    axes: str = AXES_OF_WRENCHES[0]
-
-    def __call__(self, s: Array) -> Array:
-        """Compute the wrench (T, 6) at path coordinates s (T,), on its own axes."""
-        if self.rows.ndim == 1:
-            return np.broadcast_to(self.rows, (len(s), 6))
-        return np.asarray(self._spline(s), dtype=float)
-
-    @property
-    def knots(self) -> Array:
-        """The path coordinates between 0 and 1 at which the third derivative jumps."""
-        if self.rows.ndim == 1:
-            return NO_KNOTS
-        degree = self._spline.k
-        return np.unique(self._spline.t[degree + 1 : -degree - 1])
-
-    @property
-    def document(self) -> Any:
-        """The wrench as a robot file or plan.json has it: its numbers, with axes where they turn."""
-        numbers = self.rows.tolist()
-        return numbers if self.axes == AXES_OF_WRENCHES[0] else {"wrench": numbers, "axes": self.axes}
-
-    @cached_property
-    def _spline(self) -> Any:
-        from scipy.interpolate import make_interp_spline
-
-        return make_interp_spline(self.rows[:, 0], self.rows[:, 1:], k=min(TABLE_DEGREE, len(self.rows) - 1))
-
-    @staticmethod
-    def of(frame: str, given: Any) -> FrameWrench:
-        """Return the wrench in 6 numbers, in a table, or in {wrench: either, axes: base or tool}.
-
-        Raises:
-            InvalidInput: it is none of these.
-        """
-        name, axes = f"wrenches: {frame}", AXES_OF_WRENCHES[0]
-        if isinstance(given, Mapping):
-            for key in given:
-                if key not in ("wrench", "axes"):
-                    raise InvalidInput(f"{name}: {choose_from('key', key, ('wrench', 'axes'))}")
-            axes, given = given.get("axes", axes), given.get("wrench")
-            if axes not in AXES_OF_WRENCHES:
-                raise InvalidInput(f"{name}: {choose_from('axes', axes, AXES_OF_WRENCHES)}")
-        if not _is_table(given):
-            return FrameWrench(frame, finite_numbers(name, given, 6), axes)
-        rows = finite_numbers(f"{name}: each row of the table (s, force, moment)", given, 7, stacks=True)
-        s = rows[:, 0]
-        if len(s) < 2 or np.any(np.diff(s) <= 0) or s[0] != 0.0 or s[-1] != 1.0:
-            raise InvalidInput(f"{name}: s of the rows must ascend from 0 to 1, got {short(s.tolist())}")
-        return FrameWrench(frame, rows, axes)
-
-
-def _is_table(values: Any) -> bool:
-    """Whether these are rows of numbers, right or wrong."""
-    if isinstance(values, np.ndarray):
-        return values.ndim > 1
-    return isinstance(values, list | tuple) and any(np.iterable(row) for row in values)
 
 
 @dataclass(frozen=True)
@@ -146,13 +75,40 @@ class ExternalWrenches:
 
     def at(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> tuple[AppliedWrench, ...]:
         """Compute the wrenches at T configurations, whose frames are given, at path coordinates s (T,)."""
+        wrenches = self.on_base_axes(mechanism, frames, s)
         return tuple(
-            applied_wrench(mechanism, frames, entry.frame, entry(s), turns=entry.axes != AXES_OF_WRENCHES[0])
-            for entry in self.entries
+            applied_wrench(mechanism, frames, frame, wrench) for frame, wrench in wrenches.items()
         )
+
+    def on_base_axes(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> dict[str, Array]:
+        """Compute the same by frame, (T, 6) at its origin on base axes."""
+        wrenches = {}
+        for entry in self.entries:
+            wrench = entry(s)
+            if entry.turns:
+                rotation = _placed(mechanism, frames, frame_of(mechanism.model, entry.frame))[1]
+                wrench = matvec(rotation[:, None], wrench.reshape(-1, 2, 3)).reshape(-1, 6)
+            wrenches[entry.frame] = wrench
+        return wrenches
 
 
 NO_WRENCHES = ExternalWrenches()
+
+
+def wrench_on_platform(robot: ParallelRobot, W: ArrayLike) -> tuple[str, tuple[float, ...]]:
+    """Return the platform's frame, and a wrench (6,) on it of components W (n,) on the platform's axes.
+
+    Raises:
+        InvalidInput: not n finite numbers; or axes that turn with the platform, or joints for axes.
+    """
+    components = finite_numbers(f"wrench ({', '.join(robot.axis_names)})", W, robot.n)
+    platform = robot.platform
+    if isinstance(platform, FramePlatform) and (platform.constant or not components[platform.turning].any()):
+        return robot.description.platform.frame, tuple((components @ platform.units).tolist())
+    raise InvalidInput(
+        f"wrench: axes of {robot.name} ({', '.join(robot.axis_names)}) move with it; give the wrench on a "
+        f"frame, (force, moment) on base axes"
+    )
 
 
 def expect_wrenches(wrenches: Any) -> None:
@@ -170,20 +126,15 @@ def check_frame(mechanism: Mechanism, frame: object) -> None:
 
 
 def applied_wrench(
-    mechanism: Mechanism, frames: FrameStack, frame: str, wrench: ArrayLike, *, turns: bool = False
+    mechanism: Mechanism, frames: FrameStack, frame: str, wrench: ArrayLike
 ) -> AppliedWrench:
-    """Compute what a wrench (6,) or (T, 6) at a frame's origin is at T configurations.
+    """Compute what a wrench (6,) or (T, 6), at a frame's origin on base axes, is at T configurations.
 
-    Args:
-        frames: of the robot, at these configurations.
-        turns: whether it is on axes of its frame, not of the base.
+    `frames` are those of the robot at these configurations.
     """
     index = frame_of(mechanism.model, frame)
-    position, rotation = _placed(mechanism, frames, index)
-    wrench = np.broadcast_to(np.asarray(wrench, dtype=float), (len(position), 6))
-    if turns:
-        wrench = matvec(rotation[:, None], wrench.reshape(-1, 2, 3)).reshape(-1, 6)
-    wrench = moved_wrench(wrench, position)
+    position, _ = _placed(mechanism, frames, index)
+    wrench = moved_wrench(np.broadcast_to(np.asarray(wrench, dtype=float), (len(position), 6)), position)
     joint = int(mechanism.model.frames[index].parentJoint)
     carried = carriers(mechanism.model, np.array([joint]))[0]
     generalised = matvec(frames.screws, wrench) * carried

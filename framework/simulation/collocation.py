@@ -7,13 +7,13 @@ for, not integrated.
 
 At every node the unknowns are all accelerations a (nv,) and multipliers lambda (m,):
 
-    M a + c + g + K (q - rest) + D v - S' n tau - J' lambda = 0        F(q) = 0
+    M a + c + g + K (q - rest) + D v - S' n tau - f - J' lambda = 0        F(q) = 0
 
-with v = v0 + h A a and q = q0 moved by h A v. The loops are closed at the nodes, and the last node is the
-end of the step: there is no drift. Nothing is divided by the mass matrix, so coordinates without mass
-are found from the balance of their springs in the same solve. Newton's method with all derivatives but
-the curvature of rotations with several degrees of freedom; the system is as large as the step has
-unknowns, and steps are long.
+with f the forces of the world, v = v0 + h A a and q = q0 moved by h A v. The loops are closed at the nodes,
+and the last node is the end of the step: there is no drift. Nothing is divided by the mass matrix, so
+coordinates without mass are found from the balance of their springs in the same solve. Newton's method with
+all derivatives but the curvature of rotations with several degrees of freedom; the system is as large as the
+step has unknowns, and steps are long.
 
 Source: Hairer and Wanner, Solving Ordinary Differential Equations II, Springer 1996, sections IV.5 and VI.
 """
@@ -90,7 +90,7 @@ class CollocationStep(ReadOnlyArrays):
     a: Array  # (s, nv)
     multipliers: Array  # (s, m)
     slope: Array  # (s, nv) rate of the tangent offset from `start`; v itself where all joints are lines
-    power: Array  # (s,) of the motors [W]
+    power: Array  # (s,) of the motors and the world [W]
     iterations: int
     unresolved: float  # next coefficient of the motion's series [rad, robot lengths]
 
@@ -134,9 +134,11 @@ def solve_step(
         q, v, slope = _nodes(equations, table, h, q0=q0, v0=v0, a=a, near=slope)
         torque = drive(times, q, v) if held is None else held
         tangent = equations.tangent(q, v, a)
-        force = (
-            tangent.force - equations.applied(torque) - np.einsum("smi,sm->si", tangent.jacobian, multipliers)
-        )
+        applied = equations.applied(torque)
+        if drive.world.acts:
+            applied += drive.world(robot, times, q)
+            tangent = tangent.under(drive.world.slope(robot, times, q, equations.geometry.before))
+        force = tangent.force - applied - np.einsum("smi,sm->si", tangent.jacobian, multipliers)
         wrong = np.concatenate([force, tangent.residual / h**2], axis=1).ravel()
         if not np.all(np.isfinite(wrong)):
             return StepFailure("not finite", np.inf)
@@ -155,6 +157,7 @@ def solve_step(
         if moved <= accuracy or (iteration > 1 and rate < 0.5 and moved * rate / (1 - rate) <= accuracy):
             q, v, slope = _nodes(equations, table, h, q0=q0, v0=v0, a=a, near=slope)
             power = np.sum(robot.gear_ratio * torque * v[:, robot.actuated], axis=1)
+            power += np.sum(drive.world(robot, times, q) * v, axis=1)
             left = _unresolved(equations, table, h, slope)
             return CollocationStep(
                 table, time, h, q0, v0, q, v, a, multipliers, slope, power, iteration, left

@@ -18,6 +18,7 @@ from framework.kinematics.frames import integrate
 from framework.kinematics.loop_curvature import loop_curvature
 from framework.linalg.ordered_sums import matmul
 from framework.simulation.equations import EquationsOfMotion, Tangent
+from framework.simulation.world_forces import NO_FORCES, WorldForces
 from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP
 
 MAX_PASSES = 60
@@ -62,8 +63,16 @@ def free_motions(equations: EquationsOfMotion, tangent: Tangent) -> tuple[Array,
     return basis[:, ~light], basis[:, light]
 
 
-def consistent_state(equations: EquationsOfMotion, q: Array, v: Array, torque: Array) -> tuple[Array, Array]:
+def consistent_state(
+    equations: EquationsOfMotion,
+    q: Array,
+    v: Array,
+    torque: Array,
+    world: WorldForces = NO_FORCES,
+) -> tuple[Array, Array]:
     """Find the state next to (q, v) in which the loops close and massless parts are in balance.
+
+    Under motor torques (n_a,) [N m] and the forces of the world at t = 0.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping; names its joints.
@@ -83,6 +92,7 @@ def consistent_state(equations: EquationsOfMotion, q: Array, v: Array, torque: A
             * scale
         )
         unbalanced = tangent.force[0] + equations.damping * v - driven  # gravity and springs less the motors
+        unbalanced = unbalanced - world(robot, np.zeros(1), q[None])[0]
         if light.shape[1]:
             step = step + light @ balancing_step(equations, tangent, massive, light, unbalanced)
         size = float(np.abs(step / scale).max(initial=0.0))

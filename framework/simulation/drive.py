@@ -1,8 +1,11 @@
-"""The drive of a simulated robot: a planned motion, a torque of time or a feedback, called alike."""
+"""The drive of a simulated robot: a planned motion, a torque of time or a feedback, called alike.
+
+With it go the wrenches of the world, which may be known along the planned motion alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import Parameter, signature
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -11,8 +14,10 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
+from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.simulation.world_forces import NO_FORCES, WorldForces
 
 FEEDBACK_DIFFERENCE = 1e-7  # [rad, m] and their rates: a step of the differences of a feedback torque
 
@@ -61,6 +66,7 @@ class Drive:
     function: Callable[[Array, Array, Array], Array]
     feedback: bool
     breaks: tuple[float, ...]  # instants inside where the torque or a derivative of it jumps [s]
+    world: WorldForces = NO_FORCES
 
     def __call__(self, t: Array, q: Array, v: Array) -> Array:
         torque = self.function(t, q, v)
@@ -89,13 +95,23 @@ class Drive:
         return Gains(by_q.T, by_v.T)
 
     @staticmethod
-    def of(robot: ParallelRobot, source: Any, breaks: Sequence[float] = ()) -> Drive:
+    def of(
+        robot: ParallelRobot,
+        source: Any,
+        breaks: Sequence[float] = (),
+        wrenches: Mapping[str, Any] | None = None,
+    ) -> Drive:
         """Return the drive in a planned motion or a callable torque(t) or torque(t, q, v).
 
+        Args:
+            wrenches: of the world; None: those of the planned motion, if it has any.
+
         Raises:
-            InvalidInput: it is none of these; its first answer comes with the wrong number of torques.
+            InvalidInput: it is none of these; its first answer comes with the wrong number of torques;
+                wrenches that are none.
         """
         motion = planned_motion(source)
+        world = _world_of(robot, motion, wrenches)
         if motion is not None:
             motors = np.shape(motion.torque(0.0))[-1]
             if motors != robot.n_a:
@@ -104,7 +120,7 @@ class Drive:
             inner = (*map(float, edges[1:-1]), *breaks)
             # no robot here has dry friction: the torques are taken without what overcomes it
             smooth = getattr(motion, "torque_without_friction", motion.torque)
-            return Drive(robot, lambda t, q, v: smooth(t), False, tuple(sorted(inner)))
+            return Drive(robot, lambda t, q, v: smooth(t), False, tuple(sorted(inner)), world)
         if not callable(source):
             raise InvalidInput(
                 f"torque: needs a plan, a result of inverse_dynamics, torque(t) or torque(t, q, v), got "
@@ -129,7 +145,17 @@ class Drive:
         def stacked(t: Array, q: Array, v: Array) -> Array:
             return np.array([single(float(t[k]), q[k], v[k]) for k in range(len(t))])
 
-        return Drive(robot, stacked, argument_count == 3, tuple(sorted(map(float, breaks))))
+        return Drive(robot, stacked, argument_count == 3, tuple(sorted(map(float, breaks))), world)
+
+
+def _world_of(
+    robot: ParallelRobot, motion: PlannedMotion | None, wrenches: Mapping[str, Any] | None
+) -> WorldForces:
+    """Return the given wrenches, or those of the motion, as forces in time."""
+    law = getattr(motion, "law", None)
+    planned = getattr(motion, "wrenches", NO_WRENCHES)
+    chosen = planned if wrenches is None else ExternalWrenches.of(wrenches)
+    return WorldForces.of(robot, chosen, law)
 
 
 def _arguments(function: Callable[..., Any]) -> int:

@@ -47,6 +47,10 @@ class Tangent(NamedTuple):
         terms = (force[entry], by_q[entry], by_v[entry], mass[entry])
         return Tangent(*terms, frames.at(entry), residual[entry], jacobian[entry])
 
+    def under(self, slope: Array) -> Tangent:
+        """Return the derivatives under forces of the world whose derivative by q is `slope` (T, nv, nv)."""
+        return self._replace(by_q=self.by_q - slope)
+
 
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:

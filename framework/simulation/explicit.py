@@ -50,7 +50,7 @@ class ExplicitStep:
     length: float
     start: Array  # (2 nv,) q and v
     end: Array
-    power: float  # mean power of motors less that of damping [W]
+    power: float  # mean power of motors and world less that of damping [W]
     error: float  # estimate of the part of q that the step misses [rad, m]
 
 
@@ -60,6 +60,7 @@ def explicit_steps(
     """Yield steps between the instants `edges` (K + 1,) from the state (2 nv,); infinite once it diverges."""
     robot, nv = equations.robot, equations.robot.model.nv
     table, force = _table(), _forces(equations, drive, edges)
+    instants = edges[:-1, None] + np.diff(edges)[:, None] * table.nodes
     state, K = start, np.empty((STAGES, 2 * nv))
     before = tuple(K[:k] for k in range(STAGES))
     gear, actuated, damping = robot.gear_ratio, robot.actuated, equations.damping
@@ -69,10 +70,15 @@ def explicit_steps(
             stage = state + h * (table.rows[i] @ before[i]) if i else state
             q, v = stage[:nv], stage[nv:]
             applied, torque = force(k, i, q, v)
+            power_of_world = 0.0
+            if drive.world.acts:
+                pushed = drive.world(robot, instants[k, i : i + 1], q[None])[0]
+                applied, power_of_world = applied + pushed, float(pushed @ v)
             K[i, :nv] = v
             K[i, nv:] = dynamics.acceleration(q, v, applied)
             if table.weights[i]:
-                power += table.weights[i] * float((gear * torque) @ v[actuated] - damping @ v**2)
+                of_motors = float((gear * torque) @ v[actuated] - damping @ v**2)
+                power += table.weights[i] * (of_motors + power_of_world)
         end = state + h * (table.weights @ K)
         missed = float(np.abs(h * (table.error @ K[:, :nv])).max())
         yield ExplicitStep(float(edges[k]), float(h), state, end, power, missed)

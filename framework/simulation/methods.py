@@ -11,6 +11,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import InvalidInput, NotConverged
+from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive
@@ -53,7 +54,7 @@ class Integration:
     """The result of a method: the motion, and the energy balance at the ends of its steps."""
 
     trajectory: Trajectory
-    supplied: Array  # (K + 1,) work of motors less that of damping, from the start [J]
+    supplied: Array  # (K + 1,) work of motors and world less that of damping, from the start [J]
     exchanged: float  # all of it counted positive [J]
     occurrences: tuple[Occurrence, ...]
     unresolved: float
@@ -115,12 +116,14 @@ def by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integrati
     for k in range(count):
         q, v = states[-1]
         torque = drive(edges[k : k + 1], q[None], v[None])[0] if torques is None else torques[k]
-        state = stepper.step(q, v, torque, h)
+        pushed = _pushed(drive, edges[k] + 0.5 * h, q, 0.5 * h * v)
+        state = stepper.step(q, v, torque, h, pushed=pushed)
         if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.v))):
             raise _runaway(robot, float(edges[k]), h)
         states.append(state)
         mean = 0.5 * (v + state.v)
         power = float((robot.gear_ratio * torque) @ mean[robot.actuated] - mean**2 @ equations.damping)
+        power += 0.0 if pushed is None else float(pushed @ mean)
         work.append(work[-1] + h * power)
         exchanged += h * abs(power)
         if task.events:
@@ -139,6 +142,14 @@ def by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integrati
     _check_resolved(robot, missed, h)
     trajectory = Cubics(robot, edges[: len(q)], q, v)
     return Integration(trajectory, np.array(work), exchanged, tuple(occurred), missed, len(q) - 1)
+
+
+def _pushed(drive: Drive, t: float, q: Array, step: Array) -> Array | None:
+    """Compute the world's forces (nv,) at t [s], q (nq,) moved by a step (nv,); None without any."""
+    if not drive.world.acts:
+        return None
+    robot = drive.robot
+    return drive.world(robot, np.array([t]), integrate(robot, q[None], step[None]))[0]
 
 
 def _check_resolved(robot: ParallelRobot, missed: float, h: float) -> None:

@@ -17,7 +17,7 @@ instants, tests/forward_simulation.py by integration).
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,7 @@ def simulate(
     step: float | None = None,
     stages: int | None = None,
     damping: ArrayLike | None = None,
+    wrenches: Mapping[str, Any] | None = None,
     breaks: Sequence[float] = (),
     events: Sequence[Event] = (),
     samples: int = DEFAULT_SAMPLES,
@@ -78,6 +79,8 @@ def simulate(
         step: fixed step of fast and explicit, longest step of the others [s].
         stages: collocation points a step, 3 to 30.
         damping: viscous, on every joint rate [N m s/rad, N s/m], one number or (nv,).
+        wrenches: of the world, as for `plan_crossing`; by default those of the planned motion, and {} is
+            none. A table over s needs a planned motion, at whose s it acts then.
         breaks: instants at which torque(t) jumps or has a kink [s]; planned motions know theirs.
         events: zeros to report; see `Event`.
         samples: equidistant instants of the result, of reference and stiff; the others keep their steps.
@@ -94,7 +97,7 @@ def simulate(
     settings = _settings(chosen, method, tolerance, step, stages)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
     equations = EquationsOfMotion.of(robot, None if damping is None else damping)
-    source = Drive.of(robot, drive, breaks)
+    source = Drive.of(robot, drive, breaks, wrenches)
     planned = planned_motion(drive)
     span = _duration(duration, planned)
     state = _start(equations, source, planned, start, start_velocity)
@@ -172,7 +175,7 @@ def _start(
     if start_velocity is not None:
         v = finite_numbers("start_velocity", start_velocity, model.nv)
     torque = drive(np.zeros(1), q[None], v[None])[0]
-    return State(*consistent_state(equations, q, v, torque))
+    return State(*consistent_state(equations, q, v, torque, drive.world))
 
 
 def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array, Array]:

@@ -19,6 +19,7 @@ from framework.simulation.contacts import ContactDynamics
 from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.schemes import SCHEMES, State
 from framework.simulation.terms import RobotStack
+from framework.simulation.world_forces import NO_FORCES, WorldForces
 
 CLOSING_TIME = 0.05  # [s] in which the scheme contacts closes open loops
 
@@ -65,10 +66,17 @@ class Stepper:
             )
         return Stepper(stack, scheme)
 
-    def start(self, q: ArrayLike, v: ArrayLike | None = None, torque: ArrayLike | None = None) -> State:
+    def start(
+        self,
+        q: ArrayLike,
+        v: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        *,
+        world: WorldForces = NO_FORCES,
+    ) -> State:
         """Find the nearest state on which the loops close and massless parts are in balance.
 
-        q (nq,) or (R, nq); v of zeros and torque (n_a,) of zeros by default.
+        q (nq,) or (R, nq); v of zeros and torque (n_a,) of zeros by default; the world as it is at t = 0.
 
         Raises:
             NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
@@ -78,21 +86,27 @@ class Stepper:
         v = np.zeros((*q.shape[:-1], robots[0].model.nv)) if v is None else np.asarray(v, dtype=float)
         tau = np.zeros((*q.shape[:-1], robots[0].n_a)) if torque is None else np.asarray(torque, dtype=float)
         if q.ndim == 1:
-            return State(*consistent_state(self.stack.equations(0), q, v, tau))
-        states = [consistent_state(self.stack.equations(k), q[k], v[k], tau[k]) for k in range(len(q))]
+            return State(*consistent_state(self.stack.equations(0), q, v, tau, world))
+        states = [consistent_state(self.stack.equations(k), q[k], v[k], tau[k], world) for k in range(len(q))]
         return State(np.array([state[0] for state in states]), np.array([state[1] for state in states]))
 
-    def step(self, q: Array, v: Array, torque: Array, h: float) -> State:
+    def step(self, q: Array, v: Array, torque: Array, h: float, *, pushed: Array | None = None) -> State:
         """Return the state h [s] later under torques (n_a,) or (R, n_a) [N m], motor side, held meanwhile.
 
+        And under generalised forces of the world `pushed` (nv,) or (R, nv), none by default, held as well.
         A run that diverges, or whose equations are singular, comes out as NaN or infinite. A run comes out
         the same to the last bit whatever stack it is in.
         """
         if q.ndim == 1:
-            new = self.step(q[None], v[None], torque[None], h)
+            new = self.step(
+                q[None], v[None], torque[None], h, pushed=None if pushed is None else pushed[None]
+            )
             return State(new.q[0], new.v[0])
+        driven = _applied(self.stack, torque)
+        if pushed is not None:
+            driven += pushed
         with np.errstate(over="ignore", invalid="ignore"):
-            return SCHEMES[self.scheme](self.stack, q, v, _applied(self.stack, torque), h)
+            return SCHEMES[self.scheme](self.stack, q, v, driven, h)
 
     def platform(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Compute coordinates x and twist of the platform on its axes, (n,) or (R, n)."""

@@ -1,0 +1,94 @@
+"""A wrench of the world on the body of a frame, constant or a table, as robot files and requests state it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from framework.arrays import Array, ReadOnlyArrays
+from framework.errors import InvalidInput, choose_from, finite_numbers, short
+from framework.motion.path import NO_KNOTS
+
+AXES_OF_WRENCHES = ("base", "tool")
+TABLE_DEGREE = 3  # of the spline through a table: the torque of an elastic robot has w" in it
+
+
+@dataclass(frozen=True, eq=False)
+class FrameWrench(ReadOnlyArrays):
+    """A wrench on the body of one frame.
+
+    `rows` are (force, moment) (6,), or a table (K, 7) of rows with the path coordinate s before it, from 0
+    to 1: a cubic spline leads through it, twice continuously differentiable (of less degree through fewer
+    than four rows).
+    """
+
+    frame: str
+    rows: Array
+    axes: str = AXES_OF_WRENCHES[0]
+
+    def __call__(self, s: Array) -> Array:
+        """Compute the wrench (T, 6) at path coordinates s (T,), on its own axes."""
+        if self.rows.ndim == 1:
+            return np.broadcast_to(self.rows, (len(s), 6))
+        return np.asarray(self._spline(s), dtype=float)
+
+    @property
+    def knots(self) -> Array:
+        """The path coordinates between 0 and 1 at which the third derivative jumps."""
+        if self.rows.ndim == 1:
+            return NO_KNOTS
+        degree = self._spline.k
+        return np.unique(self._spline.t[degree + 1 : -degree - 1])
+
+    @property
+    def turns(self) -> bool:
+        """Whether it turns with its frame."""
+        return self.axes != AXES_OF_WRENCHES[0]
+
+    @property
+    def document(self) -> Any:
+        """The wrench as a robot file or plan.json has it: its numbers, with axes where they turn."""
+        numbers = self.rows.tolist()
+        return {"wrench": numbers, "axes": self.axes} if self.turns else numbers
+
+    @cached_property
+    def _spline(self) -> Any:
+        from scipy.interpolate import make_interp_spline
+
+        return make_interp_spline(self.rows[:, 0], self.rows[:, 1:], k=min(TABLE_DEGREE, len(self.rows) - 1))
+
+    @staticmethod
+    def of(frame: str, given: Any, where: str = "wrenches") -> FrameWrench:
+        """Return the wrench in 6 numbers, in a table, or in {wrench: either, axes: base or tool}.
+
+        `where` names the mapping that it stands in.
+
+        Raises:
+            InvalidInput: it is none of these.
+        """
+        name, axes = f"{where}: {frame}", AXES_OF_WRENCHES[0]
+        if isinstance(given, Mapping):
+            for key in given:
+                if key not in ("wrench", "axes"):
+                    raise InvalidInput(f"{name}: {choose_from('key', key, ('wrench', 'axes'))}")
+            axes, given = given.get("axes", axes), given.get("wrench")
+            if axes not in AXES_OF_WRENCHES:
+                raise InvalidInput(f"{name}: {choose_from('axes', axes, AXES_OF_WRENCHES)}")
+        if not _is_table(given):
+            return FrameWrench(frame, finite_numbers(name, given, 6), axes)
+        rows = finite_numbers(f"{name}: each row of the table (s, force, moment)", given, 7, stacks=True)
+        s = rows[:, 0]
+        if len(s) < 2 or np.any(np.diff(s) <= 0) or s[0] != 0.0 or s[-1] != 1.0:
+            raise InvalidInput(f"{name}: s of the rows must ascend from 0 to 1, got {short(s.tolist())}")
+        return FrameWrench(frame, rows, axes)
+
+
+def _is_table(values: Any) -> bool:
+    """Whether these are rows of numbers, right or wrong."""
+    if isinstance(values, np.ndarray):
+        return values.ndim > 1
+    return isinstance(values, list | tuple) and any(np.iterable(row) for row in values)
