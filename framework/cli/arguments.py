@@ -17,6 +17,7 @@ from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene, scene_path, scene_request
 from framework.errors import InvalidInput
 from framework.fields import LARGEST_NUMBER
+from framework.kinematics.external_wrenches import wrench_on_platform
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import FLEXIBILITIES, ParsedRobot
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from framework.fidelity.chosen_level import ChosenLevel
 
 AUTO = "auto"
+WRENCH_FLAGS = {"wrench": "--wrench", "wrench_on": "--wrench-on"}
 
 
 def take_level(options: argparse.Namespace) -> ChosenLevel | None:
@@ -48,6 +50,7 @@ def take_level(options: argparse.Namespace) -> ChosenLevel | None:
     robot = load(options)
     asked, description = request(options, robot), robot.description
     typed = {key: value for key, value in typed_options(options).items() if key != "keep_limits"}
+    typed |= wrenches(options, robot)
     chosen = None if typed or options.scene is None else kept_level(description, options.scene)
     if chosen is None:
         chosen = foretold_level(description, options.scene or asked.path, **typed)
@@ -134,7 +137,7 @@ def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
 
 def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
     """Return the request of the options; an option that is typed overrides the scene's."""
-    typed = typed_options(options)
+    typed = typed_options(options) | wrenches(options, robot)
     along = path(options, robot)
     if options.scene is not None:
         return scene_request(robot, options.scene, **typed)
@@ -145,13 +148,16 @@ def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
 
 def path_and_motion(options: argparse.Namespace, robot: ParallelRobot) -> tuple[Path | str, dict[str, Any]]:
     """Return the name of the scene or the path, and the options of the motion that were typed."""
-    along, typed = path(options, robot), typed_options(options)
+    along, typed = path(options, robot), typed_options(options) | wrenches(options, robot)
     return along if options.scene is None else options.scene, typed
 
 
 def request_of_any_duration(options: argparse.Namespace, robot: ParallelRobot, along: Path) -> Request:
     """Return the request of the options along a path; the duration is 1 s where none is typed."""
-    return Request.of(robot, along, **{"duration": 1.0, **typed_options(options)})
+    typed = typed_options(options) | wrenches(options, robot)
+    if options.scene is not None and "wrenches" not in typed:
+        typed["wrenches"] = scene(robot, options.scene).wrenches
+    return Request.of(robot, along, **{"duration": 1.0, **typed})
 
 
 def typed_options(options: argparse.Namespace) -> dict[str, Any]:
@@ -163,6 +169,25 @@ def typed_options(options: argparse.Namespace) -> dict[str, Any]:
     for name in {"torque_limit", "speed_limit"} & typed.keys():
         typed[name] = limits(TYPED[name].flag, typed[name])
     return typed
+
+
+def wrenches(options: argparse.Namespace, robot: ParallelRobot) -> dict[str, Any]:
+    """Return the wrenches of --wrench and --wrench-on, as an option of `plan_crossing`; empty for none.
+
+    Raises:
+        InvalidInput: they are no numbers, or two on the same frame.
+    """
+    stated = [] if options.wrench is None else [wrench_on_platform(robot, options.wrench)]
+    for frame, *words in options.wrench_on or []:
+        try:
+            stated.append((frame, tuple(map(float, words))))
+        except ValueError:
+            raise InvalidInput(f"--wrench-on {frame}: needs 6 numbers, got {' '.join(words)}") from None
+    frames = [frame for frame, _ in stated]
+    for frame in frames:
+        if frames.count(frame) > 1:
+            raise InvalidInput(f"--wrench, --wrench-on: {frame} has two wrenches; add them up")
+    return {"wrenches": dict(stated)} if stated else {}
 
 
 def limits(option: str, words: Sequence[str]) -> list[float | None] | dict[str, float | None]:
@@ -223,4 +248,4 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
     return load_plan(options.robot, robot_file=options.robot_file)
 
 
-_OF_A_PLAN = ("scene", "scenes", "start", "end", "flexibility", *TYPED)
+_OF_A_PLAN = ("scene", "scenes", "start", "end", "flexibility", *TYPED, *WRENCH_FLAGS)

@@ -9,7 +9,15 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.cli import arguments
-from framework.cli.parser import Report, add_flexibility, add_options, add_path, add_robot, command
+from framework.cli.parser import (
+    Report,
+    add_flexibility,
+    add_options,
+    add_path,
+    add_robot,
+    add_wrenches,
+    command,
+)
 from framework.crossing.durations import optimal_durations, polynomial_durations
 from framework.crossing.feasibility import Feasibility, feasibility_on_path
 from framework.errors import point
@@ -31,17 +39,18 @@ def add(commands: Any) -> None:
     add_path(parser)
     add_flexibility(parser)
     add_options(parser, "torque_limit", "speed_limit", "margin")
+    add_wrenches(parser)
 
 
 def run(options: argparse.Namespace) -> Report:
     """Report the singular points in the order of the path."""
     robot = arguments.load(options)
     path = arguments.path(options, robot)
-    searched = search_path(robot, path)
+    any_duration = arguments.request_of_any_duration(options, robot, path)
+    searched = search_path(robot, path).under(any_duration.external_wrenches)
     points = searched.points
     shifts = [_shift(searched, singular) for singular in points]
     feasible = feasibility_on_path(searched)
-    any_duration = arguments.request_of_any_duration(options, robot, path)
     polynomial = polynomial_durations(searched, any_duration.smoothness)
     optimal = optimal_durations(searched, any_duration)
     document = {

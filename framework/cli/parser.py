@@ -106,6 +106,25 @@ def add_options(parser: argparse.ArgumentParser, *names: str) -> None:
 def add_motion(parser: argparse.ArgumentParser, *, without: str = "") -> None:
     """Add what `plan_crossing` may be told but one option; --keep-limits is for `crossing plan` alone."""
     add_options(parser, *(name for name in TYPED if name not in ("keep_limits", without)))
+    add_wrenches(parser)
+
+
+def add_wrenches(parser: argparse.ArgumentParser) -> None:
+    """Add --wrench and --wrench-on."""
+    parser.add_argument(
+        "--wrench",
+        type=float,
+        nargs="+",
+        metavar="W",
+        help="constant, of the world on the platform, along its axes [N, N m]; in place of a scene's",
+    )
+    parser.add_argument(
+        "--wrench-on",
+        nargs=7,
+        action="append",
+        metavar=("FRAME", "FX", "FY", "FZ", "MX", "MY", "MZ"),
+        help="the same on the body of a link or joint, at its origin, base axes [N, N m]; may be repeated",
+    )
 
 
 def add_executor(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""`crossing pose`: all joints of a pose, from its motors or from its platform."""
+"""`crossing pose`: all joints of a pose, from its motors or from its platform, and its loads in motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.cli import arguments
-from framework.cli.parser import Report, add_flexibility, add_options, add_robot, command
+from framework.cli.instant import instant_document, instant_in_words, instant_of
+from framework.cli.parser import Report, add_flexibility, add_options, add_robot, add_wrenches, command
 from framework.dynamics.platform_limits import PlatformLimits, platform_limits
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
@@ -44,6 +45,18 @@ def add(commands: Any) -> None:
         action="store_true",
         help="every pose for these motors (assembly modes), or every way to this platform (working modes)",
     )
+    parser.add_argument(
+        "--velocity",
+        type=float,
+        nargs="+",
+        metavar="V",
+        help="rates of the platform's coordinates [m/s, rad/s]: with them, --acceleration or a wrench, the "
+        "motor torques and the forces in loops and joints at that instant, springs rigid (default: 0)",
+    )
+    parser.add_argument(
+        "--acceleration", type=float, nargs="+", metavar="A", help="their rates [m/s2, rad/s2] (default: 0)"
+    )
+    add_wrenches(parser)
     add_options(parser, "torque_limit", "speed_limit")
 
 
@@ -53,8 +66,11 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput("give either --motors or --platform")
     robot = arguments.load(options)
     motor_joints = options.motor_joints
-    if options.every and (options.torque_limit or options.speed_limit):
-        raise InvalidInput("--all: lists poses alone; --torque-limit and --speed-limit are for a single pose")
+    single = ("torque_limit", "speed_limit", "velocity", "acceleration", "wrench", "wrench_on")
+    stated = [name for name in single if getattr(options, name) is not None]
+    if options.every and stated:
+        flag = "--" + stated[0].replace("_", "-")
+        raise InvalidInput(f"--all: lists poses alone; {flag} is for a single pose")
     if options.every:
         return _working(robot, options.point) if motor_joints is None else _assembly(robot, motor_joints)
     closed = (
@@ -62,6 +78,7 @@ def run(options: argparse.Namespace) -> Report:
     )
     pose, classification = describe_pose(robot, closed.q), classify(robot, closed.q)
     limits = _limits(robot, closed.q, options)
+    instant = instant_of(robot, closed.q, options)
     lines = [
         f"{pose.robot}, {pose.flexibility}",
         f"  platform          {_listed(pose.platform)}",
@@ -78,6 +95,7 @@ def run(options: argparse.Namespace) -> Report:
         f"(length {classification.length:.3g} m)" + _angles(robot, classification),
         *_worst_torques(robot, classification),
         *_limits_in_words(robot, limits),
+        *instant_in_words(robot, instant),
         f"  closures          closed to {pose.closure_error:.1e} m or rad",
         *(
             f"  warning           {joint} exceeds its limits: {excess}"
@@ -85,6 +103,8 @@ def run(options: argparse.Namespace) -> Report:
         ),
     ]
     document = asdict(pose) | {"singularity": _document(classification), "limits": _limits_document(limits)}
+    if instant is not None:
+        document["dynamics"] = instant_document(robot, instant)
     return document, "\n".join(lines)
 
 

@@ -96,9 +96,10 @@ def _films(options: argparse.Namespace) -> list[Film]:
         return [film_plan(saved, name=plan_name(saved, FilePath(options.robot).resolve().name))]
     line = options.start is not None or options.end is not None
     if options.scenes is None and not line:
-        for option in TYPED.values():
-            if getattr(options, option.name, None) is not None:
-                raise InvalidInput(f"{option.flag}: needs a motion; give --scene, or --from and --to")
+        flags = {name: option.flag for name, option in TYPED.items()} | arguments.WRENCH_FLAGS
+        for name, flag in flags.items():
+            if getattr(options, name, None) is not None:
+                raise InvalidInput(f"{flag}: needs a motion; give --scene, or --from and --to")
         return []
     robot = arguments.load(options)
     return [_film(options, robot, name) for name in options.scenes or [None]]

@@ -1,8 +1,8 @@
 """Condition (8) of the undeformed robot at a singular point, before any law is sought.
 
 alpha s" + beta s'^2 + gamma + delta s' = 0 on the undeformed robot: gamma is what the weight (and springs of
-the robot itself) do in the uncontrolled motion, beta what the bends of path and joints ask, delta what
-viscous damping takes, alpha what s" can do.
+the robot itself, and wrenches of the world) do in the uncontrolled motion, beta what the bends of path and
+joints ask, delta what viscous damping takes, alpha what s" can do.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ class Feasibility:
     condition: Condition8
     weight_share: float
     tangent_share: float
+    wrenches: bool = False  # of the world act along the path
 
     @property
     def orthogonal(self) -> bool:
@@ -60,7 +61,10 @@ class Feasibility:
 
     @property
     def weightless(self) -> bool:
-        """Whether no weight enters the condition, which without damping looks alike at all durations."""
+        """Whether no weight and no wrench enters the condition.
+
+        Without damping it then looks alike at all durations.
+        """
         return self.condition.gamma == 0.0
 
     @property
@@ -129,14 +133,17 @@ class Feasibility:
 
     def _ways(self) -> list[str]:
         ways = []
+        forces, sets, enters = "weight", "sets", "enters"
+        if self.wrenches:
+            forces, sets, enters = "weight and wrenches", "set", "enter"
         if self.steady_speed is not None:
             ways.append(f"s' = {self.steady_speed:.4g} 1/s needs no s\"")
         if self.pace is None and self.damped:
-            ways.append("no weight enters, but damping does: the slower, the more it counts")
+            ways.append(f"no {forces} {enters}, but damping does: the slower, the more it counts")
         elif self.pace is None:
-            ways.append("no weight enters, so what it asks for looks alike at all durations")
+            ways.append(f"no {forces} {enters}, so what it asks for looks alike at all durations")
         else:
-            ways.append(f"the weight sets the pace, {self.pace:.3g} s for the whole path from rest")
+            ways.append(f"the {forces} {sets} the pace, {self.pace:.3g} s for the whole path from rest")
         if abs(self.per_squared_speed) > NOTABLE_CURVATURE:
             ways.append(
                 f"s' changes e-fold over {1 / abs(self.per_squared_speed):.2g} of the path there: make it "
@@ -172,6 +179,7 @@ def _feasibility(branch: Branch, place: CrossingPoint) -> Feasibility:
         condition,
         weight_share=_cosine(robot.model.gravity.linear, falling / robot.length),
         tangent_share=_cosine(robot.platform.path_twist(branch.path, place.s) * size, place.twist * size),
+        wrenches=bool(branch.wrenches.entries),
     )
 
 

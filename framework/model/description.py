@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from framework.errors import RobotFileError, choose_from
 
@@ -175,7 +175,8 @@ class Scene:
 
     `kind` is line, arc or spline, through `points`. `times` [s] and `speeds` [1/s] are None when left
     open; empty `times` ask for a law without crossing conditions. `at` imposes path coordinates
-    instead of locating the singular points. `fidelity` is what a study of the scene has found.
+    instead of locating the singular points. `wrenches` of the world are by frame, see `FrameWrench`.
+    `fidelity` is what a study of the scene has found.
     """
 
     name: str
@@ -185,6 +186,7 @@ class Scene:
     times: tuple[float, ...] | None = None
     speeds: tuple[float, ...] | None = None
     at: tuple[float, ...] | None = None
+    wrenches: Mapping[str, Any] | None = None
     fidelity: KeptLevel | None = None
 
 

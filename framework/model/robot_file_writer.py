@@ -145,6 +145,8 @@ def _scene(scene: Scene) -> dict[str, Any]:
     for key in ("times", "speeds", "at"):
         if getattr(scene, key) is not None:
             entry[key] = list(getattr(scene, key))
+    if scene.wrenches is not None:
+        entry["wrenches"] = dict(scene.wrenches)
     if scene.fidelity is not None:
         entry["fidelity"] = {"rung": scene.fidelity.level, "tolerance": scene.fidelity.tolerance}
     return entry

@@ -11,6 +11,7 @@ from framework.errors import InvalidInput, RobotFileError
 from framework.fields import (
     Reader,
     Table,
+    anything,
     below,
     entries,
     list_of,
@@ -41,6 +42,7 @@ from framework.model.description import (
     locked_axes,
 )
 from framework.model.fidelity_levels import LEVELS_BY_NAME
+from framework.model.frame_wrench import FrameWrench
 from framework.model.urdf import Urdf
 from framework.model.urdf_elements import MOVING, SEVERAL, coordinates_of
 
@@ -60,7 +62,7 @@ def robot_table(urdf: Urdf, *, is_coupled: bool = False) -> Table:
         "joints": optional(_joints(urdf), {}),
         "gravity": optional(vector3, (0.0, 0.0, -9.81)),
         "reference": optional(named(number, one_of("joint", urdf.coordinates)), {}),
-        "scenes": optional(_scenes, {}),
+        "scenes": optional(_scenes(urdf), {}),
         "left_out": optional(list_of(text), ()),
     }
 
@@ -272,7 +274,7 @@ def _spring(urdf: Urdf, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
 # ------------------------------------------------------------------ scenes
 
 PATHS: Table = {kind: optional(list_of(list_of(number))) for kind in PATH_KINDS}
-_SCENE: Table = {
+_MOTION: Table = {
     **PATHS,
     "duration": required(positive),
     "times": optional(list_of(number)),
@@ -314,6 +316,21 @@ def _scene(where: str, values: dict[str, Any]) -> Scene:
     return Scene(name="", kind=kind, points=points, **rest)
 
 
-def _scenes(where: str, given: Any) -> dict[str, Scene]:
-    scenes = named(record(_SCENE, _scene))(where, given)
-    return {name: replace(scene, name=name) for name, scene in scenes.items()}
+def _wrenches(urdf: Urdf) -> Reader[dict[str, Any]]:
+    """Return a reader of wrenches by frame; a joint stands for its child."""
+
+    def read(where: str, given: Any) -> dict[str, Any]:
+        stated = named(anything, _frame(urdf))(where, given)
+        return {frame: FrameWrench.of(frame, wrench, where).document for frame, wrench in stated.items()}
+
+    return read
+
+
+def _scenes(urdf: Urdf) -> Reader[dict[str, Scene]]:
+    scene = {**_MOTION, "wrenches": optional(_wrenches(urdf))}
+
+    def read(where: str, given: Any) -> dict[str, Scene]:
+        scenes = named(record(scene, _scene))(where, given)
+        return {name: replace(scene, name=name) for name, scene in scenes.items()}
+
+    return read

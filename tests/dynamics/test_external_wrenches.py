@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 from scipy.interpolate import CubicSpline
 
 import robots
-from framework import InvalidInput, assemble, dynamics_at, inverse_dynamics, plan_crossing
-from framework.crossing.scenes import scene_path
+from framework import InvalidInput, ParallelRobot, assemble, dynamics_at, inverse_dynamics, plan_crossing
+from framework.crossing.restored import load_plan
+from framework.crossing.saved import save_plan
+from framework.crossing.scenes import plan_scene, scene_path
+from framework.errors import RobotFileError
 from tests.oracles.closure_rows import frame_of
 from tests.oracles.virtual_work import virtual_work
 
@@ -151,3 +155,49 @@ def test_wrenches_that_are_none_are_refused_by_name(wrenches, complaint):
     robot = robots.load("five_bar")
     with pytest.raises(InvalidInput, match=complaint):
         plan_crossing(robot, scene_path(robot.description.scenes["C"]), duration=1.5, wrenches=wrenches)
+
+
+def test_a_saved_plan_comes_back_with_its_wrenches(tmp_path):
+    robot = robots.load("five_bar")
+    wrenches = mill("five_bar", "left_tip") | {"right_rod": (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)}
+    plan = plan_crossing(robot, scene_path(robot.description.scenes["C"]), duration=1.5, wrenches=wrenches)
+    save_plan(plan, tmp_path)
+    back = load_plan(tmp_path)
+    assert back.request.wrenches == plan.request.wrenches
+    np.testing.assert_allclose(back.torque(0.4), plan.torque(0.4), rtol=0, atol=1e-13)
+
+
+def robot_file(folder, wrenches):
+    """The 5R with one more scene, under wrenches."""
+    source = robots.load("five_bar").description.file
+    content = yaml.safe_load(source.read_text())
+    content["urdf"] = str(source.parent / content["urdf"])
+    content["scenes"] = {"press": {"line": [[0.1, 0.345], [-0.05, 0.195]], "duration": 1.5}}
+    content["scenes"]["press"]["wrenches"] = wrenches
+    file = folder / "five_bar.yaml"
+    file.write_text(yaml.safe_dump(content))
+    return file
+
+
+def test_the_wrenches_of_a_scene_are_those_of_its_plan_unless_others_are_given(tmp_path):
+    file = robot_file(tmp_path, mill("five_bar", "left_tip") | {"right_elbow": [0, 1, 0, 0, 0, 0]})
+    robot = ParallelRobot.from_file(file)
+    plan = plan_scene(robot, "press")
+    # a joint stands for the link behind it
+    assert plan.request.wrenches == mill("five_bar", "left_tip") | {"right_rod": [0, 1, 0, 0, 0, 0]}
+    free = plan_scene(robot, "press", wrenches={})
+    assert free.request.wrenches is None
+    assert free.peak_torque != plan.peak_torque
+
+
+@pytest.mark.parametrize(
+    ("wrenches", "complaint"),
+    [
+        ({"nose": [0] * 6}, "scenes.press.wrenches.nose: unknown frame 'nose'"),
+        ({"left_tip": [0] * 5}, "scenes.press.wrenches: left_tip must be 6 finite numbers"),
+        ([1], "scenes.press.wrenches: needs a mapping"),
+    ],
+)
+def test_a_robot_file_with_wrong_wrenches_is_refused_by_the_key(tmp_path, wrenches, complaint):
+    with pytest.raises(RobotFileError, match=complaint):
+        ParallelRobot.from_file(robot_file(tmp_path, wrenches))

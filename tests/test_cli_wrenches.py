@@ -1,0 +1,88 @@
+"""Wrenches on the command line: --wrench along the platform's axes, --wrench-on a frame."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import robots
+from framework import assemble, dynamics_at, plan_scene
+from framework.cli import main
+
+
+def answer(capsys, *words):
+    """What a command says with --json."""
+    assert main([*words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    "words", [["--wrench", "3", "-4"], ["--wrench-on", "left_tip", "3", "-4", "0", "0", "0", "0"]]
+)
+def test_plan_and_locate_count_the_wrench_that_is_typed(capsys, words):
+    robot = robots.load("five_bar")
+    plan = plan_scene(robot, "C", law="optimal", wrenches={"left_tip": [3.0, -4.0, 0, 0, 0, 0]})
+    document = answer(capsys, "plan", "five_bar", "--scene", "C", "--law", "optimal", *words)
+    assert document["peak_torque"] == pytest.approx(plan.peak_torque, rel=1e-9)
+    assert document["request"]["wrenches"] == plan.request.wrenches
+    place = answer(capsys, "locate", "five_bar", "--scene", "C", *words)["singularities"][0]
+    assert place["condition"]["gamma"] == pytest.approx(plan.crossings[0].condition.gamma, rel=1e-9)
+
+
+def test_a_folder_is_simulated_under_its_own_wrench_and_takes_no_other(capsys, tmp_path):
+    words = ["plan", "five_bar", "--scene", "C", "--law", "optimal", "--wrench", "3", "-4"]
+    answer(capsys, *words, "--out", str(tmp_path / "out"))
+    run = answer(capsys, "simulate", str(tmp_path / "out"))
+    assert run["tracking_error"] < 1e-9
+    assert main(["simulate", str(tmp_path / "out"), "--wrench", "1", "1"]) == 2
+    assert "--wrench: the plan in" in capsys.readouterr().err
+
+
+def test_pose_tells_torques_loops_and_reactions_of_an_instant(capsys):
+    robot = robots.load("five_bar")
+    instant = dynamics_at(
+        robot,
+        assemble(robot, [0.05, 0.3]),
+        dx=[0.1, 0.2],
+        ddx=[1.0, 2.0],
+        wrenches={"left_tip": [3.0, 4.0, 0, 0, 0, 0]},
+    )
+    words = ["pose", "five_bar", "--platform", "0.05", "0.3", "--velocity", "0.1", "0.2"]
+    words += ["--acceleration", "1", "2", "--wrench", "3", "4"]
+    loads = answer(capsys, *words)["dynamics"]
+    torques = dict(zip(robot.actuator_names, instant.torque, strict=True))
+    assert loads["torque"] == pytest.approx(torques, rel=1e-12)
+    np.testing.assert_allclose(
+        np.array(loads["loop_forces"]["tip"], dtype=float), instant.loop_forces["tip"], atol=1e-9
+    )
+    assert set(loads["reactions"]) == set(instant.reactions)
+    assert loads["indeterminate"] == list(instant.indeterminate)
+    assert main(words) == 0
+    text = capsys.readouterr().out
+    assert f"motor torque      left_motor {torques['left_motor']:.9g} N m" in text
+    assert "dynamics" not in answer(capsys, "pose", "five_bar", "--platform", "0.05", "0.3")
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["plan", "five_bar", "--scene", "C", "--wrench", "1"], "wrench (x, y) must be 2 finite numbers"),
+        (["plan", "five_bar", "--scene", "C", "--wrench", "1", "nan"], "must be 2 finite numbers"),
+        (["plan", "five_bar", "--scene", "C", "--wrench-on", "tip", *"123456"], "unknown frame 'tip'"),
+        (["plan", "five_bar", "--scene", "C", "--wrench-on", "left_tip", *"12345x"], "needs 6 numbers"),
+        (
+            ["plan", "five_bar", "--scene", "C", "--wrench", "1", "2", "--wrench-on", "left_tip", *"123456"],
+            "left_tip has two wrenches",
+        ),
+        (["pose", "humanoid_ankle", "--platform", "0", "0", "--wrench", "1", "2"], "move with it"),
+        (["pose", "five_bar", "--platform", "0", "0.3", "--all", "--wrench", "1", "2"], "lists poses alone"),
+        (["pose", "five_bar", "--platform", "0", "0.3", "--velocity", "1"], "must be 2 finite numbers"),
+    ],
+)
+def test_what_is_no_wrench_or_has_no_place_is_refused(capsys, words, complaint):
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert complaint in error
+    assert error.count("\n") == 1
