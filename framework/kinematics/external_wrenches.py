@@ -77,7 +77,8 @@ class ExternalWrenches:
         """Compute the wrenches at T configurations, whose frames are given, at path coordinates s (T,)."""
         wrenches = self.on_base_axes(mechanism, frames, s)
         return tuple(
-            applied_wrench(mechanism, frames, frame, wrench) for frame, wrench in wrenches.items()
+            applied_wrench(mechanism, frames, entry.frame, wrenches[entry.frame], turns=entry.turns)
+            for entry in self.entries
         )
 
     def on_base_axes(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> dict[str, Array]:
@@ -126,11 +127,13 @@ def check_frame(mechanism: Mechanism, frame: object) -> None:
 
 
 def applied_wrench(
-    mechanism: Mechanism, frames: FrameStack, frame: str, wrench: ArrayLike
+    mechanism: Mechanism, frames: FrameStack, frame: str, wrench: ArrayLike, *, turns: bool = False
 ) -> AppliedWrench:
     """Compute what a wrench (6,) or (T, 6), at a frame's origin on base axes, is at T configurations.
 
-    `frames` are those of the robot at these configurations.
+    Args:
+        frames: of the robot, at these configurations.
+        turns: whether it turns on with its frame.
     """
     index = frame_of(mechanism.model, frame)
     position, _ = _placed(mechanism, frames, index)
