@@ -13,7 +13,7 @@ from framework.dynamics.pointwise_dynamics import Instant, dynamics_at
 from framework.kinematics.parallel_robot import ParallelRobot
 
 
-def instant_of(robot: ParallelRobot, q: Array, options: argparse.Namespace) -> Instant | None:
+def loads_of_instant(robot: ParallelRobot, q: Array, options: argparse.Namespace) -> Instant | None:
     """Compute the loads of the instant that the options describe; None where they describe none."""
     wrenches = arguments.wrenches(options, robot)
     if options.velocity is None and options.acceleration is None and not wrenches:
@@ -21,7 +21,7 @@ def instant_of(robot: ParallelRobot, q: Array, options: argparse.Namespace) -> I
     return dynamics_at(robot, q, dx=options.velocity, ddx=options.acceleration, **wrenches)
 
 
-def instant_in_words(robot: ParallelRobot, instant: Instant | None) -> list[str]:
+def loads_in_words(robot: ParallelRobot, instant: Instant | None) -> list[str]:
     """Return lines on the torques of motors, and on the forces of loops and joints."""
     if instant is None:
         return []
@@ -41,7 +41,7 @@ def _wrench_in_words(wrench: Array) -> str:
     return f"force ({', '.join(numbers[:3])}) N, moment ({', '.join(numbers[3:])}) N m"
 
 
-def instant_document(robot: ParallelRobot, instant: Instant) -> dict[str, Any]:
+def loads_document(robot: ParallelRobot, instant: Instant) -> dict[str, Any]:
     """Return the loads of an instant for JSON; null for what is indeterminate."""
     return {
         "torque": dict(zip(robot.actuator_names, map(float, instant.torque), strict=True)),

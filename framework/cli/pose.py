@@ -10,7 +10,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.cli import arguments
-from framework.cli.instant import instant_document, instant_in_words, instant_of
+from framework.cli.instant import loads_document, loads_in_words, loads_of_instant
 from framework.cli.parser import Report, add_flexibility, add_options, add_robot, add_wrenches, command
 from framework.dynamics.platform_limits import PlatformLimits, platform_limits
 from framework.errors import InvalidInput, NotAssembled
@@ -78,7 +78,7 @@ def run(options: argparse.Namespace) -> Report:
     )
     pose, classification = describe_pose(robot, closed.q), classify(robot, closed.q)
     limits = _limits(robot, closed.q, options)
-    instant = instant_of(robot, closed.q, options)
+    instant = loads_of_instant(robot, closed.q, options)
     lines = [
         f"{pose.robot}, {pose.flexibility}",
         f"  platform          {_listed(pose.platform)}",
@@ -95,7 +95,7 @@ def run(options: argparse.Namespace) -> Report:
         f"(length {classification.length:.3g} m)" + _angles(robot, classification),
         *_worst_torques(robot, classification),
         *_limits_in_words(robot, limits),
-        *instant_in_words(robot, instant),
+        *loads_in_words(robot, instant),
         f"  closures          closed to {pose.closure_error:.1e} m or rad",
         *(
             f"  warning           {joint} exceeds its limits: {excess}"
@@ -104,7 +104,7 @@ def run(options: argparse.Namespace) -> Report:
     ]
     document = asdict(pose) | {"singularity": _document(classification), "limits": _limits_document(limits)}
     if instant is not None:
-        document["dynamics"] = instant_document(robot, instant)
+        document["dynamics"] = loads_document(robot, instant)
     return document, "\n".join(lines)
 
 
