@@ -95,7 +95,9 @@ $(VENV)/.created:
 
 $(VENV)/.wheel: $(VENV)/.created $(METADATA) $(SOURCES)
 	@rm -f $(VENV)/.test $(VENV)/.dev $(VENV)/.witness $(VENV)/.browser
-	$(INSTALL) .
+	@echo "Installing into $(VENV). The first time pip fetches some 50 packages, 175 MB (pinocchio, scipy, matplotlib and"
+	@echo "what they need), without a word: a minute or two. Afterwards this takes seconds."
+	$(INSTALL) --quiet .
 	@touch $@
 
 $(VENV)/.test: $(VENV)/.created $(METADATA)

@@ -10,7 +10,7 @@ from typing import Any
 from framework.cli.commands import COMMANDS
 from framework.crossing.options import TYPED
 from framework.model.description import FLEXIBILITIES
-from framework.parallel.workers import MAX_WORKERS
+from framework.parallel import MAX_WORKERS
 
 Report = tuple[dict[str, Any], str]  # for machines, for people
 

@@ -107,6 +107,8 @@ def close_each(
 
 def idle_balls(robot: ParallelRobot) -> IntArray:
     """Return entries of the velocity vector that are idle and belong to balls."""
+    if not len(robot.structure.idle):  # to look at joints, each a copy, takes as long as to close the loops
+        return robot.structure.idle
     first = np.array([joint.idx_v for joint in robot.model.joints[1:] if is_ball(joint)], dtype=np.intp)
     columns = first[:, None] + np.arange(3)
     return np.intersect1d(robot.structure.idle, columns).astype(np.intp)

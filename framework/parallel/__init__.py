@@ -3,3 +3,5 @@
 Tasks go out in chunks that are the same whatever computes them, so that results do not depend on it. Open
 `tasks` first; `workers` are its processes, `kept` holds finished chunks on disk.
 """
+
+MAX_WORKERS = 1000  # processes

@@ -22,8 +22,8 @@ from multiprocessing.context import SpawnProcess
 from typing import Any, NamedTuple, TypeVar
 
 from framework.errors import LostWorkers, whole_number
+from framework.parallel import MAX_WORKERS
 
-MAX_WORKERS = 1000
 MAX_TRIES = 3  # processes that a task may cost
 PICKLING_ERRORS = (pickle.PicklingError, AttributeError, TypeError)  # what pickle says of what it cannot do
 T = TypeVar("T")

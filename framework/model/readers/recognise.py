@@ -1,4 +1,7 @@
-"""Recognise the dialect of a file, and read the description in it."""
+"""Recognise the dialect of a file, and read the description in it.
+
+Readers of foreign dialects are imported when a file may be one of theirs: most files are our own.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,6 @@ from framework.input import read_text
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.parameters import with_parameters
-from framework.model.readers import gepetto, loop_joint, onshape, ros_constraint, urdf_plus
 from framework.model.readers.missing_fields import (
     Known,
     Options,
@@ -23,10 +25,6 @@ from framework.model.readers.missing_fields import (
     checked_reference,
     completed_description,
 )
-from framework.model.readers.mjcf.reader import read_mjcf
-from framework.model.readers.ros_constraint import read_ros_constraint
-from framework.model.readers.sdf import raise_for_sdf
-from framework.model.readers.urdf_plus import read_urdf_plus
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_file import parse_robot
 
@@ -100,7 +98,11 @@ def parse_any(
 
 
 def _dialect_of_xml(root: ElementTree.Element) -> str:
+    from framework.model.readers import loop_joint, onshape, ros_constraint, urdf_plus
+
     if root.tag == "sdf":
+        from framework.model.readers.sdf import raise_for_sdf
+
         raise_for_sdf()
     if root.tag == "mujoco":
         return "mjcf"
@@ -134,6 +136,8 @@ def _dialect_of_yaml(content: Any) -> str:
         raise RobotFileError(f"needs a mapping of keys, got {short(content)}")
     if any(key in content for key in _OWN_KEYS):
         return "robot file"
+    from framework.model.readers import gepetto
+
     if any(key in content for key in gepetto.KEYS):
         return "gepetto"
     valid = ", ".join(map(short, content)) or "nothing"
@@ -143,12 +147,15 @@ def _dialect_of_yaml(content: Any) -> str:
 
 
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
+    from framework.model.readers import loop_joint, onshape, ros_constraint, urdf_plus
+    from framework.model.readers.mjcf.reader import read_mjcf
+
     root = parse_xml(text)
     read = {
         "mjcf": read_mjcf,
         "loop_joint": loop_joint.read_loop_joints,
-        "urdf+": read_urdf_plus,
-        "ros": read_ros_constraint,
+        "urdf+": urdf_plus.read_urdf_plus,
+        "ros": ros_constraint.read_ros_constraint,
         "onshape": onshape.read_onshape,
     }
     dialect = _dialect_of_xml(root)
@@ -176,6 +183,8 @@ def _from_yaml(
     dialect = _dialect_of_yaml(content)
     if dialect == "robot file":
         return _own(parse_robot(path, content, parameters), options)
+    from framework.model.readers import gepetto
+
     urdf = _urdf_beside(path)
     try:
         tree = UrdfTree(parse_xml(read_text(urdf, f"{urdf}: cannot read it", error=RobotFileError)))
