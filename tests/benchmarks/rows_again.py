@@ -1,4 +1,4 @@
-"""Six rows of the chart again, without a line of the framework: `python tests/benchmarks/rows_again.py [DIR]`.
+"""Six rows of the chart again, without a line of the framework: `python .../rows_again.py [DIR]`.
 
 The reference is mpmath's: the 5R by virtual work, g = D P^-T m a with P the rods and D = p . (crank turned by
 a right angle), the cranks' accelerations by mpmath's own differentiation in fifty digits. The methods are

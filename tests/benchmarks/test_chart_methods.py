@@ -140,6 +140,21 @@ def test_the_squeezer_ends_where_it_is_published_to_end():
     assert row("forward", "squeezer_radau_5", 1e-8).error < 1e-7
 
 
+# ------------------------------------------------------------------ robots in space
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["delta", "gough_stewart"])
+def test_robots_in_space_have_the_torques_of_virtual_work(name):
+    for method, setting in (
+        ("nodes", (64,)),
+        ("stacks", (257, 9)),
+        ("pinocchio", (257, 9)),
+        ("proved", (1e-6,)),
+    ):
+        assert row("spatial", f"{name}-{method}", *setting).error < 1e-11, method
+
+
 # ------------------------------------------------------------------ laws
 
 

@@ -17,6 +17,7 @@ NAMES = (
     "forward",
     "laws",
     "elastic",
+    "spatial",
     "imposed",
     "misfit",
     "sizes",
