@@ -10,6 +10,8 @@ import pytest
 import robots
 from framework import assemble, dynamics_at, plan_scene
 from framework.cli import main
+from framework.crossing.optimal.lower_bound import estimated_best
+from framework.show.reproduction import command_line
 
 
 def answer(capsys, *words):
@@ -86,3 +88,19 @@ def test_what_is_no_wrench_or_has_no_place_is_refused(capsys, words, complaint):
     error = capsys.readouterr().err
     assert complaint in error
     assert error.count("\n") == 1
+
+
+def test_the_command_that_makes_a_plan_again_has_its_wrenches():
+    robot = robots.load("five_bar")
+    plan = plan_scene(robot, "A", wrenches={"left_tip": [0.0, 1.0, 0, 0, 0, 0.5]})
+    assert "--wrench-on left_tip 0.0 1.0 0.0 0.0 0.0 0.5" in command_line(plan, "again")
+    turning = {"left_tip": {"wrench": [0, 1, 0, 0, 0, 0], "axes": "tool"}}
+    assert command_line(plan_scene(robot, "A", wrenches=turning), "again") is None  # no option states it
+
+
+def test_estimates_of_the_best_law_count_the_wrenches():
+    """A push that the motors hold at rest is part of what any law needs."""
+    robot = robots.load("five_bar")
+    plan = plan_scene(robot, "C", law="optimal", wrenches={"left_tip": [6.0, 0, 0, 0, 0, 0]})
+    least, peak = estimated_best(plan), max(plan.peak_torque.values())
+    assert 0.9 * peak < least * max(plan.optimality.reference) <= 1.001 * peak

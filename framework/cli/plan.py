@@ -156,6 +156,7 @@ def plan_text(plan: CrossingPlan) -> str:
         lines.append(f"  law               {plan.reason}")
     if plan.law.kind != Law.kind:
         lines += _best(plan)
+    lines += _wrenches(plan)
     lines += _crossings(plan)
     peaks = ", ".join(
         f"{joint} {value:.6g} {unit}"
@@ -163,6 +164,20 @@ def plan_text(plan: CrossingPlan) -> str:
     )
     lines.append(f"  peak torque       {peaks}")
     return "\n".join([*lines, *_certificate(plan), *_warnings(plan)])
+
+
+def _wrenches(plan: CrossingPlan) -> list[str]:
+    """Return a line for each wrench of the world."""
+    lines = []
+    for wrench in plan.dynamics.wrenches.entries:
+        axes = f"axes of {'the frame' if wrench.turns else 'the base'}"
+        if wrench.rows.ndim == 1:
+            force, moment = point(wrench.rows[:3]), point(wrench.rows[3:])
+            said = f"force {force} N, moment {moment} N m"
+        else:
+            said = f"a table of {len(wrench.rows)} rows over s"
+        lines.append(f"  wrench            on {wrench.frame}: {said}, {axes}")
+    return lines
 
 
 def _crossings(plan: CrossingPlan) -> list[str]:

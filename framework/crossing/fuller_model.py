@@ -63,7 +63,7 @@ class FullerModel:
         Raises:
             NoAnswer: it cannot follow the path.
         """
-        return cls(dynamics, search_path(robot, dynamics.path), friction)
+        return cls(dynamics, search_path(robot, dynamics.path).under(dynamics.wrenches), friction)
 
     @property
     def robot(self) -> ParallelRobot:

@@ -20,6 +20,9 @@ ONLY_CALLED = ("at", "tolerance")  # what `plan_crossing` can be told and a comm
 def command_line(plan: CrossingPlan, folder: str) -> str | None:
     """Return the `crossing plan` that makes the same plan into a folder; None if there is none."""
     typed = {key: value for key, value in given_options(plan).items() if key not in ONLY_CALLED}
+    wrenches = plan.dynamics.wrenches.entries
+    if any(wrench.turns or wrench.rows.ndim > 1 for wrench in wrenches):
+        typed.pop("wrenches")  # only a scene can state them
     motion = _path_options(plan, typed)
     if motion is None:
         return None
@@ -71,6 +74,10 @@ def _typed(key: str, value: Any) -> str:
     option = f"--{key.replace('_', '-')}"
     if value is True:
         return option
+    if key == "wrenches":
+        return " ".join(
+            f"--wrench-on {shlex.quote(frame)} {_listed(numbers)}" for frame, numbers in value.items()
+        )
     return f"{option} {_listed(value)}".rstrip() if isinstance(value, tuple) else f"{option} {value}"
 
 

@@ -52,6 +52,7 @@ def estimated_best(plan: CrossingPlan, cells: int = PATH_CELLS) -> float | None:
     specification = plan.optimality.specification
     branch = track_path(plan.robot, plan.path)
     points = locate_singularities(plan.robot, plan.path, branch=branch)
+    branch = branch.under(plan.dynamics.wrenches)
     places = [crossing_point(branch, singular, None, singular.s) for singular in points]
     edges = _edges(np.array([place.s for place in places]), cells)
     torque = np.where(specification.limited_motors, specification.torque_limit, plan.optimality.reference)
