@@ -188,7 +188,7 @@ class BalanceEquations:
         series = coefficients(changes.reshape(panels, len(changes) // panels, -1))
         return Slopes(series, len(sizes), state.misfit)
 
-    def tangent(self, state: BalanceState, slopes: Slopes) -> LinearBalance:
+    def linearised(self, state: BalanceState, slopes: Slopes) -> LinearBalance:
         """The equations for a step from this state, and from others near it."""
         return LinearBalance.of(self._matrix(state, slopes), self._at_rest(state), state.series.size)
 

@@ -141,26 +141,27 @@ def _settled(equations: BalanceEquations, state: BalanceState, before: Settled |
     Slopes of a state near by, and what is factored of them, are taken as long as steps with them help much:
     at first those of a state `before` with fewer coefficients.
     """
-    slopes, tangent = None if before is None else before.slopes, None
+    slopes, linear = None if before is None else before.slopes, None
     for _ in range(MAX_STEPS):
         if state.misfit <= SETTLED_MISFIT and slopes is not None:
             return Settled(state, True, slopes)
         fresh = slopes is None
         slopes = equations.slopes(state) if slopes is None else slopes
-        tangent = equations.tangent(state, slopes) if tangent is None else tangent
-        step = tangent.step(state)
+        linear = equations.linearised(state, slopes) if linear is None else linear
+        step = linear.step(state)
+        enough = state.misfit <= ENOUGH_MISFIT  # for better slopes not to be worth it
         if step.left > MAX_MISFIT_RATIO * state.misfit and state.misfit <= MAX_UNRESOLVED_MISFIT:
-            if before is None or slopes.misfit <= MAX_MISFIT_OF_SLOPES:
+            if before is None or enough or slopes.misfit <= MAX_MISFIT_OF_SLOPES:
                 return Settled(state, True, slopes)
-            slopes, tangent = equations.slopes(before.state), None
+            slopes, linear = equations.slopes(before.state), None
             continue
         new = _moved(equations, state, step)
-        if new is None and fresh:
-            break
+        if new is None and (fresh or enough):
+            return Settled(state, enough, slopes)
         if new is None or new.misfit > max(
-            MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit, MAX_LINEAR_MISFIT_RATIO * step.left
+            MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit, MAX_LINEAR_MISFIT_RATIO * step.left, ENOUGH_MISFIT
         ):
-            slopes = tangent = None
+            slopes = linear = None
         state = new or state
     return Settled(state, False, slopes)
 

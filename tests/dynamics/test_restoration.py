@@ -56,5 +56,5 @@ def test_one_step_squares_a_small_error():
     falling = (1.0 + np.arange(series.shape[1])[:, None]) ** -4.0
     off = 1e-3 * np.abs(series).max() * falling * np.random.default_rng(0).normal(size=series.shape)
     state = equations.at(series + off, np.zeros(0))
-    step = equations.tangent(state, equations.slopes(state)).step(state)
+    step = equations.linearised(state, equations.slopes(state)).step(state)
     assert equations.at(state.series + step.series, np.zeros(0)).misfit <= 1e-3 * state.misfit
