@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 MOTION_FILE = "motion.csv"
 NOTABLE_END_SPEED = 1e-6  # of the largest motor speed, that motors have at the ends: worth a line
+LEAST_BEND = "least"  # --bend without a value
 MAX_SAMPLES = 1_000_000
 
 
@@ -53,8 +54,11 @@ def add(commands: Any) -> None:
     add_options(parser, "keep_limits")
     parser.add_argument(
         "--bend",
-        action="store_true",
-        help="where no law can cross, bend the path as little as helps, at most 5%% of its length, ends kept",
+        nargs="?",
+        const=LEAST_BEND,
+        metavar="P",
+        help="where no law can cross, bend the path as little as helps, at most 5%% of its length, ends "
+        "kept, and say what larger bends need; or by this share of its length, such as 0.5%%",
     )
     parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
     parser.add_argument(
@@ -78,24 +82,24 @@ def run(options: argparse.Namespace) -> Report:
     request = arguments.request(options, robot)
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
-    if level is not None and options.bend:
+    if level is not None and options.bend is not None:
         raise InvalidInput(
             "--bend: the rung of --flexibility auto is for the path as it is; leave one of them out"
         )
-    if options.bend and options.raw:
+    if options.bend is not None and options.raw:
         raise InvalidInput("--bend: finds a plan with a proof; leave --raw out")
     out = None if options.out is None else FilePath(options.out)
     if out is None and options.raw:
         return report_raw(options, robot, request, None)
     if out is None:
-        plan, entries, lines = _planned(robot, request, level, bend=options.bend)
+        plan, entries, lines = _planned(robot, request, level, options.bend)
         return plan_document(plan) | entries, plan_text(plan) + lines
     with written_together(out, document="raw.json" if options.raw else FILE) as folder:
         if options.raw:
             return report_raw(options, robot, request, folder)
         from framework.show.plots import save_figures
 
-        plan, entries, lines = _planned(robot, request, level, bend=options.bend)
+        plan, entries, lines = _planned(robot, request, level, options.bend)
         document = plan_document(plan, out) | entries
         (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
         motion = plan.samples(options.samples)
@@ -106,23 +110,28 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _planned(
-    robot: ParallelRobot, request: Request, level: ChosenLevel | None, *, bend: bool
+    robot: ParallelRobot, request: Request, level: ChosenLevel | None, bend: str | None
 ) -> tuple[CrossingPlan, dict[str, Any], str]:
     """Plan; return also the rung of --flexibility auto, or how far --bend has bent the path."""
     if level is not None:
         line = f"\n  fidelity          {level.sentence}"
         return plan_request(robot, request), {"fidelity": level.to_dict()}, line
-    if not bend:
+    if bend is None:
         return plan_request(robot, request), {}, ""
-    modified = plan_request_with_modified_path(robot, request)
+    share = None if bend == LEAST_BEND else arguments.share("--bend", bend)
+    modified = plan_request_with_modified_path(robot, request, bend=share)
     far = f"{1e3 * modified.moved:.3g} mm" + (f" and {modified.turned:.3g} rad" if modified.turned else "")
     sentence = f"by at most {far}, {100 * modified.share:.2g} % of its length, its ends kept; a spline now"
     line = f"\n  path bent         {sentence if modified.share else 'not at all: it needs none'}"
-    return (
-        modified.plan,
-        {"bend": {"moved": modified.moved, "turned": modified.turned, "share": modified.share}},
-        line,
-    )
+    for choice in modified.choices:
+        peaks = ", ".join(
+            f"{joint} {peak:.4g} {unit}"
+            for (joint, peak), unit in zip(choice.peak_torque.items(), robot.torque_units, strict=True)
+        )
+        line += f"\n    --bend {100 * choice.share:.3g}%".ljust(19) + f" peak torque {peaks}"
+    entry = {key: getattr(modified, key) for key in ("moved", "turned", "share")}
+    choices = [choice._asdict() for choice in modified.choices]
+    return modified.plan, {"bend": {**entry, "choices": choices}}, line
 
 
 def law_name(law: PlannedLaw) -> str:

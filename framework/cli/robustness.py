@@ -31,11 +31,13 @@ from framework.control.run_monitor import SENSORS, ControlLoop
 from framework.control.study import Study, run_study
 from framework.control.study_setup import FILE, StudySetup
 from framework.control.variation import Spread
-from framework.errors import InvalidInput
+from framework.errors import FrameworkError, InvalidInput
 from framework.output import written_together
 from framework.parallel.kept import forget
 from framework.parallel.tasks import executor_of
 
+DEFAULT_CONTROLLER, FEEDBACK = "feedforward", "lqr"
+RUNS_WITH_FEEDBACK = 5  # runs that failed by default, done once more with feedback
 COLUMNS = (
     *("controller", "study_seed", "run", "passed"),
     *("tracking_error", "end_error", "peak_torque", "payload", "why"),
@@ -143,7 +145,7 @@ def run(options: argparse.Namespace) -> Report:
         arguments.planned(options), period=options.period, loop=loop, spread=spread, seed=options.seed
     )
     if options.out is None:
-        return _report(setup, _studies(options, setup, {}), None)
+        return _report(options, setup, _studies(options, setup, {}), None)
     out = FilePath(options.out)
     kept = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
     with written_together(out, document=FILE) as folder:  # hours of work want a place to go to
@@ -151,7 +153,7 @@ def run(options: argparse.Namespace) -> Report:
             studies = _studies(options, setup, kept)
         except KeyboardInterrupt as stop:
             raise type(stop)(*_what_is_kept(options, kept)) from None
-        document, text = _report(setup, studies, out)
+        document, text = _report(options, setup, studies, out)
         _write(setup, studies, document, folder)
     forget(out)
     return document, f"{text}\n  written to        {options.out}"
@@ -159,18 +161,40 @@ def run(options: argparse.Namespace) -> Report:
 
 def _names(options: argparse.Namespace) -> list[str]:
     """Return the names of the controllers, each once."""
-    return list(dict.fromkeys(options.controller or ["feedforward"]))
+    return list(dict.fromkeys(options.controller or [DEFAULT_CONTROLLER]))
 
 
-def _report(setup: StudySetup, studies: list[Study], folder: FilePath | None) -> Report:
+def _with_feedback(options: argparse.Namespace, setup: StudySetup, study: Study) -> dict[str, Any]:
+    """Return how many of the first runs that fail by default pass with feedback; nothing if it was chosen."""
+    lost = [number for _, number in study.failures[:RUNS_WITH_FEEDBACK]]
+    if options.controller or not lost:
+        return {}
+    try:
+        passed = setup.passed(FEEDBACK, lost)
+    except FrameworkError:  # this controller is not for every robot
+        return {}
+    return {"with_feedback": {"controller": FEEDBACK, "runs": len(lost), "passed": passed}}
+
+
+def _report(
+    options: argparse.Namespace, setup: StudySetup, studies: list[Study], folder: FilePath | None
+) -> Report:
     robot = setup.plan.robot.name
     document = {
         "robot": robot,
         "runs": len(studies[0].passed),
         **setup.to_dict(folder),
         "studies": [_document(study) for study in studies],
+        **_with_feedback(options, setup, studies[0]),
     }
-    return document, _text(robot, studies)
+    text = _text(robot, studies)
+    if "with_feedback" in document:
+        tried = document["with_feedback"]
+        text += (
+            f"\n  with feedback     {tried['passed']} of the first {tried['runs']} runs that failed pass "
+            f"with --controller {tried['controller']}"
+        )
+    return document, text
 
 
 def _what_is_kept(options: argparse.Namespace, kept: dict[str, KeptRuns]) -> list[str]:

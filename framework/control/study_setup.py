@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from framework.control.closed_loop import run_closed_loop, torque_limit
 from framework.control.controllers import tuned_controller
@@ -76,6 +79,12 @@ class StudySetup:
         """Do one run of the study once more, alone, with its torques recorded."""
         variation = draw(self.plan.robot, self.spread, (self.seed, number))
         return run_closed_loop(self.controller(controller), self.loop, self.spread, [variation], record=True)
+
+    def passed(self, controller: str, numbers: Sequence[int]) -> int:
+        """Count how many runs of these numbers pass with a controller."""
+        variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
+        run = run_closed_loop(self.controller(controller), self.loop, self.spread, variations)
+        return int(np.count_nonzero(run.passed))
 
     def to_dict(self, folder: Path | None = None) -> dict[str, Any]:
         """Return the set-up as robustness.json in this folder has it, with the versions of libraries."""

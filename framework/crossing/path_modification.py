@@ -27,6 +27,7 @@ from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, NoAnswer, NoLaw, UncontrolledMotions
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.law import is_number
 from framework.motion.path import Path, Spline
 from framework.singularity.points_on_path import search_path
 
@@ -38,7 +39,15 @@ BEND_RESERVE = 0.1  # of its size, by which the bend is made larger than the lea
 BUMP_EXPONENT = 10.0  # N: b and two derivatives of it vanish at both ends for c in [END_SHARE, 1 - END_SHARE]
 SPLINE_POINTS = 9  # and two more for each knot of the path
 END_SHARE = 0.15  # in s: nearer to an end the bump would not vanish smoothly there
+BEND_CHOICES = 6  # bends, the least among them, whose torques are compared
 BEND_SAMPLES = 1001  # equidistant places at which the size of a bend is measured
+
+
+class BendChoice(NamedTuple):
+    """The share of its length by which a path is bent, and the torque peaks of its plan [N m], by joint."""
+
+    share: float
+    peak_torque: dict[str, float]
 
 
 class ModifiedPathPlan(NamedTuple):
@@ -47,32 +56,47 @@ class ModifiedPathPlan(NamedTuple):
     moved, turned: the largest distance [m], and the largest norm of the difference of rotation vectors
     [rad], between points of the same s; both 0 where no bend was needed.
     share: the largest distance over the path's length, turns multiplied by the robot's length.
+    choices: this bend and larger ones to the same side, with the torques of their plans.
     """
 
     plan: CrossingPlan
     moved: float
     turned: float
     share: float
+    choices: tuple[BendChoice, ...] = ()
 
 
-def plan_with_modified_path(robot: ParallelRobot, path: Path, **options: Any) -> ModifiedPathPlan:
+def plan_with_modified_path(
+    robot: ParallelRobot, path: Path, *, bend: float | None = None, **options: Any
+) -> ModifiedPathPlan:
     """Plan as `plan_crossing` does; where no law can cross, on the path with the least bend that helps.
 
     See `plan_request_with_modified_path`.
     """
-    return plan_request_with_modified_path(robot, Request.of(robot, path, **options))
+    return plan_request_with_modified_path(robot, Request.of(robot, path, **options), bend=bend)
 
 
-def plan_request_with_modified_path(robot: ParallelRobot, request: Request) -> ModifiedPathPlan:
+def plan_request_with_modified_path(
+    robot: ParallelRobot, request: Request, *, bend: float | None = None
+) -> ModifiedPathPlan:
     """Plan a request, with its path bent where that is nearest to orthogonal to t_s if it needs to be.
 
     Least means: of bends to either side, each twice the last, the first with which the request is planned,
     within its limits if it has any, bisected against the last that was refused; then `BEND_RESERVE` is added.
-    Without a limit of torque the least bend may well ask for a large one.
+    Without a limit of torque the least bend may well ask for a large one: `choices` says what larger bends
+    ask for.
+
+    Args:
+        bend: this share of the path's length instead of the least, to the side with the smaller torques.
 
     Raises:
+        InvalidInput: a bend that is not in (0, MAX_BEND_SHARE].
         As `plan_request`; NoLaw with the reason of the path itself where no bend helps.
     """
+    if bend is not None and not (is_number(bend) and 0.0 < bend <= MAX_BEND_SHARE):
+        raise InvalidInput(
+            f"bend: must be a share in (0, {MAX_BEND_SHARE:g}] of the path's length, got {bend!r}"
+        )
     try:
         return ModifiedPathPlan(plan_request(robot, request), 0.0, 0.0, 0.0)
     except UncontrolledMotions:
@@ -83,10 +107,11 @@ def plan_request_with_modified_path(robot: ParallelRobot, request: Request) -> M
         modification = None if at_end else _modification_at_crossing(robot, request.path)
         if modification is None:
             raise
-        modified = _least(robot, request, modification)
+        modified = _modified(robot, request, modification, bend)
         if modified is None:
+            tried = f"up to {100 * MAX_BEND_SHARE:g}" if bend is None else f"{100 * bend:g}"
             raise NoLaw(
-                f"{refusal}; nor does a bend of up to {100 * MAX_BEND_SHARE:g} % of its length help",
+                f"{refusal}; nor does a bend of {tried} % of its length help",
                 proof=proof,
             ) from None
     return modified
@@ -145,8 +170,10 @@ def _bump(s: Array, c: float) -> Array:
     return (s / m) ** (N * m) * ((1.0 - s) / (1.0 - m)) ** (N * (1.0 - m))
 
 
-def _least(robot: ParallelRobot, request: Request, modification: _Modification) -> ModifiedPathPlan | None:
-    """Return the plan on the path with the least bend with which the request is planned, None without any."""
+def _modified(
+    robot: ParallelRobot, request: Request, modification: _Modification, bend: float | None
+) -> ModifiedPathPlan | None:
+    """Return the plan on the path with this bend, or with the least that is enough; None without any."""
 
     def planned(share: float) -> CrossingPlan | None:
         try:
@@ -154,6 +181,25 @@ def _least(robot: ParallelRobot, request: Request, modification: _Modification) 
         except (NoAnswer, InvalidInput):  # the latter: not as many crossings as times or speeds
             return None
 
+    if bend is not None:
+        plans = [plan for side in (1.0, -1.0) if (plan := planned(side * bend)) is not None]
+        best = min(plans, key=lambda plan: max(plan.peak_torque.values()), default=None)
+        return None if best is None else _measured(robot, modification, best, ())
+    least = _least(planned)
+    if least is None:
+        return None
+    share, plan = least
+    side, largest = float(np.sign(share)), max(MAX_BEND_SHARE, abs(share))
+    choices = [BendChoice(abs(share), plan.peak_torque)]
+    for larger in np.geomspace(abs(share), largest, BEND_CHOICES)[1:] if largest > abs(share) else ():
+        other = planned(side * float(larger))
+        if other is not None:
+            choices.append(BendChoice(float(larger), other.peak_torque))
+    return _measured(robot, modification, plan, tuple(choices))
+
+
+def _least(planned: Callable[[float], CrossingPlan | None]) -> tuple[float, CrossingPlan] | None:
+    """Return the least share that is enough, to its side and with its reserve, and the plan; None without."""
     smallest = MAX_BEND_SHARE / 2.0**BEND_HALVINGS
     for share in (side * smallest * 2.0**k for k in range(BEND_HALVINGS + 1) for side in (1.0, -1.0)):
         plan = planned(share)
@@ -163,7 +209,14 @@ def _least(robot: ParallelRobot, request: Request, modification: _Modification) 
         return None
     if abs(share) > smallest:
         share, plan = _bisected(planned, share, plan)
-    plan = planned((1.0 + BEND_RESERVE) * share) or plan
+    reserved = planned((1.0 + BEND_RESERVE) * share)
+    return (share, plan) if reserved is None else ((1.0 + BEND_RESERVE) * share, reserved)
+
+
+def _measured(
+    robot: ParallelRobot, modification: _Modification, plan: CrossingPlan, choices: tuple[BendChoice, ...]
+) -> ModifiedPathPlan:
+    """Return a plan with how far its path has moved."""
     s = np.linspace(0.0, 1.0, BEND_SAMPLES)
     change = plan.path(s) - modification.path(s)
     moved, turned, both = (
@@ -174,7 +227,7 @@ def _least(robot: ParallelRobot, request: Request, modification: _Modification) 
             change * modification.size,
         )
     )
-    return ModifiedPathPlan(plan, moved, turned, both / modification.length)
+    return ModifiedPathPlan(plan, moved, turned, both / modification.length, choices)
 
 
 def _bisected(

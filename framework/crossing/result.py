@@ -23,7 +23,7 @@ from framework.dynamics.loaded_measure import LoadedPoint, loaded_point
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import told_apart
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tree_model import positions_beyond_limits
+from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
 from framework.motion.law import PlannedLaw
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SingularPoint
@@ -143,25 +143,30 @@ class CrossingPlan:
     @property
     def exceeded(self) -> dict[str, str]:
         """Limits that the plan does not keep, by joint: those of the robot file's motors (torque and speed),
-        and the positions that the URDF allows its joints.
+        and the positions that the URDF allows its joints; where on the path each is exceeded most.
         """
         times = np.linspace(0.0, self.duration, PEAK_SAMPLES)
-        torques = np.abs(self.torque(times)).max(axis=0)
-        speeds = np.abs(self.motor_angle(times, 1)).max(axis=0)
+        sizes = np.abs(self.torque(times)), np.abs(self.motor_angle(times, 1))
+        torques, speeds = (size.max(axis=0) for size in sizes)
+        s_torque, s_speed = (self.law(times[size.argmax(axis=0)]) for size in sizes)
         exceeded = {}
         for k, motor in enumerate(self.robot.description.actuators):
             excesses = []
             if motor.torque_limit is not None and torques[k] > motor.torque_limit:
                 unit = self.robot.torque_units[k]
                 torque, limit = told_apart(torques[k], motor.torque_limit)
-                excesses.append(f"torque {torque} {unit} of {limit}")
+                excesses.append(f"torque {torque} {unit} of {limit} at s = {s_torque[k]:.4g}")
             if motor.speed_limit is not None and speeds[k] > motor.speed_limit:
                 speed, limit = told_apart(speeds[k], motor.speed_limit)
-                excesses.append(f"speed {speed} rad/s of {limit}")
+                excesses.append(f"speed {speed} rad/s of {limit} at s = {s_speed[k]:.4g}")
             if excesses:
                 exceeded[motor.joint] = ", ".join(excesses)
-        beyond = positions_beyond_limits(self.robot.limits, self.dynamics.configuration(times))
-        for joint, position in beyond.items():
+        q, limits = self.dynamics.configuration(times), self.robot.limits
+        beyond = positions_beyond_limits(limits, q)
+        s_position = self.law(times[shares_beyond_limits(limits, q).argmax(axis=0)])
+        at = dict(zip([limit.joint for limit in limits], s_position, strict=True))
+        for joint, beyond_by in beyond.items():
+            position = f"{beyond_by} at s = {at[joint]:.4g}"
             exceeded[joint] = f"{exceeded[joint]}, {position}" if joint in exceeded else position
         return exceeded
 

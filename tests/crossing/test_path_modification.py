@@ -38,6 +38,16 @@ def test_a_path_orthogonal_to_the_twist_is_bent_as_little_as_the_torque_limit_al
     # where it crosses, its tangent has turned towards t_s
     for crossing in plan.crossings:
         assert abs(plan.path(crossing.s, 1) @ twist) > 1e-3 * np.linalg.norm(plan.path(crossing.s, 1))
+    # larger bends to the same side are told with what they need, and can be taken
+    shares = [choice.share for choice in found.choices]
+    assert 5 <= len(shares) <= 8
+    assert shares == sorted(shares)
+    assert shares[0] == pytest.approx(found.share, rel=5e-2)  # of the curve, and of the spline
+    assert found.choices[0].peak_torque == plan.peak_torque
+    assert max(found.choices[-1].peak_torque.values()) < max(plan.peak_torque.values())
+    taken = plan_with_modified_path(robot, path, bend=shares[2], **asked)
+    assert taken.share == pytest.approx(shares[2], rel=5e-2)
+    assert max(taken.plan.peak_torque.values()) <= max(found.choices[2].peak_torque.values()) * (1 + 1e-6)
     # half of the bend is not enough
     points = plan.path.points
     half = Spline(0.5 * (points + path(np.linspace(0.0, 1.0, len(points)))))
@@ -64,5 +74,6 @@ def test_a_bend_keeps_the_ends_and_so_cannot_mend_a_stop_on_the_locus():
 def test_the_command_says_how_far_the_path_was_bent(capsys):
     assert main(["plan", "five_bar", "--scene", "C", "--bend"]) == 0
     assert "path bent         not at all" in capsys.readouterr().out
-    assert main(["plan", "five_bar", "--scene", "C", "--bend", "--raw"]) == 2
-    assert "--bend" in capsys.readouterr().err
+    for wrong in (["--bend", "--raw"], ["--bend", "6%"], ["--bend", "0"], ["--bend", "much"]):
+        assert main(["plan", "five_bar", "--scene", "C", *wrong]) == 2
+        assert "bend: " in capsys.readouterr().err

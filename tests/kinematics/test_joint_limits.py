@@ -25,7 +25,7 @@ def three_rpr():
 def test_a_leg_longer_than_its_urdf_allows_is_said(three_rpr):
     plan = plan_crossing(three_rpr, FAR, duration=1.5)
     # leg 1 reaches from the origin to the platform's point: its end is its longest
-    assert plan.exceeded["motor_1"] == f"position {np.hypot(0.2, 1.9):.6g} m of 1.2"
+    assert plan.exceeded["motor_1"] == f"position {np.hypot(0.2, 1.9):.6g} m of 1.2 at s = 1"
     assert set(plan.exceeded) == {"motor_1", "motor_2", "motor_3"}
     assert plan_document(plan)["exceeded"] == plan.exceeded
 
@@ -55,8 +55,10 @@ def test_a_passive_joint_has_limits_too(write_robot):
 
     robot = ParallelRobot.from_file(elbow_up_to(1.5))
     plan = plan_scene(robot, "C")
-    turned = plan.dynamics.configuration(np.linspace(0.0, plan.duration, 2001))[:, 3].max()
-    assert plan.exceeded == {"right_elbow": f"position {turned:.6g} rad of 1.5"}
+    times = np.linspace(0.0, plan.duration, 2001)
+    elbow = plan.dynamics.configuration(times)[:, 3]
+    s = plan.law(times[np.argmax(elbow)])
+    assert plan.exceeded == {"right_elbow": f"position {elbow.max():.6g} rad of 1.5 at s = {s:.4g}"}
     assert any("right_elbow: position" in advice for advice in check_robot(robot).advice)
 
 
