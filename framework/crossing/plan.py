@@ -23,7 +23,7 @@ from framework.crossing.result import CrossingPlan, Optimality, certified_plan
 from framework.crossing.specification import specification_of
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import rigid_crossings
-from framework.errors import NoLaw, NotConverged, UncontrolledMotions
+from framework.errors import NoAnswer, NoLaw, NotConverged, UncontrolledMotions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law
 from framework.motion.path import Path
@@ -115,8 +115,8 @@ def _best(work: _Work) -> CrossingPlan:
         )
         try:
             return _optimal(work, nearly_stops)
-        except (NoLaw, NotConverged):
-            return plan
+        except NoAnswer as refusal:
+            return replace(plan, reason=f"{nearly_stops}; the optimal law is not found: {refusal}")
     miss = miss_of_peak(plan, work.to_cross.searched.near_misses)
     return plan if miss is None else _lower_peak(work, plan, miss)
 
@@ -147,7 +147,7 @@ def _lower_peak(work: _Work, polynomial: CrossingPlan, miss: NearMiss) -> Crossi
     )
     try:
         optimal = _optimal(work, f"{why}; this one's is lower")
-    except (NoLaw, NotConverged) as refusal:
+    except NoAnswer as refusal:
         return replace(polynomial, reason=f"{why}; the optimal law is not found: {refusal}")
     assert optimal.optimality is not None
     peaks = [max_torque_ratio(plan, optimal.optimality.reference) for plan in (optimal, polynomial)]

@@ -7,7 +7,7 @@ import pytest
 
 import robots
 from framework import Line, NotConverged, plan_crossing
-from framework.errors import NoAnswer
+from framework.errors import NoAnswer, UnboundedTorque
 from tests.oracles.equations_of_motion import defects
 
 TOP = float(np.sqrt(0.06))  # [m] of the locus of the 5R on its axis of symmetry
@@ -88,6 +88,25 @@ def test_a_polynomial_whose_peak_is_lower_is_kept_and_says_what_the_other_costs(
     plan = plan_crossing(robot, path, duration=1.5)
     assert plan.law.kind == "polynomial"
     assert plan.reason.endswith("; the optimal law's is 0.02113 N m")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        NotConverged("no", residual=1.0),
+        UnboundedTorque("no", time=1.0, s=0.5, platform=np.zeros(2), wrench=1.0),
+    ],
+)
+def test_a_polynomial_is_kept_where_the_other_law_is_not_found(error, monkeypatch):
+    from framework.crossing import plan as planning
+
+    def refused(*_):
+        raise error
+
+    monkeypatch.setattr(planning, "optimal_motion", refused)
+    plan = plan_crossing(robots.load("five_bar"), Line([0.1, TOP + 1e-4], [-0.02, TOP + 1e-4]), duration=1.5)
+    assert plan.law.kind == "polynomial"
+    assert plan.reason.endswith("; the optimal law is not found: no")
 
 
 @pytest.mark.parametrize("height", [TOP + 1e-3, TOP + 3e-2])
