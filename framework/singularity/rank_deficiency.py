@@ -98,9 +98,12 @@ def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
 
 def near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
     """Find where the matrix comes near to losing rank and does not, ascending; `known` are its `contacts`."""
-    values = [np.linalg.svd(panel.matrices, compute_uv=False)[:, -1].max() for panel in resolved]
-    near = NEAR_MISS**measured.power * max(values, default=0.0)
-    misses = _near_ends(measured, resolved, known, near)
+    smallest = [np.linalg.svd(panel.matrices, compute_uv=False)[:, -1] for panel in resolved]
+    near = NEAR_MISS**measured.power * max((values.max() for values in smallest), default=0.0)
+    misses: list[NearMiss] = []
+    for k, s in ((0, 0.0), (-1, 1.0)):  # the first node of the first panel, the last of the last
+        if smallest[k][k] < near:
+            misses += _near_end(measured, resolved[k], known, s)
     for panel, start in turning_places(resolved):
         if np.linalg.svd(panel.matrix(start), compute_uv=False)[-1] >= near:
             continue
@@ -118,24 +121,19 @@ def near_misses(measured: Measured, resolved: list[Panel], known: list[Contact])
     return sorted(misses, key=lambda miss: miss.s)
 
 
-def _near_ends(
-    measured: Measured, resolved: list[Panel], known: list[Contact], near: float
-) -> list[NearMiss]:
-    """Find the ends of the path at which the least singular value is below `near` and falls outwards."""
-    misses = []
-    for panel, end, s in ((resolved[0], -1.0, 0.0), (resolved[-1], 1.0, 1.0)):
-        matrix = panel.matrices[0 if s == 0.0 else -1]
-        size = _size(measured, matrix)
-        value, slope = (
-            chebyshev.chebval(end, part) for part in (panel.series, chebyshev.chebder(panel.series))
-        )
-        if np.linalg.svd(matrix, compute_uv=False)[-1] >= near or value * slope * end >= 0.0:
-            continue
-        width = 0.5 * (panel.end - panel.start) * float(abs(value / slope))
-        if all(abs(contact.s - s) > width for contact in known):
-            g = float(solve_bordered(matrix[None], Border.of(matrix)).g[0])
-            misses.append(NearMiss(s, g, width, size))
-    return misses
+def _near_end(measured: Measured, panel: Panel, known: list[Contact], s: float) -> list[NearMiss]:
+    """Return the end s of the path, on its panel, as a near miss if the measure falls outwards there."""
+    outwards, matrix = 2.0 * s - 1.0, panel.matrices[0 if s == 0.0 else -1]
+    value, slope = (
+        chebyshev.chebval(outwards, part) for part in (panel.series, chebyshev.chebder(panel.series))
+    )
+    if value * slope * outwards >= 0.0:
+        return []
+    width = float(0.5 * (panel.end - panel.start) * abs(value / slope))
+    if any(abs(contact.s - s) <= width for contact in known):
+        return []
+    g = float(solve_bordered(matrix[None], Border.of(matrix)).g[0])
+    return [NearMiss(s, g, width, _size(measured, matrix))]
 
 
 def _is_apart(s: float, places: Sequence[Contact | NearMiss], distance: float) -> bool:
