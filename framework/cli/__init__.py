@@ -16,7 +16,7 @@ Commands
     plan, raw                `plan`, and `plan --raw`
     fidelity, simulate       how good the model and the plan are
     robustness, replay       `robustness`, and `robustness STUDY --replay K`
-    identify                 parameters of torques from recorded data
+    calibrate, identify      the geometry, and parameters of torques, from recorded data
     show, report, export     pages, reports, files for other programs
 
 Exit codes: 0 done, 1 the answer is no (`check`: not assembled at its reference), 2 misuse or bad input, 70 a

@@ -51,6 +51,10 @@ COMMANDS = {
     "export": Command(
         "export", "a robot as MuJoCo's MJCF, a plan as a trajectory for ros2_control, a scene as a lesson"
     ),
+    "calibrate": Command(
+        "calibrate",
+        "where joints are, from motor angles and measured poses or parts of poses, with standard deviations",
+    ),
     "identify": Command(
         "identify",
         "masses, inertias, rotor inertias and friction from recorded motor angles and torques, with standard "

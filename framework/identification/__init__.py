@@ -2,23 +2,27 @@
 
     found = identify(robot, "sensors.csv")        # torques: masses, inertias, rotors, friction
     found.write("my_robot_identified")
+    calibrate(robot, "poses.csv").write("my_robot_calibrated")          # poses: where joints are
 
 Open `base_parameters` first: which combinations of masses, inertias and motor parameters torques depend on.
-`identify` finds them in a recorded motion. `read_recording` reads data, `record_sensors` makes them of a
-simulation.
+`identify` finds them in a recorded motion, `calibrate` the geometry in measured poses. `read_recording` reads
+data, `record_sensors` makes them of a simulation.
 """
 
 from framework.identification.base_parameters import BaseParameters, base_parameters
+from framework.identification.calibrate import Calibration, calibrate
 from framework.identification.identify import Identification, identify
 from framework.identification.recording import Recording, read_recording
 from framework.identification.sensors import Sensors, record_sensors
 
 __all__ = [
     "BaseParameters",
+    "Calibration",
     "Identification",
     "Recording",
     "Sensors",
     "base_parameters",
+    "calibrate",
     "identify",
     "read_recording",
     "record_sensors",

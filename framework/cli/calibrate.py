@@ -1,0 +1,106 @@
+"""`crossing calibrate`: the origins of joints from motor angles and measured poses."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from framework.cli import arguments
+from framework.cli.parser import Report, add_robot, command
+from framework.errors import InvalidInput
+from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
+
+LISTED_UNSEEN = 12  # directions that the report has; the document has all
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    parser = command(
+        commands,
+        "calibrate",
+        run,
+        "What the data cannot see is named, with a measurement that would show it, and stays as in the file.",
+    )
+    add_robot(parser)
+    parser.add_argument(
+        "data",
+        metavar="DATA",
+        help="CSV with motor_angle_JOINT and some of platform_AXIS, joint_NAME; a row a pose",
+    )
+    parser.add_argument(
+        "--joints", nargs="+", metavar="JOINT", help="whose origins are calibrated (default: all that matter)"
+    )
+    parser.add_argument(
+        "--noise",
+        nargs="+",
+        default=[],
+        metavar="KIND=VALUE",
+        help="standard deviations of motor_angle (motor side), joint, platform [rad, m] (default: "
+        + ", ".join(f"{name}={value:g}" for name, value in NOISE.items())
+        + ")",
+    )
+    parser.add_argument(
+        "--length-error", type=float, default=LENGTH_ERROR, metavar="M", help="of the file (default: 0.001)"
+    )
+    parser.add_argument(
+        "--angle-error", type=float, default=ANGLE_ERROR, metavar="RAD", help="of the file (default: 0.0175)"
+    )
+    parser.add_argument("--out", metavar="DIR", help="write the robot file and its URDF there")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Calibrate, and say how well poses that were held out are predicted."""
+    if options.out == "":
+        raise InvalidInput("--out: needs the name of a folder, got an empty text")
+    found = calibrate(
+        arguments.load(options),
+        options.data,
+        joints=options.joints,
+        noise=_noise(options.noise),
+        length_error=options.length_error,
+        angle_error=options.angle_error,
+    )
+    document, text = found.to_dict(), calibration_text(found)
+    if options.out is not None:
+        document["robot_file"] = str(found.write(options.out))
+        text += f"\n  written to        {document['robot_file']}"
+    return document, text
+
+
+def _noise(words: list[str]) -> dict[str, float]:
+    """Parse standard deviations, as KIND=VALUE."""
+    values = {}
+    for word in words:
+        name, _, text = word.partition("=")
+        try:
+            values[name] = float(text)
+        except ValueError:
+            raise InvalidInput(f"--noise: needs KIND=VALUE with a number, got {word!r}") from None
+    return values
+
+
+def calibration_text(found: Calibration) -> str:
+    """Return the report on a calibration, in words."""
+    geometry, rank = found.geometry, found.combinations.rank
+    width = max(map(len, [*geometry.names, *found.measured.names]))
+    lines = [
+        f"{found.robot.name}: {rank} combinations of {len(geometry.names)} parameters are determined "
+        f"(gap of singular values {found.combinations.gap:.1e}), {found.instants} poses, {found.steps} steps",
+        f"  residual          {found.noise:.2g} of the noise assumed"
+        + (f"; outliers: rows {', '.join(map(str, found.outliers))}" if found.outliers else ""),
+        f"  {'held out, by motor angles':{width}}  {'before':>10}  {'after':>10}",
+    ]
+    driven = found.measured.driven
+    errors = zip(found.measured.names, found.error_before, found.error_after, strict=True)
+    lines += [
+        f"  {name:{width}}  {before:10.2e}  {after:10.2e}" for name, before, after in list(errors)[driven:]
+    ]
+    lines.append(f"  {'parameter [m, rad]':{width}}  {'off by':>10}  {'deviation':>10}")
+    rows = zip(geometry.names, found.values, found.deviations, strict=True)
+    lines += [f"  {name:{width}}  {value:10.2e}  {off:10.1e}" for name, value, off in rows if value]
+    if found.unseen:
+        lines.append(f"  not seen by these data: {len(found.unseen)} directions, which stay as in the file")
+        lines += [f"    {sentence}" for sentence in found.unseen[:LISTED_UNSEEN]]
+        more = len(found.unseen) - LISTED_UNSEEN
+        lines += [f"    and {more} more, see --json"] if more > 0 else []
+    return "\n".join(lines)

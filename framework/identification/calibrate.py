@@ -1,0 +1,376 @@
+"""Calibration of the geometry from motor angles and measured poses, or parts of poses.
+
+Damped Gauss-Newton steps on all poses and parameters at once, with a prior about the robot file and Huber's
+weights against outliers. What the data cannot see stays at the file's values, and is named.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from framework.arrays import Array, ReadOnlyArrays
+from framework.errors import InvalidInput, NotConverged, choose_from
+from framework.identification.calibration_equations import (
+    Eliminated,
+    Measurements,
+    eliminated,
+    measurements_of,
+    offsets,
+)
+from framework.identification.combinations import Combinations, combination_text, determined_combinations
+from framework.identification.geometry import Geometry, geometry_of
+from framework.identification.recording import Recording, check_recording, read_recording
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
+from framework.kinematics.frames import frames_at, integrate
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.model.robot_file_writer import write_robot_file
+from framework.tolerances import LOOP_GAP, RANK_ROUNDING
+
+LENGTH_ERROR, ANGLE_ERROR = (
+    1e-3,
+    float(np.radians(1.0)),
+)  # [m], [rad] of the file, as a machine shop makes them
+NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard deviations [rad, m], by kind
+HELD_OUT_EVERY = 4  # instants
+HUBER = 2.0  # of the usual residual of an instant: what is farther off counts less
+MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is a share of the prior's weight
+CONVERGED = 1e-6  # of the prior: the largest change of a parameter in the last step
+MAX_CLOSING_STEPS = 20
+MIN_RESPONSE = 1e-6  # of a measurement to a direction, over its largest motion [robot lengths, rad]
+LEAST_NOISE, LARGEST_NOISE = 1e-3, 10.0  # of residuals over the noise assumed: rounding; another geometry
+OUT_OF_PRIOR = 5.0  # standard deviations of the prior beyond which a parameter makes a result doubtful
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration(ReadOnlyArrays):
+    """A calibrated geometry with what proves it: poses that were held out.
+
+    values, deviations: (p,) of `geometry.names` [m, rad], about the file's, with standard deviations.
+    combinations: what the data determine of them; unseen directions keep the prior.
+    error_before, error_after: (m,) by column of `measured`, root mean square at instants held out, of what
+        the motors' angles predict; zero for the motors themselves.
+    noise: residual over the noise that was assumed; deviations are scaled by it.
+    """
+
+    robot: ParallelRobot
+    geometry: Geometry
+    measured: Measurements
+    values: Array
+    deviations: Array
+    combinations: Combinations
+    unseen: tuple[str, ...]
+    error_before: Array
+    error_after: Array
+    noise: float
+    outliers: tuple[int, ...]  # instants that count for less than half
+    instants: int
+    steps: int
+    seconds: float
+
+    def calibrated_robot(self) -> ParallelRobot:
+        """Return the robot with the calibrated geometry."""
+        return ParallelRobot.from_description(self.geometry.description(self.values))
+
+    def write(self, folder: str | Path) -> Path:
+        """Write the robot file and the URDF with the calibrated geometry; return the robot file.
+
+        Raises:
+            OutputError: the folder cannot be written, or they would overwrite the files that were read.
+        """
+        description = self.geometry.description(self.values)
+        return write_robot_file(description, folder, comments=["Its geometry was calibrated."])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all numbers, for JSON."""
+        parameters = zip(self.geometry.names, self.values, self.deviations, strict=True)
+        driven = self.measured.driven
+        errors = {
+            name: {"before": before, "after": after}
+            for name, before, after in list(
+                zip(self.measured.names, self.error_before.tolist(), self.error_after.tolist(), strict=True)
+            )[driven:]
+        }
+        return {
+            "robot": self.robot.name,
+            "rank": self.combinations.rank,
+            "gap": self.combinations.gap if np.isfinite(self.combinations.gap) else None,
+            "parameters": {
+                name: {"value": float(value), "standard_deviation": float(deviation)}
+                for name, value, deviation in parameters
+            },
+            "unseen": list(self.unseen),
+            "errors_held_out": errors,
+            "noise": self.noise,
+            "outliers": list(self.outliers),
+            "instants": self.instants,
+            "steps": self.steps,
+            "seconds": self.seconds,
+        }
+
+
+def calibrate(
+    robot: ParallelRobot,
+    data: Recording | str | Path,
+    *,
+    joints: Sequence[str] | None = None,
+    noise: Mapping[str, float] | None = None,
+    length_error: float = LENGTH_ERROR,
+    angle_error: float = ANGLE_ERROR,
+) -> Calibration:
+    """Calibrate the origins of joints and closure frames from motor angles and measured poses.
+
+    Args:
+        data: motor angles, with coordinates of the platform or angles of other joints; or the file of it.
+        joints: whose origins are calibrated, by default all that matter, see `geometry_of`.
+        noise: standard deviations of what is measured, by kind: `motor_angle`, `joint`, `platform`.
+        length_error, angle_error: standard deviations of the file's dimensions [m, rad].
+
+    Raises:
+        InvalidInput: data that are not right or too few; redundant motors; unknown joints or kinds of noise.
+        NotAssembled: the loops do not close at some motor angles.
+        NotConverged: the steps do not settle, or settle far outside the errors that the file may have.
+    """
+    expect_robot(robot)
+    started = clock.perf_counter()
+    for name in noise or {}:
+        if name not in NOISE:
+            raise InvalidInput(choose_from("kind of noise", name, NOISE))
+    for what, value in {**(noise or {}), "length_error": length_error, "angle_error": angle_error}.items():
+        if not (np.isfinite(value) and value > 0):
+            raise InvalidInput(f"{what}: needs a positive number, got {value!r}")
+    geometry = geometry_of(robot, joints)
+    if isinstance(data, Recording):
+        check_recording(robot, data)
+    else:
+        data = read_recording(robot, data)
+    measured = measurements_of(geometry, data, {**NOISE, **(noise or {})})
+    held = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+    if not held.any():
+        raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
+    start = _start(geometry.model, measured)
+    used = measured.rows(~held)
+    prior = np.where(geometry.turning, angle_error, length_error)
+    solver = _Steps(geometry.model, used, start[~held], prior)
+    solver.run(robot.name)
+    _check_plausible(robot, geometry, solver.values / prior, solver.noise)
+    combinations, at_file = _determined(geometry, used, start[~held], prior)
+    before, after = (
+        _prediction_error(geometry.model, measured.rows(held), start[held], values)
+        for values in (np.zeros_like(prior), solver.values)
+    )
+    return Calibration(
+        robot=robot,
+        geometry=geometry,
+        measured=measured,
+        values=solver.values,
+        deviations=solver.deviations,
+        combinations=combinations,
+        unseen=_unseen(geometry, used, start[~held], at_file, combinations),
+        error_before=before,
+        error_after=after,
+        noise=solver.noise,
+        outliers=tuple(np.flatnonzero(~held)[solver.weights**2 < 0.5].tolist()),
+        instants=len(data),
+        steps=solver.count,
+        seconds=clock.perf_counter() - started,
+    )
+
+
+def _start(model: ParallelRobot, measured: Measurements) -> Array:
+    """Return the configurations (T, nq) of the robot file at the measured motor angles."""
+    stack = forward_kinematics_stack(model, measured.values[:, : measured.driven])
+    for refusal in stack.refused.values():
+        raise refusal
+    return stack.q.copy()
+
+
+class _Steps:
+    """Damped Gauss-Newton steps for parameters and poses."""
+
+    def __init__(self, model: ParallelRobot, measured: Measurements, q: Array, prior: Array) -> None:
+        self.model, self.measured, self.q, self.prior = model, measured, q, prior
+        self.values, self.weights = np.zeros(len(prior)), np.ones(len(q))
+        self.noise, self.count = 1.0, 0
+        self.deviations = prior
+
+    def run(self, name: str) -> None:
+        """Take steps until the parameters rest."""
+        damping, equations = FIRST_DAMPING, eliminated(self.model, self.measured, self.q)
+        self._weigh(equations)
+        cost = self._cost(equations, self.values)
+        for self.count in range(1, MAX_STEPS + 1):
+            change = self._change(equations, damping)
+            q = self._moved(equations, change)
+            ahead = eliminated(self.model, self.measured, q)
+            after = self._cost(ahead, self.values + change)
+            if not after <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
+                damping *= 10.0
+                if damping > MAX_DAMPING:
+                    break
+                continue
+            self.q, self.values, equations = q, self.values + change, ahead
+            damping = max(0.1 * damping, 1e-12)
+            self._weigh(equations)
+            cost = self._cost(equations, self.values)
+            if np.abs(change / self.prior).max() < CONVERGED:
+                self._finish(equations)
+                return
+        raise NotConverged(
+            f"{name}: calibration does not settle after {self.count} steps; the file is too far off for "
+            f"these data, or they are of another robot",
+            residual=float(cost),
+        )
+
+    def _system(self, equations: Eliminated) -> tuple[Array, Array]:
+        """Return rows on scaled parameters, of unit noise, and their right sides; the prior left out."""
+        weights = self.weights[:, None] / self.noise
+        matrix = np.concatenate(
+            [(weights[..., None] * equations.matrix).reshape(-1, len(self.prior)), _flat(equations.holding)]
+        )
+        right = np.concatenate([(weights * equations.right).ravel(), equations.held.ravel()])
+        return matrix * self.prior, right
+
+    def _change(self, equations: Eliminated, damping: float) -> Array:
+        matrix, right = self._system(equations)
+        damped = np.sqrt(damping) * np.eye(len(self.prior))
+        stacked = np.concatenate([matrix, np.eye(len(self.prior)), damped])
+        wanted = np.concatenate([right, self.values / self.prior, np.zeros(len(self.prior))])
+        q, r = np.linalg.qr(stacked)
+        return np.asarray(-self.prior * np.linalg.solve(r, q.T @ wanted))
+
+    def _moved(self, equations: Eliminated, change: Array) -> Array:
+        moved = np.zeros((len(self.q), self.model.model.nv))
+        moved[:, self.model.joints] = equations.step + equations.follow @ change
+        moved[:, self.model.elastic] = change
+        return integrate(self.model, self.q, moved)
+
+    def _cost(self, equations: Eliminated, values: Array) -> float:
+        right = self._system(equations)[1]
+        return float(right @ right + np.sum((values / self.prior) ** 2))
+
+    def _weigh(self, equations: Eliminated) -> None:
+        """Set the noise of the usual instant, and Huber's weights of those that are farther off."""
+        ranks = np.maximum(equations.right.shape[1] - self.measured.driven, 1)
+        size = np.sqrt(np.sum(equations.right**2, axis=1) / ranks)
+        self.noise = max(float(np.median(size)), LEAST_NOISE)
+        self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(size, RANK_ROUNDING)))
+
+    def _finish(self, equations: Eliminated) -> None:
+        matrix, right = self._system(equations)
+        count = equations.right.size - self.measured.driven * len(self.q)
+        self.noise *= max(
+            float(np.sqrt(np.sum(right[: equations.right.size] ** 2) / max(count, 1))), LEAST_NOISE
+        )
+        matrix, _ = self._system(equations)
+        upper = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
+        self.deviations = self.prior * np.linalg.norm(np.linalg.inv(upper), axis=1)
+
+
+def _determined(
+    geometry: Geometry, measured: Measurements, q: Array, prior: Array
+) -> tuple[Combinations, Eliminated]:
+    """Compute what data show at these poses of the file's geometry, or loops hold."""
+    equations = eliminated(geometry.model, measured, q)
+    holding = equations.holding * LOOP_GAP / measured.noise.min()  # as large as what is measured
+    rows = np.concatenate([_flat(equations.matrix), _flat(holding)])
+    return determined_combinations(rows, prior), equations
+
+
+def _flat(stack: Array) -> Array:
+    return stack.reshape(-1, stack.shape[2])
+
+
+def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noise: float) -> None:
+    """Refuse residuals, and changes over their prior (p,), that these errors of the file do not explain."""
+    if noise > LARGEST_NOISE:
+        raise NotConverged(
+            f"{robot.name}: what is left of the data is {noise:.3g} times the noise that is assumed; raise "
+            f"length_error or angle_error, give the noise, or look at the data",
+            residual=noise,
+        )
+    worst = int(np.abs(share).argmax())
+    if abs(share[worst]) > OUT_OF_PRIOR:
+        raise NotConverged(
+            f"{robot.name}: {geometry.names[worst]} would be off by {abs(share[worst]):.3g} standard "
+            f"deviations of what the file may be wrong by; raise length_error or angle_error, or "
+            f"look at the data",
+            residual=float(abs(share[worst])),
+        )
+
+
+def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, values: Array) -> Array:
+    """Compute errors (m,), root mean square, of what motors' angles and parameters (p,) predict."""
+    moved = np.zeros((len(q), model.model.nv))
+    moved[:, model.elastic] = values
+    q = integrate(model, q, moved)
+    lengths = model.column_scale[model.joints]
+    sizes = 1.0 / model.row_lengths[model.structure.independent]
+    for _ in range(MAX_CLOSING_STEPS):
+        frames = frames_at(model, q)
+        loops = loop_equations(model.loops, frames)
+        offset, slope = offsets(model, measured, frames)
+        driven = slice(0, measured.driven)
+        matrix = np.concatenate([sizes[:, None] * loops.jacobian, slope[:, driven]], axis=1)
+        right = np.concatenate([sizes * loops.residual, offset[:, driven]], axis=1)
+        step = np.zeros((len(q), model.model.nv))
+        back = np.linalg.pinv(matrix[:, :, model.joints] * lengths, rcond=RANK_ROUNDING)
+        step[:, model.joints] = -lengths * np.einsum("tkr,tr->tk", back, right)
+        q = integrate(model, q, step)
+        if np.abs(right).max() < RANK_ROUNDING:
+            break
+    return np.asarray(np.sqrt(np.mean(offsets(model, measured, frames_at(model, q)).offset ** 2, axis=0)))
+
+
+def _unseen(
+    geometry: Geometry, measured: Measurements, q: Array, equations: Eliminated, combinations: Combinations
+) -> tuple[str, ...]:
+    """Name the directions of the parameters that the data do not see, with what would show each."""
+    model, names = geometry.model, geometry.names
+    frames = frames_at(model, q)
+    shown = {f"platform_{axis}": frames.jacobian[:, 0, k] for k, axis in enumerate(("x", "y", "z"))}
+    shown |= {
+        f"the platform's turn about {axis}": frames.jacobian[:, 0, 3 + k] for k, axis in enumerate("xyz")
+    }
+    single = {joint.idx_v for joint in model.model.joints[1:] if joint.nv == 1}
+    for column in single.intersection(map(int, model.passive)):
+        unit = np.zeros((len(q), model.model.nv))
+        unit[:, column] = 1.0
+        shown[f"joint_{model.coordinates.name_of(column)}"] = unit
+    sentences = []
+    for direction in combinations.unseen:
+        moved = np.zeros((len(q), model.model.nv))
+        moved[:, model.joints] = equations.follow @ direction
+        moved[:, model.elastic] = direction
+        size = np.abs(moved / model.column_scale).max()
+        by = [
+            name
+            for name, slope in shown.items()
+            if name not in measured.names
+            and np.abs(np.einsum("tv,tv->t", slope, moved)).max() > MIN_RESPONSE * size
+        ]
+        sentences.append(f"{unseen_text(names, direction)}; {_advice(by)}")
+    return tuple(sentences)
+
+
+def _advice(by: Sequence[str]) -> str:
+    return f"{by[0]} would show it" if by else "no pose or joint angle depends on it"
+
+
+def unseen_text(names: Sequence[str], direction: Array) -> str:
+    """Return a direction that data do not see, in words."""
+    used = np.flatnonzero(direction)
+    if len(used) == 1:
+        return f"{names[used[0]]} not at all"
+    if len(used) == 2:
+        first, second = direction[used]
+        if abs(abs(first) - abs(second)) < MIN_RESPONSE * abs(first):
+            kind = "difference" if first * second > 0 else "sum"
+            return f"{names[used[0]]} and {names[used[1]]} only as their {kind}"
+    return f"no change by {combination_text(names, direction)}"

@@ -1,0 +1,128 @@
+"""The geometric parameters of a robot: how far the origin of each joint of its URDF may be off.
+
+Six of each joint on the way to a frame of the platform or of a closure, fixed joints included: displacements
+along, then turns about the axes of its origin. They are virtual joints, as springs are, so that loop
+equations, frames and their derivatives along the parameters are those of the robot's own equations.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array, ReadOnlyArrays
+from framework.errors import InvalidInput, choose_from
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.description import AXES, RobotDescription, Spring
+from framework.model.placement import from_rpy, placement
+from framework.model.urdf_writing import joint_element, origin_element
+
+ERRORS = "errors"  # ending of a virtual joint's name
+PLACED = "placed"  # ending of what carries the origin of a joint that moves
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry(ReadOnlyArrays):
+    """A robot whose joint origins may be off: `model` has a virtual joint for each parameter, elastic ones.
+
+    joints: those whose origins are parameters; names: (p,) JOINT.x .. JOINT.rz.
+    turning: (p,) which are angles [rad]; the others are lengths [m].
+    """
+
+    robot: ParallelRobot
+    model: ParallelRobot
+    joints: tuple[str, ...]
+    names: tuple[str, ...]
+    turning: np.ndarray
+
+    def description(self, values: Array) -> RobotDescription:
+        """Return the robot's description with its joint origins moved by parameters (p,)."""
+        description = self.robot.description
+        urdf = ElementTree.fromstring(description.urdf_text)
+        elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
+        for joint, moved in zip(self.joints, values.reshape(-1, 6), strict=True):
+            if moved.any():
+                _move_origin(elements[joint], moved)
+        return replace(description, urdf_text=ElementTree.tostring(urdf, encoding="unicode"))
+
+
+def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Geometry:
+    """Return a robot with its geometric parameters.
+
+    Args:
+        joints: whose origins are parameters; by default all that lead to a frame of the platform or a loop.
+
+    Raises:
+        InvalidInput: unknown joints; too many.
+    """
+    description = robot.description
+    urdf = ElementTree.fromstring(description.urdf_text)
+    elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
+    leading = _leading(description, elements)
+    for name in joints or ():
+        if name not in leading:
+            raise InvalidInput(choose_from("joint", name, leading))
+    chosen = tuple(name for name in leading if joints is None or name in joints)
+    springs = []
+    for name in chosen:
+        after = name if elements[name].get("type") == "fixed" else _split(urdf, elements[name])
+        springs.append(Spring(f"{name}_{ERRORS}", "joint", after, AXES, (1.0,) * len(AXES)))
+    text = ElementTree.tostring(urdf, encoding="unicode")
+    varied = replace(description, urdf_text=text, springs=tuple(springs))
+    return Geometry(
+        robot=robot,
+        model=ParallelRobot.from_description(varied, flexibility="flexible_joints"),
+        joints=chosen,
+        names=tuple(f"{name}.{axis}" for name in chosen for axis in AXES),
+        turning=np.tile([axis.startswith("r") for axis in AXES], len(chosen)),
+    )
+
+
+def _leading(description: RobotDescription, elements: dict[str, ElementTree.Element]) -> list[str]:
+    """Return the joints between the root and the frames of the platform and of closures, as in the URDF."""
+    above = {_end(joint, "child"): joint for joint in elements.values()}
+    used = {description.platform.frame, *(name for c in description.closures for name in c.frames)}
+    leading = set()
+    for frame in used:
+        link = frame if frame in above or frame not in elements else _end(elements[frame], "child")
+        while link in above:
+            leading.add(above[link].get("name", ""))
+            link = _end(above[link], "parent")
+    return [name for name in elements if name in leading]
+
+
+def _end(joint: ElementTree.Element, end: str) -> str:
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
+
+
+def _split(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
+    """Give the origin of a joint that moves to a fixed joint in front of it; returns the name of that."""
+    name = f"{joint.get('name')}_{PLACED}"
+    link = f"{name}_link"
+    ElementTree.SubElement(urdf, "link", name=link)
+    parent, origin = joint.find("parent"), joint.find("origin")
+    fixed = joint_element(name, "fixed", _end(joint, "parent"), link, origin=origin)
+    if parent is not None:
+        parent.set("link", link)
+    if origin is not None:
+        joint.remove(origin)
+    urdf.append(fixed)
+    return name
+
+
+def _move_origin(joint: ElementTree.Element, moved: Array) -> None:
+    """Move the origin of a joint by displacements along and turns about its axes (6,)."""
+    old = joint.find("origin")
+    attributes = {} if old is None else old.attrib
+    xyz, rpy = ([float(part) for part in attributes.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
+    place = placement(from_rpy(rpy), xyz) @ placement(None, moved[:3])
+    for axis, angle in zip(np.eye(3), moved[3:], strict=True):
+        place = place @ placement(np.asarray(pin.exp3(angle * axis)))
+    if old is not None:
+        joint.remove(old)
+    joint.append(origin_element(place))

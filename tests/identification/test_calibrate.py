@@ -1,0 +1,177 @@
+"""Calibrated geometry against the one that the poses were made with, and what poses cannot show."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, forward_kinematics
+from framework.cli import main
+from framework.errors import NotConverged
+from framework.identification import Recording, calibrate
+from framework.identification.geometry import geometry_of
+from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
+from tests.identification.measured_poses import TRACKER, off_by, only, poses, with_geometry
+
+KINDS = ("five_bar", "three_rrr", "delta", "gough_stewart")
+NOMINAL = {name: robots.load(name) for name in KINDS}
+SEEDS = {"five_bar": 20, "three_rrr": 5, "delta": 2, "gough_stewart": 1}
+MEASURED = ("motor_angle", "platform")
+
+
+def share_of_noise(found) -> float:
+    """The largest error of the platform's coordinates held out, over the tracker's noise."""
+    driven = found.measured.driven
+    return float((found.error_after[driven:] / found.measured.noise[driven:]).max())
+
+
+def test_poses_held_out_are_predicted_to_the_noise():
+    nominal = NOMINAL["five_bar"]
+    _, _, true = off_by(nominal, 0)
+    found = calibrate(nominal, only(poses(true, nominal, 80, 1), *MEASURED))
+    assert found.error_before[2:].max() > 5e-4
+    assert share_of_noise(found) < 1.6
+    assert 0.7 < found.noise < 1.4
+    x = [forward_kinematics(robot, [1.2, 1.0]).x for robot in (true, found.calibrated_robot())]
+    np.testing.assert_allclose(x[0], x[1], rtol=0, atol=3 * TRACKER)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KINDS)
+def test_a_millimetre_and_a_degree_converge(name):
+    """Or it is said that they do not, at most of one in twenty."""
+    nominal, wrong = NOMINAL[name], 0
+    for seed in range(SEEDS[name]):
+        _, _, true = off_by(nominal, 100 + seed)
+        data = only(poses(true, nominal, 60, seed), *MEASURED)
+        try:
+            found = calibrate(nominal, data)
+        except NotConverged:
+            wrong += 1
+            continue
+        assert 0.6 < found.noise < 1.5
+        assert found.error_after.max() < 0.05 * found.error_before.max()  # more than noise beside Type 2
+    assert wrong <= SEEDS[name] // 20
+
+
+@pytest.mark.slow
+def test_parameters_are_within_three_deviations():
+    """Of combinations that are determined; the prior's width counts where they are not."""
+    nominal = NOMINAL["five_bar"]
+    inside = []
+    for seed in range(10):
+        geometry, values, true = off_by(nominal, seed)
+        found = calibrate(nominal, only(poses(true, nominal, 60, seed), *MEASURED))
+        in_plane = np.array([not name.endswith((".z", ".rx", ".ry")) for name in geometry.names])
+        inside.append(np.abs(found.values - values)[in_plane] < 3.0 * found.deviations[in_plane])
+    assert np.mean(inside) >= 0.95
+
+
+def test_an_error_of_one_rod_is_found_and_named():
+    nominal = NOMINAL["five_bar"]
+    geometry = geometry_of(nominal)
+    values = np.zeros(len(geometry.names))
+    values[geometry.names.index("right_rod_tip.x")] = 2e-3
+    true = with_geometry(geometry, values)
+    found = calibrate(nominal, only(poses(true, nominal, 60, 3), *MEASURED))
+    off = np.abs(found.values) / found.deviations
+    assert geometry.names[int(off.argmax())] == "right_rod_tip.x"
+    assert (np.abs(found.values - values) < 3.0 * found.deviations + 1e-12).all()
+
+
+@pytest.mark.parametrize("name", ["five_bar", pytest.param("delta", marks=pytest.mark.slow)])
+def test_poses_do_not_change_along_what_is_unseen(name):
+    """The first derivative of poses along each direction vanishes: by differences over a range of steps."""
+    nominal = NOMINAL[name]
+    _, _, true = off_by(nominal, 0)
+    data = only(poses(true, nominal, 40, 1), *MEASURED)
+    found = calibrate(nominal, data)
+    geometry, rows = found.geometry, np.flatnonzero(np.arange(len(data)) % 4 != 3)[:6]
+    q_a = data.values[rows, : nominal.n_a] / nominal.gear_ratio
+    own = forward_kinematics_stack(nominal, q_a).x
+    random = np.random.default_rng(0)
+    unseen = found.combinations.unseen
+    for direction in unseen[random.permutation(len(unseen))[:6]]:
+        step = 1e-6 * direction / np.abs(direction).max()
+        ahead, back = (
+            forward_kinematics_stack(with_geometry(geometry, sign * step), q_a).x for sign in (1.0, -1.0)
+        )
+        # the second order of a step of 1e-6 is 1e-12
+        assert np.abs(ahead - own).max() < 1e-11
+        assert np.abs(ahead - back).max() < 1e-12 * nominal.length
+
+
+def test_what_poses_cannot_show_is_named_with_what_would():
+    nominal = NOMINAL["five_bar"]
+    _, _, true = off_by(nominal, 0)
+    data = poses(true, nominal, 40, 1)
+    found = calibrate(nominal, only(data, *MEASURED))
+    assert "left_elbow.rz not at all; joint_left_elbow would show it" in found.unseen
+    assert any("left_motor.z and left_elbow.z only as their sum" in said for said in found.unseen)
+    with_elbows = calibrate(nominal, data)
+    assert with_elbows.combinations.rank > found.combinations.rank
+    assert not any(said.startswith("left_elbow.rz") for said in with_elbows.unseen)
+
+
+@pytest.mark.parametrize("columns", [("motor_angle", "platform_x"), ("motor_angle", "joint")])
+def test_parts_of_poses_and_loops_alone_calibrate_as_well(columns):
+    nominal = NOMINAL["five_bar"]
+    _, _, true = off_by(nominal, 2)
+    found = calibrate(nominal, only(poses(true, nominal, 60, 1), *columns), noise={"joint": 1e-5})
+    assert (found.error_after[2:] < 0.1 * found.error_before[2:]).all()
+
+
+def test_outliers_count_little_and_are_named():
+    nominal = NOMINAL["five_bar"]
+    _, _, true = off_by(nominal, 0)
+    data = only(poses(true, nominal, 80, 1), *MEASURED)
+    values = data.values.copy()
+    values[[4, 20, 41], 2] += 5e-3
+    found = calibrate(nominal, Recording("poses", data.names, values))
+    assert {4, 20, 41} <= set(found.outliers)
+    x = [forward_kinematics(robot, [1.2, 1.0]).x for robot in (true, found.calibrated_robot())]
+    np.testing.assert_allclose(x[0], x[1], rtol=0, atol=1e-4)
+
+
+def test_a_robot_that_is_another_one_is_refused():
+    nominal = NOMINAL["five_bar"]
+    _, _, true = off_by(nominal, 0, length=2e-2, angle=np.radians(5.0))
+    with pytest.raises(NotConverged, match="times the noise that is assumed"):
+        calibrate(nominal, only(poses(true, nominal, 60, 1), *MEASURED), length_error=1e-4, angle_error=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("columns", "options", "message"),
+    [
+        (("platform",), {}, "no column motor_angle_left_motor"),
+        (("motor_angle",), {}, "show nothing of the geometry"),
+        (MEASURED, {"joints": ["elbow"]}, "unknown joint 'elbow'"),
+        (MEASURED, {"noise": {"camera": 1.0}}, "unknown kind of noise 'camera'"),
+        (MEASURED, {"length_error": -1.0}, "length_error: needs a positive number"),
+    ],
+)
+def test_what_cannot_be_calibrated_is_said(columns, options, message):
+    nominal = NOMINAL["five_bar"]
+    with pytest.raises(InvalidInput) as said:
+        calibrate(nominal, only(poses(nominal, nominal, 8, 0), *columns), **options)
+    assert message in str(said.value)
+
+
+def test_the_command_line_calibrates_and_writes_the_robot(tmp_path, capsys):
+    nominal = NOMINAL["five_bar"]
+    _, _, true = off_by(nominal, 0)
+    data = tmp_path / "poses.csv"
+    data.write_text(only(poses(true, nominal, 60, 1), *MEASURED).as_csv())
+    assert main(["calibrate", "five_bar", str(data), "--out", str(tmp_path / "new"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["errors_held_out"]["platform_x"]["after"] < 3e-5
+    assert main(["check", found["robot_file"]]) == 0
+    capsys.readouterr()
+    again = ["calibrate", found["robot_file"], str(data), "--noise", "platform=2e-5"]
+    assert main(again) == 0
+    assert "not seen by these data" in capsys.readouterr().out
+    assert main(["calibrate", "five_bar", str(data), "--noise", "platform"]) == 2
+    assert "KIND=VALUE" in capsys.readouterr().err
