@@ -29,6 +29,7 @@ WIDTH, AXES = 7.2, 2.7  # [in] two journal columns, and the height of the axes
 TOP, BELOW, LINE, LEFT, BETWEEN = 0.32, 0.46, 0.145, 0.62, 0.62  # [in]
 TIME = "processor time  [ms]"
 FEW = 300.0  # largest over smallest on an axis that still takes 1, 2, 5, 10
+NARROW = 1.5  # largest over smallest below which an axis of errors is not logarithmic
 MARKERS = "os^Dv<>Pphd*X"
 LEGEND_COLUMNS, LETTERS = 2, 140  # of the legend, and letters in a line of the sentence
 MAP_COLUMNS, MAP_AXES, MAP_LEFT, MAP_BELOW = 4, 1.5, 0.55, 0.62  # maps side by side; their size [in]
@@ -185,6 +186,9 @@ def _plot_profile(
 def _scaled(ax: Axes, stage: Stage) -> None:
     """Logarithmic axes; plain numbers where they span few decades."""
     ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    if high < NARROW * low:
+        ax.set_yscale("linear")
     ax.set_xlabel(TIME if stage.timed else stage.abscissa)
     if not stage.linear:
         ax.set_xscale("log")

@@ -18,6 +18,7 @@ NAMES = (
     "laws",
     "elastic",
     "spatial",
+    "optimal",
     "imposed",
     "misfit",
     "sizes",
