@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.benchmarks import rows_again
-from tests.benchmarks.chart import robot, stages, torque
+from tests.benchmarks.chart import published, robot, stages, torque
 from tests.benchmarks.chart.measure import Row, measured
 from tests.benchmarks.chart.reading import WRONG
 
@@ -138,6 +138,18 @@ def test_the_closed_form_torques_bring_the_payload_along_its_path():
 
 def test_the_squeezer_ends_where_it_is_published_to_end():
     assert row("forward", "squeezer_radau_5", 1e-8).error < 1e-7
+
+
+@pytest.mark.slow
+def test_two_programs_agree_on_the_squeezer_a_thousand_times_better_than_with_what_is_published():
+    """Collocation on the framework's equations, and scipy on [M J'; J 0]: 1e-9 is the floor of the angles."""
+    stage = stages.stage("forward")
+    ends = [
+        stage.method(name).prepare((tolerance,))().q[-1]
+        for name, tolerance in (("squeezer_radau_5", 1e-14), ("squeezer_scipy_dop853", 1e-13))
+    ]
+    assert np.abs(ends[0] - ends[1]).max() < 1e-12
+    assert all(1e-10 < published.off(published.squeezer(), end) < 1e-8 for end in ends)
 
 
 # ------------------------------------------------------------------ robots in space
