@@ -28,6 +28,7 @@ from framework.crossing.optimal.optimal_task import (
     other_law,
 )
 from framework.crossing.optimal.phase_plane import Deflections, DeflectionsOnPath
+from framework.crossing.optimal.rest_of_springs import check_rest
 from framework.crossing.optimal.speed_program import (
     ROUGHNESS_WEIGHT,
 )
@@ -44,7 +45,7 @@ from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer, NoLaw, NotConverged, UnboundedTorque
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.motion.peaks import peak_sizes
-from framework.tolerances import MAX_END_RATE, PEAK_TORQUE_MISMATCH
+from framework.tolerances import PEAK_TORQUE_MISMATCH
 
 MAX_PASSES = 8  # of optimising and resolving in turn
 ROUGHNESS_WEIGHT_GROWTH = 30.0  # factor on the weight, for a law that could not be resolved
@@ -54,8 +55,6 @@ ELASTIC_DEGREE_GAP = 2e-2  # the same where deflections have to be resolved as w
 # of laws whose deflections are to be resolved: at first, and at most, where it costs some of the peak
 ELASTIC_ROUGHNESS_WEIGHT, MAX_ELASTIC_ROUGHNESS_WEIGHT = 1e-5, 0.3
 ENERGY_SAMPLES = 2001
-END_SAMPLES = 401  # of a motion, for the largest rates of its springs
-NEGLIGIBLE_RATE = 1e-6  # of a spring, over that of the quickest: rounding may be part of it
 LIMIT_TIGHTENING = 1e-5  # share of a limit that is left free when it was exceeded
 
 
@@ -146,7 +145,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
             return kept
         try:
             dynamics, law, known = _resolved(task, best.law, known)
-            _check_rest(dynamics)
+            check_rest(dynamics)
         except (NoLaw, NotConverged, UnboundedTorque) as failure:
             if kept is not None:
                 return kept
@@ -174,23 +173,6 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
         f"{other_law(task)}stiffer springs, or geometry rigid",
         residual=abs(excess - 1.0),
     )
-
-
-def _check_rest(dynamics: InverseDynamics) -> None:
-    """Raise NotConverged where springs do not start and stop at rest, in balance though they may be."""
-    robot = dynamics.robot
-    t = np.linspace(0.0, dynamics.duration, END_SAMPLES)
-    for order, what in ((1, "rate"), (2, "acceleration")):
-        values = np.abs(dynamics.deflection(t, order)) / robot.column_scale[robot.elastic]
-        largest = values.max(axis=0)
-        counted = largest > NEGLIGIBLE_RATE * largest.max()
-        at_ends = (values[[0, -1]][:, counted] / largest[counted]).max(initial=0.0)
-        if at_ends > MAX_END_RATE:
-            raise NotConverged(
-                f"{robot.name}: springs start or stop with {at_ends:.2g} of their largest {what} (at most "
-                f"{MAX_END_RATE:g}): let more derivatives of the law vanish there (smoothness)",
-                residual=float(at_ends),
-            )
 
 
 def _worthwhile(task: Task, kept: OptimalMotion) -> float:

@@ -9,6 +9,7 @@ from framework.crossing.condition import condition_at, crossing_point
 from framework.crossing.optimal.elastic_balance import in_balance
 from framework.crossing.optimal.optimal_motion import optimal_motion
 from framework.crossing.optimal.optimal_task import check_speeds, check_unfolded
+from framework.crossing.optimal.rest_of_springs import check_rest
 from framework.crossing.optimal.task_programs import best_undeformed
 from framework.crossing.plan import plan_request
 from framework.crossing.polynomial import polynomial_motion
@@ -88,6 +89,7 @@ OPTIMAL_LAW = (
     _reason("the program is not solved, or does not settle with damping", NotConverged, best_undeformed),
     _reason("springs and damping at once are not supported", NoLaw, optimal_motion),
     _reason("law and springs do not settle together", NotConverged, optimal_motion),
+    _reason("springs do not start or stop at rest", NotConverged, check_rest),
 )
 MOTION = (  # under either law, or one of the user's own
     _reason("the motion stops on the locus", NoLaw, rigid_crossings),

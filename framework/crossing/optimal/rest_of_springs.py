@@ -1,0 +1,37 @@
+"""Whether the springs of an optimal motion start and stop at rest, as its law does.
+
+Deflections that hold the forces they cause need not: springs with inertia may be in balance while they swing
+at an end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from framework.dynamics.result import InverseDynamics
+from framework.errors import NotConverged
+from framework.tolerances import MAX_END_RATE
+
+END_SAMPLES = 401  # of a motion, for the largest rates of its springs
+NEGLIGIBLE_RATE = 1e-6  # of a spring, over that of the quickest: rounding may be part of it
+
+
+def check_rest(dynamics: InverseDynamics) -> None:
+    """Check that springs start and stop at rest.
+
+    Raises:
+        NotConverged: the rate or acceleration of one at an end is more than MAX_END_RATE of its largest.
+    """
+    robot = dynamics.robot
+    t = np.linspace(0.0, dynamics.duration, END_SAMPLES)
+    for order, what in ((1, "rate"), (2, "acceleration")):
+        values = np.abs(dynamics.deflection(t, order)) / robot.column_scale[robot.elastic]
+        largest = values.max(axis=0)
+        counted = largest > NEGLIGIBLE_RATE * largest.max()
+        at_ends = (values[[0, -1]][:, counted] / largest[counted]).max(initial=0.0)
+        if at_ends > MAX_END_RATE:
+            raise NotConverged(
+                f"{robot.name}: springs start or stop with {at_ends:.2g} of their largest {what} (at most "
+                f"{MAX_END_RATE:g}): let more derivatives of the law vanish there (smoothness)",
+                residual=float(at_ends),
+            )
