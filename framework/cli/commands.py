@@ -33,6 +33,7 @@ COMMANDS = {
         "pose", "all joints of a pose, from its motors or from its platform, in the modes of the reference"
     ),
     "plan": Command("plan", "plan a motion through the singular points, with torques and proof"),
+    "capacity": Command("capacity", "the largest multiple of a wrench that is crossed within the limits"),
     "fidelity": Command("fidelity", "the least model that is enough for a motion, with its evidence"),
     "simulate": Command(
         "simulate", "drive the robot with the planned torques: tracking error, drift, energy"

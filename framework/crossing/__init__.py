@@ -13,5 +13,5 @@ Beside them: `refusals/` has every reason to say no; `feasibility` and `duration
 asks of any law, and how long laws may take; `near_miss_peak` tells when to compare both laws;
 `path_modification` bends a path where nothing else helps; `scenes` plans what a robot file states; `saved`,
 `restored` and `motion_table` are plan.json and motion.csv; `uncertified` samples what was refused;
-`path_length` measures paths.
+`path_length` measures paths; `capacity` finds the largest load.
 """

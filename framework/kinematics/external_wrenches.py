@@ -63,6 +63,15 @@ class ExternalWrenches:
         for entry in self.entries:
             check_frame(mechanism, entry.frame)
 
+    def times(self, factor: float) -> ExternalWrenches:
+        """Return the wrenches multiplied by a number."""
+        return ExternalWrenches(tuple(entry.times(factor) for entry in self.entries))
+
+    @property
+    def push(self) -> bool:
+        """Whether any of them is not zero."""
+        return any(bool(np.any(entry.rows[..., -6:])) for entry in self.entries)
+
     @property
     def knots(self) -> Array:
         """The path coordinates between 0 and 1 between which the wrenches are analytic."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -35,6 +35,12 @@ class FrameWrench(ReadOnlyArrays):
         if self.rows.ndim == 1:
             return np.broadcast_to(self.rows, (len(s), 6))
         return np.asarray(self._spline(s), dtype=float)
+
+    def times(self, factor: float) -> FrameWrench:
+        """Return the wrench multiplied by a number."""
+        rows = self.rows.copy()
+        rows[..., -6:] *= factor
+        return replace(self, rows=rows)
 
     @property
     def knots(self) -> Array:

@@ -1,0 +1,78 @@
+"""`crossing capacity`: the largest multiple of a wrench with which a path is still crossed."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from framework.cli import arguments
+from framework.cli.parser import (
+    Report,
+    add_flexibility,
+    add_motion,
+    add_path,
+    add_robot,
+    command,
+    progress_bar,
+)
+from framework.crossing.capacity import Capacity, capacity_request, largest_load_of
+from framework.crossing.scenes import scene
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    details = (
+        "By bisection over plans, from one within all limits to one that is refused; what binds is why that "
+        "is. Without --duration each plan is the quickest within the limits."
+    )
+    parser = command(commands, "capacity", run, details)
+    add_robot(parser)
+    add_path(parser)
+    add_flexibility(parser)
+    add_motion(parser)
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Report the largest multiple and what binds."""
+    robot = arguments.load(options)
+    path, typed = arguments.path(options, robot), arguments.typed_options(options)
+    typed |= arguments.wrenches(options, robot)
+    if options.scene is not None and "wrenches" not in typed:
+        typed["wrenches"] = scene(robot, options.scene).wrenches
+    with progress_bar(float("inf"), "plans", silent=options.json) as progress:
+        capacity = largest_load_of(robot, capacity_request(robot, path, **typed), progress=progress)
+    return _document(capacity), capacity_text(capacity)
+
+
+def _document(capacity: Capacity) -> dict[str, Any]:
+    return {
+        "robot": capacity.plan.robot.name,
+        "flexibility": capacity.plan.robot.flexibility,
+        "multiple": capacity.multiple,
+        "refused": capacity.refused if np.isfinite(capacity.refused) else None,
+        "binds": None if capacity.refusal is None else str(capacity.refusal),
+        "wrenches": capacity.plan.request.wrenches,
+        "duration": capacity.plan.duration,
+        "peak_torque": capacity.plan.peak_torque,
+    }
+
+
+def capacity_text(capacity: Capacity) -> str:
+    """Return the report on a capacity, in words."""
+    plan = capacity.plan
+    peaks = ", ".join(
+        f"{joint} {value:.6g} {unit}"
+        for (joint, value), unit in zip(plan.peak_torque.items(), plan.robot.torque_units, strict=True)
+    )
+    lines = [
+        f"{plan.robot.name}, {plan.robot.flexibility}: {capacity.multiple:.6g} times the wrench is planned, "
+        f"over {plan.duration:.6g} s",
+        f"  peak torque       {peaks}",
+    ]
+    if capacity.refusal is None:
+        lines.append("  binds             nothing that was found: a larger one is planned too")
+    else:
+        lines.append(f"  refused           {capacity.refused:.6g} times: {capacity.refusal}")
+    return "\n".join(lines)

@@ -1,0 +1,145 @@
+"""The largest load with which a path is still crossed within the limits of the motors.
+
+Torques and condition (8) of a rigid robot are linear in the multiple m of a wrench and in the squared speed z
+(`optimal`), so the admissible pairs (m, z) are a convex set, and the multiples with a law an interval. Its
+upper end is bisected, from a multiple that is planned, with its certificate, to one that is refused. Elastic
+robots are bisected alike; there each end is what planning says, without a proof that the multiples between
+are one interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from framework.crossing.options import takes_options
+from framework.crossing.plan import plan_request
+from framework.crossing.request import Request
+from framework.crossing.result import CrossingPlan
+from framework.errors import InvalidInput, NoAnswer
+from framework.kinematics.external_wrenches import ExternalWrenches
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.motion.path import Path
+from framework.singularity.points_on_path import SearchedPath, search_path
+
+BRACKET_RATIO = 1e-3  # of the refused multiple over the planned one, less 1
+MAX_DOUBLINGS = 20  # of the multiple, up or down, before it counts as without bound, or as none
+
+
+@dataclass(frozen=True, eq=False)
+class Capacity:
+    """The largest multiple of the wrenches of a request that was planned, and the least that was refused.
+
+    plan: with the largest; its certificate and limits are those of any plan.
+    refused: the least multiple without a plan; infinite where a million times the wrenches were planned.
+    refusal: what binds: why that is refused, None where nothing is.
+    """
+
+    multiple: float
+    plan: CrossingPlan
+    refused: float
+    refusal: NoAnswer | None
+
+
+@takes_options
+def largest_load(robot: ParallelRobot, path: Path, **options: Any) -> Capacity:
+    """Find the largest multiple of `wrenches` with which an admissible law crosses, and what binds.
+
+    Args:
+        robot, path: as for `plan_crossing`.
+        {options}
+        optimize is "time" by default where no duration is given.
+
+    Raises:
+        InvalidInput: no wrenches, or no limit that binds; see `plan_crossing`.
+        NoAnswer: nothing is planned even without them.
+    """
+    return largest_load_of(robot, capacity_request(robot, path, **options))
+
+
+def capacity_request(robot: ParallelRobot, path: Path, **options: Any) -> Request:
+    """Return the request of `largest_load`: of the quickest law, where no duration or goal is given.
+
+    Raises:
+        InvalidInput: see `Request.of`.
+    """
+    expect_robot(robot)
+    if all(options.get(key) is None for key in ("optimize", "duration", "longest")):
+        options["optimize"] = "time"
+    return Request.of(robot, path, **options)
+
+
+def largest_load_of(
+    robot: ParallelRobot, request: Request, *, progress: Callable[[int], None] = lambda planned: None
+) -> Capacity:
+    """Find the same for a request; `progress` is called with the number of plans that were tried.
+
+    Raises:
+        As `largest_load`.
+    """
+    unit = request.external_wrenches
+    if not unit.push:
+        raise InvalidInput("wrenches: give a wrench that is not zero, whose largest multiple is looked for")
+    if request.kind != "optimal":
+        raise InvalidInput(
+            "wrenches: a largest multiple needs a law that keeps limits; give a torque limit, or optimize"
+        )
+    task = _Multiples(robot, request, unit, search_path(robot, request.path), progress)
+    unloaded = task.planned(0.0)
+    if isinstance(unloaded, NoAnswer):
+        raise unloaded
+    return _bisected(task, _bracketed(task, Capacity(0.0, unloaded, np.inf, None)))
+
+
+@dataclass
+class _Multiples:
+    """A request under multiples of its wrenches."""
+
+    robot: ParallelRobot
+    request: Request
+    unit: ExternalWrenches
+    searched: SearchedPath
+    progress: Callable[[int], None]
+    count: int = 0
+
+    def planned(self, multiple: float) -> CrossingPlan | NoAnswer:
+        """Return the plan under a multiple, or why there is none."""
+        self.count += 1
+        self.progress(self.count)
+        request = replace(self.request, wrenches=self.unit.times(multiple).document or None)
+        try:
+            return plan_request(self.robot, request, searched=self.searched)
+        except NoAnswer as refusal:
+            return refusal
+
+    def narrowed(self, capacity: Capacity, multiple: float) -> Capacity:
+        """Return the capacity with one more multiple tried."""
+        answer = self.planned(multiple)
+        if isinstance(answer, NoAnswer):
+            return replace(capacity, refused=multiple, refusal=answer)
+        return replace(capacity, multiple=multiple, plan=answer)
+
+
+def _bracketed(task: _Multiples, capacity: Capacity) -> Capacity:
+    """Double or halve the multiple 1 until one is planned and one twice as large refused."""
+    capacity = task.narrowed(capacity, 1.0)
+    for _ in range(MAX_DOUBLINGS):
+        if not np.isfinite(capacity.refused):
+            capacity = task.narrowed(capacity, 2.0 * capacity.multiple)
+        elif capacity.multiple == 0.0:
+            capacity = task.narrowed(capacity, 0.5 * capacity.refused)
+        else:
+            break
+    return capacity
+
+
+def _bisected(task: _Multiples, capacity: Capacity) -> Capacity:
+    """Bisect between the planned and the refused multiple, on a logarithmic scale."""
+    while capacity.multiple > 0.0 and capacity.refused < np.inf:
+        if capacity.refused <= (1.0 + BRACKET_RATIO) * capacity.multiple:
+            break
+        capacity = task.narrowed(capacity, float(np.sqrt(capacity.multiple * capacity.refused)))
+    return capacity

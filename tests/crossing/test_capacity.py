@@ -1,0 +1,89 @@
+"""The largest multiple of a wrench that is crossed: planned below it, refused above it."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+
+import pytest
+
+import robots
+from framework import InvalidInput, NoLaw, plan_crossing
+from framework.cli import main
+from framework.crossing.capacity import largest_load
+from framework.crossing.refusals.refusal_proofs import NoAdmissibleSpeed
+from framework.crossing.scenes import scene_path
+from framework.kinematics.external_wrenches import ExternalWrenches
+
+LIMIT = 0.2  # [N m]
+PUSH = {"left_tip": (0.0, -1.0, 0.0, 0.0, 0.0, 0.0)}
+
+
+@cache
+def five_bar():
+    robot = robots.load("five_bar")
+    return robot, scene_path(robot.description.scenes["C"])
+
+
+@cache
+def capacity():
+    robot, path = five_bar()
+    return largest_load(robot, path, torque_limit=LIMIT, wrenches=PUSH)
+
+
+def pushed(multiple):
+    """The quickest plan under a multiple of the push."""
+    robot, path = five_bar()
+    wrenches = {frame: [multiple * value for value in wrench] for frame, wrench in PUSH.items()}
+    return plan_crossing(robot, path, optimize="time", torque_limit=LIMIT, wrenches=wrenches)
+
+
+@pytest.mark.slow
+def test_less_is_planned_and_more_is_refused():
+    found = capacity()
+    assert found.multiple < found.refused <= 1.001 * found.multiple
+    for share in (0.5, 0.9, 0.99):
+        assert max(pushed(share * found.multiple).peak_torque.values()) <= LIMIT
+    for share in (1.01, 1.5):
+        with pytest.raises(NoLaw):
+            pushed(share * found.multiple)
+
+
+@pytest.mark.slow
+def test_the_ends_carry_their_proofs():
+    found = capacity()
+    assert max(found.plan.peak_torque.values()) <= LIMIT
+    assert found.plan.certificate.tail < 1e-9
+    assert found.plan.request.wrenches == {"left_tip": [0, -found.multiple, 0, 0, 0, 0]}
+    proof = found.refusal.proof
+    assert isinstance(proof, NoAdmissibleSpeed)
+    residual, negative = proof.contradiction
+    assert abs(residual) < 1e-6
+    assert negative < 0.0
+
+
+def test_a_table_is_scaled_as_a_whole():
+    table = [[0.0, 0, 0, 0, 0, 0, 0], [0.5, 0, -1, 0, 0, 0, 2], [1.0, 0, 0, 0, 0, 0, 0]]
+    scaled = ExternalWrenches.of({"left_tip": table}).times(3.0).document["left_tip"]
+    assert scaled == [[0.0, 0, 0, 0, 0, 0, 0], [0.5, 0, -3, 0, 0, 0, 6], [1.0, 0, 0, 0, 0, 0, 0]]
+
+
+def test_without_a_wrench_or_a_limit_the_question_has_no_meaning():
+    robot, path = five_bar()
+    with pytest.raises(InvalidInput, match="wrenches: give a wrench that is not zero"):
+        largest_load(robot, path, torque_limit=LIMIT)
+    with pytest.raises(InvalidInput, match="wrenches: give a wrench that is not zero"):
+        largest_load(robot, path, torque_limit=LIMIT, wrenches={"left_tip": [0.0] * 6})
+    with pytest.raises(InvalidInput, match="torque_limit: optimize time needs a limit"):
+        largest_load(robot, path, wrenches=PUSH)
+
+
+@pytest.mark.slow
+def test_the_command_says_the_multiple_and_what_binds(capsys):
+    words = ["capacity", "five_bar", "--scene", "C", "--torque-limit", str(LIMIT), "--wrench", "0", "-1"]
+    assert main([*words, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["multiple"] == pytest.approx(capacity().multiple, rel=2e-3)
+    assert "meets condition (8)" in document["binds"]
+    assert main([*words[:-3]]) == 2
+    assert "give a wrench" in capsys.readouterr().err
