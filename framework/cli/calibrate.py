@@ -10,6 +10,7 @@ from framework.cli.parser import Report, add_robot, command
 from framework.errors import InvalidInput
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 
+NO_CHANGE = 1e-3  # of its standard deviation: a parameter that the report leaves out
 LISTED_UNSEEN = 12  # directions that the report has; the document has all
 
 
@@ -97,7 +98,8 @@ def calibration_text(found: Calibration) -> str:
     ]
     lines.append(f"  {'parameter [m, rad]':{width}}  {'off by':>10}  {'deviation':>10}")
     rows = zip(geometry.names, found.values, found.deviations, strict=True)
-    lines += [f"  {name:{width}}  {value:10.2e}  {off:10.1e}" for name, value, off in rows if value]
+    changed = [row for row in rows if abs(row[1]) > NO_CHANGE * row[2]]
+    lines += [f"  {name:{width}}  {value:10.2e}  {off:10.1e}" for name, value, off in changed]
     if found.unseen:
         lines.append(f"  not seen by these data: {len(found.unseen)} directions, which stay as in the file")
         lines += [f"    {sentence}" for sentence in found.unseen[:LISTED_UNSEEN]]
