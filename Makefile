@@ -24,7 +24,7 @@ SOME_TESTS := tests/linalg tests/motion tests/locus/test_traced_locus.py tests/r
 # the modules of the API reference: the public face, and the submodules that a user calls by name
 API := framework.public framework.errors framework.motion.law framework.motion.path framework.model.beams \
   framework.simulation framework.control framework.identification framework.atlas.workspace_map framework.atlas.nearest \
-  framework.statics.stiffness framework.statics.loading framework.dynamics.forward_dynamics framework.kinematics.continuation.pose_stack framework.show.plots \
+  framework.statics.stiffness framework.statics.loading framework.dynamics.forward_dynamics framework.dynamics.forward_derivatives framework.kinematics.kinematic_derivatives framework.kinematics.continuation.pose_stack framework.show.plots \
   framework.show.locus_figures robots
 
 .PHONY: help demo test lowest pythons slow witness test-browser bench chart lint format docs notebooks clean
@@ -79,7 +79,7 @@ ifeq ($(NOTEBOOKS),)
 notebooks:  ## execute the notebooks
 	@echo "There are no notebooks yet."
 else
-notebooks: $(VENV)/.dev
+notebooks: $(VENV)/.notebooks
 	printf '%s\n' $(NOTEBOOKS) | xargs -n 1 -P 2 $(BIN)/jupyter execute --timeout=600
 endif
 
@@ -94,7 +94,7 @@ $(VENV)/.created:
 	@touch $@
 
 $(VENV)/.wheel: $(VENV)/.created $(METADATA) $(SOURCES)
-	@rm -f $(VENV)/.test $(VENV)/.dev $(VENV)/.witness $(VENV)/.browser
+	@rm -f $(VENV)/.test $(VENV)/.dev $(VENV)/.notebooks $(VENV)/.witness $(VENV)/.browser
 	@echo "Installing into $(VENV). The first time pip fetches some 50 packages, 175 MB (pinocchio, scipy, matplotlib and"
 	@echo "what they need), without a word: a minute or two. Afterwards this takes seconds."
 	$(INSTALL) --quiet .
@@ -115,6 +115,11 @@ $(VENV)/.dev: $(VENV)/.created $(METADATA)
 	@rm -f $(VENV)/.wheel
 	$(INSTALL) --editable '.[dev]'
 	@touch $(VENV)/.test $@
+
+# crocoddyl without its dependencies: of these only pinocchio is used, and it asks for an older one.
+$(VENV)/.notebooks: $(VENV)/.dev
+	$(INSTALL) --no-deps crocoddyl libcrocoddyl
+	@touch $@
 
 $(VENV)/.witness: $(VENV)/.created $(METADATA)
 	@rm -f $(VENV)/.wheel
