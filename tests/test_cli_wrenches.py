@@ -33,6 +33,7 @@ def test_plan_and_locate_count_the_wrench_that_is_typed(capsys, words):
     assert place["condition"]["gamma"] == pytest.approx(plan.crossings[0].condition.gamma, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_folder_is_simulated_under_its_own_wrench_and_takes_no_other(capsys, tmp_path):
     words = ["plan", "five_bar", "--scene", "C", "--law", "optimal", "--wrench", "3", "-4"]
     answer(capsys, *words, "--out", str(tmp_path / "out"))
