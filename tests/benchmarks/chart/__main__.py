@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--row", metavar="ROW", help="one row made again, as the table names it; writes nothing"
     )
-    parser.add_argument("--quick", action="store_true", help="two settings of a series, each run once")
+    parser.add_argument("--quick", action="store_true", help="one setting of a series, run once")
     parser.add_argument(
         "--redraw", action="store_true", help="figures and text anew, from the tables of --out"
     )

@@ -35,7 +35,7 @@ class Effort(NamedTuple):
     settings: int
 
 
-FULL, QUICK = Effort(9, 0.6, 99), Effort(1, 0.1, 2)
+FULL, QUICK = Effort(9, 0.6, 99), Effort(1, 0.1, 1)
 
 
 class Judged(NamedTuple):
