@@ -46,7 +46,8 @@ def neglected_effects(
 ) -> tuple[NeglectedEffect, ...]:
     """Compute what the torques of a motion leave out, the largest share first, what has no number last.
 
-    What is within the tail of the torques is none. All is of first order, each effect by itself.
+    What is within the tail of the torques is none. All is of first order, each effect by itself: a number
+    near the largest torque or above it, as springs have under a load across a crossing, is an order of size.
 
     Args:
         whole: the description with all masses, where the motion's robot was made without some of them; by

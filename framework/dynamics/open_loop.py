@@ -47,11 +47,12 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
     robot = result.robot
     x, dx, ddx = (result.platform(times, order) for order in range(3))
     near, torque = result.configuration(times), result.torque_without_friction(times)
-    on_path = close_loops(robot, x, near)
+    s, on_path = result.law(times), close_loops(robot, x, near)
 
     def lacking(closed: ClosedStack, dx: Array, ddx: Array) -> Array:
         """Compute W - G' tau (T, n)."""
-        required = platform_wrench(robot, motion_at(robot, closed, dx, ddx))
+        world = result.wrenches.at(robot, closed.linearised.frames, s)
+        required = platform_wrench(robot, motion_at(robot, closed, dx, ddx).under(world))
         return required.asked - np.einsum("tan,ta->tn", required.motor_speed, torque)
 
     def slope(at: Callable[[Array], Array], steps: Array) -> Array:
