@@ -139,10 +139,12 @@ def test_acceleration_derivatives_are_differences_of_accelerations(robot):
     of_springs = np.hstack([found.acceleration_y, found.acceleration_dy, found.acceleration_torque])[n:]
     of_motors = np.hstack([found.motor_y, found.motor_dy, found.motor_torque])
     ours = np.concatenate([of_springs, of_motors]) * sizes
-    np.testing.assert_allclose(found.motor, accelerations(point[None])[0, robot.n_e :], rtol=1e-12)
+    at_point = accelerations(point[None])[0]
+    np.testing.assert_allclose(found.motor, at_point[robot.n_e :], rtol=1e-12)
+    rounding = 1e-14 * np.abs(at_point).max() / STEP  # of the differences: springs accelerate quickly
     for part in (slice(0, d), slice(d, 2 * d), slice(2 * d, None)):
         scale = np.abs(expected[:, part]).max()
-        np.testing.assert_allclose(ours[:, part], expected[:, part], rtol=0, atol=1e-7 * scale)
+        np.testing.assert_allclose(ours[:, part], expected[:, part], rtol=0, atol=1e-7 * scale + rounding)
 
 
 def test_forward_derivatives_undo_those_of_torques(robot):
@@ -157,7 +159,8 @@ def test_forward_derivatives_undo_those_of_torques(robot):
     np.testing.assert_allclose(back.acceleration, ddx, rtol=1e-9)
     np.testing.assert_allclose(back.acceleration_torque @ there.torque_ddx, np.eye(robot.n), atol=1e-9)
     for ours, theirs in ((back.acceleration_y, there.torque_x), (back.acceleration_dy, there.torque_dx)):
-        scale = np.abs(back.acceleration_torque).max() * np.abs(theirs).max()
+        largest = max(np.abs(theirs).max(), np.abs(there.torque_x).max())  # one may vanish by symmetry
+        scale = np.abs(back.acceleration_torque).max() * largest
         np.testing.assert_allclose(ours, -back.acceleration_torque @ theirs, rtol=0, atol=1e-9 * scale)
 
 
