@@ -425,3 +425,19 @@ MAX_UNRESOLVED_MISFIT = 0.1
 Where it failed, upright robots were left with 0.84 to 1; where it did not, 60 coefficients leave the 5R 6e-7.
 At 1 and at 0.01 nothing changes for the same two robots.
 """
+
+# ------------------------------------------------------------------ identification
+
+MAX_NOISE_RATIO = 10.0
+"""What a calibration leaves of the data, over the noise that was assumed, for the geometry to count as found.
+
+Noise that is as assumed leaves 1; another robot, or rods swapped, hundreds. At 100 results pass that explain
+nothing; at 1 those are refused whose noise was only stated too low.
+"""
+
+MAX_PRIOR_DEVIATIONS = 5.0
+"""How far a calibrated dimension may be from the file's, in standard deviations of what the file may be off.
+
+Chance gives 5 once in two million. At 50 a wrong unit or a mirrored leg passes; at 0.5 every second file that
+is off as stated is refused.
+"""

@@ -31,12 +31,10 @@ from framework.kinematics.continuation.pose_stack import forward_kinematics_stac
 from framework.kinematics.frames import frames_at, integrate
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file
-from framework.tolerances import LOOP_GAP, RANK_ROUNDING
+from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS, RANK_ROUNDING
 
-LENGTH_ERROR, ANGLE_ERROR = (
-    1e-3,
-    float(np.radians(1.0)),
-)  # [m], [rad] of the file, as a machine shop makes them
+LENGTH_ERROR = 1e-3  # [m] of the file, as a machine shop makes it
+ANGLE_ERROR = float(np.radians(1.0))  # [rad] likewise
 NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard deviations [rad, m], by kind
 HELD_OUT_EVERY = 4  # instants
 HUBER = 2.0  # of the usual residual of an instant: what is farther off counts less
@@ -44,8 +42,7 @@ MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is a share of t
 CONVERGED = 1e-6  # of the prior: the largest change of a parameter in the last step
 MAX_CLOSING_STEPS = 20
 MIN_RESPONSE = 1e-6  # of a measurement to a direction, over its largest motion [robot lengths, rad]
-LEAST_NOISE, LARGEST_NOISE = 1e-3, 10.0  # of residuals over the noise assumed: rounding; another geometry
-OUT_OF_PRIOR = 5.0  # standard deviations of the prior beyond which a parameter makes a result doubtful
+LEAST_NOISE = 1e-3  # of residuals over the noise assumed: rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,14 +286,14 @@ def _flat(stack: Array) -> Array:
 
 def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noise: float) -> None:
     """Refuse residuals, and changes over their prior (p,), that these errors of the file do not explain."""
-    if noise > LARGEST_NOISE:
+    if noise > MAX_NOISE_RATIO:
         raise NotConverged(
             f"{robot.name}: what is left of the data is {noise:.3g} times the noise that is assumed; raise "
             f"length_error or angle_error, give the noise, or look at the data",
             residual=noise,
         )
     worst = int(np.abs(share).argmax())
-    if abs(share[worst]) > OUT_OF_PRIOR:
+    if abs(share[worst]) > MAX_PRIOR_DEVIATIONS:
         raise NotConverged(
             f"{robot.name}: {geometry.names[worst]} would be off by {abs(share[worst]):.3g} standard "
             f"deviations of what the file may be wrong by; raise length_error or angle_error, or "
