@@ -145,7 +145,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
             return kept
         try:
             dynamics, law, known = _resolved(task, best.law, known)
-            check_rest(dynamics)
+            check_rest(dynamics, law.smoothness)
         except (NoLaw, NotConverged, UnboundedTorque) as failure:
             if kept is not None:
                 return kept

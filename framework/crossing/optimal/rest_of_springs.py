@@ -16,8 +16,8 @@ END_SAMPLES = 401  # of a motion, for the largest rates of its springs
 NEGLIGIBLE_RATE = 1e-6  # of a spring, over that of the quickest: rounding may be part of it
 
 
-def check_rest(dynamics: InverseDynamics) -> None:
-    """Check that springs start and stop at rest.
+def check_rest(dynamics: InverseDynamics, smoothness: int) -> None:
+    """Check that springs start and stop at rest under a law with so many derivatives zero at its ends.
 
     Raises:
         NotConverged: the rate or acceleration of one at an end is more than MAX_END_RATE of its largest.
@@ -32,6 +32,6 @@ def check_rest(dynamics: InverseDynamics) -> None:
         if at_ends > MAX_END_RATE:
             raise NotConverged(
                 f"{robot.name}: springs start or stop with {at_ends:.2g} of their largest {what} (at most "
-                f"{MAX_END_RATE:g}): let more derivatives of the law vanish there (smoothness)",
+                f"{MAX_END_RATE:g}), though {smoothness} derivatives of the law vanish there",
                 residual=float(at_ends),
             )
