@@ -177,7 +177,7 @@ def _of_friction(dynamics: InverseDynamics) -> Iterator[NeglectedEffect]:
         friction[robot.actuated] = 0.0
     if not friction.any():
         return
-    effect = f"dry friction of {robot.friction_sizes(np.flatnonzero(friction))}"
+    effect = f"dry friction of {robot.friction_sizes(np.flatnonzero(friction))} (joint side)"
     try:
         rough = FullerModel.of(dynamics, robot, friction=friction)
         known = rough.known_deflections()

@@ -61,7 +61,9 @@ def left_jacobian_coefficients(square: Array) -> Array:
     """
     small = square < 1.0
     t = np.sqrt(np.where(small, 1.0, square))
-    series = _SERIES @ np.where(small, square, 0.0) ** np.arange(_SERIES.shape[2])[:, None]
+    series = np.zeros((*_SERIES.shape[:2], len(square)))
+    for k in range(_SERIES.shape[2] - 1, -1, -1):  # a matrix product would round by the length of the stack
+        series = series * np.where(small, square, 0.0) + _SERIES[:, :, k, None]
     sine, cosine = np.sin(t), np.cos(t)
     lost_a, lost_b = 1 - cosine, t - sine
     closed = [

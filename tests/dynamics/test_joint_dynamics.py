@@ -151,7 +151,7 @@ def test_springs_and_friction_of_joints_are_shown(tmp_path, capsys):
     assert re.search(r"springs +left_elbow", shown)
     assert "right_elbow 0.25 N m" in shown
     assert main(["plan", file, "--scene", "A"]) == 0
-    assert "dry friction: right_elbow 0.25 N m (joint side)" in capsys.readouterr().out
+    assert "dry friction of right_elbow 0.25 N m (joint side): worth" in capsys.readouterr().out
 
 
 def test_a_spring_or_damper_on_one_turn_of_a_ball_acts_on_the_axes_of_the_file():

@@ -96,8 +96,12 @@ def assert_same(again: CrossingPlan, plan: CrossingPlan) -> None:
             np.testing.assert_array_equal(one[key], other[key])
     # what is saved once more is what was saved, but for the numbers that are computed anew
     one, other = (json.loads(json.dumps(plan_document(each))) for each in (again, plan))
-    for key in set(one) - {"crossings", "peak_torque", "certificate", "exceeded"}:
+    for key in set(one) - {"crossings", "peak_torque", "certificate", "exceeded", "neglected"}:
         assert one[key] == other[key], key
+    assert len(one["neglected"]) == len(other["neglected"])
+    for effect, same in zip(one["neglected"], other["neglected"], strict=True):
+        assert (effect["effect"], effect["motor"]) == (same["effect"], same["motor"])
+        assert effect["torque"] == pytest.approx(same["torque"], rel=1e-6)
 
 
 def assert_same_crossing(one: Crossing, other: Crossing, share: float, plan: CrossingPlan) -> None:

@@ -39,7 +39,9 @@ def errors_made(module: str) -> set[str]:
     return (names & REFUSALS) | ({"NotConverged"} if Unresolved.__name__ in names else set())
 
 
-ON_THE_WAY = modules_on_the_way(plan.__name__)
+# what a plan leaves out is asked of it afterwards, and no reason to refuse it
+AFTERWARDS = {"framework.crossing.fuller_model"}
+ON_THE_WAY = modules_on_the_way(plan.__name__) - AFTERWARDS
 
 
 @pytest.mark.parametrize("module", sorted(module for module in ON_THE_WAY if errors_made(module)))
