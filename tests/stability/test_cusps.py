@@ -35,8 +35,9 @@ def lengths(x) -> list:
 
 
 def pose_of(target, guess) -> np.ndarray:
-    """Forward kinematics by Newton's method from a guess."""
-    return naive.newton(lambda x: np.array(lengths(x), dtype=float) - target, line_matrix, guess)
+    """Forward kinematics by Newton's method from a guess, in double precision."""
+    with mpmath.workdps(15):
+        return naive.newton(lambda x: np.array(lengths(x), dtype=float) - target, line_matrix, guess)
 
 
 @cache
