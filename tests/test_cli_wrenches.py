@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 
 import numpy as np
@@ -11,6 +12,7 @@ import robots
 from framework import assemble, dynamics_at, plan_scene
 from framework.cli import main
 from framework.crossing.optimal.lower_bound import estimated_best
+from framework.show.report import report_page
 from framework.show.reproduction import command_line
 
 
@@ -105,3 +107,19 @@ def test_estimates_of_the_best_law_count_the_wrenches():
     plan = plan_scene(robot, "C", law="optimal", wrenches={"left_tip": [6.0, 0, 0, 0, 0, 0]})
     least, peak = estimated_best(plan), max(plan.peak_torque.values())
     assert 0.9 * peak < least * max(plan.optimality.reference) <= 1.001 * peak
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ([0.0, 1, 0, 0, 0, 0.5], "force (0, 1, 0) N, moment (0, 0, 0.5) N m"),
+        (
+            [[0.0, 3, 0, 4, 0, 0, 0], [1.0] + [0] * 6],
+            "a table of 2 rows over s, force up to 5 N, moment up to 0 N m",
+        ),
+    ],
+)
+def test_the_report_lists_the_wrenches(given, said):
+    plan = plan_scene(robots.load("five_bar"), "A", wrenches={"left_tip": given})
+    page = html.unescape(report_page(plan))
+    assert f"<td>wrench of the world on left_tip</td><td>{said}, the base's axes</td>" in page

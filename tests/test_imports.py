@@ -52,7 +52,7 @@ QUESTIONS = {
     "framework.kinematics.diagnostics.proposal": None,
     "framework.kinematics.continuation.forward_kinematics": None,
     "framework.kinematics.motion_rates": {"Motion"},
-    "framework.kinematics.external_wrenches": {"wrench_on_platform"},
+    "framework.kinematics.external_wrenches": {"AppliedWrench", "wrench_on_platform"},
     "framework.kinematics.idle_turns": {"driven_turns"},
     "framework.kinematics.mechanism": {"Mechanism"},
     "framework.kinematics.diagnostics.mobility": None,

@@ -25,7 +25,7 @@ class WrenchCurves(NamedTuple):
 
     g: Array  # (T,) the measure of singularity
     twist: Array  # (T, n) t_s
-    wrench: Array  # (T, n) W_p = (dq/dv)' r, what inertia and weight of all bodies ask of the platform
+    wrench: Array  # (T, n) W_p = (dq/dv)' r: inertia and weight less wrenches of the world, all bodies
     power: Array  # (T,) [N, or N m for a pure turn]
 
 

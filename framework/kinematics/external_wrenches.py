@@ -31,13 +31,19 @@ from framework.motion.path import NO_KNOTS
 
 
 class AppliedWrench(NamedTuple):
-    """A wrench of the world on the body that a joint carries, at T configurations."""
+    """A wrench of the world on the body of a frame, which a joint carries, at T configurations."""
 
+    frame: str
     joint: int
     wrench: Array  # (T, 6) about the base's origin, base axes
     generalised: Array  # (T, nv) the joint forces J' w
     origin: Array  # (T, 3) where it acts, which moves with the body
     turns: bool  # with the body, on axes of its frame
+
+    @property
+    def at_origin(self) -> Array:
+        """The wrench (T, 6) at its frame's origin, base axes."""
+        return moved_wrench(self.wrench, -self.origin)
 
 
 @dataclass(frozen=True)
@@ -150,7 +156,7 @@ def applied_wrench(
     joint = int(mechanism.model.frames[index].parentJoint)
     carried = carriers(mechanism.model, np.array([joint]))[0]
     generalised = matvec(frames.screws, wrench) * carried
-    return AppliedWrench(joint, read_only(wrench), read_only(generalised), read_only(position), turns)
+    return AppliedWrench(frame, joint, read_only(wrench), read_only(generalised), read_only(position), turns)
 
 
 def moved_wrench(wrench: Array, arm: Array) -> Array:

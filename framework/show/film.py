@@ -19,6 +19,7 @@ from framework.crossing.uncertified import plan_or_sample
 from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.wrench import wrench_curves
+from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import MotionLaw
@@ -41,9 +42,10 @@ class FilmInstant:
 class Film:
     """F frames of a motion with its loops closed in each of them.
 
-    `W_p` is the wrench that all bodies' inertia and weight ask of the platform, W_p = (dq/dx)' r with r the
-    forces of the open tree: with massless legs the payload's. `t_s` is the least controlled twist, of unit
-    size where |g| is least; on the locus t_s . W_p is condition (8).
+    `W_p` is the wrench that all bodies' inertia and weight, less the wrenches of the world on them, ask of
+    the platform, W_p = (dq/dx)' r with r the forces of the open tree: with massless legs the payload's.
+    `t_s` is the least controlled twist, of unit size where |g| is least; on the locus t_s . W_p is
+    condition (8).
     """
 
     robot: ParallelRobot
@@ -61,6 +63,7 @@ class Film:
     t_s: Array  # (F, n)
     W_p: Array  # (F, n)
     motors: PlatformWrench  # what the motors can give, (F, ...)
+    wrenches: tuple[AppliedWrench, ...]  # of the world, F of each
     instants: tuple[FilmInstant, ...]
     drawn_rigid: bool = False  # asked for with springs, which an unproved law would tear
 
@@ -128,6 +131,7 @@ def _film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
         t_s=curves.twist,
         W_p=curves.wrench,
         motors=platform_wrench(robot, motion),
+        wrenches=motion.wrenches,
         **facts,
     )
 

@@ -14,6 +14,7 @@ from framework.crossing.result import Crossing, CrossingPlan
 from framework.dynamics.certificate import Certificate
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.frame_wrench import FrameWrench
 from framework.show.captions import how, parts, said, why
 from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page
@@ -277,7 +278,16 @@ def _parameters(plan: CrossingPlan) -> str:
         ("platform", f"{description.platform.frame}: {', '.join(robot.axis_names)}"),
         ("path", repr(plan.path)),
         ("duration", f"{plan.duration:g} s"),
-        ("asked for", ", ".join(f"{key} {_plain(value)}" for key, value in given_options(plan).items())),
+        (
+            "asked for",
+            ", ".join(
+                f"{key} {_plain(value)}" for key, value in given_options(plan).items() if key != "wrenches"
+            ),
+        ),
+        *(
+            (f"wrench of the world on {wrench.frame}", _wrench(wrench))
+            for wrench in plan.dynamics.wrenches.entries
+        ),
         ("law", f"{plan.law.kind}: {plan.reason}"),
         ("gravity", f"{point(description.gravity)} m/s²"),
         ("mass", f"{robot.mass:.6g} kg in moving parts"),
@@ -296,6 +306,18 @@ def _parameters(plan: CrossingPlan) -> str:
         for name, stiffness, column in zip(robot.elastic_names, robot.stiffness, robot.elastic, strict=True)
     ]
     return _table(rows)
+
+
+def _wrench(wrench: FrameWrench) -> str:
+    """Return force and moment of a wrench of the world; of a table their largest sizes along the path."""
+    axes = f"{'its frame' if wrench.turns else 'the base'}'s axes"
+    if wrench.rows.ndim == 1:
+        return f"force {point(wrench.rows[:3])} N, moment {point(wrench.rows[3:])} N m, {axes}"
+    force, moment = (np.linalg.norm(part, axis=1).max() for part in np.split(wrench.rows[:, 1:], 2, axis=1))
+    return (
+        f"a table of {len(wrench.rows)} rows over s, force up to {_number(force)} N, moment up to "
+        f"{_number(moment)} N m, {axes}"
+    )
 
 
 def _plain(value: object) -> str:

@@ -81,6 +81,7 @@ def _film_document(film: Film, curves_about: CurvesAbout, limit: Array) -> dict[
     poses = joint_poses(robot, film.q)
     platform = platform_positions(robot, poses)
     power = np.sum(film.t_s * film.W_p, axis=1)  # (F,), whose t_s never turns round
+    W_p, *world = _wrenches(film)
     document = drawn_robot(robot, poses)
     document |= {
         "kind": "film",
@@ -109,7 +110,8 @@ def _film_document(film: Film, curves_about: CurvesAbout, limit: Array) -> dict[
         "no_figure": why_no_figure(robot) or "",
         "lines": _action_lines(film),
         "t_s": _arrows(platform_twists(robot, film.q, film.t_s)),
-        "W_p": _arrows(platform_wrenches(robot, film.q, film.W_p)),
+        "W_p": W_p,
+        "world": world,
         "instants": _instants(film, platform, power),
         "springs": _springs(film, document["length"]),
         "locus": _locus(film, platform, curves_about),
@@ -214,6 +216,20 @@ def _round_down(value: float) -> float:
     """Return the nearest of 1, 2, 5 times a power of ten below."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(max(part for part in (1.0, 2.0, 5.0) if part * power <= value * (1 + 1e-9)) * power)
+
+
+def _wrenches(film: Film) -> list[dict[str, Any]]:
+    """Return W_p and the wrenches of the world that are not zero, all with the same largest sizes."""
+    applied = [wrench for wrench in film.wrenches if wrench.wrench.any()]
+    sixes = [
+        platform_wrenches(film.robot, film.q, film.W_p),
+        *(wrench.at_origin for wrench in applied),
+    ]
+    arrows = [_arrows(six) for six in sixes]
+    largest = np.max([document["largest"] for document in arrows], axis=0).tolist()
+    for document, wrench in zip(arrows[1:], applied, strict=True):
+        document |= {"frame": said(wrench.frame), "origin": floats(wrench.origin)}
+    return [document | {"largest": largest} for document in arrows]
 
 
 def _arrows(six: Array) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import robots
@@ -22,12 +24,12 @@ ON_SCREEN = 2e-6  # lengths of the robot: what singles leave of a closed loop
 BETWEEN = 2e-4  # lengths: what is left half-way between two frames, turned and shifted straight
 
 
-def filmed(name: str, scene_name: str | None = None, flexibility: str = "rigid") -> Film:
-    """A scene of the robot, or the first that can be filmed."""
+def filmed(name: str, scene_name: str | None = None, flexibility: str = "rigid", **changed: Any) -> Film:
+    """A scene of the robot, or the first that can be filmed, with some of its options changed."""
     robot = robots.load(name, flexibility=flexibility)
     for one in [scene_name] if scene_name else robot.description.scenes:
         try:
-            return film_motion(robot, scene_request(robot, one), name=one)
+            return film_motion(robot, scene_request(robot, one, **changed), name=one)
         except NoAnswer:
             continue
     raise AssertionError(f"{name}: no scene can be filmed")

@@ -95,6 +95,37 @@ def test_the_right_angle_is_drawn_where_it_is_proven_and_within_half_a_degree(op
         assert bool(len(angles)) == drawn
 
 
+# Where the arrows of a force and of a moment begin, and the arrows themselves; null for one that is not seen.
+ARROW = """(name) => {
+  const { vectors } = crossing.films[0], { linear, angular } = vectors.arrows[name];
+  const drawn = ({ object: { position, visible }, tip }) =>
+    (visible ? [position.toArray(), tip.clone().sub(position).toArray()] : null);
+  return [drawn(linear), drawn(angular)];
+}"""
+
+
+def test_wrenches_of_the_world_are_arrows_where_they_act(opened):
+    table = [[0.0, 30, 0, 0, 0, 0, 0], [1.0, 0, -40, 0, 0, 0, 0]]
+    wrenches = {"left_tip": table, "right_rod": [0, 0, 0, 0, 0, 2.0]}
+    film = filmed("five_bar", "A", wrenches=wrenches)
+    tab = opened(film_page([film]))
+    assert "force and moment of the world" in tab.inner_text(".left .legend")
+    for k in (0, 200, len(film.time) - 1):
+        nodes_at(tab, film.time[k])
+        force, none = tab.evaluate(ARROW, "world 0")
+        asked, _ = tab.evaluate(ARROW, "W_p")
+        hidden, moment = tab.evaluate(ARROW, "world 1")
+        assert (none, hidden) == (None, None)
+        s = film.law(film.time[k])
+        scale = np.linalg.norm(asked[1]) / np.linalg.norm(film.W_p[k])
+        np.testing.assert_allclose(np.array(force[1]) / scale, [30 * (1 - s), -40 * s, 0], atol=1e-3)
+        np.testing.assert_allclose(force[0], film.wrenches[0].origin[k], atol=1e-6)
+        np.testing.assert_allclose(moment[0], film.wrenches[1].origin[k], atol=1e-6)
+        np.testing.assert_allclose(moment[1][:2], 0.0, atol=1e-6)
+        assert moment[1][2] > 0
+    assert opened(film_page([filmed("five_bar", "A")])).inner_text(".left .legend").count("of the world") == 0
+
+
 def test_a_playing_film_stands_for_two_seconds_at_its_singular_instant(opened):
     tab = opened(film_page([filmed("five_bar", "C")]), playing=True)
     held, there, told = tab.evaluate(HELD)

@@ -76,10 +76,15 @@ CONTRASTS = """() => {
 
 
 @pytest.mark.parametrize(
-    ("name", "scene_name"), [("five_bar", "B"), ("five_bar", "C"), ("gough_stewart", "turn")]
+    ("name", "scene_name", "wrenches"),
+    [
+        ("five_bar", "B", {"left_tip": [3.0, -4.0, 0, 0, 0, 0]}),
+        ("five_bar", "C", None),
+        ("gough_stewart", "turn", None),
+    ],
 )
-def test_all_words_stand_out_from_their_ground(opened, name, scene_name):
-    tab = opened(film_page([filmed(name, scene_name)]))
+def test_all_words_stand_out_from_their_ground(opened, name, scene_name, wrenches):
+    tab = opened(film_page([filmed(name, scene_name, wrenches=wrenches)]))
     tab.click("button.telling")
     found = tab.evaluate(CONTRASTS)
     assert len(found) > 20

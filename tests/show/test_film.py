@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import robots
@@ -11,9 +12,9 @@ from framework.dynamics.wrench import wrench_along
 from framework.show.film import film_motion
 
 
-def filmed(name: str, scene_name: str, flexibility: str = "rigid"):
+def filmed(name: str, scene_name: str, flexibility: str = "rigid", **changed):
     robot = robots.load(name, flexibility=flexibility)
-    return film_motion(robot, scene_request(robot, scene_name), name=scene_name)
+    return film_motion(robot, scene_request(robot, scene_name, **changed), name=scene_name)
 
 
 @pytest.fixture(scope="module")
@@ -102,3 +103,22 @@ def test_films_side_by_side_are_shown_with_the_same_motors():
     documents = film_documents([fails, works])
     assert documents[0]["stated"] == documents[1]["stated"]
     assert documents[1]["stated"] == f"motors of {1.5 * np.abs(works.torque).max():.3g} N m"
+
+
+@pytest.mark.parametrize("scene_name", ["A", "B"])  # with a proof, and without one
+def test_wrenches_of_the_world_are_filmed_where_they_act(scene_name):
+    rows = np.array([[0.0, 3, 0, 0, 0, 0, 0], [1.0, 5, -2, 0, 0, 0, 0.5]])
+    wrenches = {"left_tip": rows.tolist(), "right_crank": {"wrench": [0, 1.0, 0, 0, 0, 0], "axes": "tool"}}
+    film = filmed("five_bar", scene_name, wrenches=wrenches)
+    assert film.proved == (scene_name == "A")
+    tip, crank = film.wrenches
+    s = film.law(film.time)
+    np.testing.assert_allclose(tip.at_origin, rows[0, 1:] + s[:, None] * (rows[1] - rows[0])[1:], atol=1e-12)
+    model, data = film.robot.model, film.robot.model.createData()
+    for k in range(0, len(film.q), 60):
+        pin.framesForwardKinematics(model, data, film.q[k])
+        for wrench in (tip, crank):
+            placement = data.oMf[model.getFrameId(wrench.frame)]
+            np.testing.assert_allclose(wrench.origin[k], placement.translation, atol=1e-12)
+        np.testing.assert_allclose(crank.at_origin[k, :3], placement.rotation[:, 1], atol=1e-12)
+        np.testing.assert_allclose(crank.at_origin[k, 3:], 0.0, atol=1e-12)

@@ -50,6 +50,25 @@ def test_every_robot_has_a_body_to_show(name):
     assert np.linalg.norm(offsets, axis=1).max() <= view["radius"] * (1 + 1e-6)
 
 
+def test_wrenches_of_the_world_are_drawn_to_the_scale_of_w_p():
+    wrenches = {"left_tip": [30.0, -40.0, 0, 0, 0, 0], "right_crank": [0, 0, 0, 0, 0, 2.0], "base": [0] * 6}
+    film = filmed("five_bar", "A", wrenches=wrenches)
+    (document,) = film_documents([film])
+    drawn = document["world"]
+    assert [wrench["frame"] for wrench in drawn] == ["left tip", "right crank"]  # what is zero has no arrow
+    for wrench, applied in zip(drawn, film.wrenches, strict=False):
+        parts = [decoded(wrench[key]).reshape(-1, 3) for key in ("linear", "angular", "origin")]
+        given = wrenches[applied.frame]
+        np.testing.assert_allclose(parts[0], np.tile(given[:3], (len(film.time), 1)), atol=1e-5)
+        np.testing.assert_allclose(parts[1], np.tile(given[3:], (len(film.time), 1)), atol=1e-5)
+        np.testing.assert_allclose(parts[2], applied.origin, atol=1e-6)
+        assert wrench["largest"] == document["W_p"]["largest"]
+    assert document["W_p"]["largest"] == pytest.approx(
+        [max(50.0, np.linalg.norm(film.W_p, axis=1).max()), 2.0]
+    )
+    assert film_documents([filmed("five_bar", "A")])[0]["world"] == []
+
+
 def test_a_proven_film_tells_its_numbers():
     film = filmed("five_bar", "C", "flexible_links")
     (document,) = film_documents([film])

@@ -103,6 +103,8 @@ class Film {
     else if (content.instants.length) key("var(--locus)", "singular place");
     if (this.g) key("var(--twist)", "t<sub>s</sub>: direction without hold");
     key("var(--wrench)", "W<sub>p</sub>: force asked for");
+    const kinds = ["force", "moment"].filter((_, part) => content.world.some((wrench) => decoded(wrench[["linear", "angular"][part]]).some(Boolean)));
+    if (kinds.length) key("var(--world)", `${kinds.join(" and ")} of the world, to the scale of W<sub>p</sub>`);
     if (this.g) {
       const solid = content.polytope && !content.polytope.flat ? " (solid: its own scale)" : "", none = content.no_figure ? ` (${plain(content.no_figure)})` : "";
       lines.push(`<div><span class="key given" style="background:var(--given)"></span>what ${plain(content.stated)} can give${solid}${none}</div>`);

@@ -2,9 +2,9 @@
 
 const THREE = MeshCat.THREE;
 // One meaning each, as in page.css; blue, orange and yellow are left to the robots.
-const [LOCUS, TWIST, WRENCH, TRACE, PATH, GIVEN] = ["locus", "twist", "wrench", "trace", "path", "given"].map((name) =>
+const [LOCUS, TWIST, WRENCH, WORLD, TRACE, PATH, GIVEN] = ["locus", "twist", "wrench", "world", "trace", "path", "given"].map((name) =>
   getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
-const COLORS = { locus: new THREE.Color(LOCUS), twist: new THREE.Color(TWIST), wrench: new THREE.Color(WRENCH), trace: new THREE.Color(TRACE), path: new THREE.Color(PATH), given: new THREE.Color(GIVEN) };
+const COLORS = { locus: new THREE.Color(LOCUS), twist: new THREE.Color(TWIST), wrench: new THREE.Color(WRENCH), world: new THREE.Color(WORLD), trace: new THREE.Color(TRACE), path: new THREE.Color(PATH), given: new THREE.Color(GIVEN) };
 
 // Names come from robot files: text, never HTML.
 function plain(text) {

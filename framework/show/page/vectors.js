@@ -1,5 +1,5 @@
-// t_s and W_p at the platform: arrows for their forces and shifts, ringed ones for their moments and turns;
-// and what the motors can give: all their forces, and near the locus the line of each.
+// t_s and W_p at the platform, and wrenches of the world where they act: arrows for forces and shifts, ringed
+// ones for moments and turns; and what the motors can give: all their forces, and near the locus the line of each.
 
 const RIGHT = Math.sin((0.5 * Math.PI) / 180); // within half a degree
 
@@ -27,22 +27,10 @@ class Vectors {
     this.turning = content.turning;
     this.values = {};
     this.arrows = {};
-    for (const [name, color] of [["t_s", COLORS.twist], ["W_p", COLORS.wrench]]) {
-      const { linear, angular, largest } = content[name], bothWays = name === "t_s";
-      this.values[name] = { linear: decoded(linear), angular: decoded(angular), largest };
-      this.arrows[name] = {
-        linear: new Arrow(color, 0.007 * L, { bothWays }),
-        angular: new Arrow(color, 0.005 * L, { bothWays, turning: true }),
-      };
-      for (const arrow of Object.values(this.arrows[name])) view.add(arrow.object);
-      view.label(symbols(name), bothWays ? "var(--twist)" : "var(--wrench)", () => {
-        const { linear, angular } = this.arrows[name];
-        return linear.object.visible ? linear.tip : angular.object.visible ? angular.tip : null;
-      }, (tip) => { // beyond the head of the arrow
-        const from = view.onScreen(this.origin), across = tip.x - from.x, down = tip.y - from.y, size = Math.hypot(across, down) || 1;
-        return [(13 * across) / size, (13 * down) / size];
-      });
-    }
+    this.origins = {}; // where each begins
+    this.pair(view, "t_s", content.t_s, "twist", symbols("t_s"), { bothWays: true });
+    this.pair(view, "W_p", content.W_p, "wrench", symbols("W_p"));
+    content.world.forEach((wrench, k) => this.pair(view, `world ${k}`, wrench, "world", `on ${plain(wrench.frame)}`));
     if (content.polytope) {
       const { center, sides, count, flat } = content.polytope;
       this.given = { center: decoded(center), sides: decoded(sides), count };
@@ -60,6 +48,22 @@ class Vectors {
     view.add(this.corner.object);
   }
 
+  // The arrows of a twist or a wrench, in the colour of that name, and their label.
+  pair(view, name, { linear, angular, largest, origin }, color, said, { bothWays = false } = {}) {
+    const L = this.length;
+    this.values[name] = { linear: decoded(linear), angular: decoded(angular), largest, origin: origin && decoded(origin) };
+    const pair = this.arrows[name] = {
+      linear: new Arrow(COLORS[color], 0.007 * L, { bothWays }),
+      angular: new Arrow(COLORS[color], 0.005 * L, { bothWays, turning: true }),
+    };
+    for (const arrow of Object.values(pair)) view.add(arrow.object);
+    view.label(said, `var(--${color})`, () => (pair.linear.object.visible ? pair.linear.tip : pair.angular.object.visible ? pair.angular.tip : null), (tip) => {
+      // beyond the head of the arrow
+      const from = view.onScreen(this.origins[name]), across = tip.x - from.x, down = tip.y - from.y, size = Math.hypot(across, down) || 1;
+      return [(13 * across) / size, (13 * down) / size];
+    });
+  }
+
   at(name, part, k, way) {
     return vectorAt(this.values[name][part], k, way);
   }
@@ -68,12 +72,13 @@ class Vectors {
   // proven motion is just crossing it.
   set(origin, k, part, { near, crossing }) {
     this.origin = origin;
-    for (const name of ["t_s", "W_p"]) {
-      const { largest } = this.values[name];
+    for (const name of Object.keys(this.arrows)) {
+      const { largest, origin: own } = this.values[name], from = own ? vectorAt(own, k, part) : origin;
+      this.origins[name] = from;
       const opacity = name === "t_s" ? 0.25 + 0.75 * near : 1;
       const scale = (size) => (size > 1e-9 * (largest[0] + largest[1]) ? (name === "t_s" ? 0.32 : 0.45) * this.length / size : 0);
-      this.arrows[name].linear.set(origin, this.at(name, "linear", k, part).multiplyScalar(scale(largest[0])), opacity);
-      this.arrows[name].angular.set(origin, this.at(name, "angular", k, part).multiplyScalar(0.8 * scale(largest[1])), opacity);
+      this.arrows[name].linear.set(from, this.at(name, "linear", k, part).multiplyScalar(scale(largest[0])), opacity);
+      this.arrows[name].angular.set(from, this.at(name, "angular", k, part).multiplyScalar(0.8 * scale(largest[1])), opacity);
     }
     const entry = (values, count, m) => { // of motor m; between two frames as all vectors are
       const at = vectorAt(values, count * k + m, 0);
@@ -105,7 +110,7 @@ class Vectors {
   // Both ends of all arrows that are seen, and the corners of a parallelepiped.
   get ends() {
     const corners = this.polytope instanceof Parallelepiped ? this.polytope.corners.map((corner) => new THREE.Vector3(...corner).add(this.origin)) : [];
-    return corners.concat(Object.values(this.arrows).flatMap((pair) => Object.values(pair)).filter(({ object }) => object.visible).flatMap(({ tip, bothWays }) =>
-      (bothWays ? [tip.clone(), this.origin.clone().multiplyScalar(2).sub(tip)] : [tip.clone()])));
+    return corners.concat(Object.values(this.arrows).flatMap((pair) => Object.values(pair)).filter(({ object }) => object.visible).flatMap(({ tip, object, bothWays }) =>
+      (bothWays ? [tip.clone(), object.position.clone().multiplyScalar(2).sub(tip)] : [tip.clone()])));
   }
 }
