@@ -81,6 +81,10 @@ def test_pose_tells_torques_loops_and_reactions_of_an_instant(capsys):
             ["plan", "five_bar", "--scene", "C", "--wrench", "1", "2", "--wrench-on", "left_tip", *"123456"],
             "left_tip has two wrenches",
         ),
+        (
+            ["export", "five_bar", "--scene", "C", "--to", "lesson", "--out", "a.html", "--wrench", "1", "2"],
+            "a lesson has no wrenches of the world",
+        ),
         (["pose", "humanoid_ankle", "--platform", "0", "0", "--wrench", "1", "2"], "move with it"),
         (["pose", "five_bar", "--platform", "0", "0.3", "--all", "--wrench", "1", "2"], "lists poses alone"),
         (["pose", "five_bar", "--platform", "0", "0.3", "--velocity", "1"], "must be 2 finite numbers"),

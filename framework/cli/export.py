@@ -110,9 +110,13 @@ def _lesson(options: argparse.Namespace) -> tuple[ParallelRobot, str]:
     """Return the robot and the page about one of its scenes."""
     if options.scene is None or options.samples is not None or options.side is not None:
         raise InvalidInput("a lesson is about a scene of a robot: give --scene, without --samples and --side")
+    if options.wrench is not None or options.wrench_on is not None:
+        raise InvalidInput("--wrench, --wrench-on: a lesson has no wrenches of the world; leave them out")
     from framework.show.lesson import lesson_page  # matplotlib takes time to import
 
     robot = arguments.load(options)
     asked = scene(robot, options.scene)
+    if asked.wrenches is not None:
+        raise InvalidInput(f"--scene {asked.name} has wrenches of the world, which a lesson does not have")
     page = lesson_page(robot, scene_path(asked), duration=asked.duration, name=f"Scene {asked.name}")
     return robot, page
