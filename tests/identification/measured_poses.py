@@ -35,18 +35,23 @@ def poses(
     start = nominal.actuated_coordinates(nominal.reference.q[None])[0]
     reach = 0.2 * nominal.column_scale[nominal.actuated]
     q_a = start + reach * random.uniform(-1, 1, (3 * count, nominal.n_a))
-    stacks = [forward_kinematics_stack(robot, q_a) for robot in (true, nominal)]
-    refused = {row for stack in stacks for row in stack.refused}
-    rows = [k for k in range(len(q_a)) if k not in refused and stacks[0].clearance[k] > 0.01][:count]
-    size = noise * true.platform_scale / true.length
-    x = stacks[0].x[rows] + size * random.standard_normal((len(rows), true.n))
-    passive = true.coordinates.positions(stacks[0].q[rows])[:, true.passive]
+    kept: list[tuple[np.ndarray, ...]] = []  # of each pose q_a, x, q
+    for drawn in q_a.reshape(3, count, nominal.n_a):
+        stacks = [forward_kinematics_stack(robot, drawn) for robot in (true, nominal)]
+        refused = {row for stack in stacks for row in stack.refused}
+        rows = [k for k in range(count) if k not in refused and stacks[0].clearance[k] > 0.01]
+        kept += zip(drawn[rows], stacks[0].x[rows], stacks[0].q[rows], strict=True)
+        if len(kept) >= count:
+            break
+    q_a, x, q = map(np.array, zip(*kept[:count], strict=True))
+    x += noise * true.platform_scale / true.length * random.standard_normal(x.shape)
+    passive = true.coordinates.positions(q)[:, true.passive]
     names = [
         *(f"motor_angle_{joint}" for joint in nominal.actuator_names),
         *(f"platform_{axis}" for axis in nominal.axis_names),
         *(f"joint_{true.coordinates.name_of(int(column))}" for column in true.passive),
     ]
-    return Recording("poses", tuple(names), np.column_stack([q_a[rows] * nominal.gear_ratio, x, passive]))
+    return Recording("poses", tuple(names), np.column_stack([q_a * nominal.gear_ratio, x, passive]))
 
 
 def only(data: Recording, *prefixes: str) -> Recording:

@@ -11,6 +11,7 @@ from framework.errors import told_apart
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 DURATION = 1.5  # [s]
+DRAWS = 4  # of limits of a robot
 NEAR = 0.99  # of limits that would do: they are the least ones to 1 %
 
 
@@ -36,8 +37,11 @@ def kept(plan, torque_limit=np.inf, speed_limit=np.inf):
 
 @pytest.mark.parametrize(
     "limits",
-    [{"torque_limit": 0.03}, {"speed_limit": 10.0}, {"torque_limit": 0.03, "speed_limit": 20.0}],
-    ids=lambda limits: " ".join(limits),
+    [
+        pytest.param({"torque_limit": 0.03}, id="torque"),
+        pytest.param({"speed_limit": 10.0}, id="speed", marks=pytest.mark.slow),
+        pytest.param({"torque_limit": 0.03, "speed_limit": 20.0}, id="both"),
+    ],
 )
 def test_a_limit_that_is_too_low_is_refused_with_one_that_would_do(limits):
     robot = robots.load("five_bar")
@@ -60,14 +64,14 @@ def test_random_limits_that_are_too_low_are_planned_with_the_ones_that_would_do(
         "speed_limit": np.abs(gentle.motor_angle(times, 1)).max(axis=0),
     }
     planned = 0
-    for _ in range(8):
+    for _ in range(DRAWS):
         names = generator.choice(list(peaks), size=generator.integers(1, 3), replace=False)
         limits = {key: peaks[key].max() * 10 ** generator.uniform(-1.0, -0.5) for key in names}
         for enough in refused(robot, scene, plan=plan_scene, **limits):
             within = {**limits, **enough}
             kept(plan_scene(robot, scene, **within), **within)
             planned += 1
-    assert planned >= 8
+    assert planned >= DRAWS
 
 
 def test_a_speed_limit_is_kept_to_rounding_between_samples_too():
