@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_robot, command
+from framework.cli.parser import Report, add_robot, command, progress_bar
 from framework.errors import InvalidInput
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 
@@ -53,14 +53,17 @@ def run(options: argparse.Namespace) -> Report:
     """Calibrate, and say how well poses that were held out are predicted."""
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
-    found = calibrate(
-        arguments.load(options),
-        options.data,
-        joints=options.joints,
-        noise=_noise(options.noise),
-        length_error=options.length_error,
-        angle_error=options.angle_error,
-    )
+    robot = arguments.load(options)
+    with progress_bar(float("inf"), "step", silent=options.json) as progress:
+        found = calibrate(
+            robot,
+            options.data,
+            joints=options.joints,
+            noise=_noise(options.noise),
+            length_error=options.length_error,
+            angle_error=options.angle_error,
+            progress=progress,
+        )
     document, text = found.to_dict(), calibration_text(found)
     if options.out is not None:
         document["robot_file"] = str(found.write(options.out))

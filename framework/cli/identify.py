@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_robot, command
+from framework.cli.parser import Report, add_robot, command, progress_bar
 from framework.errors import InvalidInput
 from framework.identification.identify import DEFAULT_PRIOR, Identification, identify
 
@@ -51,14 +51,17 @@ def run(options: argparse.Namespace) -> Report:
     """Identify, and say what was found and how well it predicts torques that were held out."""
     if options.out == "":
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
-    found = identify(
-        arguments.load(options),
-        options.data,
-        cutoff=options.cutoff,
-        poses=options.poses,
-        prior=arguments.share("--prior", options.prior),
-        massless=options.massless,
-    )
+    robot = arguments.load(options)
+    with progress_bar(float("inf"), "pose", silent=options.json) as progress:
+        found = identify(
+            robot,
+            options.data,
+            cutoff=options.cutoff,
+            poses=options.poses,
+            prior=arguments.share("--prior", options.prior),
+            massless=options.massless,
+            progress=progress,
+        )
     document, text = found.to_dict(), identification_text(found)
     if options.out is not None:
         document["robot_file"] = str(found.write(options.out))

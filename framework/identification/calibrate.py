@@ -7,7 +7,7 @@ weights against outliers. What the data cannot see stays at the file's values, a
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -120,6 +120,7 @@ def calibrate(
     noise: Mapping[str, float] | None = None,
     length_error: float = LENGTH_ERROR,
     angle_error: float = ANGLE_ERROR,
+    progress: Callable[[int], None] = lambda steps: None,
 ) -> Calibration:
     """Calibrate the origins of joints and closure frames from motor angles and measured poses.
 
@@ -128,6 +129,7 @@ def calibrate(
         joints: whose origins are calibrated, by default all that matter, see `geometry_of`.
         noise: standard deviations of what is measured, by kind: `motor_angle`, `joint`, `platform`.
         length_error, angle_error: standard deviations of the file's dimensions [m, rad].
+        progress: called with the number of steps that are tried.
 
     Raises:
         InvalidInput: data that are not right or too few; redundant motors; unknown joints or kinds of noise.
@@ -155,7 +157,7 @@ def calibrate(
     used = measured.rows(~held)
     prior = np.where(geometry.turning, angle_error, length_error)
     solver = _Steps(geometry.model, used, start[~held], prior)
-    solver.run(robot.name)
+    solver.run(robot.name, progress)
     _check_plausible(robot, geometry, solver.values / prior, solver.noise)
     combinations, at_file = _determined(geometry, used, start[~held], prior)
     before, after = (
@@ -197,12 +199,13 @@ class _Steps:
         self.noise, self.count = 1.0, 0
         self.deviations = prior
 
-    def run(self, name: str) -> None:
+    def run(self, name: str, progress: Callable[[int], None]) -> None:
         """Take steps until the parameters rest."""
         damping, equations = FIRST_DAMPING, eliminated(self.model, self.measured, self.q)
         self._weigh(equations)
         cost = self._cost(equations, self.values)
         for self.count in range(1, MAX_STEPS + 1):
+            progress(self.count)
             change = self._change(equations, damping)
             q = self._moved(equations, change)
             ahead = eliminated(self.model, self.measured, q)

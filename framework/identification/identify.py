@@ -8,6 +8,7 @@ t_s, and what is wrong there comes from the motion: a floor keeps such rows from
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -135,6 +136,7 @@ def identify(
     poses: str | None = None,
     prior: float = DEFAULT_PRIOR,
     massless: bool = False,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> Identification:
     """Identify inertial parameters, rotor inertias and friction from a recorded motion.
 
@@ -144,6 +146,7 @@ def identify(
         cutoff: of the filter [Hz], see `measured_motion`; poses: "motors" or "platform", the same.
         prior: how far the file's values may be off, a share of each body's size.
         massless: whether bodies without mass in the file have parameters, too.
+        progress: called with the number of poses that the motors have led to.
 
     Raises:
         InvalidInput: data that are not right, or too few; a robot with springs.
@@ -159,7 +162,7 @@ def identify(
         check_recording(robot, data)
     else:
         data = read_recording(robot, data)
-    measured = measured_motion(robot, data, cutoff=cutoff, poses=poses)
+    measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
     rows = _whitened(robot, regressor, measured)
     held = _held_out(measured.times)

@@ -9,6 +9,7 @@ do.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +49,12 @@ class MeasuredMotion:
 
 
 def measured_motion(
-    robot: ParallelRobot, data: Recording, *, cutoff: float | None = None, poses: str | None = None
+    robot: ParallelRobot,
+    data: Recording,
+    *,
+    cutoff: float | None = None,
+    poses: str | None = None,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> MeasuredMotion:
     """Compute the motion of all joints that was recorded.
 
@@ -56,6 +62,7 @@ def measured_motion(
         cutoff: of the filter [Hz]; by default where the spectra of the angles meet their noise.
         poses: what they come from: "motors", or "platform" (all its coordinates measured), which passes Type
             2 singularities; by default motors, unless they lead to one.
+        progress: called with the number of poses that the motors have led to.
 
     Raises:
         InvalidInput: columns that are missing, too few samples, unequal time steps, a cutoff out of range.
@@ -84,7 +91,7 @@ def measured_motion(
     source, motion = "motors", None
     if poses != "platform":
         try:
-            motion = _by_motors(robot, *(rows[kept] for rows in angles))
+            motion = _by_motors(robot, [rows[kept] for rows in angles], progress)
         except NotAssembled:
             if poses == "motors" or not complete:
                 raise
@@ -139,9 +146,13 @@ def _with_derivatives(values: Array, period: float, cutoff: float) -> list[Array
     return [np.asarray(spline(times, order)) for order in range(3)]
 
 
-def _by_motors(robot: ParallelRobot, q_a: Array, dq_a: Array, ddq_a: Array) -> Motion:
-    """Compute the motion of all joints for motor joints with rates and accelerations (T, n_a)."""
-    q = np.array([pose.q for pose in follow_motors(robot, q_a)])
+def _by_motors(robot: ParallelRobot, angles: list[Array], progress: Callable[[int], None]) -> Motion:
+    """Compute the motion of all joints for motor joints, their rates and accelerations (T, n_a)."""
+    q_a, dq_a, ddq_a = angles
+    q = np.empty((len(q_a), robot.model.nq))
+    for k, pose in enumerate(follow_motors(robot, q_a)):
+        q[k] = pose.q
+        progress(k + 1)
     linearised = linearised_at(robot, q, None)
     _check_apart(robot, q, linearised)
     units = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, len(q), robot.n))

@@ -39,7 +39,9 @@ def share_of_noise(found) -> float:
 def test_poses_held_out_are_predicted_to_the_noise():
     nominal = NOMINAL["five_bar"]
     _, _, true = off_by(nominal, 0)
-    found = calibrate(nominal, only(poses(true, nominal, 80, 1), *MEASURED))
+    done: list[int] = []
+    found = calibrate(nominal, only(poses(true, nominal, 80, 1), *MEASURED), progress=done.append)
+    assert done == list(range(1, found.steps + 1))
     assert found.error_before[2:].max() > 5e-4
     assert share_of_noise(found) < 1.6
     assert 0.7 < found.noise < 1.4

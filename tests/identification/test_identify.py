@@ -82,7 +82,9 @@ def test_an_error_of_one_rod_is_found_and_named():
 
     nominal = NOMINAL["five_bar_heavy"]
     true, _ = other_robot(nominal, heavier)
-    found = identify(nominal, measured(sines(true, duration=5.0, **SINES), true, 1))
+    done: list[int] = []
+    found = identify(nominal, measured(sines(true, duration=5.0, **SINES), true, 1), progress=done.append)
+    assert done == list(range(1, found.instants + 1))
     assert found.changed
     assert all("right_rod" in name for name in found.changed)
     change = dict(zip(found.base.parameters, found.parameters - found.base.described.values, strict=True))
