@@ -45,7 +45,9 @@ class Balance(NamedTuple):
     closing: Array  # (T, f) the least step that closes the loops, to first order
     null: Array  # (T, f, d) orthonormal: steps that keep them closed
     slope: Array  # (T, d) of the energy along those, after the closing step
+    drive: Array  # (T, d) derivative of the slope with respect to the share of the load
     H: Array  # (T, d, d) tangent stiffness along those
+    linearised: LinearisedLoops
 
 
 def given_wrench(robot: ParallelRobot, wrench: ArrayLike | None) -> Array:
@@ -90,10 +92,19 @@ def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
     range_, R, null = _factored(J)
     closing = -matvec(range_, solve(R.swapaxes(1, 2), residual))
     steps = np.concatenate([null, closing[:, :, None]], axis=2)
-    forces = _forces(robot, linearised, q, load)
+    at_rest, drive = _forces(robot, linearised, q, load)
+    forces = at_rest + load.share[:, None] * drive
     H = tangent_stiffness(robot, linearised, q, steps * lengths[:, None], load)
-    slope = matvec(null.swapaxes(1, 2), forces[:, columns] * lengths) + H[:, :-1, -1]
-    return Balance(np.abs(residual).max(axis=1, initial=0.0), closing, null, slope, H[:, :-1, :-1])
+    along = null.swapaxes(1, 2)
+    return Balance(
+        gap=np.abs(residual).max(axis=1, initial=0.0),
+        closing=closing,
+        null=null,
+        slope=matvec(along, forces[:, columns] * lengths) + H[:, :-1, -1],
+        drive=matvec(along, drive[:, columns] * lengths),
+        H=H[:, :-1, :-1],
+        linearised=linearised,
+    )
 
 
 def tangent_stiffness(
@@ -105,7 +116,8 @@ def tangent_stiffness(
     weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
     lengths = robot.column_scale[columns]
     J = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
-    forces = _forces(robot, linearised, q, load)[:, columns] * lengths
+    at_rest, drive = _forces(robot, linearised, q, load)
+    forces = (at_rest + load.share[:, None] * drive)[:, columns] * lengths
     range_, R, _ = _factored(J)
     multipliers = solve(R, matvec(range_.swapaxes(1, 2), forces)) * weights
     weight = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
@@ -129,13 +141,12 @@ def _factored(J: Array) -> tuple[Array, Array, Array]:
     return Q[:, :, :count], R[:, :count], Q[:, :, count:]
 
 
-def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> Array:
-    """Compute the forces (T, nv) on the closures: of springs, and of a share of weight and wrench."""
+def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> tuple[Array, Array]:
+    """Compute the forces (T, nv) on the closures without load, of springs, and what the whole load adds."""
     model, data = robot.model, scratch_of(robot).data
     weight = np.array([pin.computeGeneralizedGravity(model, data, row) for row in q])
-    pulled = weight - matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
-    share = load.share[:, None]
-    return np.asarray(spring_forces(robot, q) - (1.0 - share) * load.before + share * pulled)
+    wrench = matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
+    return spring_forces(robot, q) - load.before, load.before + weight - wrench
 
 
 def _drift(

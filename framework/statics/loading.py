@@ -1,24 +1,27 @@
 """Many configurations loaded little by little, motors locked: what carries the load, and what gives way.
 
-The share of weight and wrench grows from 0 to 1 and the equilibrium is followed: each step of the share is
-taken by Newton's method and counts only if the tangent stiffness is positive definite all along and if what
-follows the first Newton step is small beside it; else half of it is tried. So the equilibrium reached is the
-one that the unloaded configuration leads to without a jump. Where not even a millionth of the load more is
-borne like that, the stiffness is lost, at a fold (snap-through) or a bifurcation (buckling), and the reason
-says so.
+The equilibria under a growing share of weight and wrench draw a curve, which is followed by its length: a
+step goes along the tangent, and Newton's method leads back to the curve beside it, the share being one of the
+unknowns (Keller 1977), so that a curve that is flat or steep in the share is followed alike. A step counts
+if the correction is small beside it, if the share grows as the tangents at both ends have it, and if the
+tangent stiffness stays positive definite. So the equilibrium reached is the one that the unloaded
+configuration leads to without a jump. Where the share turns back (a fold: snap-through) the turning point is
+found by a direct root; a bifurcation (buckling), by steps that halve.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
 from framework.dynamics.elasticity import LARGEST
 from framework.dynamics.tangent_stiffness import (
+    Balance,
     Load,
     balance,
     given_wrench,
@@ -26,11 +29,16 @@ from framework.dynamics.tangent_stiffness import (
     spring_forces,
     tangent_stiffness,
 )
+from framework.kinematics.continuation.turning_point import (
+    CurveEquations,
+    TurningPoints,
+    turning_points,
+)
 from framework.kinematics.frames import difference, frames_at, integrate
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.ordered_sums import matvec
+from framework.linalg.ordered_sums import dot, matmul, matvec, solve
 from framework.statics.stiffness import (
     MAX_STEP,
     CompliantMotions,
@@ -39,10 +47,11 @@ from framework.statics.stiffness import (
 )
 from framework.tolerances import EIGENVALUE_ROUNDING, NEWTON_STEP
 
-MAX_CORRECTION_RATIO = 0.1  # of steps after the first, over that one: more may be another equilibrium
-UNCHECKED_CORRECTION = 1e-7  # [rad, lengths] a motion with no room for a fold
-MIN_LOAD_STEP = 2.0**-20  # of the load: what does not bear as little more has lost its stiffness
-MAX_ITERATIONS = 8  # of Newton's method a step of the load
+MAX_CORRECTION_RATIO = 0.25  # of a step, as along other branches: more may be another equilibrium
+MAX_SHARE_GAP = 0.1  # of what the steeper tangent gains: two folds of a cubic between two points leave 1 / 6
+UNCHECKED_MOTION = 1e-7  # [rad, lengths] a motion with no room for a fold
+MAX_STEPS = 1000  # along the curve; most robots take one, and 0.1 rad each lead beyond what springs bear
+MAX_ITERATIONS = 8  # of Newton's method a step
 
 
 class LoadReason(IntEnum):
@@ -74,6 +83,28 @@ class LoadedStack(ReadOnlyArrays):
     free: CompliantMotions  # at q, with the stiffness under load in place of that of the springs
 
 
+class _Points(NamedTuple):
+    """T configurations on the curve, and how it goes on."""
+
+    q: Array  # (T, nq)
+    share: Array  # (T,) of the load
+    rate: Array  # (T, f) of the moving columns with respect to the share, radians and lengths of the robot
+
+    def at(self, which: IntArray | BoolArray) -> _Points:
+        """Return some of them."""
+        return _Points(self.q[which], self.share[which], self.rate[which])
+
+
+class _Arrival(NamedTuple):
+    """Where T steps along the curve lead."""
+
+    points: _Points
+    size: Array  # (T,) [rad, lengths] of the step, before its correction
+    good: BoolArray  # (T,) whether it counts
+    lost: BoolArray  # (T,) whether it would, but for a stiffness that is not positive definite
+    turned: BoolArray  # (T,) whether the share has turned back, too
+
+
 def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = None) -> LoadedStack:
     """Follow equilibria under growing weight and wrench from unloaded assembled configurations q (T, nq).
 
@@ -86,59 +117,129 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     require_springs(robot)
     count = len(q)
     load = Load(given_wrench(robot, wrench), np.zeros(count), spring_forces(robot, q))
-    current, step = q.copy(), np.ones(count)
-    reason = np.full(count, LoadReason.CARRIED, dtype=np.uint8)
+    unloaded = balance(robot, q, load)
+    current = _Points(q.copy(), load.share, _tangents(unloaded.H, unloaded.drive, unloaded.null)[0])
+    step, reason = np.full(count, MAX_STEP), np.full(count, LoadReason.NOT_CONVERGED, dtype=np.uint8)
     live = np.arange(count)
-    while len(live):  # a step halves at most 20 times between two that count
-        share = np.minimum(load.share[live] + step[live], 1.0)
-        ahead, good, finite = _stepped(robot, current[live], load.at(live)._replace(share=share))
-        current[live[good]], load.share[live[good]] = ahead[good], share[good]
-        step[live] *= np.where(good, 2.0, 0.5)
-        soft = live[good][~_is_small(robot, ahead[good])]
-        ended = ~good & (step[live] < MIN_LOAD_STEP)
-        reason[live[ended]] = np.where(finite[ended], LoadReason.GIVES_WAY, LoadReason.NOT_CONVERGED)
-        reason[soft] = LoadReason.TOO_SOFT
-        live = live[(load.share[live] < 1.0) & (reason[live] == LoadReason.CARRIED)]
-    x = robot.platform.coordinates(frames_at(robot, current))
-    linearised = linearised_at(robot, current, x)
+    for _ in range(MAX_STEPS):
+        if not len(live):
+            break
+        start, whole_load = current.at(live), load.at(live)
+        ahead = _stepped(robot, start, whole_load, step[live])
+        good, reached = ahead.good, ahead.points
+        step[live] = np.where(good, np.minimum(2.0 * ahead.size, MAX_STEP), 0.5 * ahead.size)
+        for values, new in zip(current, reached, strict=True):
+            values[live[good]] = new[good]
+        soft = good & (reached.share <= 1.0) & ~_is_small(robot, reached.q)
+        short = ~good & (ahead.size <= UNCHECKED_MOTION)
+        reason[live[good & (reached.share == 1.0)]] = LoadReason.CARRIED
+        reason[live[soft]] = LoadReason.TOO_SOFT
+        reason[live[short & ahead.lost]] = LoadReason.GIVES_WAY
+        turned = np.flatnonzero(ahead.turned)
+        if len(turned):
+            folds = _folds(robot, start.at(turned), whole_load.at(turned))
+            snaps = live[turned[folds.found]]
+            current.q[snaps], current.share[snaps] = folds.q[folds.found], folds.share[folds.found]
+            reason[snaps] = LoadReason.GIVES_WAY
+        live = live[~short & (reason[live] == LoadReason.NOT_CONVERGED)]
+    x = robot.platform.coordinates(frames_at(robot, current.q))
+    linearised = linearised_at(robot, current.q, x)
     at_rest = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
     crossed = mode_signs(robot, linearised)[1] != mode_signs(robot, at_rest)[1]
     reason[crossed & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE
-    free = compliant_motions(robot, linearised, current)
-    free = free._replace(K=tangent_stiffness(robot, linearised, current, free.Z, load))
-    return LoadedStack(current, reason, load.share, free)
+    free = compliant_motions(robot, linearised, current.q)
+    free = free._replace(K=tangent_stiffness(robot, linearised, current.q, free.Z, load))
+    return LoadedStack(current.q, reason, current.share, free)
 
 
-def _stepped(robot: ParallelRobot, q: Array, load: Load) -> tuple[Array, BoolArray, BoolArray]:
-    """Find equilibria (T, nq) under a slightly larger load; return which are accepted, and which finite."""
-    columns, q = moving_columns(robot), q.copy()
-    lengths = robot.column_scale[columns]
-    first, after = np.zeros(len(q)), np.zeros(len(q))
-    good, finite = np.zeros(len(q), dtype=bool), np.ones(len(q), dtype=bool)
+def _tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArray]:
+    """Compute rates (T, f) with respect to the share; return whether the stiffness is positive definite."""
+    values, vectors = np.linalg.eigh(H)
+    rounding = EIGENVALUE_ROUNDING * np.abs(values).max(axis=1, keepdims=True)
+    along = matvec(vectors.swapaxes(1, 2), drive) / np.where(np.abs(values) > rounding, values, rounding)
+    return -matvec(null, matvec(vectors, along)), values[:, 0] > rounding[:, 0]
+
+
+def _stepped(robot: ParallelRobot, start: _Points, load: Load, step: Array) -> _Arrival:
+    """Find equilibria a step (T,) [rad, lengths] further on, or under the whole load if that is nearer.
+
+    A step that ends before holds the joints' motion along the tangent while it is corrected, and one that
+    ends there the share. Where the curve leads beyond the whole load, the next step leads back. Where it is
+    to go on it is met to rounding, as a tangent at a soft place needs.
+    """
+    remaining = 1.0 - start.share
+    whole = np.abs(start.rate * remaining[:, None]).max(axis=1)
+    cut = np.minimum(1.0, step / np.maximum(whole, step))
+    predicted = start.rate * (remaining * cut)[:, None]
+    lands, size, length = cut == 1.0, whole * cut, np.linalg.norm(predicted, axis=1)
+    tangent = predicted / np.where(length > 0.0, length, 1.0)[:, None]
+    share = np.where(lands, 1.0, start.share + cut * remaining)
+    q, rate, along = _moved(robot, start.q, predicted), np.zeros_like(predicted), length.copy()
+    correction, (near, done, stable) = np.zeros(len(q)), np.zeros((3, len(q)), dtype=bool)
     live = np.arange(len(q))
-    for k in range(MAX_ITERATIONS):
-        state = balance(robot, q[live], load.at(live))
-        sound = np.asarray(np.isfinite(state.H).all(axis=(1, 2)) & np.isfinite(state.slope).all(axis=1))
-        finite[live] = sound
-        values, vectors = np.linalg.eigh(np.where(sound[:, None, None], state.H, 0.0))
-        on = values[:, 0] > EIGENVALUE_ROUNDING * values[:, -1]  # what is no number has become zero
-        values = np.where(on[:, None], values, 1.0)
-        move = state.closing - matvec(
-            state.null, matvec(vectors, matvec(vectors.swapaxes(1, 2), state.slope) / values)
-        )
-        size = np.abs(move).max(axis=1)
-        (first if k == 0 else after)[live] += size
-        on &= first[live] <= MAX_STEP
-        on &= after[live] <= np.maximum(MAX_CORRECTION_RATIO * first[live], UNCHECKED_CORRECTION)
-        good[live] = on & (size < NEWTON_STEP)
-        on &= size >= NEWTON_STEP
-        live, move = live[on], move[on]
+    for _ in range(MAX_ITERATIONS):
+        state = balance(robot, q[live], load.at(live)._replace(share=share[live]))
+        move, gain = _correction(state, tangent[live], lands[live])
+        last = np.abs(move).max(axis=1)
+        correction[live] += last
+        on = correction[live] <= np.maximum(MAX_CORRECTION_RATIO * size[live], UNCHECKED_MOTION)
+        move, gain = np.where(on[:, None], move, 0.0), np.where(on, gain, 0.0)
+        q[live], share[live] = _moved(robot, q[live], move), share[live] + gain
+        along[live] += dot(tangent[live], move)
+        ended = on & (last < NEWTON_STEP) & (lands[live] | near[live])
+        near[live] = last < NEWTON_STEP
+        settled = live[ended]
+        done[settled] = True
+        rate[settled], stable[settled] = _tangents(state.H[ended], state.drive[ended], state.null[ended])
+        live = live[on & ~ended]
         if not len(live):
             break
-        tangent = np.zeros((len(live), robot.model.nv))
-        tangent[:, columns] = move * lengths
-        q[live] = integrate(robot, q[live], tangent)
-    return q, good, finite
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = 1.0 / np.array([dot(tangent, start.rate), dot(tangent, rate)])  # of the share
+        gap = np.abs(share - start.share - 0.5 * along * slopes.sum(axis=0))
+        straight = gap <= MAX_SHARE_GAP * np.abs(along * slopes).max(axis=0)
+        turned = slopes.prod(axis=0) < 0.0
+    done &= straight | (size <= UNCHECKED_MOTION)
+    lost = done & ~stable
+    return _Arrival(_Points(q, share, rate), size, done & stable, lost, lost & turned)
+
+
+def _correction(state: Balance, tangent: Array, lands: BoolArray) -> tuple[Array, Array]:
+    """Compute Newton's step (T, f) to the curve, and by how much (T,) the share changes with it."""
+    d = state.H.shape[1]
+    bordered, right = np.zeros((len(state.H), d + 1, d + 1)), np.zeros((len(state.H), d + 1))
+    bordered[:, :d, :d], bordered[:, :d, d], right[:, :d] = state.H, state.drive, -state.slope
+    bordered[:, d, :d] = np.where(lands[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
+    bordered[:, d, d] = lands
+    with np.errstate(all="ignore"):  # what is singular, or no number, ends there
+        step = solve(bordered, right)
+        return state.closing + matvec(state.null, step[:, :d]), step[:, d]
+
+
+def _folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoints:
+    """Find where the share turns back, ahead of points on the curve."""
+
+    def evaluate(q: Array, share: Array) -> CurveEquations:
+        """Compute loops along what opens them, and the slope of the energy along what does not."""
+        state = balance(robot, q, load._replace(share=share))
+        size = np.abs(state.H).max(axis=(1, 2))[:, None]
+        null, turned = state.null, state.null.swapaxes(1, 2)
+        matrix = np.eye(null.shape[1]) + matmul(
+            null, matmul(state.H / size[:, None] - np.eye(null.shape[2]), turned)
+        )
+        drive, slope = matvec(null, state.drive / size), matvec(null, state.slope / size)
+        return CurveEquations(matrix, drive, slope - state.closing, state.linearised)
+
+    columns, still = moving_columns(robot), np.zeros((len(start.q), robot.model.nv))
+    return turning_points(robot, start.q, start.share, columns, still, evaluate)
+
+
+def _moved(robot: ParallelRobot, q: Array, move: Array) -> Array:
+    """Return configurations (T, nq) after moves (T, f) [rad, lengths of the robot]."""
+    columns = moving_columns(robot)
+    tangent = np.zeros((len(q), robot.model.nv))
+    tangent[:, columns] = move * robot.column_scale[columns]
+    return integrate(robot, q, tangent)
 
 
 def _is_small(robot: ParallelRobot, q: Array) -> BoolArray:

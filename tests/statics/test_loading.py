@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import mpmath
 import numpy as np
 import pytest
 
 import robots
 from framework import InvalidInput, assemble
+from framework.kinematics.frames import frames_at
 from framework.statics.loading import LoadReason, loaded_stack
 from framework.statics.stiffness import least_stiffness, platform_stiffness
+from framework.tolerances import NEWTON_STEP
 from tests.oracles import five_bar_pose
+from tests.oracles.five_bar_pose import BASES, DRIVE, LENGTH, ROD
 
 STEPS = 20  # of the load, of the oracle
 H = 1e-5  # [m] of its differences
@@ -89,3 +93,132 @@ def test_loads_that_cannot_be_are_refused_and_absurd_ones_are_not_carried():
         loaded_stack(robots.load("five_bar"), robots.load("five_bar").reference.q[None])
     found = loaded_stack(robot, robot.reference.q[None], wrench=[0.0, 1e9])  # a kilometre away
     assert found.reason[0] in (LoadReason.GIVES_WAY, LoadReason.TOO_SOFT)
+
+
+def truss(y, locked, load, *, lib=np):
+    """Slope (4,) and Hessian (4, 4) of V - load . x of the 5R in y = (angles of cranks, payload's place)."""
+    slope, hessian = [0 * y[0]] * 4, [[0 * y[0]] * 4 for _ in range(4)]
+    slope[2], slope[3] = slope[2] - load[0], slope[3] - load[1]
+    for i, base in enumerate(BASES):
+        c, s = LENGTH * lib.cos(y[i]), LENGTH * lib.sin(y[i])
+        rod = (y[2] - base[0] - c, y[3] - base[1] - s)
+        size = lib.sqrt(rod[0] ** 2 + rod[1] ** 2)
+        bent = rod[0] * c + rod[1] * s  # the rod's product with minus the crank's second derivative
+        along = {i: (rod[0] * s - rod[1] * c) / size, 2: rod[0] / size, 3: rod[1] / size}  # slope of size
+        square = {  # half the second derivatives of size^2
+            (i, i): LENGTH**2 + bent, (2, 2): 1, (3, 3): 1, (i, 2): s, (i, 3): -c, (2, 3): 0,
+        }  # fmt: skip
+        slope[i] = slope[i] + DRIVE * (y[i] - locked[i])
+        hessian[i][i] = hessian[i][i] + DRIVE
+        for j, first in along.items():
+            slope[j] = slope[j] + ROD * (size - LENGTH) * first
+            for k, second in along.items():
+                curved = (square[min(j, k), max(j, k)] - first * second) / size
+                hessian[j][k] = hessian[j][k] + ROD * (first * second + (size - LENGTH) * curved)
+    return slope, hessian
+
+
+def crank_angles(x):
+    """Angles (2,) of the cranks with the payload at x (2,), springs at rest."""
+    crank = five_bar_pose.pose(np.array([x])).crank[0]
+    return np.arctan2(crank[:, 1], crank[:, 0])
+
+
+def snap(x, w, share, near):
+    """Share of the load and payload's place (2,) of the fold near to a guess, to 30 digits."""
+    locked = crank_angles(x)
+
+    def fold(*unknowns):
+        slope, hessian = truss(unknowns[:4], locked, [unknowns[4] * force for force in w], lib=mpmath)
+        return [*slope, mpmath.det(mpmath.matrix(hessian)) / (DRIVE * ROD) ** 2]
+
+    with mpmath.workdps(30):
+        root = mpmath.findroot(fold, [*crank_angles(near), *near, share], tol=1e-40, maxsteps=50)
+        return float(root[4]), np.array([float(root[2]), float(root[3])])
+
+
+def stepped(x, w):
+    """Share of the load (1 if it carries all of it) and place to which steps in the share follow the truss.
+
+    A step counts if the softest stiffness changes by less than a third in it.
+    """
+    locked = crank_angles(x)
+    y, share, step = np.array([*locked, *x]), 0.0, 1e-3
+    first = softest = np.linalg.eigvalsh(truss(y, locked, np.zeros(2))[1])[0]
+    while share < 1.0 and softest > 1e-4 * first and step > 1e-14:
+        ahead, target, size = y.copy(), min(1.0, share + step), np.inf
+        for _ in range(8):
+            slope, hessian = truss(ahead, locked, target * np.array(w))
+            move = -np.linalg.solve(hessian, slope)
+            ahead, size = ahead + move, np.abs(move).max()
+            if not 1e-11 < size < 0.1:
+                break
+        new = np.linalg.eigvalsh(truss(ahead, locked, target * np.array(w))[1])[0]
+        if size <= 1e-11 and abs(new - softest) < softest / 3:
+            y, share, softest, step = ahead, target, new, 2 * step
+        else:
+            step /= 2
+    return share, y[2:]
+
+
+def near_type2(count, rng):
+    """Places (count, 2) with rods that are nearly on a line, at angles down to 1e-3, on both sides of it."""
+    places = []
+    while len(places) < count:
+        x, angle = rng.uniform([-0.2, 0.02], [0.2, 0.4]), 10 ** rng.uniform(-3, -1) * rng.choice([-1, 1])
+        y = x[1] + np.linspace(0.0, 0.05, 201)
+        column = np.stack([np.full(len(y), x[0]), y], axis=1)
+        column = column[five_bar_pose.reachable(column) > 0.02]
+        sines = five_bar_pose.pose(column).sine if len(column) else np.zeros(1)
+        crossed = np.flatnonzero(np.diff(np.sign(sines - angle)) * (np.abs(sines[:-1]) > 1e-3))
+        places += [column[k] for k in crossed[:1]]
+    return np.array(places)
+
+
+SOFT_PLACE, FORCE = (0.20945440887785466, 0.10879996512734091), (119.8132489174077, 382.560076786355)
+
+
+def test_a_soft_pose_that_stiffens_carries_the_load():
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    found = loaded_stack(robot, assemble(robot, SOFT_PLACE).q[None], wrench=FORCE)
+    share, place = stepped(SOFT_PLACE, FORCE)
+    assert share == 1.0
+    assert found.reason[0] == LoadReason.CARRIED
+    np.testing.assert_allclose(place, [0.22370, 0.15291], rtol=0, atol=1e-5)
+    reached = robot.platform.coordinates(frames_at(robot, found.q))[0]
+    np.testing.assert_allclose(reached, place, rtol=0, atol=1e-9)
+    assert np.linalg.eigvalsh(found.free.K[0])[0] > 0
+
+
+@pytest.mark.parametrize(
+    ("x", "w"),
+    [((0.01, 0.27), (0.0, -300.0)), ((0.01, 0.22), (0.0, 1500.0)), ((-0.1, 0.25), (100.0, -900.0))],
+)
+def test_the_snap_is_the_fold_of_the_truss_to_rounding(x, w):
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    found = loaded_stack(robot, assemble(robot, x).q[None], wrench=w)
+    assert found.reason[0] == LoadReason.GIVES_WAY
+    reached = robot.platform.coordinates(frames_at(robot, found.q))[0]
+    share, place = snap(x, w, found.share[0], reached)
+    assert found.share[0] == pytest.approx(share, rel=1e-11)
+    np.testing.assert_allclose(reached, place, rtol=0, atol=NEWTON_STEP)  # whose square is in the share
+    stiffness = np.linalg.eigvalsh(found.free.K[0])
+    assert abs(stiffness[0]) < 10 * NEWTON_STEP * stiffness[-1]
+
+
+@pytest.mark.slow
+def test_soft_poses_carry_and_snap_as_small_steps_of_the_load_do():
+    robot, rng = robots.load("five_bar", flexibility="flexible_links"), np.random.default_rng(3)
+    x = near_type2(100, rng)
+    w = 10 ** rng.uniform(0.0, 3.0) * np.array([np.cos(2.0), np.sin(2.0)])
+    found = loaded_stack(robot, np.array([assemble(robot, place).q for place in x]), wrench=w)
+    reached = robot.platform.coordinates(frames_at(robot, found.q))
+    carried = np.isin(found.reason, [LoadReason.CARRIED, LoadReason.OTHER_MODE])
+    assert 10 < carried.sum() < 90
+    assert np.all(carried | (found.reason == LoadReason.GIVES_WAY))
+    for k in range(len(x)):
+        share, place = stepped(x[k], w)
+        assert found.share[k] == pytest.approx(share, rel=1e-3), x[k]
+        assert (share == 1.0) == carried[k]
+        if carried[k]:
+            np.testing.assert_allclose(reached[k], place, rtol=0, atol=1e-8)
