@@ -25,7 +25,7 @@ def add(commands: Any) -> None:
     """Add the command to the parser."""
     details = (
         "By bisection over plans, from one within all limits to one that is refused; what binds is why that "
-        "is. Without --duration each plan is the quickest within the limits."
+        "is, and whether with a proof. Without --duration each plan is the quickest within the limits."
     )
     parser = command(commands, "capacity", run, details)
     add_robot(parser)
@@ -43,6 +43,8 @@ def run(options: argparse.Namespace) -> Report:
         typed["wrenches"] = scene(robot, options.scene).wrenches
     with progress_bar(float("inf"), "plans", silent=options.json) as progress:
         capacity = largest_load_of(robot, capacity_request(robot, path, **typed), progress=progress)
+    if capacity.multiple == 0.0:
+        options.refusal = capacity.refusal or capacity.failure
     return _document(capacity), capacity_text(capacity)
 
 
@@ -53,6 +55,9 @@ def _document(capacity: Capacity) -> dict[str, Any]:
         "multiple": capacity.multiple,
         "refused": capacity.refused if np.isfinite(capacity.refused) else None,
         "binds": None if capacity.refusal is None else str(capacity.refusal),
+        "proved": capacity.proved,
+        "undecided": capacity.undecided if np.isfinite(capacity.undecided) else None,
+        "failure": None if capacity.failure is None else str(capacity.failure),
         "wrenches": capacity.plan.request.wrenches,
         "duration": capacity.plan.duration,
         "peak_torque": capacity.plan.peak_torque,
@@ -71,8 +76,11 @@ def capacity_text(capacity: Capacity) -> str:
         f"over {plan.duration:.6g} s",
         f"  peak torque       {peaks}",
     ]
-    if capacity.refusal is None:
-        lines.append("  binds             nothing that was found: a larger one is planned too")
-    else:
-        lines.append(f"  refused           {capacity.refused:.6g} times: {capacity.refusal}")
+    if capacity.refusal is not None:
+        word = "refused, proved" if getattr(capacity.refusal, "proof", None) is not None else "refused"
+        lines.append(f"  {word:16s}  {capacity.refused:.6g} times: {capacity.refusal}")
+    if capacity.failure is not None:
+        lines.append(f"  undecided         {capacity.undecided:.6g} times: {capacity.failure}")
+    if not np.isfinite(capacity.end):
+        lines.append(f"  binds             nothing refused up to {capacity.multiple:.6g} times")
     return "\n".join(lines)

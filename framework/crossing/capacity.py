@@ -2,9 +2,9 @@
 
 Torques and condition (8) of a rigid robot are linear in the multiple m of a wrench and in the squared speed z
 (`optimal`), so the admissible pairs (m, z) are a convex set, and the multiples with a law an interval. Its
-upper end is bisected, from a multiple that is planned, with its certificate, to one that is refused. Elastic
-robots are bisected alike; there each end is what planning says, without a proof that the multiples between
-are one interval.
+upper end is bisected, from a multiple that is planned, with its certificate, to one that is refused, or that
+planning decides nothing about. Elastic robots are bisected alike; there each end is what planning says,
+without a proof that the multiples between are one interval.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from framework.crossing.options import takes_options
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
-from framework.errors import InvalidInput, NoAnswer
+from framework.crossing.specification import specification_of
+from framework.errors import InvalidInput, LimitsExceeded, NoAnswer, NoLaw
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.path import Path
@@ -31,17 +32,32 @@ MAX_DOUBLINGS = 20  # of the multiple, up or down, before it counts as without b
 
 @dataclass(frozen=True, eq=False)
 class Capacity:
-    """The largest multiple of the wrenches of a request that was planned, and the least that was refused.
+    """The largest multiple of the wrenches of a request that was planned, and the least that was not.
 
     plan: with the largest; its certificate and limits are those of any plan.
-    refused: the least multiple without a plan; infinite where a million times the wrenches were planned.
+    refused: the least multiple that was refused (`NoLaw`, `LimitsExceeded`); infinite where none was.
     refusal: what binds: why that is refused, None where nothing is.
+    undecided: the least multiple that was neither planned nor refused, since planning failed on it for a
+        reason that says nothing about laws (`NotConverged` and others); infinite where there was none.
+    failure: that reason.
     """
 
     multiple: float
     plan: CrossingPlan
-    refused: float
-    refusal: NoAnswer | None
+    refused: float = np.inf
+    refusal: NoLaw | LimitsExceeded | None = None
+    undecided: float = np.inf
+    failure: NoAnswer | None = None
+
+    @property
+    def end(self) -> float:
+        """The least multiple above the largest that was not planned; infinite where all were."""
+        return min(self.refused, self.undecided)
+
+    @property
+    def proved(self) -> bool:
+        """Whether the least multiple that was not planned is refused with a proof (`NoLaw.proof`)."""
+        return self.refused < self.undecided and getattr(self.refusal, "proof", None) is not None
 
 
 @takes_options
@@ -54,7 +70,7 @@ def largest_load(robot: ParallelRobot, path: Path, **options: Any) -> Capacity:
         optimize is "time" by default where no duration is given.
 
     Raises:
-        InvalidInput: no wrenches, or no limit that binds; see `plan_crossing`.
+        InvalidInput: no wrenches, or no limit of torque or speed; see `plan_crossing`.
         NoAnswer: nothing is planned even without them.
     """
     return largest_load_of(robot, capacity_request(robot, path, **options))
@@ -87,11 +103,14 @@ def largest_load_of(
         raise InvalidInput(
             "wrenches: a largest multiple needs a law that keeps limits; give a torque limit, or optimize"
         )
+    specification = specification_of(robot, request)
+    if not (specification.limited or specification.limited_speeds):
+        raise InvalidInput("torque_limit: a largest multiple needs a limit of torque or speed")
     task = _Multiples(robot, request, unit, search_path(robot, request.path), progress)
     unloaded = task.planned(0.0)
     if isinstance(unloaded, NoAnswer):
         raise unloaded
-    return _bisected(task, _bracketed(task, Capacity(0.0, unloaded, np.inf, None)))
+    return _bisected(task, _bracketed(task, Capacity(0.0, unloaded)))
 
 
 @dataclass
@@ -118,28 +137,30 @@ class _Multiples:
     def narrowed(self, capacity: Capacity, multiple: float) -> Capacity:
         """Return the capacity with one more multiple tried."""
         answer = self.planned(multiple)
-        if isinstance(answer, NoAnswer):
+        if isinstance(answer, NoLaw | LimitsExceeded):
             return replace(capacity, refused=multiple, refusal=answer)
+        if isinstance(answer, NoAnswer):
+            return replace(capacity, undecided=multiple, failure=answer)
         return replace(capacity, multiple=multiple, plan=answer)
 
 
 def _bracketed(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Double or halve the multiple 1 until one is planned and one twice as large refused."""
+    """Double or halve the multiple 1 until one is planned and one twice as large not."""
     capacity = task.narrowed(capacity, 1.0)
     for _ in range(MAX_DOUBLINGS):
-        if not np.isfinite(capacity.refused):
+        if not np.isfinite(capacity.end):
             capacity = task.narrowed(capacity, 2.0 * capacity.multiple)
         elif capacity.multiple == 0.0:
-            capacity = task.narrowed(capacity, 0.5 * capacity.refused)
+            capacity = task.narrowed(capacity, 0.5 * capacity.end)
         else:
             break
     return capacity
 
 
 def _bisected(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Bisect between the planned and the refused multiple, on a logarithmic scale."""
-    while capacity.multiple > 0.0 and capacity.refused < np.inf:
-        if capacity.refused <= (1.0 + BRACKET_RATIO) * capacity.multiple:
+    """Bisect between the planned multiple and the least that was not, on a logarithmic scale."""
+    while capacity.multiple > 0.0 and capacity.end < np.inf:
+        if capacity.end <= (1.0 + BRACKET_RATIO) * capacity.multiple:
             break
-        capacity = task.narrowed(capacity, float(np.sqrt(capacity.multiple * capacity.refused)))
+        capacity = task.narrowed(capacity, float(np.sqrt(capacity.multiple * capacity.end)))
     return capacity

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from functools import cache
 
 import pytest
 
 import robots
-from framework import InvalidInput, NoLaw, plan_crossing
+from framework import InvalidInput, LimitsExceeded, NoLaw, NotConverged, plan_crossing
 from framework.cli import main
 from framework.crossing.capacity import largest_load
 from framework.crossing.refusals.refusal_proofs import NoAdmissibleSpeed
@@ -60,6 +61,7 @@ def test_the_ends_carry_their_proofs():
     residual, negative = proof.contradiction
     assert abs(residual) < 1e-6
     assert negative < 0.0
+    assert found.proved
 
 
 def test_a_table_is_scaled_as_a_whole():
@@ -76,6 +78,62 @@ def test_without_a_wrench_or_a_limit_the_question_has_no_meaning():
         largest_load(robot, path, torque_limit=LIMIT, wrenches={"left_tip": [0.0] * 6})
     with pytest.raises(InvalidInput, match="torque_limit: optimize time needs a limit"):
         largest_load(robot, path, wrenches=PUSH)
+    with pytest.raises(InvalidInput, match="torque_limit: a largest multiple needs a limit"):
+        largest_load(robot, path, duration=1.5, optimize="peak_torque", wrenches=PUSH)
+
+
+@pytest.mark.parametrize(
+    ("refusal", "proved"),
+    [
+        (NoLaw("none", proof="a proof"), True),
+        (NoLaw("none found"), False),
+        (LimitsExceeded("beyond", exceeded={}), False),
+        (NotConverged("gave up", residual=1.0), False),
+    ],
+)
+def test_only_a_refusal_is_one(monkeypatch, refusal, proved):
+    """With planning that answers up to 5 times the push: a failure of the numbers refuses nothing."""
+    plan = pushed(0.0)
+
+    def planned(robot, request, **_):
+        if any(abs(entry.rows[..., -6:]).max() > 5.0 for entry in request.external_wrenches.entries):
+            raise refusal
+        return plan
+
+    monkeypatch.setattr("framework.crossing.capacity.plan_request", planned)
+    robot, path = five_bar()
+    found = largest_load(robot, path, torque_limit=LIMIT, wrenches=PUSH)
+    assert found.multiple <= 5.0 < found.end <= 1.001 * found.multiple
+    decided = isinstance(refusal, NoLaw | LimitsExceeded)
+    assert (found.refused, found.undecided)[decided] == math.inf
+    assert (found.failure, found.refusal)[decided] is refusal
+    assert found.proved == proved
+
+
+def test_the_command_says_no_where_no_multiple_is_planned(monkeypatch, capsys):
+    plan = pushed(0.0)
+
+    def planned(robot, request, **_):
+        if request.external_wrenches.push:
+            raise NotConverged("gave up", residual=1.0)
+        return plan
+
+    monkeypatch.setattr("framework.crossing.capacity.plan_request", planned)
+    words = ["capacity", "five_bar", "--scene", "C", "--torque-limit", str(LIMIT), "--wrench", "0", "-1"]
+    assert main([*words, "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert document["multiple"] == 0.0
+    assert not document["proved"]
+    assert document["refused"] is None
+    assert document["failure"] == "gave up"
+
+
+def test_the_command_does_not_say_more_than_was_tried(monkeypatch, capsys):
+    plan = pushed(0.0)
+    monkeypatch.setattr("framework.crossing.capacity.plan_request", lambda robot, request, **_: plan)
+    words = ["capacity", "five_bar", "--scene", "C", "--torque-limit", str(LIMIT), "--wrench", "0", "-1"]
+    assert main(words) == 0
+    assert "nothing refused up to 1.04858e+06 times" in capsys.readouterr().out
 
 
 @pytest.mark.slow
