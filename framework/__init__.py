@@ -11,7 +11,8 @@ Bring a robot (`ParallelRobot.from_file`, or `robots.load` for the catalogue) an
 * `inverse_dynamics`: the torques of a law of one's own; `simulate`: where torques bring the robot;
 * `dynamics_at`, `forward_dynamics`: from motion to torques and back at one instant or a stack of them, with
   what loops and joints carry, an `Instant`;
-* `dynamics_derivatives`: exact derivatives of torques along the motion and the bodies' parameters.
+* `dynamics_derivatives`: exact derivatives of torques along the motion and the bodies' parameters;
+* `ControlCycle`: pose and torques once a millisecond; `largest_load`: the largest push that still crosses.
 
 Errors have one base, `FrameworkError`: `InvalidInput` when what was given cannot be right, `NoAnswer` when
 the answer is no. Controllers and studies are in `framework.control`, identification in

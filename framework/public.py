@@ -3,6 +3,8 @@
 They stand here and not there, so that the command line can hear Ctrl-C before they are imported.
 """
 
+from framework.control.control_cycle import ControlCycle
+from framework.crossing.capacity import largest_load
 from framework.crossing.plan import plan_crossing
 from framework.crossing.restored import load_plan
 from framework.crossing.result import CrossingPlan
@@ -53,6 +55,7 @@ from framework.singularity.pose_classes import classify
 __all__ = [
     "Arc",
     "Condition",
+    "ControlCycle",
     "CrossingPlan",
     "FidelityStudy",
     "FrameworkError",
@@ -93,6 +96,7 @@ __all__ = [
     "forward_dynamics",
     "forward_kinematics",
     "inverse_dynamics",
+    "largest_load",
     "load_plan",
     "locate_singularities",
     "pave_singularities",
