@@ -148,8 +148,14 @@ BRANCHES_CROSS = 0.1
 At 1 every sharp bend is halved until it is straight; at 0.01 a step across a crossing may count.
 """
 
+BRANCH_STEP_SHARE = 0.25
+"""Correction, and turn of the tangent, of a long step over the step itself, that are small.
+
+On one branch both are of its square. At 2.5 a step to another branch may count; at 0.025 long steps are cut.
+"""
+
 BRANCH_CORRECTION = 0.03
-"""By how much [rad, robot lengths] the corrector of a step may move a joint, or a quarter of the predictor.
+"""By how much [rad, robot lengths] the corrector of a step may move a joint, however short the step is.
 
 What another branch closes to is farther off, except near to where branches meet. At 0.3 a step may land on
 one; at 0.003 steps are shorter and more.

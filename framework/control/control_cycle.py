@@ -31,13 +31,13 @@ from framework.kinematics.continuation.forward_kinematics import (
     forward_kinematics,
     start_pose,
 )
-from framework.kinematics.continuation.predictor_corrector import MAX_PREDICTOR_MOVE
+from framework.kinematics.continuation.predictor_corrector import MAX_PREDICTOR_MOVE, is_small, is_straight
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.motion_changes import require_turns_at_rest
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import FramePlatform, JointPlatform
 from framework.kinematics.single_pose import SinglePose
-from framework.tolerances import BRANCH_CORRECTION, BRANCH_TURN, BRANCHES_MEET, DETERMINANT_LOST
+from framework.tolerances import BRANCHES_MEET, DETERMINANT_LOST
 
 MAX_ITERATIONS = 5  # of Newton's method in a cycle; a prediction that needs more is none
 LAST_STEP = 1e-10  # [rad, robot lengths] of the joints: rates are as exact, the pose as its square
@@ -70,6 +70,7 @@ class ControlCycle:
         require_turns_at_rest(robot)
         start = start_pose(robot, near)
         self.robot, self._equations, self._data = robot, SinglePose(robot), robot.model.createData()
+        self._names = ", ".join(robot.actuator_names)
         self._actuated, self._following = robot.actuated, robot.following
         self._independent = robot.structure.independent
         self._all_rows = len(self._independent) == len(robot.rows.names)
@@ -102,9 +103,8 @@ class ControlCycle:
                 ends; it carries where. The cycle stays where it was.
             NotAssembled: the way cannot be followed for another reason.
         """
-        names = ", ".join(self.robot.actuator_names)
-        target = finite_numbers(f"q_a ({names})", q_a, self.robot.n_a)
-        rates = finite_numbers(f"dq_a ({names})", dq_a, self.robot.n_a)
+        target = finite_numbers(f"q_a ({self._names})", q_a, self.robot.n_a)
+        rates = finite_numbers(f"dq_a ({self._names})", dq_a, self.robot.n_a)
         q = self._closed(target)
         if q is None:
             self._linearise(self.q)  # back to the last cycle, if the way ends
@@ -117,9 +117,12 @@ class ControlCycle:
         """Compute motor torques (n_a,) [N m, N], motor side, for accelerations ddq_a (n_a,), joint side.
 
         Rotors, armature, damping and joint springs included; dry friction and wrenches of the world not.
+
+        Raises:
+            InvalidInput: not n_a finite numbers.
         """
-        acceleration = np.asarray(ddq_a, dtype=float)
         robot = self.robot
+        acceleration = finite_numbers(f"ddq_a ({self._names})", ddq_a, robot.n_a)
         a = self._drift_acceleration() + self.T @ acceleration
         return self._along_motors(a) + robot.rotor_inertia * robot.gear_ratio * acceleration
 
@@ -214,9 +217,8 @@ class ControlCycle:
         advance = np.abs(along / self._lengths).max()
         turned = np.abs((self.T @ turn - along) / self._lengths).max()
         counts = (
-            corrected <= max(BRANCH_CORRECTION, 0.25 * advance)
-            and advance <= MAX_PREDICTOR_MOVE
-            and turned <= BRANCH_TURN * corrected + 0.25 * advance
+            is_small(corrected, advance)
+            and is_straight(turned, corrected, advance)
             and self._determinant * before > DETERMINANT_LOST * before**2
             and self.type2 > BRANCHES_MEET
         )

@@ -30,7 +30,7 @@ from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.type2 import sign_along, singularity_measure, unit_twist
 
-STANDARD_GRAVITY = 9.81  # [m/s^2]
+UPRIGHT_GRAVITY = 9.81  # [m/s^2] as robot files have it by default
 PATH_SMOOTHNESS = 2  # derivatives of s that vanish at both ends of the best laws
 STEP_ASIDE = 1e-3  # [robot lengths] of the platform, for how the robot follows it
 
@@ -131,12 +131,17 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
     if missing:
         raise InvalidInput(f"{robot.name}: a lesson needs {', '.join(missing)}")
     searched = search_path(robot, path)
-    if len(searched.points) != 1 or searched.points[0].contact == "tangential":
+    if any(point.contact == "tangential" for point in searched.points):
+        raise InvalidInput(
+            f"{robot.name}: a lesson needs a path that crosses the singular locus, this one touches it at "
+            f"s = {searched.points[0].s:.6g}"
+        )
+    if len(searched.points) != 1:
         raise InvalidInput(
             f"{robot.name}: a lesson needs a path that crosses the singular locus once, this one meets it "
             f"{len(searched.points)} times"
         )
-    robots = {key: _weighed(robot, -size * upwards) for key, size in (("off", 0.0), ("on", STANDARD_GRAVITY))}
+    robots = {key: _weighed(robot, -size * upwards) for key, size in (("off", 0.0), ("on", UPRIGHT_GRAVITY))}
     options: dict[str, Any] = {"law": "optimal", "optimize": "peak_torque", "smoothness": PATH_SMOOTHNESS}
     plans = {key: plan_crossing(each, path, duration=duration, **options) for key, each in robots.items()}
     return PlanarCrossing(searched, robots, plans)

@@ -158,7 +158,9 @@ class CrossingPlan:
                 excesses.append(f"torque {torque} {unit} of {limit} at s = {s_torque[k]:.4g}")
             if motor.speed_limit is not None and speeds[k] > motor.speed_limit:
                 speed, limit = told_apart(speeds[k], motor.speed_limit)
-                excesses.append(f"speed {speed} rad/s of {limit} at s = {s_speed[k]:.4g}")
+                excesses.append(
+                    f"speed {speed} {self.robot.speed_units[k]} of {limit} at s = {s_speed[k]:.4g}"
+                )
             if excesses:
                 exceeded[motor.joint] = ", ".join(excesses)
         q, limits = self.dynamics.configuration(times), self.robot.limits

@@ -51,7 +51,7 @@ class KinematicDerivatives(ReadOnlyArrays):
     parameters: along p geometric parameters with the motors held; their `names` are JOINT.x .. JOINT.rz and
         FRAME.x .. FRAME.rz, see `geometric_parameters`.
     regressor: (n + m, p) of F, platform and independent loop equations, with all joints held.
-    q_a: (n_a, p) of the motors' joints along the parameters, with the platform held: finite at Type 2.
+    q_a: (n_a, p) of the motors' joints along the parameters, with the platform held.
     """
 
     motors: PoseSlopes
@@ -68,7 +68,7 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
         InvalidInput: q is not assembled; motors that depend on one another, or a platform that does not
             determine the joints.
         SingularPose: the motors do not hold the robot there (Type 2): they do not tell the pose.
-        numpy.linalg.LinAlgError: the platform does not determine the joints there (Type 1).
+        NotAssembled: the platform does not determine the joints there (Type 1).
     """
     closed = assembled_at(robot, q)
     require_square(robot)

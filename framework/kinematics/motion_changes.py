@@ -20,7 +20,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.frame_variations import TreeMotion, row_variation
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.motion_rates import Motion
+from framework.kinematics.motion_rates import Motion, undetermined_joints
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import CoordinateRates
 
@@ -87,14 +87,21 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
 
 
 def solved_rates(
-    robot: ParallelRobot, linearised: LinearisedLoops, right: Array, columns: IntArray, given: Array
+    robot: ParallelRobot, linearised: LinearisedLoops, right: Array, columns: IntArray, known: Array
 ) -> Array:
-    """Solve (dF/dq) rates = right (T, k, n + m) for joint rates (T, k, nv), some of them given (T, k, c)."""
+    """Solve (dF/dq) rates = right (T, k, n + m) for joint rates (T, k, nv), some of them known (T, k, c).
+
+    Raises:
+        NotAssembled: the platform does not determine the joints (Type 1).
+    """
     rates = np.zeros((*right.shape[:2], robot.model.nv))
     if len(columns):
-        rates[..., columns] = given
-        right = right - given @ linearised.jacobian[:, :, columns].swapaxes(1, 2)
-    rates[..., robot.moving] = linearised.factors.solve(right.swapaxes(0, 1)).swapaxes(0, 1)
+        rates[..., columns] = known
+        right = right - known @ linearised.jacobian[:, :, columns].swapaxes(1, 2)
+    try:
+        rates[..., robot.moving] = linearised.factors.solve(right.swapaxes(0, 1)).swapaxes(0, 1)
+    except np.linalg.LinAlgError:
+        raise undetermined_joints(robot, linearised) from None
     return rates
 
 

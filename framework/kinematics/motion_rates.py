@@ -60,13 +60,18 @@ def _solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array
     try:
         rates[..., robot.moving] = linearised.factors.solve(right)
     except np.linalg.LinAlgError:
-        raise NotAssembled(
-            f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
-            f"is stretched or folded, or the platform frame does not move along these axes",
-            q=robot.q_near,
-            residual=float(np.abs(linearised.residual).max()),
-        ) from None
+        raise undetermined_joints(robot, linearised) from None
     return rates
+
+
+def undetermined_joints(robot: ParallelRobot, linearised: LinearisedLoops) -> NotAssembled:
+    """Return the error of a platform that does not determine the joints (Type 1)."""
+    return NotAssembled(
+        f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
+        f"is stretched or folded, or the platform frame does not move along these axes",
+        q=robot.q_near,
+        residual=float(np.abs(linearised.residual).max()),
+    )
 
 
 def motion_at(

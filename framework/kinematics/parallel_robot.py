@@ -122,6 +122,11 @@ class ParallelRobot(Mechanism):
         return tuple(actuator.joint for actuator in self.description.actuators)
 
     @property
+    def speed_units(self) -> tuple[str, ...]:
+        """Unit of each motor's speed."""
+        return tuple({"N": "m/s", "N m": "rad/s"}[unit] for unit in self.torque_units)
+
+    @property
     def torque_units(self) -> tuple[str, ...]:
         """Unit of each motor's torque: N for a slide without a gear (gear ratio 1), N m for all others."""
         slides = self.sliding[self.actuated]

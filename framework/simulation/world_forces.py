@@ -6,8 +6,8 @@ forces J' w. Column i of J, (l_i, omega_i), changes with column j by
     (omega_j x l_i, omega_j x omega_i)    where j comes before i or belongs to the same joint,
     (omega_i x l_j, 0)                    where j comes after i,
 
-and a wrench on the axes of its frame by (omega_j x force, omega_j x moment). See `curvature` for the source
-of the rule. Nothing of the inverse dynamics is used here.
+and a wrench on the axes of its frame by (omega_j x force, omega_j x moment). See `loop_curvature` for the
+source of the rule. Nothing of the inverse dynamics is used here.
 """
 
 from __future__ import annotations

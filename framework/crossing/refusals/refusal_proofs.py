@@ -69,16 +69,13 @@ class LeastLimits(NamedTuple):
                 (
                     "speed_limit",
                     self.speed,
-                    [_SPEED_UNITS[unit] for unit in robot.torque_units],
+                    robot.speed_units,
                 ),
             )
             if limit is not None
         ]
         joined = [" with ".join(named)] if self.together else named
         return [f"{' or '.join(joined)} would do"] if named else []
-
-
-_SPEED_UNITS = {"N m": "rad/s", "N": "m/s"}  # of a motor, by the unit of its torque
 
 
 def _listed(robot: ParallelRobot, limits: Array, units: Sequence[str]) -> str:

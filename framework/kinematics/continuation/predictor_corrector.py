@@ -16,7 +16,7 @@ from framework.arrays import Array, BoolArray
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.mechanism import Mechanism
-from framework.tolerances import BRANCH_CORRECTION, BRANCH_TURN
+from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
 
 MIN_STEP_RATIO = 1e-7  # of the way: where shorter steps do not count either, the branch has ended
 MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step: beside a singularity tangents lead far
@@ -72,13 +72,19 @@ def measure(robot: Mechanism, moved: Array, along: Array, beyond: Array) -> Step
     """Measure steps by their corrections and by the tangents' steps before and after, each (T, nv)."""
     motions = np.array([moved, along, beyond - along]) / robot.column_scale
     correction, advance, turned = np.abs(motions).max(axis=2, initial=0.0)
-    straight = turned <= BRANCH_TURN * correction + 0.25 * advance
+    straight = is_straight(turned, correction, advance)
     return StepMeasure(correction, is_small(correction, advance), straight)
 
 
 def is_small(correction: Array, advance: Array) -> BoolArray:
     """Whether steps by `advance` (T,) along the tangent needed no more correction (T,) than on one branch."""
-    return (correction <= np.maximum(BRANCH_CORRECTION, 0.25 * advance)) & (advance <= MAX_PREDICTOR_MOVE)
+    least = np.maximum(BRANCH_CORRECTION, BRANCH_STEP_SHARE * advance)
+    return (correction <= least) & (advance <= MAX_PREDICTOR_MOVE)
+
+
+def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
+    """Whether tangents have turned by no more (T,) than on one branch, see `is_small`."""
+    return turned <= BRANCH_TURN * correction + BRANCH_STEP_SHARE * advance
 
 
 def follow(
