@@ -83,6 +83,15 @@ def _noise(words: list[str]) -> dict[str, float]:
     return values
 
 
+def _noise_text(found: Calibration) -> str:
+    if found.degrees_of_freedom < 1.0:
+        return "too few poses to estimate the noise: deviations are those of the noise assumed"
+    return (
+        f"{found.noise:.2g} of the noise assumed, of {found.degrees_of_freedom:.3g} equations more than the "
+        f"parameters need"
+    )
+
+
 def calibration_text(found: Calibration) -> str:
     """Return the report on a calibration, in words."""
     geometry, rank = found.geometry, found.combinations.rank
@@ -90,7 +99,7 @@ def calibration_text(found: Calibration) -> str:
     lines = [
         f"{found.robot.name}: {rank} combinations of {len(geometry.names)} parameters are determined "
         f"(gap of singular values {found.combinations.gap:.1e}), {found.instants} poses, {found.steps} steps",
-        f"  residual          {found.noise:.2g} of the noise assumed"
+        f"  residual          {_noise_text(found)}"
         + (f"; outliers: rows {', '.join(map(str, found.outliers))}" if found.outliers else ""),
         f"  {'held out, by motor angles':{width}}  {'before':>10}  {'after':>10}",
     ]

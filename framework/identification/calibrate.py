@@ -41,6 +41,7 @@ HUBER = 2.0  # of the usual residual of an instant: what is farther off counts l
 MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is a share of the prior's weight
 CONVERGED = 1e-6  # of the prior: the largest change of a parameter in the last step
 MAX_CLOSING_STEPS = 20
+DEVIATIONS = 3.0  # at which Student's distribution and the normal one are compared
 MIN_RESPONSE = 1e-6  # of a measurement to a direction, over its largest motion [robot lengths, rad]
 LEAST_NOISE = 1e-3  # of residuals over the noise assumed: rounding
 
@@ -53,7 +54,10 @@ class Calibration(ReadOnlyArrays):
     combinations: what the data determine of them; unseen directions keep the prior.
     error_before, error_after: (m,) by column of `measured`, root mean square at instants held out, of what
         the motors' angles predict; zero for the motors themselves.
-    noise: residual over the noise that was assumed; deviations are scaled by it.
+    noise: residual over the noise that was assumed; deviations are scaled by it. It is 1, the noise assumed,
+        where the data are too few to show it. Else deviations are widened, as Student's t is for an estimated
+        noise: three of them hold what three of a known noise do.
+    degrees_of_freedom: equations less the parameters that they determine; noise is estimated from 1 upwards.
     """
 
     robot: ParallelRobot
@@ -66,6 +70,7 @@ class Calibration(ReadOnlyArrays):
     error_before: Array
     error_after: Array
     noise: float
+    degrees_of_freedom: float
     outliers: tuple[int, ...]  # instants that count for less than half
     instants: int
     steps: int
@@ -105,6 +110,7 @@ class Calibration(ReadOnlyArrays):
             "unseen": list(self.unseen),
             "errors_held_out": errors,
             "noise": self.noise,
+            "degrees_of_freedom": self.degrees_of_freedom,
             "outliers": list(self.outliers),
             "instants": self.instants,
             "steps": self.steps,
@@ -175,6 +181,7 @@ def calibrate(
         error_before=before,
         error_after=after,
         noise=solver.noise,
+        degrees_of_freedom=solver.freedom,
         outliers=tuple(np.flatnonzero(~held)[solver.weights**2 < 0.5].tolist()),
         instants=len(data),
         steps=solver.count,
@@ -196,7 +203,7 @@ class _Steps:
     def __init__(self, model: ParallelRobot, measured: Measurements, q: Array, prior: Array) -> None:
         self.model, self.measured, self.q, self.prior = model, measured, q, prior
         self.values, self.weights = np.zeros(len(prior)), np.ones(len(q))
-        self.noise, self.count = 1.0, 0
+        self.noise, self.freedom, self.count = 1.0, 0.0, 0
         self.deviations = prior
 
     def run(self, name: str, progress: Callable[[int], None]) -> None:
@@ -257,20 +264,55 @@ class _Steps:
 
     def _weigh(self, equations: Eliminated) -> None:
         """Set the noise of the usual instant, and Huber's weights of those that are farther off."""
-        ranks = np.maximum(equations.right.shape[1] - self.measured.driven, 1)
-        size = np.sqrt(np.sum(equations.right**2, axis=1) / ranks)
-        self.noise = max(float(np.median(size)), LEAST_NOISE)
+        ranks = equations.right.shape[1] - self.measured.driven
+        size = np.sqrt(np.sum(equations.right**2, axis=1) / max(ranks, 1))
+        self._set_noise(equations, float(np.median(size)))
         self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(size, RANK_ROUNDING)))
 
     def _finish(self, equations: Eliminated) -> None:
-        matrix, right = self._system(equations)
+        right = self.weights[:, None] * equations.right
         count = equations.right.size - self.measured.driven * len(self.q)
-        self.noise *= max(
-            float(np.sqrt(np.sum(right[: equations.right.size] ** 2) / max(count, 1))), LEAST_NOISE
-        )
+        self._set_noise(equations, float(np.sqrt(np.sum(right**2) / max(count, 1))))
+        from scipy.special import ndtr, stdtrit
+
         matrix, _ = self._system(equations)
         upper = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
         self.deviations = self.prior * np.linalg.norm(np.linalg.inv(upper), axis=1)
+        if self.freedom >= 1.0:
+            self.deviations *= stdtrit(self.freedom, ndtr(DEVIATIONS)) / DEVIATIONS
+
+    def _set_noise(self, equations: Eliminated, residual: float) -> None:
+        """Set the noise of equations whose residuals, over the noise assumed, are so large at the fit.
+
+        Of N equations of noise s, a fit with a prior leaves s sqrt(N - r), r = sum of w^2 / (w^2 + s^2) the
+        parameters that it determines, w the singular values of the rows: the left side of
+        s^2 (N - r) = N residual^2 grows with s.
+        """
+        count = equations.right.size - self.measured.driven * len(self.q)
+        powers = self._powers(equations)
+
+        def freedom(noise: float) -> float:
+            return count - float(np.sum(powers / (powers + noise**2)))
+
+        self.noise, self.freedom = 1.0, freedom(LEAST_NOISE)
+        if self.freedom < 1.0:
+            return
+        low, high = LEAST_NOISE, max(residual * np.sqrt(count), 1.0)
+        while high > (1.0 + RANK_ROUNDING) * low:
+            middle = np.sqrt(low * high)
+            enough = middle**2 * freedom(middle) >= count * residual**2
+            low, high = (low, middle) if enough else (middle, high)
+        self.noise = float(high)
+        self.freedom = freedom(self.noise)
+
+    def _powers(self, equations: Eliminated) -> Array:
+        """Return squared singular values (p,) of the data's scaled rows on what the loops leave free."""
+        size = len(self.prior)
+        holding = np.concatenate([_flat(equations.holding) * self.prior, np.zeros((size, size))])
+        _, held, axes = np.linalg.svd(np.linalg.qr(holding, mode="r"))
+        rows = _flat(self.weights[:, None, None] * equations.matrix) * self.prior
+        rows = rows @ axes.T / np.sqrt(1.0 + held**2)
+        return np.asarray(np.linalg.eigvalsh(rows.T @ rows).clip(0.0))
 
 
 def _determined(
@@ -325,6 +367,13 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
         q = integrate(model, q, step)
         if np.abs(right).max() < RANK_ROUNDING:
             break
+    else:
+        worst = int(np.abs(right).max(axis=1).argmax())
+        raise NotConverged(
+            f"{model.name}: at pose {worst + 1} of those held out the loops do not close at the measured "
+            f"motor angles; these data are of another robot, or the file is too far off",
+            residual=float(np.abs(right[worst]).max()),
+        )
     return np.asarray(np.sqrt(np.mean(offsets(model, measured, frames_at(model, q)).offset ** 2, axis=0)))
 
 

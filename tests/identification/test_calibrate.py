@@ -13,6 +13,8 @@ from framework import InvalidInput, forward_kinematics
 from framework.cli import main
 from framework.errors import NotConverged
 from framework.identification import Recording, calibrate
+from framework.identification.calibrate import NOISE, _prediction_error
+from framework.identification.calibration_equations import measurements_of
 from framework.identification.geometry import geometry_of
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 from tests.identification.measured_poses import TRACKER, off_by, only, poses, with_geometry
@@ -24,10 +26,10 @@ MEASURED = ("motor_angle", "platform")
 
 
 @cache
-def calibrated(name: str, seed: int):
-    """Parameters a millimetre and a degree off, and what 60 poses of that robot show of them."""
+def calibrated(name: str, seed: int, count: int):
+    """Parameters a millimetre and a degree off, and what so many poses of that robot show of them."""
     _, values, true = off_by(NOMINAL[name], 100 + seed)
-    return values, calibrate(NOMINAL[name], only(poses(true, NOMINAL[name], 60, seed), *MEASURED))
+    return values, calibrate(NOMINAL[name], only(poses(true, NOMINAL[name], count, seed), *MEASURED))
 
 
 def share_of_noise(found) -> float:
@@ -56,7 +58,7 @@ def test_a_millimetre_and_a_degree_converge(name):
     wrong = 0
     for seed in range(SEEDS[name]):
         try:
-            _, found = calibrated(name, seed)
+            _, found = calibrated(name, seed, 60)
         except NotConverged:
             wrong += 1
             continue
@@ -66,14 +68,36 @@ def test_a_millimetre_and_a_degree_converge(name):
 
 
 @pytest.mark.slow
-def test_parameters_are_within_three_deviations():
+@pytest.mark.parametrize("count", [8, 12, 60])
+def test_parameters_are_within_three_deviations(count):
     """Of combinations that are determined; the prior's width counts where they are not."""
     inside = []
     for seed in range(10):
-        values, found = calibrated("five_bar", seed)
+        values, found = calibrated("five_bar", seed, count)
         in_plane = np.array([not name.endswith((".z", ".rx", ".ry")) for name in found.geometry.names])
         inside.append(np.abs(found.values - values)[in_plane] < 3.0 * found.deviations[in_plane])
     assert np.mean(inside) >= 0.95
+
+
+def test_fewer_equations_than_parameters_leave_the_noise_assumed():
+    nominal = NOMINAL["five_bar"]
+    _, values, true = off_by(nominal, 0)
+    found = calibrate(nominal, only(poses(true, nominal, 4, 0, noise=1e-6), *MEASURED))
+    assert found.noise == 1.0
+    assert found.degrees_of_freedom < 1.0
+    assert (np.abs(found.values - values) < 3.0 * found.deviations + 1e-12).mean() >= 0.95
+
+
+def test_loops_that_do_not_close_at_poses_held_out_are_refused():
+    nominal = NOMINAL["five_bar"]
+    geometry = geometry_of(nominal)
+    measured = measurements_of(geometry, only(poses(nominal, nominal, 8, 0), *MEASURED), NOISE)
+    start = forward_kinematics_stack(geometry.model, measured.values[:, :2]).q
+    values = np.zeros(len(geometry.names))
+    assert _prediction_error(geometry.model, measured, start, values).max() < 3 * TRACKER
+    values[geometry.names.index("right_rod_tip.x")] = 1.0
+    with pytest.raises(NotConverged, match="loops do not close"):
+        _prediction_error(geometry.model, measured, start, values)
 
 
 def test_an_error_of_one_rod_is_found_and_named():
