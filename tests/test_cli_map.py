@@ -91,6 +91,10 @@ def test_what_is_kept_of_a_map_is_named_by_the_working_mode_too():
         (["five_bar", "--out", ""], "--out"),
         (["five_bar", "--nearest", "1"], "platform coordinates"),
         (["five_bar", "--scene", "Z"], "unknown scene"),
+        (
+            ["humanoid_ankle", "--keep-limits", "--window", "0.2", "0.3", "0.2", "0.3"],
+            "contain the reference",
+        ),
     ],
 )
 def test_misuse_is_told_in_one_line(arguments, complaint, capsys):
@@ -169,3 +173,15 @@ def test_a_map_that_keeps_limits_says_beyond_which_range_a_pose_is(tmp_path, cap
     with np.load(tmp_path / "map.npz") as arrays:
         assert list(arrays["reason_words"]) == list(poses)
         assert np.isfinite(arrays["holding"]).sum() == poses["reached"]
+
+
+def test_limits_of_torque_are_kept_whatever_is_mapped(capsys):
+    command = ["map", "humanoid_ankle", "--keep-limits", "--size", "12", "--wrench", "35", "10", "--json"]
+    counts = []
+    for quantity in ([], ["--quantity", "conditioning"]):
+        assert main([*command, *quantity]) == 0
+        counts.append(json.loads(capsys.readouterr().out)["poses"])
+    assert counts[0] == counts[1]
+    assert counts[0]["beyond the torque limits at rest"] > 0
+    assert main([*command[:-3], "300", "100", "--json"]) == 1
+    assert "no pose of the map within one step of the reference" in capsys.readouterr().err

@@ -8,11 +8,15 @@ import numpy as np
 from scipy import ndimage
 
 from framework.arrays import Array, BoolArray, IntArray
+from framework.atlas.quantities import has_torque_limits
+from framework.atlas.survey import longest_cell_edge
 from framework.atlas.sweep import REASON_WORDS, PoseReason
+from framework.atlas.window import Window
 from framework.atlas.workspace_map import WorkspaceMap
-from framework.errors import LimitsExceeded
+from framework.errors import InvalidInput, LimitsExceeded, point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
+from framework.tolerances import SAME_PLACE
 
 NOT_JOINED = "within all limits, not joined to the reference within them"
 TOO_WEAK = "beyond the torque limits at rest"
@@ -21,15 +25,22 @@ TOO_WEAK = "beyond the torque limits at rest"
 def within_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
     """Return the map with values only at poses that are joined to the reference within all joints' ranges.
 
-    With the quantity `holding` also within the limits of the motors' torques at rest. A pose beyond several
-    ranges counts for the joint that is farthest beyond its own, as a share of it. Codes of `reason` after
-    those of `PoseReason` mean the reasons of `reason_words` in their order.
+    Where motors have limits of torque also within these at rest, by the quantity `holding`. A pose beyond
+    several ranges counts for the joint that is farthest beyond its own, as a share of it. Codes of `reason`
+    after those of `PoseReason` mean the reasons of `reason_words` in their order.
 
     Raises:
-        LimitsExceeded: the reference itself is beyond a range.
+        InvalidInput: motors have limits of torque and the map lacks `holding`; or see `check_window`.
+        LimitsExceeded: the reference itself is beyond a range, or no pose beside it is within all limits.
     """
     robot = workspace.robot
     check_reference(robot)
+    check_window(robot, workspace.window)
+    if has_torque_limits(robot) and "holding" not in workspace.values:
+        raise InvalidInput(
+            f"quantities: {robot.name} has limits of torque, with which the quantity holding is compared; "
+            f"add it"
+        )
     joints = [limit.joint for limit in robot.limits]
     shares = shares_beyond_limits(robot.limits, workspace.q)
     within = workspace.reached & (shares <= 0.0).all(axis=-1)
@@ -65,10 +76,34 @@ def check_reference(robot: ParallelRobot) -> None:
         raise LimitsExceeded(f"{robot.name}: the reference is beyond ranges: {listed}", exceeded=beyond)
 
 
+def check_window(robot: ParallelRobot, window: Window) -> None:
+    """Raise InvalidInput where no pose of a window is within one step of the reference."""
+    if not _steps_away(robot, window).min() <= 1.0:
+        raise InvalidInput(
+            f"window: it does not contain the reference {point(robot.reference.x)} of {robot.name}, to which "
+            f"poses within limits have to be joined; take one that does, or leave the limits out"
+        )
+
+
+def _steps_away(robot: ParallelRobot, window: Window) -> Array:
+    """Compute the distance (I, J) of poses from the reference, in the longer edge of the window's cells."""
+    away = np.abs(window.points() - robot.reference.x) / robot.platform_scale
+    return np.asarray(away.max(axis=2) / (longest_cell_edge(robot, window) * (1.0 + SAME_PLACE)))
+
+
 def _joined(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
-    """Return which poses neighbours join to the one nearest to the reference, of those within ranges."""
-    if not within.any():
-        return within
+    """Return which poses neighbours join to the one nearest to the reference, of those within limits.
+
+    Raises:
+        LimitsExceeded: that is more than one step away from it.
+    """
+    away = np.where(within, _steps_away(workspace.robot, workspace.window), np.inf)
+    nearest = np.argmin(away)
+    if not away.flat[nearest] <= 1.0:
+        raise LimitsExceeded(
+            f"{workspace.robot.name}: no pose of the map within one step of the reference is within all "
+            f"limits; take a finer map, or leave the limits out",
+            exceeded={},
+        )
     labels: IntArray = ndimage.label(within)[0]
-    away: Array = np.abs(workspace.window.points() - workspace.robot.reference.x).max(axis=2)
-    return np.asarray(labels == labels.flat[np.argmin(np.where(within, away, np.inf))])
+    return np.asarray(labels == labels.flat[nearest])

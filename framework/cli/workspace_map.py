@@ -10,7 +10,7 @@ import numpy as np
 from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
 from framework.atlas.quantities import QUANTITIES, Quantity, chosen, has_torque_limits, unit_of
-from framework.atlas.ranges import check_reference, within_ranges
+from framework.atlas.ranges import check_reference, check_window, within_ranges
 from framework.atlas.survey import EDGE_POSES, surveyed
 from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import WorkspaceMap, workspace_map
@@ -126,6 +126,8 @@ def run(options: argparse.Namespace) -> Report:
     path = None if options.scene is None else scene_path(scene(robot, options.scene))
     quantities = chosen(robot, _quantities(options, robot), options.wrench)
     window = _window(options, robot, path)
+    if options.keep_limits:
+        check_window(robot, window)
     margin = _margin(options, robot)
     if options.out is None:
         return _report(_mapped(options, robot, window, quantities, None), margin)
@@ -144,9 +146,10 @@ def run(options: argparse.Namespace) -> Report:
 
 def _quantities(options: argparse.Namespace, robot: ParallelRobot) -> list[str] | None:
     """Return the names of the quantities; by default those that apply, with --keep-limits also `holding`."""
-    if options.quantity is not None or not options.keep_limits or not has_torque_limits(robot):
-        return list(options.quantity) if options.quantity is not None else None
-    return [*(quantity.key for quantity in chosen(robot, None)), "holding"]
+    names = None if options.quantity is None else list(options.quantity)
+    if not options.keep_limits or not has_torque_limits(robot):
+        return names
+    return [*([quantity.key for quantity in chosen(robot, None)] if names is None else names), "holding"]
 
 
 def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None) -> Window:

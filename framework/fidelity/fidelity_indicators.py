@@ -78,7 +78,14 @@ def indicators_of(
 
 
 def _accumulated(errors: Mapping[str, LevelError], growth: float) -> Indicators:
-    """Return errors that do not grow upwards: each level also leaves out what those above it do."""
+    """Return errors that do not grow upwards: each level also leaves out what those above it do.
+
+    An error that is not a number is one that nobody knows, and counts as infinite.
+    """
+    errors = {
+        name: LevelError(*(one if np.isfinite(one) else np.inf for one in error))
+        for name, error in errors.items()
+    }
     error, words, names = dict[str, float](), dict[str, str](), [level.name for level in LEVELS]
     largest = 0.0
     for name in reversed(names):

@@ -11,6 +11,8 @@ import robots
 from framework import InvalidInput, fidelity_study, plan_scene
 from framework.dynamics.open_loop import ErrorDynamics, error_dynamics, open_loop_error
 from framework.fidelity.chosen_level import foretold_errors, foretold_level, kept_level
+from framework.fidelity.fidelity_indicators import LevelError, _accumulated
+from framework.model.fidelity_levels import LEVELS
 from tests.fidelity.test_kept_levels import PLANNED
 from tests.robots.every_robot import in_stages
 
@@ -77,3 +79,13 @@ def test_errors_of_the_platform_are_accelerated_by_the_robot_s_own_mass():
     plan = plan_scene(robots.load("five_bar"), "A")
     dynamics = error_dynamics(plan.dynamics, np.linspace(0.0, 1.5, 5))
     np.testing.assert_allclose(np.linalg.eigvalsh(dynamics.forced).min(axis=1), -0.1, rtol=0.1)
+
+
+def test_an_error_that_is_not_a_number_is_not_none():
+    """Of the level and of those below, which leave out what it does."""
+    names = [level.name for level in LEVELS]
+    errors = {name: LevelError(0.01, 0.02) for name in names[:-1]}
+    errors[names[2]] = LevelError(np.nan, 0.0)
+    indicators = _accumulated(errors, 1.0)
+    assert [indicators.error[name] for name in names] == [np.inf] * 3 + [0.02] * (len(names) - 4) + [0.0]
+    assert indicators.chosen(0.1) == names[3]

@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 
 import robots
 from framework import (
+    InvalidInput,
     Line,
     ParallelRobot,
     assemble,
@@ -125,7 +126,10 @@ def test_what_it_reaches_within_its_ranges_has_a_closed_form(robot, ranges):
         urdf = urdf.replace(f'lower="{lower}" upper="{upper}"', f'lower="{least}" upper="{largest}"')
     narrowed = ParallelRobot.from_description(replace(robot.description, urdf_text=urdf))
     names = [limit.joint for limit in narrowed.limits]
-    everything = workspace_map(narrowed, surveyed(narrowed, size=41, keep_limits=True))
+    window = surveyed(narrowed, size=41, keep_limits=True)
+    with pytest.raises(InvalidInput, match="quantity holding"):  # without it the motors' limits are unknown
+        within_ranges(workspace_map(narrowed, replace(window, shape=(3, 3))))
+    everything = workspace_map(narrowed, window, ["holding"])
     within = within_ranges(everything)
     x = everything.window.points()
     motors = np.array([[cranks(pose).real for pose in row] for row in x])
