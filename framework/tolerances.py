@@ -441,6 +441,13 @@ Noise that is as assumed leaves 1; another robot, or rods swapped, hundreds. At 
 nothing; at 1 those are refused whose noise was only stated too low.
 """
 
+MAX_MOTOR_MISFIT = 0.1
+"""How far a motor's joint may be from where the measured platform has it [rad, of slides robot lengths].
+
+A degree of the file is 0.017 and a millimetre on a crank of 0.1 m 0.01. At 1 a zero that is off by half a
+radian passes; at 0.01 files are refused that are off by a degree.
+"""
+
 MAX_PRIOR_DEVIATIONS = 5.0
 """How far a calibrated dimension may be from the file's, in standard deviations of what the file may be off.
 

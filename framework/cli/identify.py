@@ -10,6 +10,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_robot, command, progress_bar
 from framework.errors import InvalidInput
+from framework.identification.base_parameters import SMALL_GAP
 from framework.identification.identify import DEFAULT_PRIOR, Identification, identify
 
 
@@ -63,6 +64,11 @@ def run(options: argparse.Namespace) -> Report:
             progress=progress,
         )
     document, text = found.to_dict(), identification_text(found)
+    if not found.base.certain:
+        options.warnings.append(
+            f"the rank {found.base.rank} of the base parameters is uncertain: the gap of singular values is "
+            f"{found.base.gap:.1e}, below {SMALL_GAP:g}"
+        )
     if options.out is not None:
         document["robot_file"] = str(found.write(options.out))
         text += f"\n  written to        {document['robot_file']}"
@@ -71,16 +77,17 @@ def run(options: argparse.Namespace) -> Report:
 
 def identification_text(found: Identification) -> str:
     """Return the report on identified parameters, in words."""
-    base = found.base
+    base, joints = found.base, found.robot.actuator_names
     width = max(map(len, base.names))
     rows = zip(base.names, found.values, found.deviations, base.values, strict=True)
+    doubt = "" if base.certain else f", below {SMALL_GAP:g}: the rank is uncertain"
     lines = [
         f"{found.robot.name}: {base.rank} base parameters of {len(base.parameters)} "
-        f"(gap of singular values {base.gap:.1e}{'' if base.certain else ', SMALL: the rank is uncertain'})",
+        f"(gap of singular values {base.gap:.1e}{doubt})",
         f"  data              {found.instants} instants, low-pass at {found.cutoff:.3g} Hz, poses by the "
         f"{found.poses}",
-        f"  torques held out  {_errors(found.robot.actuator_names, found.error_before)} off by the file, "
-        f"{_errors(found.robot.actuator_names, found.error_after)} now",
+        f"  torques held out  error with the file's parameters {_errors(joints, found.error_before)}, "
+        f"with the identified {_errors(joints, found.error_after)}",
         f"  no effect         {len(base.without_effect)} parameters"
         + (f"; massless, left out: {', '.join(base.left_out)}" if base.left_out else ""),
         f"  {'base parameter':{width}}  {'value':>12}  {'deviation':>10}  {'file':>12}",
@@ -94,4 +101,6 @@ def identification_text(found: Identification) -> str:
 
 
 def _errors(joints: tuple[str, ...], errors: np.ndarray) -> str:
+    if not np.isfinite(errors).all():
+        return "not known (all at Type 2)"
     return ", ".join(f"{joint} {100 * error:.2g} %" for joint, error in zip(joints, errors, strict=True))

@@ -68,6 +68,7 @@ class Identification(ReadOnlyArrays):
     noise: float  # of rows over what the noise of the torques alone makes: 1 if nothing else is wrong
     cutoff: float  # [Hz]
     poses: str  # what they come from: motors or platform
+    motor_misfit: float  # of these poses to the motors' angles, see `MeasuredMotion`
     instants: int
     seconds: float
 
@@ -106,6 +107,7 @@ class Identification(ReadOnlyArrays):
             "robot": self.robot.name,
             "rank": self.base.rank,
             "gap": self.base.gap if np.isfinite(self.base.gap) else None,
+            "certain": self.base.certain,
             "base_parameters": [
                 {
                     "name": name,
@@ -123,6 +125,7 @@ class Identification(ReadOnlyArrays):
             "noise": self.noise,
             "cutoff": self.cutoff,
             "poses": self.poses,
+            "motor_misfit": self.motor_misfit,
             "instants": self.instants,
             "seconds": self.seconds,
         }
@@ -195,6 +198,7 @@ def identify(
         noise=noise,
         cutoff=measured.cutoff,
         poses=measured.source,
+        motor_misfit=measured.motor_misfit,
         instants=len(measured.times),
         seconds=clock.perf_counter() - started,
     )

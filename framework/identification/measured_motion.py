@@ -24,6 +24,7 @@ from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, 
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at, without_elastic_rates
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.tolerances import MAX_MOTOR_MISFIT
 
 ORDER, SPLINE_DEGREE = 4, 5  # of the filter, of the splines
 MIN_INSTANTS = 8
@@ -46,6 +47,7 @@ class MeasuredMotion:
     signs: Array  # (T, n_a) of the motors' speeds, filtered
     torque: Array  # (T, n_a) filtered, motor side
     torque_noise: Array  # (n_a,) standard deviation of what noise is left in it
+    motor_misfit: float  # [rad, robot lengths] of poses by the platform to the motors' joints; 0 by motors
 
 
 def measured_motion(
@@ -65,7 +67,8 @@ def measured_motion(
         progress: called with the number of poses that the motors have led to.
 
     Raises:
-        InvalidInput: columns that are missing, too few samples, unequal time steps, a cutoff out of range.
+        InvalidInput: columns that are missing, too few samples, unequal time steps, a cutoff out of range,
+            torques that are zero throughout, a platform that contradicts the motors.
         NotAssembled: the loops do not close on the way; Type2Singularity of motors.
     """
     require_square(robot)
@@ -74,6 +77,11 @@ def measured_motion(
         raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
     joints = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
     torque = data.columns("torque", robot.actuator_names)
+    for joint, column in zip(robot.actuator_names, torque.T, strict=True):
+        if not column.any():
+            raise InvalidInput(
+                f"{data.source}: torque_{joint} is zero at all samples; measured torques are needed"
+            )
     complete = data.has("platform", robot.axis_names)
     cutoff = _cutoff(data, joints, period) if cutoff is None else _checked(cutoff, period, len(data))
     margin = int(np.ceil(END_PERIODS / (cutoff * period)))
@@ -88,7 +96,7 @@ def measured_motion(
     noise = np.std(torque - smooth, axis=0) * np.sqrt(2.0 * cutoff * period)
     if poses not in (None, "motors", "platform"):
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
-    source, motion = "motors", None
+    source, motion, misfit = "motors", None, 0.0
     if poses != "platform":
         try:
             motion = _by_motors(robot, [rows[kept] for rows in angles], progress)
@@ -98,8 +106,10 @@ def measured_motion(
     if motion is None:
         x = data.columns("platform", robot.axis_names)
         source, motion = "platform", _by_platform(robot, x, period, cutoff, kept)
+        misfit = _motor_misfit(robot, data.source, motion, angles[0][kept], kept)
     signs = _filtered(np.sign(angles[1]), period, cutoff)[kept]
-    return MeasuredMotion(source, cutoff, data.column("time")[kept], motion, signs, smooth[kept], noise)
+    times = data.column("time")[kept]
+    return MeasuredMotion(source, cutoff, times, motion, signs, smooth[kept], noise, misfit)
 
 
 def _checked(cutoff: float, period: float, count: int) -> float:
@@ -200,3 +210,27 @@ def _by_platform(robot: ParallelRobot, x: Array, period: float, cutoff: float, k
         q.append(near)
     stack = np.array(q)
     return motion_at(robot, ClosedStack(stack, x, linearised_at(robot, stack, x)), dx, ddx)
+
+
+def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array, samples: IntArray) -> float:
+    """Compute the largest distance of poses to the motors' joints q_a (T, n_a) [rad, robot lengths].
+
+    Whole turns of hinges count as none.
+
+    Raises:
+        InvalidInput: it is more than a file that is a little wrong explains.
+    """
+    off = robot.actuated_coordinates(motion.q) - q_a
+    turns = 2.0 * np.pi * np.round(off / (2.0 * np.pi))
+    off = np.abs(np.where(robot.sliding[robot.actuated], off, off - turns))
+    off /= robot.column_scale[robot.actuated]
+    k, motor = np.unravel_index(int(off.argmax()), off.shape)
+    largest = float(off[k, motor])
+    if largest > MAX_MOTOR_MISFIT:
+        raise InvalidInput(
+            f"{source}: at sample {int(samples[k]) + 1} motor_angle_{robot.actuator_names[motor]} "
+            f"contradicts the measured platform: its joint is {largest:.3g} rad (slides: robot lengths) off "
+            f"where the platform has it, the limit is {MAX_MOTOR_MISFIT:g}; look at zero, sign and gear "
+            f"ratio, or at the assembly mode of the robot file"
+        )
+    return largest

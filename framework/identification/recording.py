@@ -88,7 +88,7 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
     Raises:
         InvalidInput: no such file; a row without as many cells as there are columns, or a cell that is no
             finite number, with its row and column; a column twice; no column of this robot; motor angles in
-            degrees, or counted from elsewhere than the robot file's.
+            degrees.
     """
     text = read_text(file, f"{file}", largest=LARGEST_RECORDING)
     reader = csv.reader(io.StringIO(text))
@@ -128,7 +128,7 @@ def _numbers(where: str, header: Sequence[str], used: Sequence[int], cells: Sequ
 
 
 def check_recording(robot: ParallelRobot, recording: Recording) -> None:
-    """Refuse time that does not advance, and motor angles that cannot be radians from the robot's zero.
+    """Refuse time that does not advance, and motor angles in degrees.
 
     Raises:
         InvalidInput: so it is.
@@ -145,21 +145,24 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
     ]
     joints = [robot.actuator_names[k] for k in turning]
     angles = recording.columns("motor_angle", joints) / robot.gear_ratio[turning]
-    away, from_degrees = (
-        np.abs(each - start[turning]).max(axis=0, initial=0.0) for each in (angles, np.radians(angles))
-    )
-    if not (away > np.pi).any():
-        return
-    if (from_degrees < away).all() and (from_degrees <= np.pi).all():
+    if turning and _in_degrees(angles, start[turning]):
         raise InvalidInput(
             f"{recording.source}: motor_angle_{joints[0]} is in degrees, to judge by the robot's reference; "
             f"radians are needed, on the motor side of the gear"
         )
-    k = int(away.argmax())
-    raise InvalidInput(
-        f"{recording.source}: motor_angle_{joints[k]} puts the joint {away[k]:.3g} rad away from the robot's "
-        f"reference; it needs radians on the motor side of the gear (ratio "
-        f"{robot.gear_ratio[turning[k]]:g}), counted from the zero of the robot file"
+
+
+def _in_degrees(angles: Array, start: Array) -> bool:
+    """Whether angles (T, k) are near their reference (k,) when they are converted, and not as they are.
+
+    Whole turns count as no distance, once a sample is farther away than half a turn.
+    """
+    away, converted = angles[0] - start, np.radians(angles) - start
+    beside_turns = np.abs(away - 2.0 * np.pi * np.round(away / (2.0 * np.pi))).max()
+    return bool(
+        np.abs(away).max() > np.pi
+        and np.abs(converted[0]).max() < beside_turns
+        and np.abs(converted).max() <= np.pi
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 
 import numpy as np
@@ -111,6 +112,11 @@ def test_a_motion_through_type_2_goes_by_the_platform():
     assert found.poses == "platform"
     assert found.undetermined
     assert found.error_after.max() < 0.01
+    assert 0.0 < found.motor_misfit < 1e-3
+    values[:, 1] += 0.5 * robot.gear_ratio[0]
+    elsewhere = Recording("C", with_platform.names, np.column_stack([values, plan.platform(t)]))
+    with pytest.raises(InvalidInput, match="motor_angle_left_motor contradicts the measured platform"):
+        identify(robot, elsewhere, cutoff=20.0, poses="platform")
 
 
 @pytest.mark.parametrize(
@@ -118,6 +124,7 @@ def test_a_motion_through_type_2_goes_by_the_platform():
     [
         (lambda v: v[:, :3], {}, "no column torque_left_motor, torque_right_motor"),
         (lambda v: v[:40], {}, "at least 64 are needed"),
+        (lambda v: v * [1, 1, 1, 1, 0], {}, "torque_right_motor is zero at all samples"),
         (lambda v: v, {"cutoff": 1e4}, "cutoff: needs"),
         (lambda v: v, {"poses": "both"}, "poses: needs motors or platform"),
         (lambda v: v, {"prior": 0.0}, "prior: needs a positive number"),
@@ -139,7 +146,7 @@ def test_what_cannot_be_identified_from_is_said(change, options, message):
     assert message in str(said.value)
 
 
-def test_the_command_line_identifies_and_writes_the_robot(tmp_path, capsys):
+def test_the_command_line_identifies_and_writes_the_robot(tmp_path, capsys, monkeypatch):
     data = tmp_path / "data.csv"
     true, _ = TRUE["five_bar"]
     data.write_text(measured(sines(true, duration=5.0, **SINES), true, 0).as_csv())
@@ -151,5 +158,11 @@ def test_the_command_line_identifies_and_writes_the_robot(tmp_path, capsys):
     capsys.readouterr()
     assert main(["identify", "five_bar", str(data)]) == 0
     assert "left_rod.mx" in capsys.readouterr().out
+    module = importlib.import_module("framework.identification.base_parameters")
+    monkeypatch.setattr(module, "SMALL_GAP", 1e300)
+    assert main(["identify", "five_bar", str(data), "--json"]) == 0
+    doubtful = json.loads(capsys.readouterr().out)
+    assert (found["certain"], doubtful["certain"]) == (True, False)
+    assert "uncertain" in doubtful["warnings"][0]
     assert main(["identify", "five_bar", str(tmp_path / "none.csv")]) == 2
     assert "none.csv" in capsys.readouterr().err

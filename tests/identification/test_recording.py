@@ -11,7 +11,8 @@ import pytest
 import robots
 from framework import InvalidInput, plan_scene
 from framework.cli import main
-from framework.identification import Sensors, read_recording
+from framework.identification import Recording, Sensors, read_recording
+from framework.identification.recording import check_recording
 from framework.identification.sensors import record_sensors
 from framework.simulation import simulate
 
@@ -58,7 +59,6 @@ def test_motion_csv_is_a_recording(tmp_path):
         (["a,b", "1,2"], "no column of five_bar"),
         (["time,time", "1,2"], "column time is there 2 times"),
         ([HEADER, "0,3643.0,3104.0,0,0,0", "1,3643.0,3104.0,0,0,0"], "motor_angle_left_motor is in degrees"),
-        ([HEADER, "0,63.5,454.0,0,0,0", "1,63.5,454.0,0,0,0"], "motor side of the gear (ratio 50)"),
         ([""], "no column of five_bar"),
     ],
 )
@@ -66,6 +66,19 @@ def test_what_is_wrong_with_data_is_said(tmp_path, lines, message):
     with pytest.raises(InvalidInput) as said:
         read_recording(ROBOT, written(tmp_path, lines))
     assert message in str(said.value)
+
+
+@pytest.mark.parametrize("turns", [0, 1, 5, -2])
+def test_a_crank_may_turn_over_and_begin_at_any_turn(turns):
+    four_bar = robots.load("four_bar")
+    start = four_bar.actuated_coordinates(four_bar.reference.q[None])[0, 0]
+    crank = start + 2 * np.pi * turns + np.linspace(0.0, 2 * np.pi, 40)
+    name = f"motor_angle_{four_bar.actuator_names[0]}"
+    values = four_bar.gear_ratio[0] * crank[:, None]
+    check_recording(four_bar, Recording("turning", (name,), values))
+    degrees = np.degrees(four_bar.gear_ratio[0] * (start + np.linspace(0.1, 2.0, 40)))[:, None]
+    with pytest.raises(InvalidInput, match="in degrees"):
+        check_recording(four_bar, Recording("degrees", (name,), degrees))
 
 
 def test_sensors_record_what_was_simulated():
