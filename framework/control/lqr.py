@@ -66,7 +66,12 @@ def _linearised(reference: Reference) -> tuple[Array, Array]:
     """Linearise the error e = [x; dx]: de/dt = A e + B tau; A (K, 2n, 2n), B (K, 2n, n_a)."""
     robot, motion, n = reference.robot, reference.motion, reference.robot.n
     slopes = forward_derivatives(
-        robot, motion.q, motion.v, reference.torque, wrenches=reference.planned_wrenches
+        robot,
+        motion.q,
+        motion.v,
+        reference.torque,
+        wrenches=reference.planned_wrenches,
+        turning=[entry.frame for entry in reference.wrenches.entries if entry.turns],
     )
     A = np.zeros((len(reference.times), 2 * n, 2 * n))
     A[:, :n, n:] = np.eye(n)

@@ -12,20 +12,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import KroghInterpolator
 
 from framework.arrays import Array, ArrayLike
 from framework.crossing.condition import Deflection, condition_at, crossing_point
+from framework.crossing.refusals.turning_back import check_advance
 from framework.crossing.request import SMOOTHNESS
 from framework.dynamics.elastic_pass import Pass, one_pass
 from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
 from framework.dynamics.motor_friction import signs
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
-from framework.errors import NotConverged
+from framework.errors import NoLaw, NotConverged
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import Condition, Law, MotionLaw
 from framework.singularity.points_on_path import SearchedPath, search_path
-from framework.tolerances import RESOLVABLE_TAIL
+from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE
 
 
 @dataclass(frozen=True)
@@ -92,39 +94,73 @@ class FullerModel:
             NoAnswer: no correction of the law makes the torques bounded.
         """
         function = self.grid.fit(deflections)
-        law = CorrectedLaw(self.dynamics.law, self._correction(function))
+        law = self._corrected(function)
         return one_pass(self.searched.branch, self.grid, law, function, None)
 
     def torque(self, moved: Pass) -> Array:
         """Compute the motors' torques (T, n_a) [N m or N], motor side, on the nodes.
 
+        Torques with dry friction jump where joints turn round, and no tail tells a pole from that. So each
+        joint rubs first as it does at the crossings, the polynomial through its signs there between them.
+
         Raises:
             NotConverged: they have a pole.
         """
         robot, motion = self.robot, moved.motion
-        torque = motor_torque(robot, motion, moved.forces.joint_torque)
-        if self.friction is not None:
-            forces = tree_forces(robot, motion) + self.friction * signs(motion.v / robot.column_scale)
-            return motor_torque(robot, motion, balanced_forces(robot, motion.linearised, forces).joint_torque)
+        smooth = np.zeros_like(motion.v)
+        if self.friction is not None and self.dynamics.crossings:
+            times = np.array([crossing.time for crossing in self.dynamics.crossings])
+            ways = np.array([self._ways(time) for time in times])
+            smooth = self.friction * KroghInterpolator(times, ways)(self.grid.times)
+        torque = self._rubbing(moved, smooth)
         tail = self.grid.fit(torque).tail
         if not tail <= RESOLVABLE_TAIL:
             raise NotConverged("the torques of the fuller model have a pole on this motion", residual=tail)
-        return torque
+        if self.friction is None:
+            return torque
+        return self._rubbing(moved, self.friction * signs(motion.v / robot.column_scale))
 
-    def _correction(self, function: TimeFunction) -> Law:
-        """Compute the polynomial that corrects the law for deflections as a function of time."""
+    def _rubbing(self, moved: Pass, friction: Array) -> Array:
+        """Compute torques (T, n_a) with joint forces of friction (T, nv)."""
+        robot, motion = self.robot, moved.motion
+        if not friction.any():
+            return motor_torque(robot, motion, moved.forces.joint_torque)
+        forces = tree_forces(robot, motion) + friction
+        return motor_torque(robot, motion, balanced_forces(robot, motion.linearised, forces).joint_torque)
+
+    def _ways(self, time: float) -> Array:
+        """Return the signs (nv,) of the joints' rates at an instant of the motion [s]."""
+        return signs(self.dynamics.velocity(np.array([time])) / self.robot.column_scale)[0]
+
+    def _corrected(self, function: TimeFunction) -> CorrectedLaw:
+        """Compute the law corrected for deflections as a function of time.
+
+        Raises:
+            NoAnswer: see `_crossed`; two crossings meet one singular point, or the law turns back.
+        """
         duration, smoothness = self.dynamics.duration, SMOOTHNESS[self.robot.n_e > 0]
         corrections = [
             Condition(time, order, 0.0) for time in (0.0, duration) for order in range(smoothness + 1)
         ]
+        places = []
         for crossing in self.dynamics.crossings:
             planned = [float(self.dynamics.law(crossing.time, order)) for order in range(3)]
             wanted = self._crossed(crossing, function, planned)
+            places.append(wanted[0])
             corrections += [
                 Condition(crossing.time, order, target - value)
                 for order, (target, value) in enumerate(zip(wanted, planned, strict=True))
             ]
-        return Law.from_conditions(corrections, duration)
+        if not np.all(np.diff(places) > SAME_PLACE):
+            raise NotConverged(
+                "crossings of the motion meet the same singular point of the fuller model", residual=np.inf
+            )
+        law = CorrectedLaw(self.dynamics.law, Law.from_conditions(corrections, duration))
+        try:
+            check_advance(law, places, self.robot.name)
+        except NoLaw as refusal:
+            raise NotConverged(f"the corrected law turns back: {refusal}", residual=np.inf) from None
+        return law
 
     def _crossed(
         self, crossing: SingularityCrossing, function: TimeFunction, planned: list[float]
@@ -144,8 +180,7 @@ class FullerModel:
         place = crossing_point(branch, singular, deflection, crossing.s)
         condition = condition_at(branch, place, deflection)
         if self.friction is not None:
-            rates = self.dynamics.velocity(np.array([crossing.time])) / self.robot.column_scale
-            power = float(self.friction * signs(rates)[0] @ place.motion)
+            power = float(self.friction * self._ways(crossing.time) @ place.motion)
             condition = condition._replace(gamma=condition.gamma + power)
         if condition.alpha == 0.0 and not condition.holds_anyway:
             raise NotConverged("no acceleration at the crossing makes up for it", residual=np.inf)

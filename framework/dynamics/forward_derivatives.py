@@ -11,7 +11,7 @@ the inertia, and nothing is divided by what vanishes at a Type 2 singularity.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,11 +56,13 @@ def forward_derivatives(
     torque: ArrayLike,
     *,
     wrenches: Mapping[str, ArrayLike] | None = None,
+    turning: Collection[str] = (),
 ) -> ForwardDerivatives:
     """Compute the derivatives of `forward_dynamics`, assembled at q (nq,) with joint rates v (nv,).
 
     Args:
         q, v, torque, wrenches: as for `forward_dynamics`, a stack of T states included.
+        turning: frames whose wrenches turn with them, as on the axes of a tool; others stay as they are.
 
     Raises:
         InvalidInput: as `forward_dynamics`; a platform that does not determine the joints; a motion without
@@ -76,6 +78,7 @@ def forward_derivatives(
             f"acceleration; give the links of the springs mass, or leave the springs out"
         )
     motion, n = instant._motion, robot.n
+    motion = motion.under(tuple(one._replace(turns=one.frame in turning) for one in motion.wrenches))
     x = platform_rates_of(robot, motion)
     others = np.concatenate([robot.elastic, robot.structure.idle])
     changes = motion_changes(robot, motion, coordinate_steps(robot, x, others))

@@ -19,8 +19,10 @@ from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
 from framework.motion.path import along
 from framework.singularity.root_of_g import root_of_g
+from framework.tolerances import SAME_PLACE
 
 DEFLECTION_STEP = 1e-5  # in units of the springs, for differences
+MAX_STEP_SHARE = 0.5  # of the time to the next crossing, that a step of Newton's method may take
 
 
 class LoadedPoint(NamedTuple):
@@ -55,15 +57,19 @@ def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
 def loaded_point(result: InverseDynamics, time: float) -> LoadedPoint | None:
     """Find the singular point of the loaded robot near a geometric one that a motion meets at `time` [s].
 
-    None for rigid robots and rigid geometry, which have no deflections to lose, and where none is found.
+    None for rigid robots and rigid geometry, which have no deflections to lose, and where none is found
+    that is nearer to this crossing than to any other.
     """
     if result.geometry == "rigid" or not result.robot.n_e:
         return None
+    times = np.array([crossing.time for crossing in result.crossings])
+    others = times[np.abs(times - time) > SAME_PLACE * result.duration]
+    longest = MAX_STEP_SHARE * np.abs(others - time).min(initial=np.inf)
     try:
-        root = root_of_g(lambda t: loaded_tangent(result, t), time, high=result.duration)
+        root = root_of_g(lambda t: loaded_tangent(result, t), time, high=result.duration, longest=longest)
     except NoAnswer:
         return None
-    if not root.converged:
+    if not root.converged or np.abs(others - root.place).min(initial=np.inf) <= abs(root.place - time):
         return None
     geometric, loaded = result.platform(np.array([time, root.place]))
     moved, lengths = loaded - geometric, result.robot.translations

@@ -9,8 +9,9 @@ import pytest
 
 import robots
 from framework import ParallelRobot, plan_scene
+from framework.crossing.fuller_model import FullerModel
 from framework.crossing.neglected_effects import neglected_effects
-from framework.errors import NoAnswer
+from framework.errors import NoAnswer, NotConverged
 from framework.fidelity.model_comparison import model_of
 from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS_BY_NAME
@@ -86,6 +87,41 @@ def test_dry_friction_through_a_crossing_is_worth_what_a_constant_torque_is():
     inside = TIMES[1:-1]
     expected = np.abs(pulled.torque(inside) - rubbing.torque(inside)).max()
     assert friction.torque == pytest.approx(expected, rel=0.01)
+
+
+def rubbing_elbow():
+    robot = with_joints("five_bar", left_elbow=JointDynamics(friction=0.01))
+    return plan_scene(robot, "C", times=[0.95], speeds=[1.1]).dynamics
+
+
+def test_a_pole_is_no_torque_with_friction_either():
+    """Of the law through the condition without friction, and of that through the one with it."""
+    dynamics = rubbing_elbow()
+    smooth = FullerModel.of(dynamics, dynamics.robot)
+    rough = replace(smooth, friction=dynamics.robot.joint_friction)
+    known = smooth.known_deflections()
+    assert np.isfinite(rough.torque(rough.moved(known))).all()
+    with pytest.raises(NotConverged, match="pole"):
+        rough.torque(smooth.moved(known))
+    with pytest.raises(NotConverged, match="pole"):
+        smooth.torque(rough.moved(known))
+
+
+def test_a_corrected_law_that_turns_back_is_none():
+    dynamics = rubbing_elbow()
+    much = FullerModel.of(dynamics, dynamics.robot, friction=100.0 * dynamics.robot.joint_friction)
+    with pytest.raises(NotConverged, match="the corrected law turns back"):
+        much.moved(much.known_deflections())
+
+
+def test_two_crossings_do_not_meet_one_singular_point():
+    dynamics = plan_scene(robots.load("slider_crank"), "full_turn").dynamics
+    fuller = FullerModel.of(dynamics, dynamics.robot)
+    assert len(fuller.searched.points) > 1
+    fewer = replace(fuller, searched=fuller.searched._replace(points=fuller.searched.points[:1]))
+    fuller.moved(fuller.known_deflections())
+    with pytest.raises(NotConverged, match="same singular point"):
+        fewer.moved(fuller.known_deflections())
 
 
 def test_masses_are_worth_what_the_plan_with_them_needs_more():

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import robots
@@ -145,6 +146,40 @@ def test_acceleration_derivatives_are_differences_of_accelerations(robot):
     for part in (slice(0, d), slice(d, 2 * d), slice(2 * d, None)):
         scale = np.abs(expected[:, part]).max()
         np.testing.assert_allclose(ours[:, part], expected[:, part], rtol=0, atol=1e-7 * scale + rounding)
+
+
+@pytest.mark.parametrize("name", ["five_bar_heavy", "gough_stewart"])
+def test_a_wrench_on_axes_of_its_frame_turns_on_with_it(name):
+    """Differences of accelerations under a wrench that pinocchio's rotation of the frame turns."""
+    robot = robots.load(name)
+    x, _, dx, _, wrenches = state_of(robot)
+    ((frame, own),) = wrenches.items()
+    data, index, n = robot.model.createData(), robot.model.getFrameId(frame), robot.n
+
+    def state(points):
+        closed = assembled_at(robot, closed_at(robot, points[:, :n], np.zeros((len(points), 0))), stacks=True)
+        return closed.q, motion_at(robot, closed, points[:, n:], np.zeros_like(points[:, n:])).v
+
+    def on_base_axes(q):
+        pin.framesForwardKinematics(robot.model, data, q)
+        return (own.reshape(2, 3) @ data.oMf[index].rotation.T).ravel()
+
+    def accelerations(points):
+        q, v = state(points)
+        turned = np.array([on_base_axes(row) for row in q])
+        torque = np.zeros((len(q), robot.n_a))
+        return forward_dynamics(robot, q, v, torque, wrenches={frame: turned}).a[:, robot.actuated]
+
+    point = np.concatenate([x, dx])
+    q, v = (part[0] for part in state(point[None]))
+    zero, turned = np.zeros(robot.n_a), {frame: on_base_axes(q)}
+    sizes = np.tile(robot.platform_scale, 2)
+    expected = slopes(accelerations, point, sizes)[:, :n] * robot.platform_scale
+    turning = forward_derivatives(robot, q, v, zero, wrenches=turned, turning=[frame])
+    still = forward_derivatives(robot, q, v, zero, wrenches=turned)
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(turning.motor_y * robot.platform_scale, expected, rtol=0, atol=1e-7 * scale)
+    assert np.abs(still.motor_y * robot.platform_scale - expected).max() > 1e-4 * scale
 
 
 def test_forward_derivatives_undo_those_of_torques(robot):

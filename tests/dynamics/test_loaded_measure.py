@@ -105,3 +105,18 @@ def test_rigid_robots_and_rigid_geometry_have_none():
     undeformed = plan_scene(robots.load("five_bar", flexibility="flexible_links"), "C", geometry="rigid")
     for plan in (rigid, undeformed):
         assert plan.loaded_points == (None,)
+
+
+def test_a_point_nearer_to_another_crossing_is_not_this_one_s():
+    """With a second crossing put beside the loaded point, or far from it."""
+    plan = plan_scene(robots.load("five_bar", flexibility="flexible_links"), "C")
+    (crossing,), point = plan.dynamics.crossings, plan.loaded_points[0]
+    apart = point.time - crossing.time
+
+    def with_another(time):
+        other = replace(crossing, time=time)
+        return loaded_point(replace(plan.dynamics, crossings=(crossing, other)), crossing.time)
+
+    for share in (0.9, 1.1, 1.5):
+        assert with_another(crossing.time + share * apart) is None
+    assert with_another(crossing.time + 100.0 * apart).time == pytest.approx(point.time, rel=1e-12)

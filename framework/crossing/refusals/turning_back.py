@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from framework.errors import NoLaw
-from framework.motion.law import Law
+from framework.motion.law import MotionLaw
 from framework.tolerances import AT_REST, OVERSHOOT
 
 LAW_SAMPLES = 2001  # equidistant instants at which a law is looked at
 ADVICE = "choose other times or speeds"
 
 
-def check_advance(law: Law, s: Sequence[float], name: str) -> None:
+def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
     """Refuse a law that runs backwards, leaves the path, or meets a singular point s (k,) twice.
 
     A law that always advances passes; so does one that overshoots an end by less than
