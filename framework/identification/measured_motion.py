@@ -75,7 +75,7 @@ def measured_motion(
     period = uniform_period(data)
     if len(data) < MIN_SAMPLES:
         raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
-    joints = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
+    joints = _from_reference(robot, data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio)
     torque = data.columns("torque", robot.actuator_names)
     for joint, column in zip(robot.actuator_names, torque.T, strict=True):
         if not column.any():
@@ -110,6 +110,13 @@ def measured_motion(
     signs = _filtered(np.sign(angles[1]), period, cutoff)[kept]
     times = data.column("time")[kept]
     return MeasuredMotion(source, cutoff, times, motion, signs, smooth[kept], noise, misfit)
+
+
+def _from_reference(robot: ParallelRobot, joints: Array) -> Array:
+    """Return motors' joints (T, n_a) less whole turns, to begin within half a turn of the reference."""
+    away = joints[0] - robot.actuated_coordinates(robot.reference.q[None])[0]
+    turns = 2.0 * np.pi * np.round(away / (2.0 * np.pi))
+    return np.asarray(joints - np.where(robot.sliding[robot.actuated], 0.0, turns))
 
 
 def _checked(cutoff: float, period: float, count: int) -> float:

@@ -13,6 +13,7 @@ from framework import InvalidInput, ParallelRobot, Type2Singularity, plan_scene
 from framework.cli import main
 from framework.dynamics.body_parameters import pseudo_inertia
 from framework.identification import Recording, identify
+from framework.identification.measured_motion import measured_motion
 from framework.identification.physical import link_parameters_of, with_masses_and_motors
 from framework.identification.torque_parameters import torque_parameters
 from tests.identification.recorded_motions import measured, sines
@@ -117,6 +118,23 @@ def test_a_motion_through_type_2_goes_by_the_platform():
     elsewhere = Recording("C", with_platform.names, np.column_stack([values, plan.platform(t)]))
     with pytest.raises(InvalidInput, match="motor_angle_left_motor contradicts the measured platform"):
         identify(robot, elsewhere, cutoff=20.0, poses="platform")
+
+
+def test_whole_turns_of_a_motor_do_not_change_the_motion():
+    robot = NOMINAL["five_bar"]
+    plan = plan_scene(robot, "A")
+    t = np.linspace(0.0, plan.duration, 301)
+    names = ("time", *(f"{what}_{j}" for what in ("motor_angle", "torque") for j in robot.actuator_names))
+    own, turned = (
+        measured_motion(
+            robot,
+            Recording("A", names, np.column_stack([t, plan.motor_angle(t) + more, plan.torque(t)])),
+            cutoff=20.0,
+        )
+        for more in (np.zeros(2), 2 * np.pi * robot.gear_ratio * [1, -2])
+    )
+    np.testing.assert_allclose(turned.motion.q, own.motion.q, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(turned.motion.a, own.motion.a, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize(
