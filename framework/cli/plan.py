@@ -236,6 +236,11 @@ def _warnings(plan: CrossingPlan) -> list[str]:
     """Return lines on effects left out, limits exceeded and a law that overshoots."""
     lines = []
     lines += [f"  left out          {_neglected(plan, effect)}" for effect in plan.neglected]
+    if any((effect.share or 0.0) > 1.0 for effect in plan.neglected):
+        lines.append(
+            "  warning           what is left out is worth more than the plan's own torques: plan with it, "
+            "--flexibility, or more gently, a higher --smoothness or a longer duration"
+        )
     for joint, excess in plan.exceeded.items():
         lines.append(f"  warning           {joint} exceeds its limits: {excess}")
     if plan.certificate.end_speed > NOTABLE_END_SPEED:
@@ -259,9 +264,10 @@ def _neglected(plan: CrossingPlan, neglected: NeglectedEffect) -> str:
     robot = plan.robot
     motor = robot.actuator_names.index(neglected.motor) if neglected.motor else 0
     at = f" at {neglected.motor}" if neglected.motor else ""
+    share = f"{neglected.share:.2g} times" if neglected.share > 1.0 else f"{100 * neglected.share:.2g} % of"
     return (
         f"{neglected.effect}: worth {neglected.torque:.2g} {robot.torque_units[motor]}{at}, "
-        f"{100 * neglected.share:.2g} % of the largest"
+        f"{share} the largest"
     )
 
 

@@ -354,8 +354,10 @@ def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affin
     settings.direct_solve_method = "qdldl"
     count = positive.matrix.shape[1]
     squares = sparse.csc_array(np.eye(count))
-    stacked = sparse.csc_array(np.concatenate(rows))
+    # unknowns that move each matrix by its own size at least: the solver stops short of smaller ones
+    scale = 1.0 / min((float(np.abs(slopes).max(initial=0.0)) or 1.0 for slopes, _ in matrices), default=1.0)
+    stacked = sparse.csc_array(scale * np.concatenate(rows))
     problem = (squares, np.zeros(count), stacked, np.concatenate(right), cones, settings)
     solution = clarabel.DefaultSolver(*problem).solve()
     status = str(solution.status)
-    return np.array(solution.x) if status in ("Solved", "AlmostSolved") else Unsolved(status)
+    return scale * np.array(solution.x) if status in ("Solved", "AlmostSolved") else Unsolved(status)
