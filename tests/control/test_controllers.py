@@ -13,7 +13,7 @@ from framework import InvalidInput, plan_scene
 from framework.control.computed_torque import ComputedTorque
 from framework.control.controllers import CONTROLLERS, tuned_controller
 from framework.control.estimation import Measurement, RobotState, consistent_solution, estimated_state
-from framework.control.lqr import riccati
+from framework.control.lqr import _linearised, riccati
 from framework.control.reference import reference_of
 from framework.dynamics.forward_derivatives import forward_derivatives
 
@@ -52,6 +52,23 @@ def test_the_planned_torque_gives_the_planned_acceleration(name, scene):
     model = forward_derivatives(ref.robot, ref.motion.q, ref.motion.v, ref.torque)
     scale = np.abs(ref.ddx).max()
     np.testing.assert_allclose(model.acceleration, ref.ddx, atol=1e-8 * scale)
+
+
+def test_the_lqr_takes_wrenches_on_axes_of_a_tool_for_what_turns_with_it():
+    """Which changes its A; how wrenches turn is compared with differences in test_dynamics_derivatives."""
+    robot = robots.load("five_bar_heavy")
+    rows = [[0.0, *6 * [0.0]], [0.5, 2.0, -1.0, 0.0, 0.0, 0.0, 0.02], [1.0, *6 * [0.0]]]
+    wrenches = {"left_tip": {"wrench": rows, "axes": "tool"}}
+    ref = reference_of(plan_scene(robot, "C", wrenches=wrenches), period=PERIOD)
+    A = _linearised(ref)[0][:, robot.n :, : robot.n]
+    turning, still = (
+        forward_derivatives(
+            *(robot, ref.motion.q, ref.motion.v, ref.torque), wrenches=ref.planned_wrenches, turning=frames
+        ).acceleration_y
+        for frames in (["left_tip"], [])
+    )
+    np.testing.assert_array_equal(A, turning)
+    assert np.abs(A - still).max() > 1e-3 * np.abs(A).max()
 
 
 def test_with_constant_dynamics_the_riccati_gains_are_those_of_the_algebraic_equation():
