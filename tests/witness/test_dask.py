@@ -17,7 +17,7 @@ distributed = witness("distributed", "distributed", extra="dask")
 @pytest.fixture(scope="module")
 def address():
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
     ) as cluster:
         yield cluster.scheduler_address
 
@@ -39,7 +39,7 @@ def test_a_study_by_command_is_the_same(address, tmp_path):
 
 def test_a_scheduler_without_workers_is_refused_in_bounded_time(tmp_path):
     with distributed.LocalCluster(
-        n_workers=0, processes=False, dashboard_address=None, protocol="tcp"
+        n_workers=0, processes=False, dashboard_address=":0", protocol="tcp"
     ) as cluster:
         command = [sys.executable, "-m", "framework", "map", "five_bar", "--dask", cluster.scheduler_address]
         refused = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=120)
