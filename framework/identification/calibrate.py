@@ -23,6 +23,7 @@ from framework.identification.calibration_equations import (
     measurements_of,
     offsets,
 )
+from framework.identification.calibration_steps import GaussNewton, rows_of
 from framework.identification.combinations import Combinations, combination_text, determined_combinations
 from framework.identification.geometry import Geometry, geometry_of
 from framework.identification.recording import Recording, check_recording, read_recording
@@ -37,13 +38,8 @@ LENGTH_ERROR = 1e-3  # [m] of the file, as a machine shop makes it
 ANGLE_ERROR = float(np.radians(1.0))  # [rad] likewise
 NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard deviations [rad, m], by kind
 HELD_OUT_EVERY = 4  # instants
-HUBER = 2.0  # of the usual residual of an instant: what is farther off counts less
-MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is a share of the prior's weight
-CONVERGED = 1e-6  # of the prior: the largest change of a parameter in the last step
 MAX_CLOSING_STEPS = 20
-DEVIATIONS = 3.0  # at which Student's distribution and the normal one are compared
 MIN_RESPONSE = 1e-6  # of a measurement to a direction, over its largest motion [robot lengths, rad]
-LEAST_NOISE = 1e-3  # of residuals over the noise assumed: rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +158,7 @@ def calibrate(
     start = _start(geometry.model, measured)
     used = measured.rows(~held)
     prior = np.where(geometry.turning, angle_error, length_error)
-    solver = _Steps(geometry.model, used, start[~held], prior)
+    solver = GaussNewton(geometry.model, used, start[~held], prior)
     solver.run(robot.name, progress)
     _check_plausible(robot, geometry, solver.values / prior, solver.noise)
     combinations, at_file = _determined(geometry, used, start[~held], prior)
@@ -197,136 +193,14 @@ def _start(model: ParallelRobot, measured: Measurements) -> Array:
     return stack.q.copy()
 
 
-class _Steps:
-    """Damped Gauss-Newton steps for parameters and poses."""
-
-    def __init__(self, model: ParallelRobot, measured: Measurements, q: Array, prior: Array) -> None:
-        self.model, self.measured, self.q, self.prior = model, measured, q, prior
-        self.values, self.weights = np.zeros(len(prior)), np.ones(len(q))
-        self.noise, self.freedom, self.count = 1.0, 0.0, 0
-        self.deviations = prior
-
-    def run(self, name: str, progress: Callable[[int], None]) -> None:
-        """Take steps until the parameters rest."""
-        damping, equations = FIRST_DAMPING, eliminated(self.model, self.measured, self.q)
-        self._weigh(equations)
-        cost = self._cost(equations, self.values)
-        for self.count in range(1, MAX_STEPS + 1):
-            progress(self.count)
-            change = self._change(equations, damping)
-            q = self._moved(equations, change)
-            ahead = eliminated(self.model, self.measured, q)
-            after = self._cost(ahead, self.values + change)
-            if not after <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
-                damping *= 10.0
-                if damping > MAX_DAMPING:
-                    break
-                continue
-            self.q, self.values, equations = q, self.values + change, ahead
-            damping = max(0.1 * damping, 1e-12)
-            self._weigh(equations)
-            cost = self._cost(equations, self.values)
-            if np.abs(change / self.prior).max() < CONVERGED:
-                self._finish(equations)
-                return
-        raise NotConverged(
-            f"{name}: calibration does not settle after {self.count} steps; the file is too far off for "
-            f"these data, or they are of another robot",
-            residual=float(cost),
-        )
-
-    def _system(self, equations: Eliminated) -> tuple[Array, Array]:
-        """Return rows on scaled parameters, of unit noise, and their right sides; the prior left out."""
-        weights = self.weights[:, None] / self.noise
-        matrix = np.concatenate(
-            [(weights[..., None] * equations.matrix).reshape(-1, len(self.prior)), _flat(equations.holding)]
-        )
-        right = np.concatenate([(weights * equations.right).ravel(), equations.held.ravel()])
-        return matrix * self.prior, right
-
-    def _change(self, equations: Eliminated, damping: float) -> Array:
-        matrix, right = self._system(equations)
-        damped = np.sqrt(damping) * np.eye(len(self.prior))
-        stacked = np.concatenate([matrix, np.eye(len(self.prior)), damped])
-        wanted = np.concatenate([right, self.values / self.prior, np.zeros(len(self.prior))])
-        q, r = np.linalg.qr(stacked)
-        return np.asarray(-self.prior * np.linalg.solve(r, q.T @ wanted))
-
-    def _moved(self, equations: Eliminated, change: Array) -> Array:
-        moved = np.zeros((len(self.q), self.model.model.nv))
-        moved[:, self.model.joints] = equations.step + equations.follow @ change
-        moved[:, self.model.elastic] = change
-        return integrate(self.model, self.q, moved)
-
-    def _cost(self, equations: Eliminated, values: Array) -> float:
-        right = self._system(equations)[1]
-        return float(right @ right + np.sum((values / self.prior) ** 2))
-
-    def _weigh(self, equations: Eliminated) -> None:
-        """Set the noise of the usual instant, and Huber's weights of those that are farther off."""
-        ranks = equations.right.shape[1] - self.measured.driven
-        size = np.sqrt(np.sum(equations.right**2, axis=1) / max(ranks, 1))
-        self._set_noise(equations, float(np.median(size)))
-        self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(size, RANK_ROUNDING)))
-
-    def _finish(self, equations: Eliminated) -> None:
-        right = self.weights[:, None] * equations.right
-        count = equations.right.size - self.measured.driven * len(self.q)
-        self._set_noise(equations, float(np.sqrt(np.sum(right**2) / max(count, 1))))
-        from scipy.special import ndtr, stdtrit
-
-        matrix, _ = self._system(equations)
-        upper = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
-        self.deviations = self.prior * np.linalg.norm(np.linalg.inv(upper), axis=1)
-        if self.freedom >= 1.0:
-            self.deviations *= stdtrit(self.freedom, ndtr(DEVIATIONS)) / DEVIATIONS
-
-    def _set_noise(self, equations: Eliminated, residual: float) -> None:
-        """Set the noise of equations whose residuals, over the noise assumed, are so large at the fit.
-
-        Of N equations of noise s, a fit with a prior leaves s sqrt(N - r), r = sum of w^2 / (w^2 + s^2) the
-        parameters that it determines, w the singular values of the rows: the left side of
-        s^2 (N - r) = N residual^2 grows with s.
-        """
-        count = equations.right.size - self.measured.driven * len(self.q)
-        powers = self._powers(equations)
-
-        def freedom(noise: float) -> float:
-            return count - float(np.sum(powers / (powers + noise**2)))
-
-        self.noise, self.freedom = 1.0, freedom(LEAST_NOISE)
-        if self.freedom < 1.0:
-            return
-        low, high = LEAST_NOISE, max(residual * np.sqrt(count), 1.0)
-        while high > (1.0 + RANK_ROUNDING) * low:
-            middle = np.sqrt(low * high)
-            enough = middle**2 * freedom(middle) >= count * residual**2
-            low, high = (low, middle) if enough else (middle, high)
-        self.noise = float(high)
-        self.freedom = freedom(self.noise)
-
-    def _powers(self, equations: Eliminated) -> Array:
-        """Return squared singular values (p,) of the data's scaled rows on what the loops leave free."""
-        size = len(self.prior)
-        holding = np.concatenate([_flat(equations.holding) * self.prior, np.zeros((size, size))])
-        _, held, axes = np.linalg.svd(np.linalg.qr(holding, mode="r"))
-        rows = _flat(self.weights[:, None, None] * equations.matrix) * self.prior
-        rows = rows @ axes.T / np.sqrt(1.0 + held**2)
-        return np.asarray(np.linalg.eigvalsh(rows.T @ rows).clip(0.0))
-
-
 def _determined(
     geometry: Geometry, measured: Measurements, q: Array, prior: Array
 ) -> tuple[Combinations, Eliminated]:
     """Compute what data show at these poses of the file's geometry, or loops hold."""
     equations = eliminated(geometry.model, measured, q)
     holding = equations.holding * LOOP_GAP / measured.noise.min()  # as large as what is measured
-    rows = np.concatenate([_flat(equations.matrix), _flat(holding)])
+    rows = np.concatenate([rows_of(equations.matrix), rows_of(holding)])
     return determined_combinations(rows, prior), equations
-
-
-def _flat(stack: Array) -> Array:
-    return stack.reshape(-1, stack.shape[2])
 
 
 def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noise: float) -> None:
