@@ -434,6 +434,13 @@ At 1 and at 0.01 nothing changes for the same two robots.
 
 # ------------------------------------------------------------------ identification
 
+MIN_RANK_GAP = 1e3
+"""The last singular value of a regressor that counts over the first that does not, of a rank that is certain.
+
+The robots of the catalogue have 3e10 and more on random motions. At 1e4 more ranks are called uncertain; at
+100 those too count as certain that noise in the data could make.
+"""
+
 MAX_NOISE_RATIO = 10.0
 """What a calibration leaves of the data, over the noise that was assumed, for the geometry to count as found.
 

@@ -10,8 +10,8 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_robot, command, progress_bar
 from framework.errors import InvalidInput
-from framework.identification.base_parameters import SMALL_GAP
 from framework.identification.identify import DEFAULT_PRIOR, Identification, identify
+from framework.tolerances import MIN_RANK_GAP
 
 
 def add(commands: Any) -> None:
@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> Report:
     if not found.base.certain:
         options.warnings.append(
             f"the rank {found.base.rank} of the base parameters is uncertain: the gap of singular values is "
-            f"{found.base.gap:.1e}, below {SMALL_GAP:g}"
+            f"{found.base.gap:.1e}, below {MIN_RANK_GAP:g}"
         )
     if options.out is not None:
         document["robot_file"] = str(found.write(options.out))
@@ -80,7 +80,7 @@ def identification_text(found: Identification) -> str:
     base, joints = found.base, found.robot.actuator_names
     width = max(map(len, base.names))
     rows = zip(base.names, found.values, found.deviations, base.values, strict=True)
-    doubt = "" if base.certain else f", below {SMALL_GAP:g}: the rank is uncertain"
+    doubt = "" if base.certain else f", below {MIN_RANK_GAP:g}: the rank is uncertain"
     lines = [
         f"{found.robot.name}: {base.rank} base parameters of {len(base.parameters)} "
         f"(gap of singular values {base.gap:.1e}{doubt})",

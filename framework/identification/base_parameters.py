@@ -20,10 +20,10 @@ from framework.identification.torque_parameters import (
     torque_parameters,
 )
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.tolerances import MIN_RANK_GAP
 
 RANDOM_SETS = 3  # of instants, whose ranks must agree
 ROWS_PER_PARAMETER = 1.5  # of a set
-SMALL_GAP = 1e3  # of singular values: below it the rank is uncertain
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class BaseParameters(ReadOnlyArrays):
     @property
     def certain(self) -> bool:
         """Whether the gap leaves no doubt about the rank."""
-        return self.gap >= SMALL_GAP
+        return self.gap >= MIN_RANK_GAP
 
 
 def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int = 0) -> BaseParameters:

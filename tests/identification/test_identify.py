@@ -177,7 +177,7 @@ def test_the_command_line_identifies_and_writes_the_robot(tmp_path, capsys, monk
     assert main(["identify", "five_bar", str(data)]) == 0
     assert "left_rod.mx" in capsys.readouterr().out
     module = importlib.import_module("framework.identification.base_parameters")
-    monkeypatch.setattr(module, "SMALL_GAP", 1e300)
+    monkeypatch.setattr(module, "MIN_RANK_GAP", 1e300)
     assert main(["identify", "five_bar", str(data), "--json"]) == 0
     doubtful = json.loads(capsys.readouterr().out)
     assert (found["certain"], doubtful["certain"]) == (True, False)
