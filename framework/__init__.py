@@ -1,7 +1,7 @@
 """Parallel robots through their Type 2 singularities, from a URDF to torques that prove themselves.
 
-Bring a robot (`ParallelRobot.from_file`, or `robots.load` for the catalogue) and a path (`Line`, `Arc`,
-`Spline`), and ask:
+Bring a robot (`load_robot`, by a name of the catalogue or the path of a robot file) and a path (`Line`,
+`Arc`, `Spline`), and ask:
 
 * `check_robot`: what a file describes, a `Mechanism` whose loops do not close, too;
 * `assemble`, `forward_kinematics`, `track_path`: where its joints are;

@@ -1,7 +1,7 @@
-"""The robots known by name. Any installed package can add its own.
+"""The robots known by name, and the way from a name or a file to a robot.
 
-A package registers a mapping from names to `CatalogueEntry` under the entry point group
-`crossing.catalogue`; this project's `robots` is the first of them.
+A file of `robots` with an `ENTRY` is in the catalogue; nothing else needs to know it. Other packages add
+theirs: mappings from names to `CatalogueEntry`, registered under the entry point group `crossing.catalogue`.
 """
 
 from __future__ import annotations
@@ -9,11 +9,19 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
+from runpy import run_path
+from typing import Never
 
-from framework.errors import InvalidInput, choose_from
+from framework.errors import InvalidInput, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot
+
+# By their place and not by name, which a robots.py of the user's own would hide.
+_ROBOTS = Path(__file__).resolve().parents[1] / "robots"
+_IN_WHEEL = _ROBOTS / "urdf"
+URDF = _IN_WHEEL if _IN_WHEEL.is_dir() else _ROBOTS.parent / "urdf"
 
 
 @dataclass(frozen=True)
@@ -35,26 +43,67 @@ class CatalogueEntry:
         return ParallelRobot.from_file(self.file, flexibility=flexibility)
 
 
+def own_file(name: str) -> Path:
+    """Return the robot file of a mechanism of this project."""
+    return URDF / name / f"{name}.yaml"
+
+
+@cache
+def own_robots() -> Mapping[str, CatalogueEntry]:
+    """Return the robots of this project, by name."""
+    found = [run_path(str(file)).get("ENTRY") for file in sorted(_ROBOTS.glob("[!_]*.py"))]
+    return {entry.name: entry for entry in found if entry is not None}
+
+
 def catalogue() -> Mapping[str, CatalogueEntry]:
     """Return all registered robots, by name."""
-    entries: dict[str, CatalogueEntry] = {}
+    entries = dict(own_robots())
     for point in entry_points(group="crossing.catalogue"):
         entries.update(point.load())
     return dict(sorted(entries.items()))
 
 
-def robot_file(name_or_path: str) -> Path:
+def robot_file(name_or_path: str | os.PathLike[str]) -> Path:
     """Return the file, ours or of a foreign dialect, that a catalogue name or a path stands for.
 
     Raises:
         InvalidInput: neither a known name nor a robot file.
     """
-    entries = catalogue()
-    if name_or_path in entries:
-        return entries[name_or_path].file
-    path = Path(name_or_path)
-    if path.suffix in (".yaml", ".yml", ".urdf", ".xml", ".mjcf", ".sdf") or os.path.exists(path):
-        return path
-    raise InvalidInput(
-        f"{choose_from('robot', name_or_path, entries)}, or give the path of a robot file (.yaml)"
-    )
+    if isinstance(name_or_path, str):
+        entry = own_robots().get(name_or_path) or catalogue().get(name_or_path)
+        if entry is not None:
+            return entry.file
+    if isinstance(name_or_path, str | os.PathLike):
+        path = Path(name_or_path)
+        if path.suffix in (".yaml", ".yml", ".urdf", ".xml", ".mjcf", ".sdf") or os.path.exists(path):
+            return path
+    unknown = choose_from("robot", name_or_path, catalogue())
+    raise InvalidInput(f"{unknown}, or give the path of a robot file (.yaml)")
+
+
+def load_robot(
+    name_or_path: str | os.PathLike[str], *misplaced: Never, flexibility: str = "rigid"
+) -> ParallelRobot:
+    """Load a robot of the catalogue by its name, or one of your own by the path of its robot file.
+
+    Args:
+        name_or_path: a name that `crossing robots` lists, such as "five_bar"; or a path, "my_robot.yaml".
+        flexibility: which of the springs in the file exist: "rigid", "flexible_joints" or "flexible_links".
+
+    Returns:
+        The robot, assembled at the reference of its file.
+
+    Raises:
+        InvalidInput: an unknown name or flexibility; lists the valid ones.
+        RobotFileError: the file cannot be read, or its robot cannot be what it says.
+        NotAssembled, SingularReference: the loops do not close at the reference, or it is singular.
+
+    Example:
+        >>> from framework import load_robot
+        >>> load_robot("five_bar").actuator_names
+        ('left_motor', 'right_motor')
+    """
+    if misplaced:
+        given = short(misplaced[0])
+        raise InvalidInput(f"flexibility: has to be given by name, flexibility={given}, got {given} alone")
+    return ParallelRobot.from_file(robot_file(name_or_path), flexibility=flexibility)

@@ -3,6 +3,7 @@
 They stand here and not there, so that the command line can hear Ctrl-C before they are imported.
 """
 
+from framework.catalogue import load_robot
 from framework.control.control_cycle import ControlCycle
 from framework.crossing.capacity import largest_load
 from framework.crossing.plan import plan_crossing
@@ -98,6 +99,7 @@ __all__ = [
     "inverse_dynamics",
     "largest_load",
     "load_plan",
+    "load_robot",
     "locate_singularities",
     "pave_singularities",
     "plan_crossing",

@@ -6,11 +6,10 @@ no scene crosses one. `spherical_rrr`, its sister with shorter arcs, does. Scene
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("agile_eye"),
+    file=own_file("agile_eye"),
     summary="Agile Eye, spherical 3-RRR, three rotations, all arcs of 90 degrees",
     source="Gosselin and Hamel, ICRA 1994; Bonev, Chablat and Wenger, ICRA 2006",
     singularities=("type_1",),

@@ -6,11 +6,10 @@ has a pole. The workspace ends where a rod is normal to its rail (Type 1).
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("biglide"),
+    file=own_file("biglide"),
     summary="planar 2-PRR, two sliders on parallel rails",
     source="biglide of Centrale Nantes, github.com/oKermorgant/gz_attach_links; own motors and springs",
     singularities=("type_1", "type_2"),

@@ -6,11 +6,10 @@ turns back while all others go on: a Type 2 singularity.
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("bricard"),
+    file=own_file("bricard"),
     summary="overconstrained ring of six hinges, one drive",
     source="IFToMM multibody benchmark A04, Bricard's mechanism",
     singularities=("type_1", "type_2"),

@@ -7,11 +7,10 @@ are parallel to one plane, `cross-unprepared` the same path without condition (8
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("delta"),
+    file=own_file("delta"),
     summary="Delta, three translations, six rods in parallelograms",
     source="Williams, The Delta Parallel Robot, Ohio University 2015: ABB FlexPicker IRB 360-1/1600",
     singularities=("type_2",),

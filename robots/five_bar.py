@@ -7,11 +7,10 @@ the force on the platform does not vanish but stands at a right angle to t_s.
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("five_bar"),
+    file=own_file("five_bar"),
     summary="planar 5R, 10 kg payload on massless legs",
     source="Briot and Arakelian, ASME IDETC 2010, DETC2010-28207",
     singularities=("type_1", "type_2"),

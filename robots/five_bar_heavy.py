@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("five_bar_heavy"),
+    file=own_file("five_bar_heavy"),
     summary="planar 5R, 10 kg payload on uniform rods of 1 kg",
     source="the same, with our own rods",
     singularities=("type_1", "type_2"),

@@ -5,11 +5,10 @@ Scenes: dead_point and full_turn cross one and two such points, clear none; unpr
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("four_bar"),
+    file=own_file("four_bar"),
     summary="four-bar linkage turned by its rocker, flywheel on the crank",
     source="lengths of Norton, Design of Machinery, Example 4-1; own masses",
     singularities=("type_2",),

@@ -7,11 +7,10 @@ path without condition (8).
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("gough_stewart"),
+    file=own_file("gough_stewart"),
     summary="Gough-Stewart platform 6-UPS, six legs with prismatic motors",
     source="The MathWorks, Stewart platform example of SimMechanics, 1998-2003",
     singularities=("type_2",),

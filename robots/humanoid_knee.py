@@ -5,11 +5,10 @@ Scenes: `deep` through that flexion, `swing` clear of it, `unprepared` without c
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("humanoid_knee"),
+    file=own_file("humanoid_knee"),
     summary="knee of a humanoid, bent by a motor in the thigh through a four-bar linkage",
     source="masses and motor of the Booster T1, github.com/BoosterRobotics/booster_assets; own linkage",
     singularities=("type_2",),

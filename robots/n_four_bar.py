@@ -7,11 +7,10 @@ Other N: `robots.generators.n_four_bar`.
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("n_four_bar"),
+    file=own_file("n_four_bar"),
     summary="row of two four-bars, overconstrained, one drive",
     source="IFToMM multibody benchmark A02, N-four-bar",
     singularities=("closure",),

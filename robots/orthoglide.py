@@ -8,11 +8,10 @@ condition (8).
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("orthoglide"),
+    file=own_file("orthoglide"),
     summary="Orthoglide, three translations, parallelograms on orthogonal rails",
     source="after Chablat and Wenger, IEEE Trans. Robotics and Automation 19(3), 2003",
     singularities=("type_1", "type_2"),

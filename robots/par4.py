@@ -7,11 +7,10 @@ turns the bars, going up, through a pose near a quarter turn where the legs no l
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("par4"),
+    file=own_file("par4"),
     summary="Par4, three translations and a turn about z, articulated plate",
     source="mechanism of Nabat, Rodriguez, Company, Krut and Pierrot, IROS 2005",
     singularities=("type_2",),

@@ -6,11 +6,10 @@ crank, with the slider as platform, the same dead centres are Type 1: the slider
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("slider_crank"),
+    file=own_file("slider_crank"),
     summary="slider-crank turned by its slider, flywheel on the crank",
     source="lengths of Norton, Design of Machinery, Example 4-2; own masses",
     singularities=("type_1", "type_2"),

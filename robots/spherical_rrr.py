@@ -6,11 +6,10 @@ Scenes: `cross` through the orientation where the planes of the three distal arc
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("spherical_rrr"),
+    file=own_file("spherical_rrr"),
     summary="spherical 3-RRR, three rotations, arcs of 60 and 90 degrees",
     source="after Gosselin and Hamel, ICRA 1994, with shorter arcs",
     singularities=("type_2",),

@@ -6,11 +6,10 @@ norm. Scenes: lower crouches and leans; sway moves the trunk on a curve.
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("standing_quadruped"),
+    file=own_file("standing_quadruped"),
     summary="Solo12 standing on four feet, 12 motors for 6 degrees of freedom; needs example-robot-data",
     source="Grimminger et al., IEEE RA-L 5(2), 2020, 10.1109/LRA.2020.2976639; URDF of example-robot-data 6",
 )

@@ -6,11 +6,10 @@ before it.
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("three_rpr"),
+    file=own_file("three_rpr"),
     summary="planar 3-RPR, platform x, y, rz, legs of driven length",
     source="after Innocenti and Parenti-Castelli 1998; Zein, Wenger and Chablat, Robotica 25, 2007",
     singularities=("type_2",),

@@ -6,11 +6,10 @@ Scenes: `crossing` turns the platform through the pose where its three rods meet
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("three_rrr"),
+    file=own_file("three_rrr"),
     summary="planar 3-RRR, platform x, y, rz, links of 0.6 m",
     source="Kotlarski, Heimann and Ortmaier, Frontiers of Mechanical Engineering 7(2), 2012",
     singularities=("type_2",),

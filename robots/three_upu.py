@@ -7,11 +7,10 @@ Scenes: across and around, beside that axis.
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("three_upu"),
+    file=own_file("three_upu"),
     summary="translational 3-UPU, ball screws",
     source="Tsai, ARK 1996; Bonev and Zlatanov, parallemic.org, Review 4",
     singularities=("constraint",),

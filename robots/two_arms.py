@@ -6,11 +6,10 @@ those of least norm. Scenes: lift and turn the box.
 
 from __future__ import annotations
 
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
 ENTRY = CatalogueEntry(
-    file=robot_file("two_arms"),
+    file=own_file("two_arms"),
     summary="Baxter's arms with one box in both hands, 12 motors for 6 degrees of freedom; needs "
     "example-robot-data",
     source="Baxter of Rethink Robotics; URDF of example-robot-data 6",

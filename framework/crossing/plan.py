@@ -40,8 +40,7 @@ def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingP
     """Plan a rest-to-rest motion along a path that crosses its singular points with finite torques.
 
     Args:
-        robot: of `robots.load(name)` or `ParallelRobot.from_file(file)`; its `flexibility` says which springs
-            exist.
+        robot: of `load_robot`; its `flexibility` says which springs exist.
         path: of the platform, a `Line`, an `Arc`, a `Spline`, or what can be called alike: path(s, order) of
             shape (T, n) for s in [0, 1] and derivatives up to order 4.
         {options}
@@ -61,9 +60,8 @@ def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingP
         All reasons to say no, in the order in which they are asked: `framework.crossing.refusals`.
 
     Example:
-        >>> import robots
-        >>> from framework import Line, plan_crossing
-        >>> plan = plan_crossing(robots.load("five_bar"), Line([0.1, 0.345], [-0.05, 0.195]), duration=1.5)
+        >>> from framework import Line, load_robot, plan_crossing
+        >>> plan = plan_crossing(load_robot("five_bar"), Line([0.1, 0.345], [-0.05, 0.195]), duration=1.5)
         >>> [round(crossing.s, 9) for crossing in plan.crossings], plan.torque(0.5).shape
         ([0.667006875], (2,))
 

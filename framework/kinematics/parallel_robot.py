@@ -164,4 +164,4 @@ class ParallelRobot(Mechanism):
 
 def expect_robot(given: object) -> None:
     """Raise InvalidInput unless what was given is a robot."""
-    expect("robot", given, ParallelRobot, 'robots.load("five_bar") or ParallelRobot.from_file("my.yaml")')
+    expect("robot", given, ParallelRobot, 'load_robot("five_bar") or load_robot("my_robot.yaml")')

@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
-from robots.files import URDF
+from framework.catalogue import URDF
 
 if __name__ == "__main__":
     for found in iter_modules([str(Path(__file__).parent)]):

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from robots.files import URDF
+from framework.catalogue import URDF
 from robots.generators.elements import (
     COMPACT,
     SPACED,

@@ -22,10 +22,9 @@ PROJECT = Path(__file__).resolve().parents[2]
 SUITE = sorted((PROJECT / "tests" / "robots").glob("test_every_robot*.py"))
 SOURCE, NEW = "three_prr", "my_robot"
 ENTRY = f'''
-from framework.catalogue import CatalogueEntry
-from robots.files import robot_file
+from framework.catalogue import CatalogueEntry, own_file
 
-ENTRY = CatalogueEntry(file=robot_file("{NEW}"), summary="a test", source="none")
+ENTRY = CatalogueEntry(file=own_file("{NEW}"), summary="a test", source="none")
 '''
 
 

@@ -74,7 +74,7 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
         SingularReference: they are nearly singular there and beside it, too.
     """
-    expect("robot", mechanism, Mechanism, 'robots.load("five_bar") or Mechanism.from_file("my.yaml")')
+    expect("robot", mechanism, Mechanism, 'load_robot("five_bar") or Mechanism.from_file("my_robot.yaml")')
     robot, gap, remarks = _robot_to_examine(mechanism)
     reference, names, independent = robot.reference, robot.rows.names, robot.structure.independent
     motions = mobility_of(robot)
