@@ -76,7 +76,7 @@ def _table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
     if head:
         lines.append("<tr>" + "".join(f"<th>{_marked(cell)}</th>" for cell in head) + "</tr>")
     lines += ["<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows]
-    return '<div class="wide"><table>' + "\n".join(lines) + "</table></div>"
+    return '<div class="wide" tabindex="0"><table>' + "\n".join(lines) + "</table></div>"
 
 
 def _number(value: float) -> str:

@@ -301,7 +301,8 @@ function drawRobot() {
   element("path", { d: line5([-1, 1].map((way) => [0, 1].map((k) => place[k] + way * unit * t[k]))), stroke: "var(--ink)", "stroke-width": 1.4 * width, opacity: near }, flip);
   const at = [0, 1].map((k) => place[k] + shift[k]);
   if (Math.hypot(...state.push)) element("path", { d: line5([at, [0, 1].map((k) => place[k] + state.push[k])]), stroke: "var(--wrench)", "stroke-width": 1.4 * width }, flip);
-  const knob = element("circle", { cx: at[0], cy: at[1], r: 3.2 * width, class: "platform", tabindex: state.step ? -1 : 0, "aria-label": "platform: push it by the arrow keys, or drag it" }, flip);
+  const knob = element("circle", { cx: at[0], cy: at[1], r: 3.2 * width, class: "platform" }, flip);
+  if (!state.step) for (const [name, value] of Object.entries({ tabindex: 0, role: "application", "aria-label": "platform: push it by the arrow keys, or drag it" })) knob.setAttribute(name, value);
   if (state.holding && !state.step) knob.focus();
   if (!state.step) {
     const large = torque.map((value) => Math.abs(value) * (doc.best.off.limit / usualTorque()));
