@@ -23,7 +23,7 @@ From the platform to the joints, and back
     motion_rates        velocities and accelerations of all joints; how dF/dq changes
     motion_changes      exact derivatives of these; `frame_variations` are those of the frames
     loop_matrices       the matrices of Type 1 and Type 2, without dimension
-    kinematic_derivatives   pose, A, B, C along motors and `geometric_parameters`
+    kinematic_derivatives   pose, A, B, C along motors and springs
     velocity_matrices   A v = B dq_a + C dq_e
     idle_turns          turns that neither the platform nor the loops determine
     modes               signs of working and assembly modes, legs

@@ -41,6 +41,11 @@ def require_square(robot: ParallelRobot) -> None:
             f"the joints cannot move along them; lock fewer axes there (axes: [...]) or leave those axes "
             f"out of the springs' motion"
         )
+    require_mobility(robot)
+
+
+def require_mobility(robot: ParallelRobot) -> None:
+    """Raise InvalidInput unless there are as many platform axes as freedoms, and no fewer motors."""
     loops = len(robot.loops.names)
     joints = len(robot.moving)
     mobility = joints - loops

@@ -65,9 +65,7 @@ def test_a_name_and_a_path_load_the_same_robot():
     ("given", "hint"), [("five_bare", "did you mean 'five_bar'?"), (None, ""), (5, ""), (["five_bar"], "")]
 )
 def test_what_names_no_robot_is_answered_with_the_valid_names(given, hint):
-    with pytest.raises(
-        InvalidInput, match=r"unknown robot .*agile_eye.*path of a robot file"
-    ) as caught:
+    with pytest.raises(InvalidInput, match=r"unknown robot .*agile_eye.*path of a robot file") as caught:
         load_robot(given)
     assert hint in str(caught.value)
 
