@@ -29,7 +29,7 @@ def test_the_table_has_a_line_a_rung_and_names_the_least(capsys):
     lines = text.splitlines()
     assert [line.split()[0] for line in lines[2:] if line.split()[0] in NAMES] == NAMES
     assert "  enough            payload: " in text
-    assert "fidelity: {rung: payload, tolerance: 0.01}" in text
+    assert "fidelity: {level: payload, tolerance: 0.01}" in text
     assert max(map(len, lines)) <= 150
 
 
@@ -45,10 +45,10 @@ def test_numbers_and_a_figure_are_written_together(capsys, tmp_path, monkeypatch
     assert (code, err) == (0, "")
     document = json.loads(text)
     assert document == json.loads((out / "fidelity.json").read_text())
-    assert [entry["rung"] for entry in document["rungs"]] == NAMES
+    assert [entry["level"] for entry in document["levels"]] == NAMES
     assert {path.name for path in out.iterdir()} == {"fidelity.json", "fidelity.png"}
-    least = next(entry for entry in document["rungs"] if entry["enough"])
-    assert document["fidelity"] == {"rung": least["rung"], "tolerance": 0.001}
+    least = next(entry for entry in document["levels"] if entry["enough"])
+    assert document["fidelity"] == {"level": least["level"], "tolerance": 0.001}
     assert max(least["torque"], least["platform"]) <= 0.001
 
 
@@ -78,7 +78,7 @@ def test_no_rung_enough_is_an_answer_with_its_table(capsys, monkeypatch):
         ((), 2, "give --scene"),
         (("--scene", "C", "--tolerance", "much"), 2, "--tolerance: needs a share"),
         (("--scene", "C", "--tolerance", "0"), 2, "tolerance: needs a share in"),
-        (("--scene", "C", "--geometry", "rigid"), 2, "geometry: each rung"),
+        (("--scene", "C", "--geometry", "rigid"), 2, "geometry: each level"),
         (("--scene", "C", "--out", ""), 2, "--out"),
     ],
 )
@@ -96,7 +96,7 @@ def test_auto_plans_with_what_the_scene_keeps(capsys):
     told = ["plan", "five_bar", "--scene", "C", "--json"]
     auto = json.loads(run(capsys, *told, "--flexibility", "auto")[1])
     same = json.loads(run(capsys, *told, "--flexibility", "rigid", "--smoothness", "4")[1])
-    kept = {"rung": "payload", "tolerance": 0.01, "simulated": True, "error": None}
+    kept = {"level": "payload", "tolerance": 0.01, "simulated": True, "error": None}
     assert auto.pop("fidelity") == kept
     assert {**auto, "seconds": 0} == {**same, "seconds": 0}
     text = run(capsys, "plan", "five_bar", "--scene", "C", "--flexibility", "auto")[1]
@@ -110,13 +110,13 @@ def test_auto_plans_with_what_the_scene_keeps(capsys):
         "--from 0.1 0.345 --to 0 0.3 --duration 1",
     ],
 )
-def test_auto_foretells_what_no_scene_keeps(capsys, motion):
+def test_auto_predicts_what_no_scene_keeps(capsys, motion):
     told = ["plan", "five_bar", *motion.split(), "--flexibility", "auto"]
     fidelity = json.loads(run(capsys, *told, "--json")[1])["fidelity"]
-    assert fidelity["rung"] == "payload"
+    assert fidelity["level"] == "payload"
     assert not fidelity["simulated"]
     assert 0.0 < fidelity["error"] <= fidelity["tolerance"] == 0.01
-    assert re.search(r"payload for 1 %, off by .* %: foretold, not simulated", run(capsys, *told)[1])
+    assert re.search(r"payload for 1 %, off by .* %: predicted, not simulated", run(capsys, *told)[1])
 
 
 def test_auto_of_a_motion_that_no_model_can_make_is_refused_as_any(capsys):
@@ -130,8 +130,8 @@ def test_auto_of_a_motion_that_no_model_can_make_is_refused_as_any(capsys):
     [
         (("--scene", "none"), "unknown scene 'none'"),
         ((), "give --scene"),
-        (("--scene", "C", "--bend"), "--bend: the rung"),
-        (("--scene", "C", "--geometry", "rigid"), "--geometry: each rung"),
+        (("--scene", "C", "--bend"), "--bend: the level"),
+        (("--scene", "C", "--geometry", "rigid"), "--geometry: each level"),
     ],
 )
 def test_what_auto_cannot_take_is_told(capsys, arguments, words):
@@ -150,7 +150,7 @@ def test_other_commands_know_no_auto(capsys):
 def test_a_rung_that_there_is_not_is_told_with_its_place(capsys, tmp_path):
     for suffix in (".yaml", ".urdf"):
         text = robots.CATALOGUE["five_bar"].file.with_suffix(suffix).read_text()
-        (tmp_path / f"five_bar{suffix}").write_text(text.replace("rung: payload", "rung: playload"))
+        (tmp_path / f"five_bar{suffix}").write_text(text.replace("level: payload", "level: playload"))
     code, _, err = run(capsys, "check", tmp_path / "five_bar.yaml")
     assert code == 2
-    assert "scenes.A.fidelity.rung: unknown rung 'playload'; did you mean 'payload'?" in err
+    assert "scenes.A.fidelity.level: unknown level 'playload'; did you mean 'payload'?" in err

@@ -35,17 +35,17 @@ WRENCH_FLAGS = {"wrench": "--wrench", "wrench_on": "--wrench-on"}
 def take_level(options: argparse.Namespace) -> ChosenLevel | None:
     """Put the level of fidelity for the motion where --flexibility is auto; None where it is not.
 
-    What the scene keeps of a study, where the motion is the scene's as it stands; else what is foretold.
+    What the scene keeps of a study, where the motion is the scene's as it stands; else what is predicted.
 
     Raises:
         InvalidInput: --geometry beside it, or no motion.
     """
     if options.flexibility != AUTO:
         return None
-    from framework.fidelity.chosen_level import foretold_level, kept_level, options_of_level
+    from framework.fidelity.chosen_level import kept_level, options_of_level, predicted_level
 
     if options.geometry is not None:
-        raise InvalidInput("--geometry: each rung of --flexibility auto has its own; leave one of them out")
+        raise InvalidInput("--geometry: each level of --flexibility auto has its own; leave one of them out")
     options.flexibility = FLEXIBILITIES[0]
     robot = load(options)
     asked, description = request(options, robot), robot.description
@@ -53,7 +53,7 @@ def take_level(options: argparse.Namespace) -> ChosenLevel | None:
     typed |= wrenches(options, robot)
     chosen = None if typed or options.scene is None else kept_level(description, options.scene)
     if chosen is None:
-        chosen = foretold_level(description, options.scene or asked.path, **typed)
+        chosen = predicted_level(description, options.scene or asked.path, **typed)
     for key, value in options_of_level(description, chosen.level).items():
         if key != "smoothness" or options.smoothness is None:
             setattr(options, key, value)

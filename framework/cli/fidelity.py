@@ -26,9 +26,9 @@ REPORTED_GROWTH = 2.0  # times as far as by itself: worth a line
 def add(commands: Any) -> None:
     """Add the command to the parser."""
     details = (
-        "Each rung of the ladder, from kinematics to the inertia of the elastic motion, plans the motion; "
+        "Each level of fidelity, from kinematics to the inertia of the elastic motion, plans the motion; "
         "its torques drive the full elastic simulation, without feedback. Enough is what keeps platform (of "
-        "the path's length) and torques (of the highest rung's peak) within the tolerance. Put the printed "
+        "the path's length) and torques (of the highest level's peak) within the tolerance. Put the printed "
         "line into the scene, and `crossing plan --flexibility auto` uses it."
     )
     parser = command(commands, "fidelity", run, details)
@@ -65,12 +65,12 @@ def _studied(options: argparse.Namespace) -> tuple[FidelityStudy, dict[str, Any]
     """Return the report on a study, and what a scene may keep of it if it is of the scene as it stands."""
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path_and_motion(options, robot)
-    with progress_bar(float(len(LEVELS)), "rungs", silent=options.json) as progress:
+    with progress_bar(float(len(LEVELS)), "levels", silent=options.json) as progress:
         study = fidelity_study(robot, path, tolerance=tolerance, progress=progress, **typed)
     document, text, kept = study.to_dict(), fidelity_text(study), study.kept
     if kept is None or options.scene is None or typed:
         return study, document, text
-    line = f"fidelity: {{rung: {kept['rung']}, tolerance: {kept['tolerance']:g}}}"
+    line = f"fidelity: {{level: {kept['level']}, tolerance: {kept['tolerance']:g}}}"
     return study, {**document, "fidelity": kept}, f"{text}\n  to keep           {line}"
 
 
@@ -78,9 +78,9 @@ def fidelity_text(study: FidelityStudy) -> str:
     """Return the report on a study, in words."""
     plan, enough = study.highest, study.enough
     lines = [
-        f"{study.robot.name}: {len(study.levels)} rungs judged to {_percent(study.tolerance)} of the path, "
+        f"{study.robot.name}: {len(study.levels)} levels judged to {_percent(study.tolerance)} of the path, "
         f"{study.length:.4g} m in {plan.duration:g} s, and of the peak torque; {study.seconds:.2g} s",
-        "  " + _columns("rung", "plan", "torque", "platform", "law", "deflection", "foretold", "by"),
+        "  " + _columns("level", "plan", "torque", "platform", "law", "deflection", "predicted", "by"),
         *(_row(study, comparison) for comparison in study.levels),
     ]
     places = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
@@ -92,16 +92,16 @@ def fidelity_text(study: FidelityStudy) -> str:
         )
     if study.neglected_work:
         lines.append(
-            f"  in no rung        dry friction of {plan.neglected_friction}: "
+            f"  in no level       dry friction of {plan.neglected_friction}: "
             f"{_percent(study.neglected_work)} of the motors' work"
         )
-    lines += [f"  in no rung        {what}" for what in study.robot.description.left_out]
+    lines += [f"  in no level       {what}" for what in study.robot.description.left_out]
     if enough is not None:
         torque, platform = (_where(study, errors) for errors in (enough.torque_error, enough.platform_error))
         lines += [
             f"  enough            {enough.level.name}: torques off by {torque}, platform by {platform}",
             *_luck(study),
-            f"  foretold          {study.indicated.level.name}, by the indicators alone",
+            f"  predicted         {study.indicated.level.name}, by the indicators alone",
         ]
     return "\n".join(lines)
 
@@ -127,9 +127,9 @@ def _columns(*cells: str) -> str:
 
 
 def _row(study: FidelityStudy, comparison: Comparison) -> str:
-    """Return the line of the table for one rung, and remarks on it for below the table."""
+    """Return the line of the table for one level, and remarks on it for below the table."""
     name, law, spring = comparison.level.name, study.law_difference(comparison), comparison.deflection
-    foretold = _percent(study.indicators.error[name])
+    predicted = _percent(study.indicators.error[name])
     motion = ["-"] * 4
     if comparison.plan is not None:
         bent = "-" if spring is None else f"{spring[0]} {spring[1]:.2g}"
@@ -139,7 +139,7 @@ def _row(study: FidelityStudy, comparison: Comparison) -> str:
     words = study.indicators.words[name]
     notes = [f"the torques of {comparison.same_as}"] if comparison.same_as else []
     notes += [comparison.reason] if comparison.reason else []
-    row = _columns(name, plan, torque, _percent(comparison.platform), difference, bent, foretold, words)
+    row = _columns(name, plan, torque, _percent(comparison.platform), difference, bent, predicted, words)
     return "\n".join(f"  {line}" for line in (row, *(f"{'':18s}{note}" for note in notes)))
 
 

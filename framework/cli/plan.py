@@ -49,7 +49,7 @@ def add(commands: Any) -> None:
     parser = command(commands, "plan", run)
     add_robot(parser)
     add_path(parser)
-    add_flexibility(parser, auto="the least that is enough for 1 %%, kept by the scene or foretold")
+    add_flexibility(parser, auto="the least that is enough for 1 %%, kept by the scene or predicted")
     add_motion(parser)
     add_options(parser, "keep_limits")
     parser.add_argument(
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput("--out: needs the name of a folder, got an empty text")
     if level is not None and options.bend is not None:
         raise InvalidInput(
-            "--bend: the rung of --flexibility auto is for the path as it is; leave one of them out"
+            "--bend: the level of --flexibility auto is for the path as it is; leave one of them out"
         )
     if options.bend is not None and options.raw:
         raise InvalidInput("--bend: finds a plan with a proof; leave --raw out")
@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> Report:
 def _planned(
     robot: ParallelRobot, request: Request, level: ChosenLevel | None, bend: str | None
 ) -> tuple[CrossingPlan, dict[str, Any], str]:
-    """Plan; return also the rung of --flexibility auto, or how far --bend has bent the path."""
+    """Plan; return also the level of --flexibility auto, or how far --bend has bent the path."""
     if level is not None:
         line = f"\n  fidelity          {level.sentence}"
         return plan_request(robot, request), {"fidelity": level.to_dict()}, line

@@ -1,4 +1,4 @@
-"""The level of fidelity to plan a motion with: the one that its scene keeps, or the one that is foretold.
+"""The level of fidelity to plan a motion with: the one that its scene keeps, or the one that is predicted.
 
 A scene keeps what a study has found by simulation (`fidelity_study`). For any other motion the indicators
 choose (`fidelity_indicators`): from the plans of the two levels without springs, and nothing is simulated.
@@ -27,8 +27,8 @@ class ChosenLevel(NamedTuple):
 
     level: its name.
     tolerance: share of the path's length and of the peak torque that it may be off.
-    simulated: whether a study found it by simulation; else it is foretold.
-    error: how far it is foretold to be off, a share; None where it was simulated, and of the fullest model,
+    simulated: whether a study found it by simulation; else it is predicted.
+    error: how far it is predicted to be off, a share; None where it was simulated, and of the fullest model,
         with which all are compared.
     """
 
@@ -45,14 +45,14 @@ class ChosenLevel(NamedTuple):
             return f"{self.level} is enough for {percent}, as the scene keeps"
         if self.error is None:
             return (
-                f"{self.level}, the fullest: foretold, not simulated, others are off by more than {percent}"
+                f"{self.level}, the fullest: predicted, not simulated, others are off by more than {percent}"
             )
-        return f"{self.level} for {percent}, off by {100 * self.error:.2g} %: foretold, not simulated"
+        return f"{self.level} for {percent}, off by {100 * self.error:.2g} %: predicted, not simulated"
 
     def to_dict(self) -> dict[str, Any]:
         """Return it for JSON."""
         return {
-            "rung": self.level,
+            "level": self.level,
             "tolerance": self.tolerance,
             "simulated": self.simulated,
             "error": self.error,
@@ -67,10 +67,10 @@ def kept_level(description: RobotDescription, scene: str) -> ChosenLevel | None:
     return ChosenLevel(found.fidelity.level, found.fidelity.tolerance, True, None)
 
 
-def foretold_level(
+def predicted_level(
     description: RobotDescription, path: Path | str, *, tolerance: float = TOLERANCE, **options: Any
 ) -> ChosenLevel:
-    """Compute the least level that the indicators foretell to be enough for a motion.
+    """Compute the least level that the indicators predict to be enough for a motion.
 
     Args:
         path: to follow, or the name of a scene.
@@ -80,20 +80,20 @@ def foretold_level(
     Raises:
         InvalidInput: an option that cannot be right.
     """
-    indicators = foretold_errors(description, path, **options)
+    indicators = predicted_errors(description, path, **options)
     level = indicators.chosen(tolerance)
     error = None if level == LEVELS[-1].name else indicators.error[level]
     return ChosenLevel(level, tolerance, False, error)
 
 
-def foretold_errors(description: RobotDescription, path: Path | str, **options: Any) -> Indicators:
-    """Compute the indicators of a motion; options as for `foretold_level`.
+def predicted_errors(description: RobotDescription, path: Path | str, **options: Any) -> Indicators:
+    """Compute the indicators of a motion; options as for `predicted_level`.
 
     Raises:
         InvalidInput: an option that cannot be right.
     """
     if options.get("geometry") is not None:
-        raise InvalidInput("geometry: each rung of the ladder has its own; leave it out")
+        raise InvalidInput("geometry: each level of fidelity has its own; leave it out")
     highest, robot = (model_of(description, LEVELS_BY_NAME[name]) for name in (LEVELS[-1].name, "rigid"))
     smoothness = options.pop("smoothness", None) or SMOOTHNESS[highest.n_e > 0]
     if isinstance(path, str):

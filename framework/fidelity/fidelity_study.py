@@ -111,7 +111,7 @@ class FidelityStudy(ReadOnlyArrays):
     def kept(self) -> dict[str, Any] | None:
         """The entry `fidelity` of a scene in the robot file; None if no level is enough."""
         enough = self.enough
-        return None if enough is None else {"rung": enough.level.name, "tolerance": self.tolerance}
+        return None if enough is None else {"level": enough.level.name, "tolerance": self.tolerance}
 
     @property
     def refusal(self) -> NoAnswer | None:
@@ -143,14 +143,14 @@ class FidelityStudy(ReadOnlyArrays):
             "crossings": [{"s": crossing.s, "time": crossing.time} for crossing in self.highest.crossings],
             "enough": None if self.enough is None else self.enough.level.name,
             "by_luck": list(self.by_luck),
-            "foretold": self.indicated.level.name,
+            "predicted": self.indicated.level.name,
             "growth": _finite(self.indicators.growth),
             "neglected": {
                 "dry_friction": self.highest.neglected_friction,
                 "share_of_work": self.neglected_work,
                 "left_out": list(self.robot.description.left_out),
             },
-            "rungs": [self._entry(comparison) for comparison in self.levels],
+            "levels": [self._entry(comparison) for comparison in self.levels],
             "simulating": self.simulating,
             "seconds": self.seconds,
         }
@@ -158,7 +158,7 @@ class FidelityStudy(ReadOnlyArrays):
     def _entry(self, comparison: Comparison) -> dict[str, Any]:
         name, spring = comparison.level.name, comparison.deflection
         return {
-            "rung": name,
+            "level": name,
             "models": comparison.level.summary,
             "enough": self.is_enough(comparison),
             "same_as": comparison.same_as or None,
@@ -170,7 +170,7 @@ class FidelityStudy(ReadOnlyArrays):
             "platform_at": self.place(comparison.platform_error),
             "deflection": None if spring is None else {"spring": spring[0], "largest": spring[1]},
             "law": _finite(self.law_difference(comparison)),
-            "foretold": _finite(self.indicators.error[name]),
+            "predicted": _finite(self.indicators.error[name]),
             "indicator": self.indicators.words[name],
         }
 
@@ -202,7 +202,7 @@ def fidelity_study(
     if not (is_number(tolerance) and MIN_TOLERANCE <= tolerance < 1):
         raise InvalidInput(f"tolerance: needs a share in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
     if options.get("geometry") is not None:
-        raise InvalidInput("geometry: each rung of the ladder has its own; leave it out")
+        raise InvalidInput("geometry: each level of fidelity has its own; leave it out")
     began = time.perf_counter()
     top = model_of(robot.description, LEVELS[-1])
     if isinstance(path, str):

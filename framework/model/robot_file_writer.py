@@ -148,7 +148,7 @@ def _scene(scene: Scene) -> dict[str, Any]:
     if scene.wrenches is not None:
         entry["wrenches"] = dict(scene.wrenches)
     if scene.fidelity is not None:
-        entry["fidelity"] = {"rung": scene.fidelity.level, "tolerance": scene.fidelity.tolerance}
+        entry["fidelity"] = {"level": scene.fidelity.level, "tolerance": scene.fidelity.tolerance}
     return entry
 
 

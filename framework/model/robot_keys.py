@@ -282,8 +282,8 @@ _MOTION: Table = {
     "at": optional(list_of(number)),
     "fidelity": optional(
         record(
-            {"rung": required(one_of("rung", LEVELS_BY_NAME)), "tolerance": required(positive)},
-            lambda _, values: KeptLevel(values["rung"], values["tolerance"]),
+            {"level": required(one_of("level", LEVELS_BY_NAME)), "tolerance": required(positive)},
+            lambda _, values: KeptLevel(values["level"], values["tolerance"]),
         )
     ),
 }

@@ -79,7 +79,7 @@ reference:
 # From one side to the other [rad], duration [s]. At +-pi/2 all rods and bars lie on one line: every loop
 # loses a rank there and may fold, whatever the motor does. The scene stays away from it.
 scenes:
-  swing: {{line: [[0.9], [-0.9]], duration: 1.5, fidelity: {{rung: rigid, tolerance: 0.01}}}}
+  swing: {{line: [[0.9], [-0.9]], duration: 1.5, fidelity: {{level: rigid, tolerance: 0.01}}}}
 """
 
 

@@ -9,7 +9,7 @@ from tests.benchmarks.fidelity_audit import TOLERANCES, main
 pytestmark = pytest.mark.benchmark
 
 
-def test_how_often_the_indicators_alone_choose_the_rung(capsys):
+def test_how_often_the_indicators_alone_choose_the_level(capsys):
     with capsys.disabled():
         print()
         score = main([])

@@ -1,4 +1,4 @@
-"""What is foretold of each level without a simulation, against the simulations."""
+"""What is predicted of each level without a simulation, against the simulations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 import robots
 from framework import InvalidInput, fidelity_study, plan_scene
 from framework.dynamics.open_loop import ErrorDynamics, error_dynamics, open_loop_error
-from framework.fidelity.chosen_level import foretold_errors, foretold_level, kept_level
+from framework.fidelity.chosen_level import kept_level, predicted_errors, predicted_level
 from framework.fidelity.fidelity_indicators import LevelError, _accumulated
 from framework.model.fidelity_levels import LEVELS
 from tests.fidelity.test_kept_levels import PLANNED
@@ -22,12 +22,12 @@ def quick(case) -> bool:
 
 
 @pytest.mark.parametrize("case", in_stages(PLANNED, at_once=quick))
-def test_the_level_that_simulation_found_is_foretold(case):
+def test_the_level_that_simulation_found_is_predicted(case):
     name, scene = case
     description = robots.load(name).description
     kept = kept_level(description, scene)
-    foretold = foretold_level(description, scene, tolerance=kept.tolerance)
-    assert (foretold.level, foretold.simulated) == (kept.level, False)
+    predicted = predicted_level(description, scene, tolerance=kept.tolerance)
+    assert (predicted.level, predicted.simulated) == (kept.level, False)
 
 
 @pytest.mark.parametrize(
@@ -37,30 +37,30 @@ def test_the_level_that_simulation_found_is_foretold(case):
         at_once=lambda case: case[0] == "humanoid_ankle",
     ),
 )
-def test_errors_are_foretold_to_a_tenth(case):
-    """Of all levels that are within 10 %; what is foretold of one is at least what those above leave out."""
+def test_errors_are_predicted_to_a_tenth(case):
+    """Of all levels that are within 10 %; what is predicted of one is at least what those above leave out."""
     name, scene = case
     study = fidelity_study(robots.load(name), scene, tolerance=1e-3)
-    foretold = foretold_errors(study.robot.description, scene).error
+    predicted = predicted_errors(study.robot.description, scene).error
     simulated = [max(one.torque, one.platform) for one in study.levels]
     compared = [k for k in range(len(simulated) - 1) if simulated[k] < 0.1]
     for k in compared:
         expected = max(simulated[k:-1])
-        assert foretold[study.levels[k].level.name] == pytest.approx(expected, rel=0.1, abs=1e-5)
+        assert predicted[study.levels[k].level.name] == pytest.approx(expected, rel=0.1, abs=1e-5)
     assert len(compared) >= 4
 
 
-def test_a_scene_of_another_duration_is_foretold_and_keeps_nothing():
+def test_a_scene_of_another_duration_is_predicted_and_keeps_nothing():
     description = robots.load("five_bar").description
     unlike = replace(description, scenes={"C": replace(description.scenes["C"], fidelity=None)})
     assert kept_level(unlike, "C") is None
-    assert foretold_level(unlike, "C", duration=3.0, times=None, speeds=None).level == "payload"
-    with pytest.raises(InvalidInput, match="geometry: each rung"):
-        foretold_level(description, "C", geometry="deformed")
+    assert predicted_level(unlike, "C", duration=3.0, times=None, speeds=None).level == "payload"
+    with pytest.raises(InvalidInput, match="geometry: each level"):
+        predicted_level(description, "C", geometry="deformed")
 
 
 def test_a_motion_without_a_rigid_plan_may_need_everything():
-    assert foretold_level(robots.load("five_bar").description, "B") == ("elastic_inertia", 0.01, False, None)
+    assert predicted_level(robots.load("five_bar").description, "B") == ("elastic_inertia", 0.01, False, None)
 
 
 def test_a_standing_rod_that_lacks_a_constant_torque_falls_as_a_hyperbolic_cosine():

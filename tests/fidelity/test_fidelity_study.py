@@ -1,4 +1,4 @@
-"""The ladder of models: each rung is what it says, and judged by what its torques do in the highest model."""
+"""Levels of fidelity: each is what it says, and judged by what its torques do in the highest model."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def mass(robot: ParallelRobot) -> float:
     return sum(inertia.mass for inertia in robot.model.inertias)
 
 
-# ------------------------------------------------------------------ what the rungs are
+# ------------------------------------------------------------------ what the levels are
 
 
 @pytest.mark.parametrize("case", in_stages(((name,) for name in robots.CATALOGUE), at_once=few))
@@ -74,7 +74,7 @@ def test_without_bodies_the_motors_turn_their_rotors():
     )
 
 
-def test_rungs_plan_for_the_times_and_speeds_of_the_highest():
+def test_levels_plan_for_the_times_and_speeds_of_the_highest():
     study = fidelity_study(robots.load("biglide"), "bow", tolerance=0.01)
     told = [(at.time, at.speed) for at in study.highest.crossings]
     for comparison in study.levels[1:]:
@@ -102,7 +102,7 @@ def test_torques_differ_by_what_the_closed_forms_say(name, flexibility):
     assert expected.max() > 1e-3
 
 
-def test_where_legs_have_no_mass_rungs_agree_and_the_ladder_goes_on():
+def test_where_legs_have_no_mass_levels_agree_and_the_levels_go_on():
     study = crossing_study()
     assert level(study, "rigid").same_as == "payload"
     assert level(study, "elastic_inertia").same_as == "deformed"
@@ -110,7 +110,7 @@ def test_where_legs_have_no_mass_rungs_agree_and_the_ladder_goes_on():
     assert replace(study, tolerance=0.01).enough.level.name == "payload"
 
 
-def test_legs_with_mass_tell_the_same_rungs_apart():
+def test_legs_with_mass_tell_the_same_levels_apart():
     study = fidelity_study(robots.load("five_bar_heavy"), "A", tolerance=0.01)
     assert not any(comparison.same_as for comparison in study.levels)
     assert study.enough.level.name == "rigid"
@@ -172,7 +172,7 @@ def test_a_motion_without_a_highest_plan_has_nothing_to_be_judged_by():
         ({"tolerance": 0.0}, "tolerance"),
         ({"tolerance": 1.0}, "tolerance"),
         ({"tolerance": float("nan")}, "tolerance"),
-        ({"geometry": "rigid"}, "geometry: each rung"),
+        ({"geometry": "rigid"}, "geometry: each level"),
     ],
 )
 def test_misuse_is_told(options, words):
@@ -196,7 +196,7 @@ def test_a_level_that_is_enough_while_one_above_it_is_not_is_called_so():
     assert replace(study, tolerance=above_both).by_luck == ()
 
 
-# ------------------------------------------------------------------ what is foretold, and kept
+# ------------------------------------------------------------------ what is predicted, and kept
 
 
 def test_indicators_do_not_grow_upwards():
@@ -208,7 +208,7 @@ def test_indicators_do_not_grow_upwards():
 def test_the_scene_keeps_what_the_study_finds():
     kept = robots.load("five_bar").description.scenes["C"].fidelity
     study = replace(crossing_study(), tolerance=kept.tolerance)
-    assert study.kept == {"rung": kept.level, "tolerance": kept.tolerance}
+    assert study.kept == {"level": kept.level, "tolerance": kept.tolerance}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -217,7 +217,7 @@ def test_a_kept_rung_plans_what_was_judged(name):
     options = options_of_level(description, name)
     robot = ParallelRobot.from_description(description, flexibility=options.pop("flexibility"))
     plan, t = plan_scene(robot, "C", **options), np.linspace(0.0, 1.5, 31)
-    # rungs below rigid are planned with all bodies; those of the 5R's legs have no mass
+    # levels below rigid are planned with all bodies; those of the 5R's legs have no mass
     comparison = level(crossing_study(), "rigid" if name == "kinematics" else name)
     np.testing.assert_allclose(plan.torque(t), comparison.plan.torque(t), rtol=0, atol=1e-10)
 
@@ -254,8 +254,8 @@ def test_dry_friction_that_no_level_has_is_counted_by_its_work(capsys, tmp_path)
     assert study.enough is not None
     assert main(["fidelity", str(write_robot_file(study.robot.description, tmp_path)), "--scene", "A"]) == 0
     shown = capsys.readouterr().out
-    assert "in no rung        dry friction of left_elbow 0.001 N m" in shown
-    assert "in no rung        a tendon: 3 N" in shown
+    assert "in no level       dry friction of left_elbow 0.001 N m" in shown
+    assert "in no level       a tendon: 3 N" in shown
 
 
 def test_where_friction_that_no_level_has_is_beyond_the_tolerance_none_is_enough():
