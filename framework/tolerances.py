@@ -237,6 +237,13 @@ It is reported, and torques are looked at there. At 0.1 paths with a tenth of th
 1e-3 only those with a thousandth.
 """
 
+NEAR_MISS_WIDTHS = 3.0
+"""Distance of a plan's largest torque from a near miss, in widths of that, at which it is the peak there.
+
+What a motor needs beside a near miss is largest within one width, and has fallen to 0.6 of that at three. At
+30 most plans of such a path are made by the optimal law too; at 0.3 peaks beside a near miss stay.
+"""
+
 # ------------------------------------------------------------------ condition (8) and laws
 
 NO_HOLD = 1e-9
@@ -286,6 +293,13 @@ STOP_AT_CROSSING = 1e-7
 """Speed at a crossing over the largest of the law: below, the motion stops on the locus, which is refused.
 
 A stop at a place known to 1e-13 leaves the square root of that. At 1e-6 and 1e-8 refusals have another name.
+"""
+
+MIN_POLYNOMIAL_ADVANCE = 0.1
+"""Least speed of a polynomial law over its mean, ends divided out: below, the optimal law is planned with.
+
+Polynomials of the catalogue's scenes have 0.16 to 0.52. At 1 every crossing is planned with the optimal law;
+at 0.01 laws that nearly stop are kept, with the peaks that starting again costs.
 """
 
 LIMIT_MARGIN = 1e-3
@@ -395,7 +409,14 @@ Exponents are 1 or 1/2 as a rule. At 1 paths with 1/2 are called finite and octa
 at 0.01 nothing changes.
 """
 
-# ------------------------------------------------------------------ deflections found with their law
+# ------------------------------------------------------------------ deflections
+
+MAX_DEFLECTION = 1.0
+"""A deflection [rad, robot lengths] beyond which a linear spring means nothing: the robot is too soft.
+
+Scenes of the catalogue deflect springs by 0.004 at most. At 10 equilibria pass in which a joint has turned
+over; at 0.1 robots on soft springs, such as legs, are refused.
+"""
 
 WEAK_COLUMN = 1e-6
 """A combination of unknown coefficients that changes the balance by less of their size, and is left alone.
@@ -460,4 +481,19 @@ MAX_PRIOR_DEVIATIONS = 5.0
 
 Chance gives 5 once in two million. At 50 a wrong unit or a mirrored leg passes; at 0.5 every second file that
 is off as stated is refused.
+"""
+
+MIN_NOISE_RATIO = 0.05
+"""Least noise of a combination of torques, over the noisiest one of the instant, that it is weighed with.
+
+Beside Type 2 one combination feels no motor's noise, but that of the pose. Measured on scene C of the 5R with
+heavy legs, platform off by 0.1 mm: parameters off by 7 of their deviations, by 11 at 0.005; at 0.5 no instant
+is left whose torques can be predicted.
+"""
+
+SIGNIFICANT_DEVIATIONS = 4.0
+"""Standard deviations that an identified parameter is off the file's value by, to be called changed.
+
+Chance gives 4 once in 16000. At 40 masses off by a tenth go unnamed in short recordings; at 0.4 two of three
+parameters that are as in the file are named.
 """

@@ -14,8 +14,8 @@ import numpy as np
 from framework.arrays import Array
 from framework.crossing.result import PEAK_SAMPLES, CrossingPlan
 from framework.singularity.rank_deficiency import NearMiss
+from framework.tolerances import NEAR_MISS_WIDTHS
 
-MAX_PEAK_DISTANCE = 3.0  # widths of a near miss, where d x / |g| has fallen to 0.6 of its largest
 SAMPLES_BESIDE = 65
 
 
@@ -35,11 +35,11 @@ def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMis
         limits if all(limit is not None for limit in limits) else np.ones(len(limits)), dtype=float
     )
     peak = float(plan.law(times[int(np.argmax((np.abs(plan.torque(times)) / size).max(axis=1)))]))
-    return next((miss for miss in near_misses if abs(peak - miss.s) <= MAX_PEAK_DISTANCE * miss.width), None)
+    return next((miss for miss in near_misses if abs(peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width), None)
 
 
 def _beside(miss: NearMiss) -> Array:
-    return miss.s + MAX_PEAK_DISTANCE * miss.width * np.linspace(-1.0, 1.0, SAMPLES_BESIDE)
+    return miss.s + NEAR_MISS_WIDTHS * miss.width * np.linspace(-1.0, 1.0, SAMPLES_BESIDE)
 
 
 def max_torque_ratio(plan: CrossingPlan, reference: Array) -> float:

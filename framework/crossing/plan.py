@@ -29,9 +29,8 @@ from framework.motion.law import Law
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, check_of, search_path
 from framework.singularity.rank_deficiency import NearMiss
+from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
-# least speed over its mean (the ends divided out) below which a polynomial is given up
-MIN_POLYNOMIAL_ADVANCE = 0.1
 ADVANCES = "the polynomial advances"  # the reason to plan with one
 
 

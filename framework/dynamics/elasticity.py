@@ -42,6 +42,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.krylov import gmres
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw
+from framework.tolerances import MAX_DEFLECTION
 
 SETTLED = 0.1  # of the tolerance, that the remaining change of the deflections may be
 GAIN = 0.3  # share of the change that a good pass leaves at most; else Newton's method takes over
@@ -55,7 +56,6 @@ NEAR, STALLED = 1e-6, 0.5  # a change below the first that a step leaves more of
 MOST_PASSES, FEW_PASSES = 200, 12  # on one grid: of few nodes, of very many
 MOST_WORK = 200 * 128  # passes times nodes on one grid: what costs more is nearly hopeless
 FEWEST, MORE = 1.2, 1.5  # times the coefficients, when some are to be added
-LARGEST = 1.0  # [rad, robot lengths] deflection beyond which a linear spring means nothing
 # The law to use when the robot deflects like this, after this law; None before the first pass.
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
 
@@ -143,7 +143,7 @@ def _small_displacements(branch: Branch, grid: TimeGrid, here: Pass) -> Deflecti
 
 def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, here: Pass) -> None:
     size = np.abs(here.caused / spring_scale(robot))
-    if np.all(size <= LARGEST):
+    if np.all(size <= MAX_DEFLECTION):
         return
     instant, k = np.unravel_index(int(np.argmax(np.nan_to_num(size, nan=np.inf))), size.shape)
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
@@ -284,7 +284,7 @@ class _Iteration:
         """
         self.passes += 1
         largest = float(np.abs(self.grid.values(function)[0] / spring_scale(self.branch.robot)).max())
-        if not largest <= LARGEST:
+        if not largest <= MAX_DEFLECTION:
             raise NotConverged(f"deflections of {largest:.3g} rad or robot lengths", residual=largest)
         return one_pass(self.branch, self.grid, self.choose_law(function, here.law), function, here)
 

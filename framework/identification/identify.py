@@ -29,11 +29,9 @@ from framework.identification.recording import Recording, check_recording, read_
 from framework.identification.torque_parameters import ParameterRegressor, parameter_regressor
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file
-from framework.tolerances import RANK_ROUNDING
+from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
 HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # the recording in blocks of time, of which every fourth is held out
-NOISE_FLOOR = 0.05  # of the largest noise of a row at an instant: the least that a row is taken to have
-SIGNIFICANT = 4.0  # standard deviations: one in 16000 by chance
 DEFAULT_PRIOR = 1.0  # standard deviation of the file's values, as a share of each body's own size
 
 
@@ -82,8 +80,8 @@ class Identification(ReadOnlyArrays):
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Base parameters that are off the file's values by more than `SIGNIFICANT` standard deviations."""
-        off = np.abs(self.values - self.base.values) > SIGNIFICANT * self.deviations
+        """Base parameters that are off the file's values by more than chance explains."""
+        off = np.abs(self.values - self.base.values) > SIGNIFICANT_DEVIATIONS * self.deviations
         return tuple(name for name, is_off in zip(self.base.names, off, strict=True) if is_off)
 
     def identified_robot(self) -> ParallelRobot:
@@ -210,7 +208,7 @@ def _whitened(robot: ParallelRobot, regressor: ParameterRegressor, measured: Mea
     noise = np.maximum(measured.torque_noise, RANK_ROUNDING * np.abs(measured.torque).max(axis=0))
     spread = regressor.motors * noise / arm[:, None]  # (T, n, n_a), forces and couples by the robot's length
     variance, axes = np.linalg.eigh(spread @ spread.swapaxes(1, 2))
-    floor = NOISE_FLOOR**2 * variance[:, -1:]
+    floor = MIN_NOISE_RATIO**2 * variance[:, -1:]
     turned = axes.swapaxes(1, 2) / np.sqrt(np.maximum(variance, floor))[..., None] / arm
     wrench = np.einsum("tna,ta->tn", regressor.motors, measured.torque) - regressor.known
     return Rows(turned @ regressor.matrix, np.einsum("tmn,tn->tm", turned, wrench))
@@ -250,7 +248,7 @@ def torque_error(
     """
     speeds = regressor.motors / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
     values = np.linalg.svd(speeds / robot.gear_ratio, compute_uv=False)
-    which = np.flatnonzero(instants & (values[:, -1] > NOISE_FLOOR * values[:, 0]))
+    which = np.flatnonzero(instants & (values[:, -1] > MIN_NOISE_RATIO * values[:, 0]))
     if not len(which):
         return np.full(robot.n_a, np.nan)
     wrench = regressor.matrix[which] @ parameters + regressor.known[which]

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
-from framework.dynamics.elasticity import LARGEST
 from framework.dynamics.tangent_stiffness import (
     Balance,
     Load,
@@ -45,7 +44,7 @@ from framework.statics.stiffness import (
     compliant_motions,
     require_springs,
 )
-from framework.tolerances import EIGENVALUE_ROUNDING, NEWTON_STEP
+from framework.tolerances import EIGENVALUE_ROUNDING, MAX_DEFLECTION, NEWTON_STEP
 
 MAX_CORRECTION_RATIO = 0.25  # of a step, as along other branches: more may be another equilibrium
 MAX_SHARE_GAP = 0.1  # of what the steeper tangent gains: two folds of a cubic between two points leave 1 / 6
@@ -59,7 +58,7 @@ class LoadReason(IntEnum):
 
     CARRIED = 0
     GIVES_WAY = 1  # the stiffness is lost before the whole load is on: it snaps through, or buckles
-    TOO_SOFT = 2  # deflections beyond `elasticity.LARGEST`
+    TOO_SOFT = 2  # deflections beyond `MAX_DEFLECTION`
     OTHER_MODE = 3  # carried, but by way of Type 2 into another assembly mode
     NOT_CONVERGED = 4
 
@@ -245,4 +244,4 @@ def _moved(robot: ParallelRobot, q: Array, move: Array) -> Array:
 def _is_small(robot: ParallelRobot, q: Array) -> BoolArray:
     """Whether deflections (T,) are within the range of linear springs."""
     turned = difference(robot, robot.neutral, q) / robot.column_scale
-    return np.asarray(np.abs(turned[:, robot.elastic]).max(axis=1, initial=0.0) <= LARGEST)
+    return np.asarray(np.abs(turned[:, robot.elastic]).max(axis=1, initial=0.0) <= MAX_DEFLECTION)

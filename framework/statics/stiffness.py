@@ -28,7 +28,6 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
-from framework.dynamics.elasticity import LARGEST
 from framework.dynamics.tangent_stiffness import (
     Load,
     balance,
@@ -44,7 +43,13 @@ from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import matmul
-from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP, NEWTON_STEP, RANK_ROUNDING
+from framework.tolerances import (
+    EIGENVALUE_ROUNDING,
+    LOOP_GAP,
+    MAX_DEFLECTION,
+    NEWTON_STEP,
+    RANK_ROUNDING,
+)
 
 MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium; quadratic once it is near
 MAX_STEP = 0.1  # [rad, robot lengths] of that method: deflections of springs that mean something are smaller
@@ -258,7 +263,7 @@ def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tu
 def _is_small(robot: ParallelRobot, q: Array) -> bool:
     """Whether deflections are within the range of linear springs."""
     turned = difference(robot, robot.neutral, q[None])[0] / robot.column_scale
-    return bool(np.abs(turned[robot.elastic]).max(initial=0.0) <= LARGEST)
+    return bool(np.abs(turned[robot.elastic]).max(initial=0.0) <= MAX_DEFLECTION)
 
 
 # ------------------------------------------------------------------ matrices
