@@ -21,11 +21,8 @@ DEMO := crossing_C
 # what meets every package that the framework calls, in at most one minute
 SOME_TESTS := tests/linalg tests/motion tests/locus/test_traced_locus.py tests/robots/test_every_robot.py \
   tests/show/test_plots.py tests/crossing/optimal/test_best_law.py tests/test_cli_pose.py tests/test_cli_simulate.py
-# the modules of the API reference: the public face, and the submodules that a user calls by name
-API := framework.public framework.errors framework.motion.law framework.motion.path framework.model.beams \
-  framework.simulation framework.control framework.identification framework.atlas.workspace_map framework.atlas.nearest \
-  framework.statics.stiffness framework.statics.loading framework.dynamics.forward_dynamics framework.dynamics.forward_derivatives framework.kinematics.kinematic_derivatives framework.kinematics.continuation.pose_stack framework.show.plots \
-  framework.show.locus_figures robots
+# the API reference: the package and the modules that its docstring names
+API := framework $(shell grep -oE '`framework(\.[a-z_]+)+`' framework/__init__.py | tr -d '`' | sort -u)
 
 .PHONY: help demo test lowest pythons slow witness test-browser bench chart lint format docs notebooks clean
 .NOTPARALLEL:

@@ -1,24 +1,58 @@
-"""Parallel robots through their Type 2 singularities, from a URDF to torques that prove themselves.
+"""Motions of parallel robots through their Type 2 singularities, with torques that are proved finite.
 
-Bring a robot (`load_robot`, by a name of the catalogue or the path of a robot file) and a path (`Line`,
-`Arc`, `Spline`), and ask:
+Read first `load_robot`, then `plan_crossing` and its example, then `CrossingPlan`, which is what comes back.
 
-* `check_robot`: what a file describes, a `Mechanism` whose loops do not close, too;
-* `assemble`, `forward_kinematics`, `track_path`: where its joints are;
-* `velocity_matrices`: A, B and C of A v = B dq_a + C dq_e; `locate_singularities`: singular points of a path;
-* `plan_crossing`, `plan_scene`: a motion law that passes, its torques and their proof, a `CrossingPlan`;
-* `fidelity_study`: the least model of a robot that is enough for a motion, a `FidelityStudy`;
-* `inverse_dynamics`: the torques of a law of one's own; `simulate`: where torques bring the robot;
-* `dynamics_at`, `forward_dynamics`: from motion to torques and back at one instant or a stack of them, with
-  what loops and joints carry, an `Instant`;
-* `dynamics_derivatives`: exact derivatives of torques along the motion and the bodies' parameters;
-* `ControlCycle`: pose and torques once a millisecond; `largest_load`: the largest push that still crosses.
+A robot, a path, and where the joints are:
+
+* `load_robot`: a `ParallelRobot`, by its name in the catalogue or by its file; `check_robot`: what a file
+  describes, also a `Mechanism` whose loops do not close;
+* `Line`, `Arc`, `Spline`: paths of the platform;
+* `assemble`, `forward_kinematics`, `track_path`: the joints of a pose, and along a path;
+* `velocity_matrices`: A, B and C of A v = B dq_a + C dq_e.
+
+Singularities:
+
+* `locate_singularities`: those on a path, each a `SingularPoint`; `classify`: every kind at one pose;
+* `trace_locus`: the curves that they form; `pave_singularities`: all of a robot, proved, a `SingularPaving`.
+
+Plans:
+
+* `plan_crossing`, `plan_scene`: a motion law that passes, its torques and their proof; `load_plan`: a saved
+  plan;
+* `simulate`: where torques bring the robot, a `Simulation`;
+* `fidelity_study`: the least model that is enough for a motion, a `FidelityStudy`;
+* `largest_load`: the largest push that still crosses.
+
+Dynamics without a plan:
+
+* `inverse_dynamics`: torques of a law of one's own, such as a `Law` through `Condition`s, an
+  `InverseDynamics`;
+* `dynamics_at`, `forward_dynamics`: from motion to torques and back, with what loops and joints carry;
+* `dynamics_derivatives`: how torques change with the motion and with the bodies' parameters;
+* `platform_limits`: forces and speeds that the motors can give; `ControlCycle`: pose and torques once a
+  millisecond.
 
 Errors have one base, `FrameworkError`: `InvalidInput` when what was given cannot be right, `NoAnswer` when
-the answer is no. Controllers and studies are in `framework.control`, identification in
-`framework.identification`, figures in `framework.show.plots`, beams as springs in `framework.model.beams`,
-derivatives of accelerations in `framework.dynamics.forward_derivatives`, `Stepper` and `Event` in
-`framework.simulation`, torques without a proof in `framework.dynamics.finite_differences`.
+the answer is no. `framework.errors` has one for each reason.
+
+Beyond these names:
+
+* `framework.control`: controllers on robots that differ from their model, and studies of many;
+  `framework.simulation`: events and single steps;
+* `framework.identification`: calibration of the geometry, identification of masses and friction;
+  `framework.kinematics.kinematic_derivatives`: how the pose depends on them;
+* `framework.motion.law`, `framework.motion.path`: what laws and paths of one's own have to be;
+* `framework.model.beams`: springs from a beam's section; `framework.statics.stiffness`,
+  `framework.statics.loading`, `framework.statics.vibrations`: what they do;
+* `framework.atlas.workspace_map`, `framework.atlas.nearest`, `framework.atlas.design_study`: maps, margins,
+  dimensions; `framework.locus.nonsingular_mode_change`: a way from one assembly mode to another;
+  `framework.proofs.assembly_modes`: all modes of given motors, proved;
+* `framework.kinematics.continuation.pose_stack`: poses of many motor angles at once;
+  `framework.dynamics.forward_derivatives`: derivatives of accelerations;
+  `framework.dynamics.finite_differences`: torques without a proof;
+* `framework.show.plots`, `framework.show.locus_figures`, `framework.show.drawing`: figures;
+  `framework.show.jupyter`: robots and plans in notebooks;
+* `framework.catalogue`: robots by name; `framework.export.trajectory_file`: trajectories read back.
 """
 
 from __future__ import annotations
@@ -36,9 +70,11 @@ else:
         The command line begins here, and has to hear Ctrl-C before half a second of imports has passed.
         """
         public = import_module("framework.public")
+        names = {"__all__": public.__all__, **{each: getattr(public, each) for each in public.__all__}}
+        globals().update(names)
         try:
-            return getattr(public, name)
-        except AttributeError:
+            return names[name]
+        except KeyError:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}") from None
 
     def __dir__() -> list[str]:

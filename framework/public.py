@@ -1,6 +1,6 @@
-"""The public names, all in one place: `import framework` has them, and says what each is for.
+"""The names that `import framework` has; `help(framework)` says what each is for, and what to read first.
 
-They stand here and not there, so that the command line can hear Ctrl-C before they are imported.
+They stand in a file of their own so that `import framework` takes no time until one of them is used.
 """
 
 from framework.catalogue import load_robot

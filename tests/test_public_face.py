@@ -5,8 +5,11 @@ from __future__ import annotations
 import ast
 import copy
 import dataclasses
+import doctest
+import importlib
 import json
 import pickle
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -54,6 +57,22 @@ def test_two_dozen_names_or_so_and_every_error() -> None:
     assert all(issubclass(getattr(framework, name), framework.FrameworkError) for name in ERRORS)
     assert 15 <= len(set(framework.__all__) - ERRORS) <= 35
     assert all(getattr(framework, name).__doc__ for name in framework.__all__)
+
+
+def test_the_first_page_of_the_reference_names_all_that_is_public() -> None:
+    """`make docs` takes its modules from there."""
+    named = set(re.findall(r"`([\w.]+)`", framework.__doc__ or ""))
+    modules = {name for name in named if name.startswith("framework.")}
+    assert named - modules == set(framework.__all__) - ERRORS | {"InvalidInput", "NoAnswer"} | {
+        "FrameworkError"
+    }
+    assert len(modules) > 20
+    assert all(importlib.import_module(name).__doc__ for name in modules)
+
+
+def test_the_example_of_load_robot_is_true() -> None:
+    found = doctest.testmod(importlib.import_module("framework.catalogue"))
+    assert (found.failed, found.attempted) == (0, 2)
 
 
 def reached(value: Any, place: str, seen: set[int]) -> Iterator[tuple[str, np.ndarray]]:
