@@ -92,8 +92,8 @@ def told_apart(one: float, other: float, digits: int = 4) -> tuple[str, str]:
 def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     """Return the sentence for a name that is not in a list: the given, the nearest and the valid names."""
     names = sorted(valid)
-    near = _nearest(str(given), names)
-    hint = f"; did you mean {near!r}?" if near else ""
+    near = " or ".join(map(repr, nearest(str(given), names)))
+    hint = f"; did you mean {near}?" if near else ""
     listed = ", ".join(names[:_LISTED]) if names else "none"
     more = f", and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
     return f"unknown {what} {_CUT.repr(given)}{hint} (valid: {listed}{more})"
@@ -101,15 +101,25 @@ def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
 
 _CUT = reprlib.Repr()  # cuts what nobody reads to its end
 _CUT.maxstring = _CUT.maxother = 200
+_SUGGESTED = 3  # names
 _LISTED = 40  # valid names that a sentence lists
 _COMPARED = 1_000_000  # letters of the given name times those of the valid ones: 0.1 s
 
 
-def _nearest(given: str, names: Sequence[str]) -> str | None:
-    """Return the name most like the given one, if one is like it and there are not too many to compare."""
-    if len(given) * sum(map(len, names)) > _COMPARED:
-        return None
-    return next(iter(get_close_matches(given, names, n=1)), None)
+def nearest(given: str, names: Iterable[str]) -> list[str]:
+    """Return the names that the given one may stand for, none where there are too many to compare.
+
+    Those that differ by capitals alone, or else begin with it, or else the one most like it, or else those
+    that contain it.
+    """
+    names, word = list(names), given.lower()
+    if not word or len(word) * sum(map(len, names)) > _COMPARED:
+        return []
+    alike = {name.lower(): name for name in names}
+    begun = [name for lower, name in alike.items() if len(word) > 1 and lower.startswith(word)]
+    close = [alike[lower] for lower in get_close_matches(word, alike, n=1)]
+    within = [name for lower, name in alike.items() if len(word) > 2 and word in lower]
+    return [alike[word]] if word in alike else (begun or close or within)[:_SUGGESTED]
 
 
 def expect(what: str, given: object, kind: type, such_as: str) -> None:

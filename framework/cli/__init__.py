@@ -7,7 +7,8 @@ What commands share
     running             one command run, and what is said where it fails
     parser              the options of several commands
     arguments           from options to the robot, the path and the request
-    console             reports on stdout, errors in one line on stderr
+    console, layout     reports on stdout, errors in one line on stderr; how they fit a terminal
+    progress            a word of life while a command works
 
 Commands
     robots, check, convert   the catalogue; what a file describes; files of other dialects

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_robot, command, progress_bar
+from framework.cli.parser import Report, add_out, add_robot, command
 from framework.errors import InvalidInput
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 
@@ -28,10 +28,11 @@ def add(commands: Any) -> None:
         metavar="DATA",
         help="CSV with motor_angle_JOINT and some of platform_AXIS, joint_NAME; a row a pose",
     )
-    parser.add_argument(
+    group = parser.topic("data and file")
+    group.add_argument(
         "--joints", nargs="+", metavar="JOINT", help="whose origins are calibrated (default: all that matter)"
     )
-    parser.add_argument(
+    group.add_argument(
         "--noise",
         nargs="+",
         default=[],
@@ -40,30 +41,24 @@ def add(commands: Any) -> None:
         + ", ".join(f"{name}={value:g}" for name, value in NOISE.items())
         + ")",
     )
-    parser.add_argument(
-        "--length-error", type=float, default=LENGTH_ERROR, metavar="M", help="of the file (default: 0.001)"
-    )
-    parser.add_argument(
-        "--angle-error", type=float, default=ANGLE_ERROR, metavar="RAD", help="of the file (default: 0.0175)"
-    )
-    parser.add_argument("--out", metavar="DIR", help="write the robot file and its URDF there")
+    for flag, default, unit in (("--length-error", LENGTH_ERROR, "m"), ("--angle-error", ANGLE_ERROR, "rad")):
+        text = f"standard deviation of the file's own [{unit}] (default: {default:.3g})"
+        group.add_argument(flag, type=float, default=default, metavar="E", help=text)
+    add_out(parser, "write the robot file and its URDF there")
 
 
 def run(options: argparse.Namespace) -> Report:
     """Calibrate, and say how well poses that were held out are predicted."""
-    if options.out == "":
-        raise InvalidInput("--out: needs the name of a folder, got an empty text")
     robot = arguments.load(options)
-    with progress_bar(float("inf"), "step", silent=options.json) as progress:
-        found = calibrate(
-            robot,
-            options.data,
-            joints=options.joints,
-            noise=_noise(options.noise),
-            length_error=options.length_error,
-            angle_error=options.angle_error,
-            progress=progress,
-        )
+    found = calibrate(
+        robot,
+        options.data,
+        joints=options.joints,
+        noise=_noise(options.noise),
+        length_error=options.length_error,
+        angle_error=options.angle_error,
+        progress=options.progress.start("calibrating", unit="steps"),
+    )
     document, text = found.to_dict(), calibration_text(found)
     if options.out is not None:
         document["robot_file"] = str(found.write(options.out))
@@ -95,23 +90,21 @@ def _noise_text(found: Calibration) -> str:
 def calibration_text(found: Calibration) -> str:
     """Return the report on a calibration, in words."""
     geometry, rank = found.geometry, found.combinations.rank
-    width = max(map(len, [*geometry.names, *found.measured.names]))
     lines = [
         f"{found.robot.name}: {rank} combinations of {len(geometry.names)} parameters are determined "
         f"(gap of singular values {found.combinations.gap:.1e}), {found.instants} poses, {found.steps} steps",
         f"  residual          {_noise_text(found)}"
         + (f"; outliers: rows {', '.join(map(str, found.outliers))}" if found.outliers else ""),
-        f"  {'held out, by motor angles':{width}}  {'before':>10}  {'after':>10}",
+        "  held out, by motor angles\tbefore\tafter",
     ]
     driven = found.measured.driven
     errors = zip(found.measured.names, found.error_before, found.error_after, strict=True)
-    lines += [
-        f"  {name:{width}}  {before:10.2e}  {after:10.2e}" for name, before, after in list(errors)[driven:]
-    ]
-    lines.append(f"  {'parameter [m, rad]':{width}}  {'off by':>10}  {'deviation':>10}")
+    lines += [f"  {name}\t{before:.2e}\t{after:.2e}" for name, before, after in list(errors)[driven:]]
+    lines.append("  parameters [m, rad]")
+    lines.append("  name\toff by\tdeviation")
     rows = zip(geometry.names, found.values, found.deviations, strict=True)
     changed = [row for row in rows if abs(row[1]) > NO_CHANGE * row[2]]
-    lines += [f"  {name:{width}}  {value:10.2e}  {off:10.1e}" for name, value, off in changed]
+    lines += [f"  {name}\t{value:.2e}\t{off:.1e}" for name, value, off in changed]
     if found.unseen:
         lines.append(f"  not seen by these data: {len(found.unseen)} directions, which stay as in the file")
         lines += [f"    {sentence}" for sentence in found.unseen[:LISTED_UNSEEN]]

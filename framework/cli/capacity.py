@@ -15,7 +15,6 @@ from framework.cli.parser import (
     add_path,
     add_robot,
     command,
-    progress_bar,
 )
 from framework.crossing.capacity import Capacity, capacity_request, largest_load_of
 from framework.crossing.scenes import scene
@@ -41,8 +40,8 @@ def run(options: argparse.Namespace) -> Report:
     typed |= arguments.wrenches(options, robot)
     if options.scene is not None and "wrenches" not in typed:
         typed["wrenches"] = scene(robot, options.scene).wrenches
-    with progress_bar(float("inf"), "plans", silent=options.json) as progress:
-        capacity = largest_load_of(robot, capacity_request(robot, path, **typed), progress=progress)
+    progress = options.progress.start("planning with multiples of the wrench", unit="plans")
+    capacity = largest_load_of(robot, capacity_request(robot, path, **typed), progress=progress)
     if capacity.multiple == 0.0:
         options.refusal = capacity.refusal or capacity.failure
     return _document(capacity), capacity_text(capacity)

@@ -4,94 +4,204 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib import import_module
 from importlib.metadata import version
 from typing import Any, NamedTuple, NoReturn
 
 
 class Command(NamedTuple):
-    """The module of `framework.cli` that has a command, and what the list of commands says of it."""
+    """The module of `framework.cli` that has a command, what the list of commands says of it, and examples.
+
+    The examples run in the order of `COMMANDS` in one folder, each with what those before it have written.
+    """
 
     module: str
     text: str
+    examples: tuple[str, ...]
 
 
 COMMANDS = {
-    "robots": Command("robots", "list the catalogue"),
-    "check": Command("check", "mobility, rank, redundant rows, masses, closure error, mode"),
+    "robots": Command(
+        "robots", "list the catalogue", ("crossing robots", "crossing robots --picture catalogue.png")
+    ),
+    "check": Command(
+        "check",
+        "mobility, rank, redundant rows, masses, closure error, mode",
+        ("crossing check five_bar", "crossing check delta --flexibility flexible_joints"),
+    ),
     "convert": Command(
         "convert",
         "write our robot file from another dialect: Gepetto's robot.yaml beside robot.urdf, URDF+ <loop>, "
         "ROS <constraint>, <loop_joint>, MJCF <equality>; --base LINK: of one part of it, such as a leg",
+        ("crossing convert five_bar --out copy", "crossing convert humanoid_ankle --out ankle"),
     ),
-    "locate": Command("locate", "find the singular points on a path"),
+    "locate": Command(
+        "locate",
+        "find the singular points on a path",
+        (
+            "crossing locate five_bar --scene C",
+            "crossing locate five_bar --from 0.1 0.345 --to -0.05 0.195",
+        ),
+    ),
     "map": Command(
-        "workspace_map", "quantities over the workspace on one working mode, with the singular locus on top"
+        "workspace_map",
+        "quantities over the workspace on one working mode, with the singular locus on top",
+        (
+            "crossing map five_bar --size 50",
+            "crossing map five_bar --scene C --quantity g torque --out map",
+        ),
     ),
     "pose": Command(
-        "pose", "all joints of a pose, from its motors or from its platform, in the modes of the reference"
+        "pose",
+        "all joints of a pose, from its motors or from its platform, in the modes of the reference",
+        ("crossing pose five_bar --motors 1.2 1.9", "crossing pose five_bar --platform 0.1 0.3 --all"),
     ),
-    "plan": Command("plan", "plan a motion through the singular points, with torques and proof"),
-    "capacity": Command("capacity", "the largest multiple of a wrench that is crossed within the limits"),
-    "fidelity": Command("fidelity", "the least model that is enough for a motion, with its evidence"),
+    "plan": Command(
+        "plan",
+        "plan a motion through the singular points, with torques and proof",
+        (
+            "crossing plan five_bar --scene C --out crossing_C",
+            "crossing plan five_bar --scene C --optimize time --torque-limit 0.165",
+        ),
+    ),
+    "capacity": Command(
+        "capacity",
+        "the largest multiple of a wrench that is crossed within the limits",
+        (
+            "crossing capacity five_bar --scene C --torque-limit 0.2 --wrench 0 -1",
+            "crossing capacity five_bar --scene C --wrench 5 0 --torque-limit 0.2",
+        ),
+    ),
+    "fidelity": Command(
+        "fidelity",
+        "the least model that is enough for a motion, with its evidence",
+        (
+            "crossing fidelity five_bar --scene C --tolerance 1%",
+            "crossing fidelity five_bar --scene A --out fidelity_A",
+        ),
+    ),
     "simulate": Command(
-        "simulate", "drive the robot with the planned torques: tracking error, drift, energy"
+        "simulate",
+        "drive the robot with the planned torques: tracking error, drift, energy",
+        ("crossing simulate crossing_C", "crossing simulate five_bar --scene A --sensors --out run"),
     ),
     "robustness": Command(
-        "robustness", "drive a planned crossing with a controller on many robots that differ from their model"
+        "robustness",
+        "drive a planned crossing with a controller on many robots that differ from their model",
+        (
+            "crossing robustness crossing_C --payload 0.05 --runs 20 --out study",
+            "crossing robustness study --replay 17",
+        ),
     ),
     "show": Command(
         "show",
         "play motions in the browser, side by side; without a motion, move the robot by hand. Ctrl-C ends it",
+        ("crossing show five_bar --scene A B C", "crossing show crossing_C --html crossing.html"),
     ),
     "report": Command(
         "report",
         "write one HTML page about a plan: scene, figures, law, certificate, parameters, reproduction",
+        ("crossing report crossing_C", "crossing report crossing_C --html report.html"),
     ),
     "export": Command(
-        "export", "a robot as MuJoCo's MJCF, a plan as a trajectory for ros2_control, a scene as a lesson"
+        "export",
+        "a robot as MuJoCo's MJCF, a plan as a trajectory for ros2_control, a scene as a lesson",
+        (
+            "crossing export five_bar --to mjcf --out five_bar.xml",
+            "crossing export crossing_C --to ros2_control --out trajectory.yaml",
+        ),
     ),
     "calibrate": Command(
         "calibrate",
         "where joints are, from motor angles and measured poses or parts of poses, with standard deviations",
+        (
+            "crossing calibrate five_bar run/sensors.csv",
+            "crossing calibrate five_bar run/sensors.csv --out calibrated",
+        ),
     ),
     "identify": Command(
         "identify",
         "masses, inertias, rotor inertias and friction from recorded motor angles and torques, with standard "
         "deviations",
+        (
+            "crossing identify five_bar run/sensors.csv",
+            "crossing identify calibrated/five_bar.yaml run/sensors.csv --out twin",
+        ),
     ),
 }
+FIRST_EXAMPLES = ("crossing plan five_bar --scene C", "crossing show five_bar --scene C --html crossing.html")
 
 
 class Misuse(Exception):
     """argparse found the command line wrong."""
 
 
-class OneLineParser(argparse.ArgumentParser):
-    """argparse with errors in one line, and negative numbers with exponents."""
+class _Help(argparse.HelpFormatter):
+    """Help with a usage of one line, and with texts of several lines, such as examples, left as they are."""
 
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(allow_abbrev=False, **settings)
+    def add_usage(self, usage: str | None, actions: Any, groups: Any, prefix: str | None = None) -> None:
+        needed = [self._needed(action) for action in actions if action.required or not action.option_strings]
+        super().add_usage(usage or " ".join(["%(prog)s", *needed, "[options]"]), actions, groups, prefix)
+
+    def _needed(self, action: argparse.Action) -> str:
+        if not action.option_strings:
+            return self._format_args(action, self._get_default_metavar_for_positional(action))
+        metavar = self._get_default_metavar_for_optional(action)
+        return f"{action.option_strings[0]} {self._format_args(action, metavar)}"
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if "\n" in text else super()._fill_text(text, width, indent)
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """argparse with options in groups, errors in one line, and negative numbers with exponents."""
+
+    def __init__(self, *, examples: Iterable[str] = (), **settings: Any) -> None:
+        shown = "\n  ".join(["examples:", *examples])
+        super().__init__(allow_abbrev=False, epilog=shown, formatter_class=_Help, **settings)
+        self._optionals.title = "output"
         # argparse takes -1e-3 for an option: its pattern for negative numbers knows no exponents
         self._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+
+    def topic(self, title: str) -> argparse._ArgumentGroup:
+        """Return the group of options of that title; what has none stands last, under `output`."""
+        there = [group for group in self._action_groups if group.title == title]
+        return there[0] if there else self.add_argument_group(title)
+
+    def format_help(self) -> str:
+        self._action_groups.sort(key=lambda group: group is self._optionals)
+        return super().format_help()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse what is known, and complain of the rest in the name of the command that was given it."""
         parsed, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            hint = self._option_like(unknown[0])
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{self._hint(unknown[0])}")
         return parsed, unknown
 
-    def _option_like(self, given: str) -> str:
-        """Return the hint at the option that an unknown one may stand for; empty if none is like it."""
-        from difflib import get_close_matches
+    def _hint(self, unknown: str) -> str:
+        """Return the hint at what an unknown argument may stand for; empty if nothing is like it."""
+        from framework.errors import nearest
 
         options = [option for option in self._option_string_actions if option.startswith("--")]
-        begun = [option for option in options if len(given) > len("--") and option.startswith(given)]
-        near = begun or get_close_matches(given.partition("=")[0], options, n=1)
-        return f"; did you mean {' or '.join(near)}?" if near else ""
+        near = nearest(
+            unknown.partition("=")[0].lstrip("-").replace("_", "-"), [name[2:] for name in options]
+        )
+        meant = [f"--{name}" for name in near]
+        if not unknown.startswith("-"):
+            meant = [f"--scene {unknown}"] if "--scene" in options and not unknown[:1].isdigit() else []
+        return f"; did you mean {' or '.join(meant)}?" if meant else ""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a value that is none of the choices, as argparse does, with the nearest one."""
+        if action.choices is not None and value not in action.choices:
+            from framework.errors import nearest
+
+            near = " or ".join(map(repr, nearest(str(value), action.choices)))
+            hint = f"; did you mean {near}?" if near else ""
+            listed = ", ".join(action.choices)
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint} (choose from {listed})")
 
     def error(self, message: str) -> NoReturn:
         raise Misuse(f"{message} (see `{self.prog} --help`)")
@@ -116,18 +226,23 @@ def parser_of(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """
     parser = OneLineParser(
         prog="crossing",
+        usage="%(prog)s COMMAND [options], %(prog)s COMMAND --help",
         description="Carry parallel robots through Type 2 singularities with finite motor torques.",
+        examples=FIRST_EXAMPLES,
     )
     parser.set_defaults(json=False)
     parser.add_argument("--version", action=_Version, help="say the version and end")
-    commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=OneLineParser)
-    if arguments and not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
+    commands = parser.add_subparsers(
+        title="commands", prog="crossing", metavar="COMMAND", required=True, parser_class=OneLineParser
+    )
+    first = arguments[0] if arguments else ""
+    if first in COMMANDS:
+        import_module(f"framework.cli.{COMMANDS[first].module}").add(commands)
+        return parser
+    if first and not first.startswith("-"):
         from framework.errors import choose_from
 
-        raise Misuse(f"{choose_from('command', arguments[0], COMMANDS)} (see `{parser.prog} --help`)")
-    if arguments and arguments[0] in COMMANDS:
-        import_module(f"framework.cli.{COMMANDS[arguments[0]].module}").add(commands)
-    else:
-        for name, command in COMMANDS.items():
-            commands.add_parser(name, help=command.text)
+        raise Misuse(f"{choose_from('command', first, COMMANDS)} (see `{parser.prog} --help`)")
+    for name, command in COMMANDS.items():
+        commands.add_parser(name, help=command.text)
     return parser

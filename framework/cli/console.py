@@ -11,8 +11,10 @@ import sys
 from contextlib import suppress
 from typing import TextIO
 
+from framework.cli.layout import GREEN, RED, coloured, laid_out, shows_colours, width_of, wrapped
 from framework.errors import OutputError
 
+PROGRAM, TRY = "crossing: ", "try: "  # what a complaint begins with, and what advice does
 MAX_MESSAGE_LENGTH = 1000  # [characters]
 _BEGINNING_LENGTH = 800  # [characters] of a longer message that are shown before the gap
 
@@ -29,8 +31,12 @@ def one_line(message: str) -> str:
 
 def printable(text: str) -> str:
     """Return a text with its control characters (but line feeds) and lone surrogates written as escapes."""
+    return _printable(text, "\n")
+
+
+def _printable(text: str, kept: str) -> str:
     return "".join(
-        letter if letter.isprintable() or letter == "\n" else " " if letter.isspace() else _escaped(letter)
+        letter if letter.isprintable() or letter in kept else " " if letter.isspace() else _escaped(letter)
         for letter in text
     )
 
@@ -39,13 +45,25 @@ def _escaped(letter: str) -> str:
     return letter.encode("unicode_escape").decode("ascii")
 
 
+def report(text: str) -> None:
+    """Print a report on stdout, in the width and the colours of its terminal; raises as `tell`."""
+    if sys.stdout is not None:
+        shown = _printable(text, "\n\t")
+        _tell(laid_out(shown, width_of(sys.stdout), colour=shows_colours(sys.stdout)), sys.stdout)
+
+
 def tell(text: str, *, aside: bool = False) -> None:
-    """Print a report on stdout, or on stderr if it is said `aside`.
+    """Print a text as it is on stdout, or on stderr if it is said `aside`.
 
     Raises:
         OutputError: it cannot be written, the disk being full; what is told after that gets lost.
     """
-    stream = sys.stderr if aside else sys.stdout
+    _tell(printable(text), sys.stderr if aside else sys.stdout)
+
+
+def _tell(text: str, stream: TextIO | None) -> None:
+    if stream is None:  # closed by whoever started the program
+        return
     try:
         _print(text, stream)
     except BrokenPipeError:  # whoever reads has seen enough, as `head` does
@@ -56,16 +74,27 @@ def tell(text: str, *, aside: bool = False) -> None:
 
 
 def complain(message: str) -> None:
-    """Print one line on stderr; if that cannot be written, the exit code has to say it."""
-    with suppress(OSError):
-        _print(f"crossing: {message}", sys.stderr)
+    """Print one line on stderr, broken where a terminal needs it, and before `TRY`.
 
-
-def _print(text: str, stream: TextIO | None) -> None:
+    If it cannot be written, the exit code has to say it.
+    """
+    stream = sys.stderr
     if stream is None:  # closed by whoever started the program
         return
+    line = f"{PROGRAM}{printable(message)}"
+    width, colour = width_of(stream), shows_colours(stream)
+    if width is not None:
+        why, advised, command = line.partition(f"; {TRY}")
+        line = "\n".join([*wrapped(why, width, 2), *([f"  {TRY}{command}"] if advised else [])])
+    if colour:
+        line = line.replace(PROGRAM, coloured(PROGRAM, RED), 1).replace(TRY, coloured(TRY, GREEN))
+    with suppress(OSError):
+        _print(line, stream)
+
+
+def _print(text: str, stream: TextIO) -> None:
     encoding = stream.encoding or "utf-8"
-    print(printable(text).encode(encoding, "backslashreplace").decode(encoding), file=stream, flush=True)
+    print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream, flush=True)
 
 
 def _close(stream: TextIO) -> None:

@@ -7,7 +7,7 @@ from collections import defaultdict
 from typing import Any
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_missing_fields, add_robot, command
+from framework.cli.parser import Report, add_missing_fields, add_out, add_robot, command
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.description import ParsedRobot
 from framework.model.readers.recognise import DIALECTS
@@ -18,7 +18,7 @@ def add(commands: Any) -> None:
     """Add the command to the parser."""
     parser = command(commands, "convert", run)
     add_robot(parser, "path of a file of a foreign dialect, or catalogue name")
-    parser.add_argument("--out", metavar="DIR", required=True, help="write NAME.yaml and NAME.urdf there")
+    add_out(parser, "write NAME.yaml and NAME.urdf there", required=True)
     add_missing_fields(parser)
 
 

@@ -19,7 +19,7 @@ from framework.atlas.design_study import (
 from framework.atlas.quantities import chosen
 from framework.atlas.window import map_axes
 from framework.catalogue import robot_file
-from framework.cli.parser import Report, progress_bar
+from framework.cli.parser import Report
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import written_together
@@ -51,10 +51,8 @@ def report_design_study(options: argparse.Namespace) -> Report:
     )
 
     def computed(kept: KeptChunks | None) -> DesignStudy:
-        with (
-            executor_of(workers=options.workers, dask=options.dask) as executor,
-            progress_bar(len(designs.values), "design", silent=options.json) as progress,
-        ):
+        progress = options.progress.start("mapping", len(designs.values), "designs")
+        with executor_of(workers=options.workers, dask=options.dask) as executor:
             return design_study(task, designs, executor=executor, keeper=kept, progress=progress)
 
     if options.out is None:
@@ -69,6 +67,7 @@ def report_design_study(options: argparse.Namespace) -> Report:
             words = [f"{count} chunks are kept in {out}, and the same command goes on from them"]
             raise type(stop)(*words[: bool(count)]) from None
         write_study(study, folder)
+        options.progress.start("drawing the figure")
         _draw(study, folder)
     forget(out)
     document, text = _report(study, robot.name)
@@ -93,16 +92,15 @@ def _report(study: DesignStudy, robot: str) -> Report:
     refused = sum(bool(why) for why in study.why)
     shown = {key: study.columns[key] for key in ("area", "free_area", *_medians(study))}
     heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in shown)]
+    heads += ["why no robot"] if refused else []
     lines = [
         f"{robot}: {count} designs, {task_size(study)} poses each, {refused} make no robot",
-        "  " + "  ".join(heads),
+        "  " + "\t".join(heads),
     ]
     for k in range(min(count, MAX_PRINTED_DESIGNS)):
         numbers = [*study.designs.values[k], *(values[k] for values in shown.values())]
-        cells = [f"{value:.4g}".ljust(len(head)) for value, head in zip(numbers, heads, strict=True)]
-        if study.why[k]:
-            cells[len(study.designs.names) :] = [study.why[k]]
-        lines.append("  " + "  ".join(cells).rstrip())
+        cells = [f"{value:.4g}" if np.isfinite(value) else "-" for value in numbers]
+        lines.append("  " + "\t".join([*cells, *([study.why[k]] if refused else [])]))
     if count > MAX_PRINTED_DESIGNS:
         lines.append(f"  and {count - MAX_PRINTED_DESIGNS} more; --out or --json keeps all")
     document = {

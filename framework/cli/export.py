@@ -19,6 +19,7 @@ from framework.cli.parser import (
     command,
     integer_between,
 )
+from framework.crossing.options import MOTION
 from framework.crossing.restored import is_plan_folder
 from framework.crossing.scenes import scene, scene_path
 from framework.errors import InvalidInput
@@ -41,7 +42,14 @@ def add(commands: Any) -> None:
     parser = command(commands, "export", run)
     add_robot(parser, "catalogue name, path of a robot file, or folder that `crossing plan --out` wrote")
     add_moved_robot(parser)
-    parser.add_argument("--to", dest="program", choices=tuple(SUFFIXES), required=True, help="what reads it")
+    parser.add_argument(
+        "--to",
+        dest="program",
+        choices=tuple(SUFFIXES),
+        required=True,
+        metavar="FORMAT",
+        help=f"one of {', '.join(SUFFIXES)}",
+    )
     parser.add_argument(
         "--out",
         metavar="FILE",
@@ -49,12 +57,16 @@ def add(commands: Any) -> None:
         help="NAME.xml, for ros2_control NAME.yaml or NAME.json, for a lesson NAME.html",
     )
     parser.add_argument(
-        "--samples", type=integer_between(*SAMPLE_RANGE), metavar="N", help="of the trajectory (default: 501)"
+        "--samples",
+        type=integer_between(*SAMPLE_RANGE),
+        metavar="N",
+        help="points of the trajectory (default: 501)",
     )
     parser.add_argument(
         "--side", choices=tuple(SIDES), help="of the gears that the trajectory is on (default: joint)"
     )
-    parser.add_argument("--scene", metavar="S", help="a scene of the robot file, to be planned")
+    group = parser.topic(MOTION)
+    group.add_argument("--scene", metavar="S", help="a scene of the robot file, to be planned")
     parser.set_defaults(start=None, end=None)
     add_flexibility(parser)
     add_motion(parser)

@@ -11,8 +11,8 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.cli import arguments
-from framework.cli.parser import Report, add_motion, add_path, add_robot, command, progress_bar
-from framework.errors import InvalidInput
+from framework.cli.parser import Report, add_motion, add_out, add_path, add_robot, command
+from framework.crossing.options import LIMITS
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison
 from framework.model.fidelity_levels import LEVELS
@@ -34,17 +34,18 @@ def add(commands: Any) -> None:
     parser = command(commands, "fidelity", run, details)
     add_robot(parser)
     add_path(parser)
-    parser.add_argument(
-        "--tolerance", default="1%", metavar="P", help="a share such as 1%% or 0.01 (default: 1%%)"
+    parser.topic(LIMITS).add_argument(
+        "--tolerance",
+        default="1%",
+        metavar="P",
+        help="errors that are small enough, a share such as 1%% or 0.01 (default: 1%%)",
     )
     add_motion(parser)
-    parser.add_argument("--out", metavar="DIR", help="write fidelity.json and a figure of the errors there")
+    add_out(parser, "write fidelity.json and a figure of the errors there")
 
 
 def run(options: argparse.Namespace) -> Report:
     """Compare all levels; with --out write the numbers and the figure."""
-    if options.out == "":
-        raise InvalidInput("--out: needs the name of a folder, got an empty text")
     if options.out is None:
         study, document, text = _studied(options)
     else:
@@ -55,6 +56,7 @@ def run(options: argparse.Namespace) -> Report:
 
             study, document, text = _studied(options)
             text += f"\n  written to        {out}"
+            options.progress.start("drawing the figure")
             (folder / STUDY_FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
             save(lambda: plot_fidelity(study), folder / "fidelity")
     options.refusal = study.refusal
@@ -65,8 +67,8 @@ def _studied(options: argparse.Namespace) -> tuple[FidelityStudy, dict[str, Any]
     """Return the report on a study, and what a scene may keep of it if it is of the scene as it stands."""
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path_and_motion(options, robot)
-    with progress_bar(float(len(LEVELS)), "levels", silent=options.json) as progress:
-        study = fidelity_study(robot, path, tolerance=tolerance, progress=progress, **typed)
+    progress = options.progress.start("planning and simulating", len(LEVELS), "levels")
+    study = fidelity_study(robot, path, tolerance=tolerance, progress=progress, **typed)
     document, text, kept = study.to_dict(), fidelity_text(study), study.kept
     if kept is None or options.scene is None or typed:
         return study, document, text
@@ -80,8 +82,9 @@ def fidelity_text(study: FidelityStudy) -> str:
     lines = [
         f"{study.robot.name}: {len(study.levels)} levels judged to {_percent(study.tolerance)} of the path, "
         f"{study.length:.4g} m in {plan.duration:g} s, and of the peak torque; {study.seconds:.2g} s",
-        "  " + _columns("level", "plan", "torque", "platform", "law", "deflection", "predicted", "by"),
+        "  level\tplan\ttorque\tplatform\tlaw\tdeflection\tpredicted\tby",
         *(_row(study, comparison) for comparison in study.levels),
+        *(note for comparison in study.levels for note in _notes(comparison)),
     ]
     places = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
     lines.append(f"  crossing          {f's = {places}' if places else 'none'}")
@@ -117,17 +120,8 @@ def _luck(study: FidelityStudy) -> list[str]:
     ]
 
 
-def _columns(*cells: str) -> str:
-    widths = (16, -7, -9, -9, -8, 26, -9, 0)
-    padded = [
-        f"{cell:>{-width}}" if width < 0 else f"{cell:{width}}"
-        for cell, width in zip(cells, widths, strict=True)
-    ]
-    return "  ".join(padded).rstrip()
-
-
 def _row(study: FidelityStudy, comparison: Comparison) -> str:
-    """Return the line of the table for one level, and remarks on it for below the table."""
+    """Return the row of the table for one level."""
     name, law, spring = comparison.level.name, study.law_difference(comparison), comparison.deflection
     predicted = _percent(study.indicators.error[name])
     motion = ["-"] * 4
@@ -136,11 +130,15 @@ def _row(study: FidelityStudy, comparison: Comparison) -> str:
         difference = "same" if law <= SAME_LAW_DIFFERENCE else f"{law:.1e}"
         motion = [f"{1e3 * comparison.plan.seconds:.0f} ms", _percent(comparison.torque), difference, bent]
     plan, torque, difference, bent = motion
-    words = study.indicators.words[name]
+    cells = (plan, torque, _percent(comparison.platform), difference, bent, predicted)
+    return "\t".join([f"  {name}", *cells, study.indicators.words[name]])
+
+
+def _notes(comparison: Comparison) -> list[str]:
+    """Return remarks on one level, for below the table."""
     notes = [f"the torques of {comparison.same_as}"] if comparison.same_as else []
     notes += [comparison.reason] if comparison.reason else []
-    row = _columns(name, plan, torque, _percent(comparison.platform), difference, bent, predicted, words)
-    return "\n".join(f"  {line}" for line in (row, *(f"{'':18s}{note}" for note in notes)))
+    return [f"  remark            {comparison.level.name}: {note}" for note in notes]
 
 
 def _percent(share: float) -> str:

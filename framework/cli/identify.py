@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_robot, command, progress_bar
-from framework.errors import InvalidInput
+from framework.cli.parser import Report, add_out, add_robot, command
 from framework.identification.identify import DEFAULT_PRIOR, Identification, identify
 from framework.tolerances import MIN_RANK_GAP
 
@@ -27,42 +26,43 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "data", metavar="DATA", help="CSV with time, motor_angle_JOINT, torque_JOINT as in motion.csv"
     )
-    parser.add_argument(
-        "--cutoff", type=float, metavar="HZ", help="of the filter (default: where the angles' noise begins)"
+    group = parser.topic("data and file")
+    group.add_argument(
+        "--cutoff",
+        type=float,
+        metavar="F",
+        help="of the low-pass filter [Hz] (default: where the angles' noise begins)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--poses",
         choices=("motors", "platform"),
         help="what poses come from; platform passes Type 2 singularities and needs all its coordinates "
         "(default: motors, or platform where these lead to one)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--prior",
         metavar="P",
         default=f"{DEFAULT_PRIOR:g}",
         help="how far the file's values may be off, as a share such as 20%% (default: %(default)s)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--massless", action="store_true", help="identify bodies without mass in the file as well"
     )
-    parser.add_argument("--out", metavar="DIR", help="write the robot file and its URDF there")
+    add_out(parser, "write the robot file and its URDF there")
 
 
 def run(options: argparse.Namespace) -> Report:
     """Identify, and say what was found and how well it predicts torques that were held out."""
-    if options.out == "":
-        raise InvalidInput("--out: needs the name of a folder, got an empty text")
     robot = arguments.load(options)
-    with progress_bar(float("inf"), "pose", silent=options.json) as progress:
-        found = identify(
-            robot,
-            options.data,
-            cutoff=options.cutoff,
-            poses=options.poses,
-            prior=arguments.share("--prior", options.prior),
-            massless=options.massless,
-            progress=progress,
-        )
+    found = identify(
+        robot,
+        options.data,
+        cutoff=options.cutoff,
+        poses=options.poses,
+        prior=arguments.share("--prior", options.prior),
+        massless=options.massless,
+        progress=options.progress.start("identifying", unit="poses"),
+    )
     document, text = found.to_dict(), identification_text(found)
     if not found.base.certain:
         options.warnings.append(
@@ -78,7 +78,6 @@ def run(options: argparse.Namespace) -> Report:
 def identification_text(found: Identification) -> str:
     """Return the report on identified parameters, in words."""
     base, joints = found.base, found.robot.actuator_names
-    width = max(map(len, base.names))
     rows = zip(base.names, found.values, found.deviations, base.values, strict=True)
     doubt = "" if base.certain else f", below {MIN_RANK_GAP:g}: the rank is uncertain"
     lines = [
@@ -90,9 +89,9 @@ def identification_text(found: Identification) -> str:
         f"with the identified {_errors(joints, found.error_after)}",
         f"  no effect         {len(base.without_effect)} parameters"
         + (f"; massless, left out: {', '.join(base.left_out)}" if base.left_out else ""),
-        f"  {'base parameter':{width}}  {'value':>12}  {'deviation':>10}  {'file':>12}",
+        "  base parameter\tvalue\tdeviation\tfile",
     ]
-    lines += [f"  {name:{width}}  {value:12.6g}  {off:10.2g}  {own:12.6g}" for name, value, off, own in rows]
+    lines += [f"  {name}\t{value:.6g}\t{off:.2g}\t{own:.6g}" for name, value, off, own in rows]
     if found.changed:
         lines.append(f"  off the file      {'; '.join(found.changed)}")
     if found.undetermined:

@@ -16,6 +16,7 @@ from framework.cli.parser import (
     add_flexibility,
     add_motion,
     add_options,
+    add_out,
     add_path,
     add_robot,
     command,
@@ -24,6 +25,7 @@ from framework.cli.parser import (
 from framework.cli.raw import report_raw
 from framework.crossing.neglected_effects import NeglectedEffect
 from framework.crossing.optimal.lower_bound import estimated_best
+from framework.crossing.options import MOTION
 from framework.crossing.path_modification import plan_request_with_modified_path
 from framework.crossing.plan import ADVANCES, plan_request
 from framework.crossing.request import Request
@@ -52,7 +54,7 @@ def add(commands: Any) -> None:
     add_flexibility(parser, auto="the least that is enough for 1 %%, kept by the scene or predicted")
     add_motion(parser)
     add_options(parser, "keep_limits")
-    parser.add_argument(
+    parser.topic(MOTION).add_argument(
         "--bend",
         nargs="?",
         const=LEAST_BEND,
@@ -60,13 +62,13 @@ def add(commands: Any) -> None:
         help="where no law can cross, bend the path as little as helps, at most 5%% of its length, ends "
         "kept, and say what larger bends need; or by this share of its length, such as 0.5%%",
     )
-    parser.add_argument("--out", metavar="DIR", help="write plan.json, motion.csv and figures there")
+    add_out(parser, "write plan.json, motion.csv and figures there")
     parser.add_argument(
         "--samples",
         type=integer_between(2, MAX_SAMPLES),
         default=1501,
         metavar="N",
-        help="rows of motion.csv",
+        help="rows of motion.csv (default: 1501)",
     )
     parser.add_argument(
         "--raw",
@@ -80,8 +82,6 @@ def run(options: argparse.Namespace) -> Report:
     level = arguments.take_level(options)
     robot = arguments.load(options)
     request = arguments.request(options, robot)
-    if options.out == "":
-        raise InvalidInput("--out: needs the name of a folder, got an empty text")
     if level is not None and options.bend is not None:
         raise InvalidInput(
             "--bend: the level of --flexibility auto is for the path as it is; leave one of them out"
@@ -100,6 +100,7 @@ def run(options: argparse.Namespace) -> Report:
         from framework.show.plots import save_figures
 
         plan, entries, lines = _planned(robot, request, level, options.bend)
+        options.progress.start("drawing the figures")
         document = plan_document(plan, out) | entries
         (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
         motion = plan.samples(options.samples)

@@ -27,8 +27,8 @@ def add(commands: Any) -> None:
     """Add the command to the parser."""
     parser = command(commands, "pose", run)
     add_robot(parser)
-    add_flexibility(parser)
-    parser.add_argument(
+    group = parser.topic("which pose")
+    group.add_argument(
         "--motors",
         dest="motor_joints",
         type=float,
@@ -36,16 +36,17 @@ def add(commands: Any) -> None:
         metavar="Q",
         help="joints with motors, joint side of the gears [rad, m], in the order of the robot file",
     )
-    parser.add_argument(
+    group.add_argument(
         "--platform", dest="point", type=float, nargs="+", metavar="X", help="its coordinates [m, rad]"
     )
-    parser.add_argument(
+    group.add_argument(
         "--all",
         dest="every",
         action="store_true",
         help="every pose for these motors (assembly modes), or every way to this platform (working modes)",
     )
-    parser.add_argument(
+    group = parser.topic("its motion")
+    group.add_argument(
         "--velocity",
         type=float,
         nargs="+",
@@ -53,9 +54,10 @@ def add(commands: Any) -> None:
         help="rates of the platform's coordinates [m/s, rad/s]: with them, --acceleration or a wrench, the "
         "motor torques and the forces in loops and joints at that instant, springs rigid (default: 0)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--acceleration", type=float, nargs="+", metavar="A", help="their rates [m/s2, rad/s2] (default: 0)"
     )
+    add_flexibility(parser)
     add_wrenches(parser)
     add_options(parser, "torque_limit", "speed_limit")
 

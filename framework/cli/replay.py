@@ -19,7 +19,17 @@ _RUNS: Table = {
     "versions": required(named(text)),
     "studies": required(list_of(lambda where, study: read_table(where, study, _STUDY, others=None))),
 }
-OF_A_REPLAY = ("robot", "robot_file", "replay", "controller", "json", "warnings", "refusal", "parser")
+OF_A_REPLAY = (
+    "robot",
+    "robot_file",
+    "replay",
+    "controller",
+    "json",
+    "warnings",
+    "refusal",
+    "progress",
+    "parser",
+)
 
 
 def replayed(options: argparse.Namespace) -> Report:

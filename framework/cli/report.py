@@ -6,9 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from framework.cli.parser import Report, add_moved_robot, command
+from framework.cli.parser import Report, add_moved_robot, command, not_empty
 from framework.crossing.restored import load_plan, stated_certificate
-from framework.errors import InvalidInput
 from framework.output import write_file
 
 
@@ -17,7 +16,9 @@ def add(commands: Any) -> None:
     parser = command(commands, "report", run)
     parser.add_argument("folder", metavar="DIR", help="folder of `crossing plan --out`")
     add_moved_robot(parser)
-    parser.add_argument("--html", metavar="FILE", help="where to write it (default: DIR/report.html)")
+    parser.add_argument(
+        "--html", type=not_empty, metavar="FILE", help="where to write it (default: DIR/report.html)"
+    )
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -25,8 +26,6 @@ def run(options: argparse.Namespace) -> Report:
     from framework.show.captions import plan_name
     from framework.show.report import report_page
 
-    if options.html == "":
-        raise InvalidInput("--html: needs the name of a file, got an empty text")
     plan = load_plan(options.folder, robot_file=options.robot_file)
     planned = stated_certificate(options.folder)
     page = report_page(plan, planned=planned, name=plan_name(plan, Path(options.folder).resolve().name))

@@ -7,7 +7,7 @@ from pathlib import Path as FilePath
 from typing import Any
 
 from framework.catalogue import catalogue
-from framework.cli.parser import Report, command
+from framework.cli.parser import Report, command, not_empty
 from framework.errors import MissingPackage
 from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.output import write_file
@@ -16,7 +16,9 @@ from framework.output import write_file
 def add(commands: Any) -> None:
     """Add the command to the parser."""
     parser = command(commands, "robots", run)
-    parser.add_argument("--picture", metavar="FILE", help="draw them all into one picture (.png, .svg, .pdf)")
+    parser.add_argument(
+        "--picture", type=not_empty, metavar="FILE", help="draw them all into one picture (.png, .svg, .pdf)"
+    )
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -48,21 +50,21 @@ def run(options: argparse.Namespace) -> Report:
                 "file": str(entry.file),
             }
         )
-    lines = [f"{'name':16s}  dof  loops  springs  scenes"]
+    lines = ["name\tdof\tloops\tsprings\tscenes"]
     for row in rows:
         if "needs" in row:
-            lines.append(f"{row['name']:16s}  not installed: pip install {row['needs']}")
+            lines.append(f"{row['name']}\t-\t-\t-\tnot installed: pip install {row['needs']}")
         else:
-            lines.append(
-                f"{row['name']:16s}  {row['degrees_of_freedom']:3d}  {row['loops']:5d}  {row['springs']:7d}  "
-                f"{', '.join(row['scenes'])}"
-            )
+            numbers = "\t".join(str(row[key]) for key in ("degrees_of_freedom", "loops", "springs"))
+            lines.append(f"{row['name']}\t{numbers}\t{', '.join(row['scenes'])}")
+    for row in rows:
         kinds = ", ".join(row["singularities"]) or "none on its scenes"
-        lines.append(f"{'':16s}  {row['summary']}; singularities: {kinds}")
-        lines.append(f"{'':16s}  {row['source']}")
+        about = f"{row['summary']}; singularities: {kinds}; {row['source']}"
+        lines.append(f"  {row['name']:18s}  {about}")
     if options.picture is not None:
         from framework.show.gallery import gallery_picture  # matplotlib takes time to import
 
+        options.progress.start("drawing the picture")
         picture = gallery_picture(drawn, FilePath(options.picture).suffix[1:])
         write_file(FilePath(options.picture), picture, option="--picture")
         lines.append(f"drawn into {options.picture}")

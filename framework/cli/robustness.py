@@ -18,11 +18,11 @@ from framework.cli.parser import (
     add_flexibility,
     add_motion,
     add_moved_robot,
+    add_out,
     add_path,
     add_robot,
     command,
     integer_between,
-    progress_bar,
 )
 from framework.cli.replay import replayed
 from framework.control.controllers import CONTROLLERS
@@ -31,7 +31,7 @@ from framework.control.run_monitor import SENSORS, ControlLoop
 from framework.control.study import Study, run_study
 from framework.control.study_setup import FILE, StudySetup
 from framework.control.variation import Spread
-from framework.errors import FrameworkError, InvalidInput
+from framework.errors import FrameworkError
 from framework.output import written_together
 from framework.parallel.kept import forget
 from framework.parallel.tasks import executor_of
@@ -62,36 +62,37 @@ def add(commands: Any) -> None:
     add_flexibility(parser)
     add_motion(parser, without="friction")  # which is one of the differences of the robots
     add_moved_robot(parser)
-    parser.add_argument(
+    group = parser.topic("the study")
+    group.add_argument(
         "--controller",
         nargs="+",
         choices=tuple(CONTROLLERS),
-        help="one or several to compare (default: feedforward)",
+        metavar="NAME",
+        help=f"one or several of {', '.join(CONTROLLERS)} (default: feedforward)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--runs",
         type=integer_between(1, MAX_RUNS),
         default=200,
         metavar="N",
         help="runs a controller (default: 200)",
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="K", help="of the study (default: 0)")
+    group.add_argument("--seed", type=int, default=0, metavar="K", help="of the random numbers (default: 0)")
     add_executor(parser)
-    parser.add_argument(
-        "--out",
-        metavar="DIR",
-        help="write robustness.json, runs.csv and a figure there; a study that is stopped keeps its finished "
+    add_out(
+        parser,
+        "write robustness.json, runs.csv and a figure there; a study that is stopped keeps its finished "
         "runs there, and the same command goes on from them",
     )
-    parser.add_argument(
+    group.add_argument(
         "--replay",
         type=integer_between(0, MAX_RUNS),
         metavar="K",
         help="run number K of the study in the folder ROBOT once more, alone",
     )
     parser.set_defaults(parser=parser)
-    _add_spread(parser.add_argument_group("how the robots differ"))
-    _add_loop(parser.add_argument_group("the control loop"))
+    _add_spread(parser.topic("how the robots differ"))
+    _add_loop(parser.topic("the control loop"))
 
 
 def _add_spread(spread: argparse._ArgumentGroup) -> None:
@@ -107,8 +108,12 @@ def _add_spread(spread: argparse._ArgumentGroup) -> None:
 
 
 def _add_loop(loop: argparse._ArgumentGroup) -> None:
-    loop.add_argument("--period", type=float, default=1e-3, metavar="T", help="sampling period [s] (1e-3)")
-    loop.add_argument("--sensors", choices=SENSORS, default="motors", help="joints with encoders (motors)")
+    loop.add_argument(
+        "--period", type=float, default=1e-3, metavar="T", help="sampling period [s] (default: 1e-3)"
+    )
+    loop.add_argument(
+        "--sensors", choices=SENSORS, default="motors", help="joints with encoders (default: motors)"
+    )
     loop.add_argument(
         "--limit",
         type=float,
@@ -121,7 +126,8 @@ def _add_loop(loop: argparse._ArgumentGroup) -> None:
         type=float,
         default=ControlLoop.tolerance,
         metavar="E",
-        help=f"runs that stay this near the plan pass [robot lengths, rad] ({ControlLoop.tolerance:g})",
+        help="runs that stay this near the plan pass [robot lengths, rad] (default: "
+        f"{ControlLoop.tolerance:g})",
     )
 
 
@@ -139,8 +145,6 @@ def run(options: argparse.Namespace) -> Report:
     loop = ControlLoop(
         tolerance=options.tolerance, end=options.tolerance, limit=limit, sensors=options.sensors
     )
-    if options.out == "":
-        raise InvalidInput("--out: needs the name of a folder, got an empty text")
     setup = StudySetup.of(
         arguments.planned(options), period=options.period, loop=loop, spread=spread, seed=options.seed
     )
@@ -154,6 +158,7 @@ def run(options: argparse.Namespace) -> Report:
         except KeyboardInterrupt as stop:
             raise type(stop)(*_what_is_kept(options, kept)) from None
         document, text = _report(options, setup, studies, out)
+        options.progress.start("drawing the figure")
         _write(setup, studies, document, folder)
     forget(out)
     return document, f"{text}\n  written to        {options.out}"
@@ -213,10 +218,8 @@ def _studies(options: argparse.Namespace, setup: StudySetup, kept: dict[str, Kep
     controllers = {name: setup.controller(name) for name in names}
     studies: list[Study] = []
     chunk = None if options.dask else -(-options.runs // options.workers)
-    with (
-        executor_of(workers=options.workers, dask=options.dask) as executor,
-        progress_bar(options.runs * len(names), "run", silent=options.json) as progress,
-    ):
+    progress = options.progress.start("simulating", options.runs * len(names), "runs")
+    with executor_of(workers=options.workers, dask=options.dask) as executor:
         for name, controller in controllers.items():
             studies.append(
                 run_study(
@@ -268,15 +271,15 @@ def _text(robot: str, studies: list[Study]) -> str:
     lines = [
         f"{robot}: {len(studies[0].passed)} runs a controller, seed {studies[0].seed}; errors in robot "
         "lengths or rad, torques in N m",
-        f"  {'controller':24s}  passed             median     95 %       largest    peak torque",
+        "  controller\tpassed\tof 95 %\tmedian\t95 %\tlargest\tpeak torque",
     ]
     for study in studies:
         low, high = study.interval
         error = _quantiles(study.tracking_error)
         lines.append(
-            f"  {study.controller:24s}  {study.probability:6.1%} ({low:.1%} .. {high:.1%})"
-            f"  {error['median']:.2e}   {error['95 %']:.2e}   {error['largest']:.2e}"
-            f"   {study.peak_torque.max():.3g}"
+            f"  {study.controller}\t{study.probability:.1%}\t{low:.1%} .. {high:.1%}\t"
+            f"{error['median']:.2e}\t{error['95 %']:.2e}\t{error['largest']:.2e}\t"
+            f"{study.peak_torque.max():.3g}"
         )
     for study in studies:
         for seed in study.failures[:3]:

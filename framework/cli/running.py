@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from framework.cli.commands import Misuse
-from framework.cli.console import complain, one_line, tell
+from framework.cli.console import complain, one_line, report, tell
+from framework.cli.progress import Progress
 from framework.errors import FrameworkError, NoAnswer
 from framework.interruption import Heard
 
@@ -29,7 +30,7 @@ def run(options: argparse.Namespace, heard: Heard) -> int:
     """
     options.warnings = []
     options.refusal = None
-    with np.errstate(all="ignore"):  # what is not finite is told as an error, not as a warning
+    with np.errstate(all="ignore"), Progress("at work") as options.progress:  # errors tell what is not finite
         document, text = options.run(options)
     if options.warnings:
         document = {**document, "warnings": options.warnings}
@@ -37,7 +38,10 @@ def run(options: argparse.Namespace, heard: Heard) -> int:
     heard.check()
     if options.refusal is not None:
         document = {**document, "error": error_document(options.refusal, str(options.refusal))}
-    tell(json.dumps(document, allow_nan=False) if options.json else text)
+    if options.json:
+        tell(json.dumps(document, allow_nan=False))
+    else:
+        report(text)
     if options.refusal is None:
         return 0
     complain(one_line(str(options.refusal)))

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 from framework.cli import arguments
 from framework.cli.console import tell
-from framework.cli.parser import Report, add_flexibility, add_motion, add_moved_robot, add_robot, command
+from framework.cli.parser import (
+    Report,
+    add_flexibility,
+    add_motion,
+    add_moved_robot,
+    add_path,
+    add_robot,
+    command,
+    not_empty,
+)
 from framework.crossing.options import TYPED
 from framework.errors import InvalidInput, NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -24,21 +33,19 @@ def add(commands: Any) -> None:
     """Add the command to the parser."""
     parser = command(commands, "show", run)
     add_robot(parser, "catalogue name, path of a robot file, or folder of `crossing plan --out`")
-    parser.add_argument("--scene", dest="scenes", nargs="+", metavar="S", help="scenes of the robot file")
-    parser.add_argument(
-        "--from", dest="start", type=float, nargs="+", metavar="X", help="first platform point"
-    )
-    parser.add_argument("--to", dest="end", type=float, nargs="+", metavar="X", help="last platform point")
+    add_path(parser, several=True)
     add_flexibility(parser)
     add_motion(parser)
     add_moved_robot(parser)
     parser.add_argument(
         "--html",
+        type=not_empty,
         metavar="FILE",
         help="write one file that plays offline, and end; without --scene, of the first scene that crosses",
     )
     parser.add_argument(
         "--picture",
+        type=not_empty,
         metavar="FILE",
         help="write one picture of a film, moving if it is a .gif (.png, .svg, .pdf, .gif), and end",
     )
@@ -49,8 +56,6 @@ def run(options: argparse.Namespace) -> Report:
     """Write the page to a file, or serve it until Ctrl-C."""
     from framework.show.page import film_page, hand_page
 
-    if options.html == "":
-        raise InvalidInput("--html: needs the name of a file, got an empty text")
     if options.html is not None and options.picture is not None:
         raise InvalidInput("--picture: give either --picture or --html")
     films = _films(options)
@@ -58,6 +63,7 @@ def run(options: argparse.Namespace) -> Report:
         from framework.show.moving import film_picture
 
         shown = films or [_telling_film(options)]
+        options.progress.start("drawing the picture")
         picture = film_picture(shown, FilePath(options.picture).suffix[1:])
         return _report_file(options.picture, picture, shown, chosen=not films)
     if options.html is not None:
@@ -137,6 +143,7 @@ def _served(options: argparse.Namespace, page: str, robot: ParallelRobot | None)
     from framework.show.server import PageServer
 
     server = PageServer(page, None if robot is None else lambda message: move_by_hand(robot, message))
+    options.progress.end()
     # with --json, stdout is for the one object at the end
     tell(f"{server.address}  (Ctrl-C ends)", aside=options.json)
     if not options.no_open:

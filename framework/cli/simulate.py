@@ -15,10 +15,10 @@ from framework.cli.parser import (
     add_flexibility,
     add_motion,
     add_moved_robot,
+    add_out,
     add_path,
     add_robot,
     command,
-    progress_bar,
 )
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, NoAnswer
@@ -37,19 +37,23 @@ def add(commands: Any) -> None:
     add_flexibility(parser)
     add_motion(parser)
     add_moved_robot(parser)
-    parser.add_argument(
+    group = parser.topic("the simulation")
+    group.add_argument(
         "--method",
         choices=tuple(METHODS),
         default="reference",
         help="reference: to 1e-12; stiff: to 1e-7; fast, explicit: fixed steps (default: reference)",
     )
-    parser.add_argument(
-        "--tolerance", type=float, metavar="E", help="of reference and stiff [rad, robot lengths]"
+    group.add_argument(
+        "--tolerance",
+        type=float,
+        metavar="E",
+        help="largest error of reference and stiff [rad, robot lengths]",
     )
-    parser.add_argument(
-        "--step", type=float, metavar="H", help="of fast and explicit, longest one of the others [s]"
+    group.add_argument(
+        "--step", type=float, metavar="H", help="time step of fast and explicit, longest one of others [s]"
     )
-    parser.add_argument(
+    group.add_argument(
         "--damping", type=float, metavar="D", help="viscous, on every joint [N m s/rad, N s/m]"
     )
     parser.add_argument(
@@ -59,25 +63,22 @@ def add(commands: Any) -> None:
         help="with --out: write sensors.csv too, what sensors record, with noise and steps; of rate [Hz], "
         "angle_noise, angle_step, slide_step, torque_noise, torque_step, platform_noise, seed",
     )
-    parser.add_argument("--out", metavar="DIR", help="write simulation.json and simulation.csv there")
+    add_out(parser, "write simulation.json and simulation.csv there")
 
 
 def run(options: argparse.Namespace) -> Report:
     """Plan, or read the plan; simulate it; say how far it comes off."""
-    if options.out == "":
-        raise InvalidInput("--out: needs the name of a folder, got an empty text")
     sensors = _sensors(options)
     plan = arguments.planned(options)
-    with progress_bar(1.0, "of the motion", silent=options.json) as progress:
-        result = simulate(
-            plan.robot,
-            plan.dynamics,
-            method=options.method,
-            tolerance=options.tolerance,
-            step=options.step,
-            damping=options.damping,
-            progress=progress,
-        )
+    result = simulate(
+        plan.robot,
+        plan.dynamics,
+        method=options.method,
+        tolerance=options.tolerance,
+        step=options.step,
+        damping=options.damping,
+        progress=options.progress.start("simulating", 1.0, "the motion"),
+    )
     document, text = result.to_dict(), simulation_text(result)
     if options.out is not None:
         with written_together(FilePath(options.out), document="simulation.json") as folder:

@@ -21,11 +21,12 @@ from framework.cli.parser import (
     add_executor,
     add_flexibility,
     add_missing_fields,
+    add_out,
     add_robot,
     command,
     integer_between,
-    progress_bar,
 )
+from framework.crossing.options import LIMITS, MODEL
 from framework.crossing.scenes import scene, scene_path
 from framework.errors import InvalidInput, point
 from framework.kinematics.continuation.tracking import assemble
@@ -45,19 +46,20 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the command to the parser."""
     parser = command(commands, "map", run, MORE)
     add_robot(parser)
-    add_flexibility(parser)
-    parser.add_argument("--scene", metavar="S", help="draw the path of this scene, and hold what it holds")
-    parser.add_argument(
+    group = parser.topic("what to map")
+    group.add_argument("--scene", metavar="S", help="draw the path of this scene, and hold what it holds")
+    group.add_argument(
         "--quantity", nargs="+", metavar="Q", help=f"of {', '.join(QUANTITIES)} (default: those that apply)"
     )
-    _add_window(parser)
-    parser.add_argument(
+    _add_window(group)
+    parser.topic(LIMITS).add_argument(
         "--keep-limits",
         action="store_true",
         help="only what is reached within the ranges that the URDF gives its joints, and held at rest within "
         "the motors' limits of torque where they have some",
     )
-    parser.add_argument(
+    add_flexibility(parser)
+    parser.topic(MODEL).add_argument(
         "--wrench",
         type=float,
         nargs="+",
@@ -65,46 +67,50 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="of the world on the platform, beside the weight [N, N m], for holding, loaded_stiffness "
         "and loaded_frequency",
     )
-    parser.add_argument(
+    group.add_argument(
         "--nearest",
         type=float,
         nargs="+",
         metavar="X",
-        help="platform point whose nearest singular pose is looked for: its margin",
+        help="platform point whose nearest singular pose is looked for, its margin [m, rad]",
     )
     add_executor(parser)
-    parser.add_argument(
-        "--out",
-        metavar="DIR",
-        help="write map.json, map.npz, map.csv, a figure of each quantity and map.html there; a map that is "
+    add_out(
+        parser,
+        "write map.json, map.npz, map.csv, a figure of each quantity and map.html there; a map that is "
         "stopped keeps what is finished there, and the same command goes on from it",
     )
-    parser.add_argument(
+    group.add_argument(
         "--study",
         action="store_true",
         help="a small map for each set of the parameters that the robot file declares, told in one table and "
         "one figure",
     )
-    parser.add_argument("--table", metavar="CSV", help="of the sets of parameters, instead of all of them")
+    group.add_argument("--table", metavar="CSV", help="of the sets of parameters, instead of all of them")
     add_missing_fields(parser)
 
 
-def _add_window(parser: argparse.ArgumentParser) -> None:
+def _add_window(group: argparse._ArgumentGroup) -> None:
     """Add the options for the poses of the map."""
-    parser.add_argument(
+    group.add_argument(
         "--over", nargs=2, metavar="AXIS", help="two axes of the platform (default: its first translations)"
     )
-    parser.add_argument(
-        "--at", type=float, nargs="+", metavar="X", help="platform point about which the map lies (reference)"
+    group.add_argument(
+        "--at",
+        type=float,
+        nargs="+",
+        metavar="X",
+        help="platform point about which the map lies [m, rad] (default: the reference)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--window",
         type=float,
         nargs=4,
         metavar="X",
-        help="least and largest value of the first axis, then of the second (default: what is reached)",
+        help="least and largest value of the first axis, then of the second [m, rad] (default: what is "
+        "reached)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--size",
         type=integer_between(2, MAX_EDGE_POSES),
         metavar="N",
@@ -114,8 +120,6 @@ def _add_window(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Compute a map, report it and write it."""
-    if options.out == "":
-        raise InvalidInput("--out: needs the name of a folder, got an empty text")
     if options.study:
         return report_design_study(options)
     if options.table is not None:
@@ -138,6 +142,7 @@ def run(options: argparse.Namespace) -> Report:
             workspace = _mapped(options, robot, window, quantities, kept)
         except KeyboardInterrupt as stop:
             raise type(stop)(*_what_is_kept(options, kept)) from None
+        options.progress.start("drawing the figures")
         _write(workspace, path, folder)
     forget(out)
     document, text = _report(workspace, margin)
@@ -171,10 +176,8 @@ def _mapped(
     quantities: tuple[Quantity, ...],
     kept: KeptChunks | None,
 ) -> WorkspaceMap:
-    with (
-        executor_of(workers=options.workers, dask=options.dask) as executor,
-        progress_bar(float(np.prod(window.shape)), "pose", silent=options.json) as progress,
-    ):
+    progress = options.progress.start("mapping", float(np.prod(window.shape)), "poses")
+    with executor_of(workers=options.workers, dask=options.dask) as executor:
         workspace = workspace_map(
             robot,
             window,
@@ -219,15 +222,16 @@ def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Repo
         for name, low, high in zip(names, window.lower, window.upper, strict=True)
     )
     lines = [f"{robot.name}: {window.shape[0]} x {window.shape[1]} poses, {spans}, {workspace.seconds:.2f} s"]
-    lines += [f"  {why:40s}  {count}" for why, count in workspace.counts.items() if count]
-    lines += [f"  under load: {why:52s}  {count}" for why, count in workspace.load_counts.items() if count]
+    lines.append("  poses\tcount")
+    lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
+    lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
     lines.append(f"  locus: {workspace.locus.sentence}, {workspace.locus.seconds:.2f} s")
-    lines.append(f"  {'':56s}  least       median      largest")
+    lines.append("  quantity\tleast\tmedian\tlargest")
     for quantity in workspace.quantities:
         entry = document["quantities"][quantity.key]
         numbers = [entry[key] for key in ("least", "median", "largest")]
-        shown = "  ".join(f"{'-' if value is None else format(value, '.3g'):10s}" for value in numbers)
-        lines.append(f"  {f'{quantity.name}  [{unit_of(robot, quantity)}]':56s}  {shown}".rstrip())
+        shown = "\t".join("-" if value is None else f"{value:.3g}" for value in numbers)
+        lines.append(f"  {quantity.name} [{unit_of(robot, quantity)}]\t{shown}")
     if margin is not None:
         lines.append(f"  nearest singular pose: {margin.status}")
         located = margin.x is not None and margin.twist is not None

@@ -28,6 +28,7 @@ from framework.motion.path import Path
 from framework.tolerances import TORQUE_TAIL
 
 LAWS = ("auto", "polynomial", "optimal")
+MOTION, LAW, MODEL, LIMITS = "what to plan", "the law", "the model", "limits"  # topics
 Check = Callable[[str, Any], Any]  # (name, value) -> value in its final form; raises InvalidInput
 
 
@@ -39,6 +40,7 @@ class Option(NamedTuple):
     details: str  # beside the summary in the help of Python
     check: Check | None  # None where that takes the robot: `Request.of`
     typed: Mapping[str, Any] | None  # arguments of argparse; None where it cannot be typed
+    topic: str  # under which the help on the command line has it
 
     @property
     def flag(self) -> str:
@@ -109,9 +111,14 @@ def _one_of(valid: Sequence[str]) -> Check:
 
 
 def _meaning(
-    summary: str, details: str = "", *, check: Check | None = None, typed: Mapping[str, Any] | None = None
+    summary: str,
+    details: str = "",
+    *,
+    check: Check | None = None,
+    typed: Mapping[str, Any] | None = None,
+    topic: str = LAW,
 ) -> dict[str, Any]:
-    return {"summary": summary, "details": details, "check": check, "typed": typed}
+    return {"summary": summary, "details": details, "check": check, "typed": typed, "topic": topic}
 
 
 @dataclass(frozen=True)
@@ -122,10 +129,11 @@ class PlanOptions:
     duration: float | None = field(
         default=None,
         metadata=_meaning(
-            "of the motion [s]",
+            "how long the motion takes [s]",
             '; not with optimize="time", which finds the least',
             check=_seconds,
             typed={"type": float, "metavar": "T"},
+            topic=MOTION,
         ),
     )
     times: Sequence[float] | None = field(
@@ -141,7 +149,7 @@ class PlanOptions:
     speeds: Sequence[float] | None = field(
         default=None,
         metadata=_meaning(
-            "s' at the crossings [1/s]",
+            "speeds s' at the crossings [1/s]",
             "; chosen when None",
             check=_numbers,
             typed={"type": float, "nargs": "*", "metavar": "v"},
@@ -162,6 +170,7 @@ class PlanOptions:
             "singular points elsewhere",
             check=_one_of(GEOMETRIES),
             typed={"choices": GEOMETRIES},
+            topic=MODEL,
         ),
     )
     smoothness: int | None = field(
@@ -213,6 +222,7 @@ class PlanOptions:
             "; a force [N] where a motor slides. In Python a number, a list or a dict by joint, None for "
             "no limit. The robot file's by default; never exceeded by the optimal law",
             typed={"nargs": "+", "metavar": "N"},
+            topic=LIMITS,
         ),
     )
     speed_limit: Limit = field(
@@ -221,6 +231,7 @@ class PlanOptions:
             "largest speed [rad/s] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
             "; as torque_limit",
             typed={"nargs": "+", "metavar": "N"},
+            topic=LIMITS,
         ),
     )
     margin: float = field(
@@ -230,6 +241,7 @@ class PlanOptions:
             " (a number in Python), for the controllers",
             check=_share,
             typed={"metavar": "P"},
+            topic=LIMITS,
         ),
     )
     friction: str = field(
@@ -239,6 +251,7 @@ class PlanOptions:
             "; that of other joints is not planned with",
             check=_one_of(FRICTIONS),
             typed={"choices": FRICTIONS},
+            topic=MODEL,
         ),
     )
     wrenches: Mapping[str, Any] | None = field(
@@ -258,6 +271,7 @@ class PlanOptions:
             " (`CrossingPlan.exceeded`)",
             check=_yes_or_no,
             typed={"action": "store_true"},
+            topic=LIMITS,
         ),
     )
 

@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from framework.cli.parser import progress_bar
+from framework.cli.progress import Progress
 from framework.errors import FrameworkError
 from framework.output import written_together
 from tests.benchmarks.chart import stages, table
@@ -53,9 +53,9 @@ def write_chart(chosen: Sequence[Stage], folder: Path, effort: Effort = FULL, *,
     }
     with (
         written_together(folder, document=f"{chosen[0].name}.json") as temporary,
-        progress_bar(stages.count(chosen, effort.settings), "row") as show_progress,
+        Progress("measuring") as progress,
     ):
-        advance = _counted(show_progress)
+        advance = _counted(progress.start("measuring", stages.count(chosen, effort.settings), "rows"))
         for stage in chosen:
             rows = known[stage.name] if redraw else rows_of(stage, effort, advance)
             document = table.document(stage, rows)

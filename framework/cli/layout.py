@@ -1,0 +1,123 @@
+"""Reports in the width of a terminal: lines broken between words, tables whose columns fit, a little colour.
+
+A report is text. Two blanks or more end a label, under whose text a long line goes on. A line with tabs is a
+row of a table; rows that follow one another make one, and the first is its head. Where there is no terminal,
+lines are as long as they are, so that what reads them finds a fact whole.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import re
+import shutil
+import textwrap
+from collections.abc import Sequence
+from typing import TextIO
+
+GAP = "  "  # between columns
+RED, GREEN, YELLOW, BOLD = "31;1", "32", "33", "1"
+LABELS = {"warning": YELLOW, "note": YELLOW, "undecided": YELLOW, "failed": RED, "refused": RED}
+# blanks within what is read as one: a name and its value, a number and its unit
+GLUED = re.compile(
+    r" (?==)|(?<==) |(?<=\d) (?=(?:N|m|mm|s|ms|rad|kg|Hz|%|1/s2?|MB)\b|%)|(?<=\bN) (?=m\b)"
+    r"|(?<=t_s) (?=\. W_p)|(?<=t_s \.) |(?<=\b[xyz],) (?=r?[xyz]\b)|(?<=\b[xyz]) (?=-?\d)"
+    r"|(?<=\br[xyz]) (?=-?\d)| (?=\.\. )|(?<= \.\.) "
+)
+NUMBER = re.compile(r"[-+<>~]?\s?(\d|-?$)|-|inf|nan")
+LABEL = re.compile(r" *\S.*? {2,}(?=\S)")
+
+
+def width_of(stream: TextIO) -> int | None:
+    """Return the columns of a terminal, None where the stream is none."""
+    return shutil.get_terminal_size().columns if stream.isatty() else None
+
+
+def shows_colours(stream: TextIO) -> bool:
+    """Whether a stream shows colours: a terminal that has them, as NO_COLOR and FORCE_COLOR have it."""
+    if os.environ.get("NO_COLOR"):
+        return False
+    able = stream.isatty() and os.environ.get("TERM") != "dumb"
+    return able or os.environ.get("FORCE_COLOR", "") not in ("", "0")
+
+
+def coloured(text: str, colour: str) -> str:
+    """Return a text that a terminal shows in a colour."""
+    return f"\x1b[{colour}m{text}\x1b[0m" if text else text
+
+
+def laid_out(text: str, width: int | None, *, colour: bool = False) -> str:
+    """Return a report in so many columns, in lines of any length where that is None."""
+    lines: list[str] = []
+    for tabbed, rows in itertools.groupby(text.split("\n"), lambda line: "\t" in line):
+        if tabbed:
+            cells = [row.split("\t") for row in rows]
+            columns = list(itertools.zip_longest(*cells, fillvalue=""))
+            indent = len(columns[0][0]) - len(columns[0][0].lstrip())
+            stripped = [[cell.strip() for cell in column] for column in columns]
+            lines += _table(stripped, width, indent, colour)
+            continue
+        for row in rows:
+            pieces = wrapped(row, width)
+            label = row.strip().partition("  ")[0].partition(",")[0]
+            if colour and row.startswith("  ") and label in LABELS:
+                pieces[0] = pieces[0].replace(label, coloured(label, LABELS[label]), 1)
+            lines += pieces
+    return "\n".join(lines)
+
+
+def wrapped(line: str, width: int | None, indent: int | None = None) -> list[str]:
+    """Return a line broken between words, never within a number and its unit, where it is too long.
+
+    `indent`: of all lines but the first; by default that of the text behind a label.
+    """
+    if width is None or len(line) <= width:
+        return [line]
+    if indent is None:
+        label = LABEL.match(line)
+        indent = label.end() if label and label.end() <= width // 2 else len(line) - len(line.lstrip()) + 2
+    pieces = textwrap.wrap(
+        GLUED.sub("\xa0", line),
+        width,
+        subsequent_indent=" " * indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+        replace_whitespace=False,
+    )
+    return [piece.replace("\xa0", " ") for piece in pieces]
+
+
+def _table(columns: Sequence[Sequence[str]], width: int | None, indent: int, colour: bool) -> list[str]:
+    """Return the lines of a table, its cells wrapped so that it fits.
+
+    Columns that cannot fit even so stand in a second table below, behind the first column once more.
+    """
+    room = math.inf if width is None else width - indent
+    least = [max(len(word) for cell in column for word in _words(cell)) for column in columns]
+    ends = itertools.accumulate(least, lambda end, most: end + len(GAP) + most)
+    fitting = max(2, sum(end <= room for end in ends))
+    if fitting < len(columns):
+        rest = [columns[0], *columns[fitting:]]
+        return _table(columns[:fitting], width, indent, colour) + _table(rest, width, indent, colour)
+    widths = [max(map(len, column)) for column in columns]
+    while sum(widths) + len(GAP) * (len(widths) - 1) > room and widths != least:
+        widths[max(range(len(widths)), key=lambda k: (widths[k] > least[k], widths[k]))] -= 1
+    right = [all(NUMBER.match(cell) for cell in column[1:]) for column in columns]
+    lines: list[str] = []
+    for row in zip(*columns, strict=True):
+        cells = [wrapped(cell, most, 0) for cell, most in zip(row, widths, strict=True)]
+        style = BOLD if colour and not lines else None
+        for parts in itertools.zip_longest(*cells, fillvalue=""):
+            aligned = [
+                part.rjust(most) if number else part.ljust(most)
+                for part, most, number in zip(parts, widths, right, strict=True)
+            ]
+            line = (" " * indent + GAP.join(aligned)).rstrip()
+            lines.append(coloured(line, style) if style else line)
+    return lines
+
+
+def _words(cell: str) -> list[str]:
+    """Return what is not broken in a cell: words, and numbers with their units."""
+    return GLUED.sub("\xa0", cell).split(" ")

@@ -1,0 +1,86 @@
+"""A word of life: one line on the terminal that says what a command does, how far it is and for how long.
+
+It appears once a command takes longer than `FIRST` seconds and is gone when the command ends. A thread writes
+it, so that work which counts nothing is not silent either. On a terminal that cannot rewrite a line, and
+where stderr is none, nothing is shown: logs and pipes hold the answer alone.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from types import TracebackType
+
+from framework.cli.console import printable
+from framework.interruption import uninterrupted
+
+FIRST, INTERVAL = 1.0, 0.2  # s
+ERASE = "\r\x1b[K"
+
+
+class Progress:
+    """The line of one command, shown while the block runs."""
+
+    def __init__(self, doing: str) -> None:
+        self.start(doing)
+        self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def __enter__(self) -> Progress:
+        if sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb":
+            self._thread = threading.Thread(target=self._show, daemon=True)
+            self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end()
+
+    def start(self, doing: str, total: float = math.inf, unit: str = "") -> Callable[[float], None]:
+        """Say what is done from now on; returns the function to call with the number done of that total."""
+        self._doing, self._total, self._unit = doing, total, unit
+        self._done, self._since = 0.0, time.monotonic()
+        return self._advance
+
+    def end(self) -> None:
+        """Remove the line, for good."""
+        if self._thread is not None:
+            with uninterrupted():
+                self._ended.set()
+                self._thread.join()
+            self._thread = None
+
+    @property
+    def sentence(self) -> str:
+        """What is done, how much of it, and since when."""
+        seconds = time.monotonic() - self._since
+        if self._done and math.isfinite(self._total):
+            left = seconds * (self._total / self._done - 1.0)
+            whole = self._unit if self._total == 1.0 else f"{self._total:g} {self._unit}"
+            how_far = f"{100 * self._done / self._total:.0f} % of {whole}"
+            return f"{self._doing}: {how_far} in {seconds:.0f} s, about {left:.0f} s to go"
+        counted = f"{self._done:g} {self._unit}, " if self._done else ""
+        return f"{self._doing}: {counted}{seconds:.0f} s"
+
+    def _advance(self, done: float) -> None:
+        self._done = done
+
+    def _show(self) -> None:
+        shown, wait = "", FIRST
+        with suppress(OSError, ValueError):  # the terminal has gone
+            while not self._ended.wait(wait):
+                line, wait = printable(self.sentence)[: shutil.get_terminal_size().columns - 1], INTERVAL
+                if line != shown:
+                    sys.stderr.write(f"{ERASE}{line}")
+                    sys.stderr.flush()
+                shown = line
+            if shown:
+                sys.stderr.write(ERASE)
+                sys.stderr.flush()

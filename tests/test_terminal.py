@@ -1,0 +1,186 @@
+"""What a person sees in a terminal: lines that fit, colours where it has them, a word while work lasts."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import re
+import struct
+import subprocess
+import sys
+import termios
+import time
+
+import pytest
+
+from framework.cli.layout import laid_out, shows_colours
+from framework.cli.progress import FIRST, Progress
+
+STYLE = re.compile(r"\x1b\[[0-9;]*m")
+TEXT = """five_bar, rigid: a law of degree 8
+  peak torque       left_motor 0.147119 N m, right_motor 0.162094 N m
+  crossing          t = 1 s at s = 0.667006874764298, x, y = (-5.10312e-05, 0.244949)
+  warning           what is left out is worth more than the plan's own torques: plan with it
+  controller\tpassed\tpeak torque
+  lqr\t100.0%\t0.176
+  computed_torque\t5.0%\t12.4
+  below             the table"""
+
+
+def in_terminal(*arguments: str, columns: int, **environment: str) -> tuple[int, str]:
+    """Run the command in a terminal of so many columns: its exit code, and all that the terminal gets."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
+    kept = {
+        key: value for key, value in os.environ.items() if key not in ("COLUMNS", "NO_COLOR", "FORCE_COLOR")
+    }
+    running = subprocess.Popen(
+        [sys.executable, "-m", "framework", *arguments],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        env={**kept, "TERM": "xterm", "PYTHONPATH": os.pathsep.join(sys.path), **environment},
+    )
+    os.close(theirs)
+    parts = []
+    try:
+        while part := os.read(ours, 65536):
+            parts.append(part)
+    except OSError:  # the program has ended
+        pass
+    os.close(ours)
+    return running.wait(timeout=60), b"".join(parts).decode().replace("\r\n", "\n")
+
+
+# ------------------------------------------------------------------ lines and tables
+
+
+@pytest.mark.parametrize("columns", [60, 80, 100, 120])
+def test_lines_are_broken_between_words_and_keep_all_of_them(columns):
+    shown = laid_out(TEXT, columns)
+    assert max(map(len, shown.splitlines())) <= columns
+    assert shown.split() == TEXT.split()
+    for whole in ("0.147119 N m", "t = 1 s", "x, y = (-5.10312e-05,", "0.667006874764298"):
+        assert whole in shown
+
+
+def test_without_a_terminal_each_line_is_whole():
+    lines = laid_out(TEXT, None).splitlines()
+    assert lines[:4] == TEXT.splitlines()[:4]
+    assert lines[4:] == [
+        "  controller       passed  peak torque",
+        "  lqr              100.0%        0.176",
+        "  computed_torque    5.0%         12.4",
+        "  below             the table",
+    ]
+
+
+def test_a_long_line_goes_on_under_its_text():
+    lines = laid_out(TEXT.splitlines()[3], 60).splitlines()
+    assert len(lines) > 1
+    assert all(line.startswith(" " * 20) and line[20] != " " for line in lines[1:])
+
+
+def test_a_table_that_is_too_wide_gives_way_in_words_and_then_in_columns():
+    table = "  name\twhy\tleast [N m]\n  first\tout of reach of its legs\t1.5\n  second\tnone\t-22.25"
+    for columns in (30, 24, 20):
+        shown = laid_out(table, columns)
+        assert max(map(len, shown.splitlines())) <= columns
+        assert set(table.split()) <= set(shown.split())
+    assert laid_out(table, 20).count("second") == 2  # the first column stands before the rest once more
+
+
+# ------------------------------------------------------------------ colours
+
+
+class Stream:
+    """A stream that is a terminal or none."""
+
+    def __init__(self, terminal: bool) -> None:
+        self.isatty = lambda: terminal
+
+
+@pytest.mark.parametrize(
+    ("environment", "terminal", "expected"),
+    [
+        ({}, True, True),
+        ({}, False, False),
+        ({"NO_COLOR": "1"}, True, False),
+        ({"NO_COLOR": ""}, True, True),
+        ({"NO_COLOR": "1", "FORCE_COLOR": "1"}, True, False),
+        ({"FORCE_COLOR": "1"}, False, True),
+        ({"FORCE_COLOR": "0"}, False, False),
+        ({"TERM": "dumb"}, True, False),
+    ],
+)
+def test_colours_are_shown_where_there_are_some(monkeypatch, environment, terminal, expected):
+    for key in ("NO_COLOR", "FORCE_COLOR"):
+        monkeypatch.delenv(key, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    for key, value in environment.items():
+        monkeypatch.setenv(key, value)
+    assert shows_colours(Stream(terminal)) is expected
+
+
+def test_colours_change_no_letter():
+    assert STYLE.sub("", laid_out(TEXT, 80, colour=True)) == laid_out(TEXT, 80)
+    assert "\x1b[33mwarning\x1b[0m" in laid_out(TEXT, 80, colour=True)
+
+
+@pytest.mark.parametrize("columns", [80, 120])
+def test_reports_and_complaints_fit_the_terminal(columns):
+    code, shown = in_terminal("plan", "five_bar", "--scene", "C", columns=columns)
+    assert code == 0
+    assert max(map(len, STYLE.sub("", shown).splitlines())) <= columns
+    code, shown = in_terminal("plan", "five_bar", "--scene", "nowhere", columns=columns)
+    assert code == 2
+    assert shown.startswith("\x1b[31;1mcrossing: \x1b[0m")
+    assert max(map(len, STYLE.sub("", shown).splitlines())) <= columns
+    code, shown = in_terminal("plan", "five_bar", "--scene", "C", "--json", columns=columns, FORCE_COLOR="1")
+    assert (code, shown.count("\n")) == (0, 1)
+    assert "\x1b" not in shown
+
+
+# ------------------------------------------------------------------ a word of life
+
+
+def test_work_that_lasts_says_so_on_the_terminal_and_leaves_no_trace(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("framework.cli.progress.FIRST", 0.05)
+    monkeypatch.setattr("framework.cli.progress.INTERVAL", 0.05)
+    with Progress("at work") as progress:
+        advance = progress.start("mapping", 40.0, "poses")
+        advance(10.0)
+        time.sleep(0.5)
+    time.sleep(0.1)
+    shown = capsys.readouterr().err
+    assert "mapping: 25 % of 40 poses in 0 s" in shown
+    assert "about 1 s to go" in shown
+    assert shown.endswith("\r\x1b[K")
+    time.sleep(0.2)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("terminal", "term", "lasts"), [(False, "xterm", 0.3), (True, "dumb", 0.3), (True, "xterm", 0.0)]
+)
+def test_short_work_and_logs_are_spared(monkeypatch, capsys, terminal, term, lasts):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
+    monkeypatch.setenv("TERM", term)
+    if lasts:
+        monkeypatch.setattr("framework.cli.progress.FIRST", 0.05)
+    assert FIRST <= 2.0
+    with Progress("at work"):
+        time.sleep(lasts)
+    assert capsys.readouterr().err == ""
+
+
+def test_how_far_it_is_is_told_in_words():
+    progress = Progress("at work")
+    assert progress.sentence == "at work: 0 s"
+    progress.start("planning", unit="plans")(3)
+    assert progress.sentence == "planning: 3 plans, 0 s"
+    progress.start("simulating", 1.0, "the motion")(0.5)
+    assert progress.sentence == "simulating: 50 % of the motion in 0 s, about 0 s to go"
