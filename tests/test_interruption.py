@@ -28,8 +28,8 @@ PROGRAM = (
 SIGNALS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
 STUDY = ["robustness", "five_bar", "--scene", "C", "--smoothness", "4", "--period", "2e-4", "--runs", "500"]
 FIGURES = ("eye", "law", "robot", "singularity", "torques", "wrench")
-FILES = {"plan.json", "motion.csv", "motion.csv-metadata.json"} | {
-    f"{name}.{kind}" for name in FIGURES for kind in ("pdf", "png")
+FILES = {"plan.json", "motion.csv", "motion.csv-metadata.json", "figures.pdf"} | {
+    f"{name}.png" for name in FIGURES
 }
 COMMANDS = {
     "plan": ["plan", "gough_stewart", "--scene", "turn", "--flexibility", "flexible_links"],

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import KroghInterpolator
 
 from framework.arrays import Array, ArrayLike
 from framework.crossing.condition import Deflection, condition_at, crossing_point
@@ -109,6 +108,8 @@ class FullerModel:
         robot, motion = self.robot, moved.motion
         smooth = np.zeros_like(motion.v)
         if self.friction is not None and self.dynamics.crossings:
+            from scipy.interpolate import KroghInterpolator  # takes time to import
+
             times = np.array([crossing.time for crossing in self.dynamics.crossings])
             ways = np.array([self._ways(time) for time in times])
             smooth = self.friction * KroghInterpolator(times, ways)(self.grid.times)

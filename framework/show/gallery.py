@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 
 from matplotlib.figure import Figure
@@ -11,7 +10,7 @@ from framework.errors import InvalidInput, choose_from
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.captions import said
 from framework.show.drawing import draw_robot
-from framework.show.style import styled
+from framework.show.style import figure_file, styled
 
 COLUMNS = 5
 CELL = 1.7  # [in] of one robot
@@ -37,7 +36,4 @@ def gallery_picture(robots: Sequence[ParallelRobot], kind: str) -> bytes:
             draw_robot(robot, ax=cell)
             cell.set_axis_off()
             cell.set_title(said(robot.name))
-        written = io.BytesIO()
-        undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
-        drawing.savefig(written, format=kind, dpi=DOTS_PER_INCH, metadata=undated)
-    return written.getvalue()
+        return figure_file(drawing, kind, dpi=DOTS_PER_INCH)

@@ -6,7 +6,6 @@ reference, a plan with its path, locus and the eye of its first crossing.
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -17,7 +16,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.drawing import draw_robot
 from framework.show.film import film_plan
 from framework.show.moving import film_picture
-from framework.show.style import styled
+from framework.show.style import figure_file, styled
 
 
 def robot_picture(robot: ParallelRobot) -> bytes:
@@ -25,11 +24,9 @@ def robot_picture(robot: ParallelRobot) -> bytes:
     with styled():
         drawn: Axes = draw_robot(robot)
         drawn.set_title(robot.name.replace("_", " "), loc="left")
-        written = io.BytesIO()
         drawing = drawn.figure
         assert isinstance(drawing, Figure)
-        drawing.savefig(written, format="png", dpi=120)
-    return written.getvalue()
+        return figure_file(drawing, "png", dpi=120)
 
 
 def plan_picture(plan: CrossingPlan) -> bytes:

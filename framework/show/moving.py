@@ -20,7 +20,7 @@ from framework.show.force_polygon import eye_twist, plot_eyes
 from framework.show.plots import torque_axes
 from framework.show.scene import stated_limit
 from framework.show.still import locus_of, plot_still
-from framework.show.style import ALARM, GOOD, LOCUS, line_style, styled
+from framework.show.style import ALARM, GOOD, LOCUS, figure_file, line_style, styled
 
 GIF_FRAMES = 60
 FRAME_TIME, SINGULAR_FRAME_TIME = 100, 2000  # [ms] of a frame, and of one at a singular instant
@@ -52,10 +52,7 @@ def _still(films: Sequence[Film], kind: str) -> bytes:
     with styled():
         drawing, left, _ = _axes(films)
         plot_still(_shown(films), left, limit=stated_limit(_shown(films), films))
-        written = io.BytesIO()
-        undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
-        drawing.savefig(written, format=kind, dpi=FRAME_DPI, metadata=undated)
-    return written.getvalue()
+        return figure_file(drawing, kind, dpi=FRAME_DPI)
 
 
 def _gif(films: Sequence[Film]) -> bytes:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
@@ -20,7 +19,7 @@ from framework.show.force_polygon import plot_eye
 from framework.show.phase_plane import plot_phase_plane
 from framework.show.scene import UNPROVED_TORQUE_RATIO
 from framework.show.still import plot_still
-from framework.show.style import ALARM, CROSSING, figure, legend_above, line_style, save_figure, styled
+from framework.show.style import ALARM, CROSSING, figure, legend_above, line_style, save_pages
 from framework.tolerances import SAME_PLACE
 
 CURVE_SAMPLES = 601
@@ -188,7 +187,7 @@ def plot_raw_torques(
 
 
 def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
-    """Write robot, law, torques, singularity and wrench into a folder, as PDF and PNG.
+    """Write robot, law, torques, singularity and wrench into a folder: figures.pdf, and a PNG of each page.
 
     Of a crossing its eye too, and of an optimal law its phase plane.
     """
@@ -203,15 +202,12 @@ def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
         drawings["eye"] = lambda: plot_eye(plan)
     if plan.optimality is not None:
         drawings["phase_plane"] = lambda: plot_phase_plane(plan)[0]
-    return [path for name, draw in drawings.items() for path in save(draw, folder / name)]
+    return save_pages(drawings, folder / "figures.pdf")
 
 
 def save(draw: Callable[[], Axes], stem: Path) -> list[Path]:
     """Draw in the common style and write `stem`.pdf and `stem`.png."""
-    with styled():
-        drawing = draw().figure
-        assert isinstance(drawing, Figure)
-        return save_figure(drawing, stem)
+    return save_pages({stem.name: draw}, stem.with_suffix(".pdf"))
 
 
 def torque_axes(ax: Axes, robot: ParallelRobot) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import base64
 import html
-import io
 from collections.abc import Callable
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from framework.crossing.result import CrossingPlan
 from framework.show import plots
@@ -16,7 +16,7 @@ from framework.show.captions import asked, parts
 from framework.show.film import Film
 from framework.show.force_polygon import plot_eye
 from framework.show.still import plot_still
-from framework.show.style import styled
+from framework.show.style import figure_file, styled
 
 Drawing = tuple[str, Callable[[], Axes]]  # its caption, and who draws it
 
@@ -25,10 +25,10 @@ def figures_with_captions(plan: CrossingPlan, film: Film, marked: Callable[[str]
     """Return the figures as HTML; `marked` makes HTML of a plain text."""
     figures = []
     for number, (caption, draw) in enumerate(_drawings(plan, film), 1):
-        picture = io.BytesIO()
         with styled():
-            draw().figure.savefig(picture, format="svg", metadata={"Date": None})  # type: ignore[union-attr]
-        data = base64.b64encode(picture.getvalue()).decode("ascii")
+            drawing = draw().figure
+            assert isinstance(drawing, Figure)
+            data = base64.b64encode(figure_file(drawing, "svg")).decode("ascii")
         figures.append(
             f'<figure><img alt="{html.escape(caption)}" src="data:image/svg+xml;base64,{data}">'
             f"<figcaption><b>Figure {number}.</b> {marked(caption)}</figcaption></figure>"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 
 # Okabe and Ito's palette without its yellow, dark and light alternating.
@@ -19,6 +21,7 @@ CROSSING = "#444444"
 LOCUS, TWIST, WRENCH, PATH, GIVEN = "#7b3fa6", "#14181d", "#d6187a", "#009e73", "#2f9fe0"
 ALARM, GOOD = "#b3261e", "#1b7f4d"
 COLUMN_WIDTH = 3.5  # [in] width of a journal column
+DPI = 200
 
 _SETTINGS: dict[Any, Any] = {
     "font.size": 8,
@@ -36,11 +39,12 @@ _SETTINGS: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "legend.frameon": False,
-    "pdf.fonttype": 42,
+    "pdf.fonttype": 42,  # outlines that publishers take; Type 3 they refuse
+    "ps.fonttype": 42,  # matplotlib 3.11 splits the fonts of PDFs by this one
     "svg.fonttype": "none",
     "figure.dpi": 100,
-    "savefig.dpi": 200,
 }
+_UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
 @contextmanager
@@ -68,11 +72,29 @@ def line_style(k: int) -> dict[str, Any]:
     return {"color": COLORS[k % len(COLORS)], "linestyle": DASHES[k % len(DASHES)]}
 
 
-def save_figure(drawing: Figure, stem: Path) -> list[Path]:
-    """Write `stem`.pdf and `stem`.png, laid out once for both; within `styled`."""
-    drawing.draw_without_rendering()
-    drawing.set_layout_engine("none")
-    paths = [stem.with_suffix(".pdf"), stem.with_suffix(".png")]
-    drawing.savefig(paths[0], metadata={"CreationDate": None})
-    drawing.savefig(paths[1])
-    return paths
+def save_pages(drawings: Mapping[str, Callable[[], Axes | Figure]], document: Path) -> list[Path]:
+    """Draw and write one PDF, a page each, and beside it a PNG of each, by its name; return all files.
+
+    Fonts are embedded once in a PDF: with a PDF for each figure that takes longer than drawing them.
+    """
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf, PdfPages  # takes time to import
+
+    files = [document]
+    with styled(), PdfPages(document, metadata=_UNDATED["pdf"]) as pages:
+        for name, draw in drawings.items():
+            drawing = draw().figure
+            assert isinstance(drawing, Figure)
+            files.append(document.with_name(f"{name}.png"))
+            files[-1].write_bytes(figure_file(drawing, "png"))
+            drawing.set_layout_engine("none")  # the page looks like the PNG
+            FigureCanvasPdf(drawing).print_pdf(pages)  # type: ignore[no-untyped-call]
+    return files
+
+
+def figure_file(drawing: Figure, kind: str, *, dpi: float = DPI) -> bytes:
+    """Return a figure as png, svg or pdf without a date; drawn once, while savefig draws twice."""
+    written = io.BytesIO()
+    drawing.set_dpi(dpi)
+    canvas = get_registered_canvas_class(kind)(drawing)
+    getattr(canvas, f"print_{kind}")(written, metadata=_UNDATED[kind])
+    return written.getvalue()

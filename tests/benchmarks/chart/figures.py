@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-from framework.show.style import DASHES, save_figure, styled
+from framework.show.style import DASHES, save_pages
 from tests.benchmarks.chart.measure import Method, Row, Stage
 from tests.benchmarks.chart.reading import LEAST, WRONG, finite, front, sentence
 
@@ -101,8 +101,8 @@ def map_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
 
 def save_chart(stage: Stage, rows: Sequence[Row], stem: Path) -> list[Path]:
     """Write `stem`.pdf and `stem`.png."""
-    with styled():
-        return save_figure(map_figure(stage, rows) if stage.map_axes else chart_figure(stage, rows), stem)
+    draw = map_figure if stage.map_axes else chart_figure
+    return save_pages({stem.name: lambda: draw(stage, rows)}, stem.with_suffix(".pdf"))
 
 
 def styles(stage: Stage) -> dict[str, dict[str, Any]]:
