@@ -7,7 +7,7 @@ What is shown
     captions            sentences about a film
     forces              all forces that the motors can give
     shapes, motors      the solids of a robot and of its motors
-    sight               the direction from which a robot is looked at
+    sight               from where a robot is looked at
 
 Figures
     style               the look of all figures

@@ -13,24 +13,26 @@ from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, planar_normal, rotated
 from framework.model.visuals import Shape
-from framework.show.motors import motor_shapes
-from framework.show.shapes import body_shapes
-from framework.show.sight import Projection, projection
+from framework.show.sight import Projection, Sight, robot_sight
 from framework.show.style import figure
 
 ROUND_OUTLINE_CORNERS = 32  # corners of a round outline
 LIGHT_DIRECTION = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
 
 
-def draw_robot(robot: ParallelRobot, q: Any = None, ax: Axes | None = None) -> Axes:
+def draw_robot(
+    robot: ParallelRobot, q: Any = None, ax: Axes | None = None, *, sight: Sight | None = None
+) -> Axes:
     """Draw the bodies and motors of a robot at q (nq,) or an assembled pose, its reference when None.
 
     On new axes when `ax` is None. Planar robots lie flat on the paper, the axes are the base's [m]. Others
-    are seen from a corner, without axes; `framework.show.sight.projection` tells where a point lies.
+    have no axes, and are seen from where most of them is to be seen at the reference, or as `sight` says;
+    `sight.onto` tells where a point lies.
     """
     ax = figure(height=3.0)[1][0] if ax is None else ax
     q = configuration(robot, robot.reference if q is None else q)
-    drawn = outlines(robot, q)
+    sight = robot_sight(robot) if sight is None else sight
+    drawn = outlines(robot, q, sight)
     colors, lines = np.array([color for _, _, color in drawn]), [line for _, line, _ in drawn]
     # a solid has a dark outline, a triangle of a mesh none of its own
     edges = np.array([color * ((1.0 if len(line) == 3 else 0.6,) * 3 + (1,)) for _, line, color in drawn])
@@ -41,19 +43,19 @@ def draw_robot(robot: ParallelRobot, q: Any = None, ax: Axes | None = None) -> A
     if planar_normal(robot) is None:
         ax.set_axis_off()
     else:
-        onto = projection(robot)
+        onto = sight.onto
         ax.set_xlabel(f"{_named(onto.right)}  [m]")
         ax.set_ylabel(f"{_named(onto.up)}  [m]")
     return ax
 
 
-def outlines(robot: ParallelRobot, q: Array) -> list[tuple[int, Array, Array]]:
+def outlines(robot: ParallelRobot, q: Array, sight: Sight) -> list[tuple[int, Array, Array]]:
     """Return node, outline (m, 2) and colour (4,) of all visible faces at q (nq,), the farthest first."""
-    onto = projection(robot)
+    onto = sight.onto
     pose = joint_poses(robot, q[None])[0]
     pieces = [
         (depth, shape.node, outline, color)
-        for shape in [*body_shapes(robot), *motor_shapes(robot)]
+        for shape in sight.shapes
         for depth, outline, color in _pieces(shape, pose[shape.node], onto)
     ]
     return [piece[1:] for piece in sorted(pieces, key=lambda piece: -piece[0])]

@@ -71,6 +71,13 @@ class Film:
     def proved(self) -> bool:
         return self.plan is not None
 
+    @property
+    def telling_frame(self) -> int:
+        """The frame of the first singular instant, or else the one in the middle."""
+        if not self.instants:
+            return len(self.time) // 2
+        return int(np.argmin(np.abs(self.time - self.instants[0].time)))
+
 
 def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Film:
     """Plan the motion and film it; a motion with a pole is filmed from its unproved law.

@@ -17,6 +17,7 @@ from framework.show.captions import asked as kind_of_hold
 from framework.show.captions import catalogue_entry, unit
 from framework.show.forces import drawn_sides, why_no_figure
 from framework.show.scene import drawn_locus, drawn_robot, floats
+from framework.show.sight import robot_sight
 from framework.singularity.jogging import (
     CLASSES,
     JoggedPose,
@@ -36,7 +37,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
     reference = robot.reference
     poses = joint_poses(robot, reference.q[None])
     platform = platform_positions(robot, poses)
-    return drawn_robot(robot, poses) | {
+    return drawn_robot(robot, poses, robot_sight(robot)) | {
         "kind": "hand",
         "about": catalogue_entry(robot),
         "push": f"{HELD_WRENCH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",

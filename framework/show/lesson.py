@@ -26,7 +26,7 @@ from framework.motion.optimal_law import OptimalLaw
 from framework.motion.path import Path
 from framework.show.captions import said, why
 from framework.show.drawing import outlines
-from framework.show.sight import Projection, projection
+from framework.show.sight import Projection, Sight, robot_sight
 
 NODE_COUNTS = (64, 96, 128, 192)  # of the series in s, until they are resolved
 LAW_NODE_COUNTS = (160, 320, 640, 1280)  # of the best law's squared speed in sigma, likewise
@@ -45,10 +45,10 @@ def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str 
         InvalidInput: the path comes too near another singularity for series.
         As `planar_crossing`.
     """
-    onto = projection(robot)
-    crossing = planar_crossing(robot, path, duration, onto.up)
+    sight = robot_sight(robot)
+    crossing = planar_crossing(robot, path, duration, sight.onto.up)
     heading = said(robot.name) + (f", {name}" if name else "")
-    document = json.dumps(_document(robot, crossing, onto), allow_nan=False)
+    document = json.dumps(_document(robot, crossing, sight), allow_nan=False)
     return Template(_asset("lesson.html")).substitute(
         title=f"Thread the needle: {html.escape(heading)}",
         style=_asset("lesson.css"),
@@ -57,7 +57,8 @@ def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str 
     )
 
 
-def _document(robot: ParallelRobot, crossing: PlanarCrossing, onto: Projection) -> dict[str, Any]:
+def _document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> dict[str, Any]:
+    onto = sight.onto
     series = _series(crossing, onto)
     ends = np.cumsum([0, *(each.shape[1] for each in series.values())]).tolist()
     locus = locus_curves(robot, crossing.point.q, crossing.point.platform)
@@ -72,7 +73,7 @@ def _document(robot: ParallelRobot, crossing: PlanarCrossing, onto: Projection) 
         "length": robot.length,
         "series": [_truncated(column) for each in series.values() for column in each.T],
         "slices": {key: [begin, end] for key, begin, end in zip(series, ends, ends[1:], strict=False)},
-        "shapes": _outlines(crossing, onto),
+        "shapes": _outlines(crossing, sight),
         "locus": [_plane(robot, curve, onto).round(6).tolist() for curve in (locus.curves if locus else [])],
         "best": {
             key: {
@@ -136,12 +137,12 @@ def _poses(robot: ParallelRobot, q: Array, onto: Projection) -> Array:
     return np.concatenate(columns, axis=1)
 
 
-def _outlines(crossing: PlanarCrossing, onto: Projection) -> list[dict[str, Any]]:
+def _outlines(crossing: PlanarCrossing, sight: Sight) -> list[dict[str, Any]]:
     """Return the outline (m, 2) of each body in its joint's frame on the paper, the farthest first."""
     robot, q = crossing.robots["off"], crossing.searched.branch.closed(np.zeros(1)).q
-    poses = [np.array([0.0, 0.0, 1.0, 0.0]), *_poses(robot, q, onto)[0].reshape(-1, 4)]
+    poses = [np.array([0.0, 0.0, 1.0, 0.0]), *_poses(robot, q, sight.onto)[0].reshape(-1, 4)]
     shapes = []
-    for node, points, colour in outlines(robot, q[0]):
+    for node, points, colour in outlines(robot, q[0], sight):
         x, y, cosine, sine = poses[node]
         local = (points - (x, y)) @ np.array([[cosine, -sine], [sine, cosine]])
         shapes.append(

@@ -19,6 +19,7 @@ from framework.show.film import Film
 from framework.show.force_polygon import eye_twist, plot_eyes
 from framework.show.plots import torque_axes
 from framework.show.scene import stated_limit
+from framework.show.sight import film_sight
 from framework.show.still import locus_of, plot_still
 from framework.show.style import ALARM, GOOD, LOCUS, figure_file, line_style, styled
 
@@ -132,11 +133,11 @@ def _stages(films: Sequence[Film]) -> _Stage:
 
 def _robot(film: Film, ax: Axes, limit: Array | None) -> Mark:
     """Draw the robot at the frame of an instant; of an unproved motion at the latest where it ends."""
-    locus, end = locus_of(film), _end(film)
+    locus, sight, end = locus_of(film), film_sight(film), _end(film)
 
     def draw(t: float) -> None:
         frame = int(np.argmin(np.abs(film.time - min(t, end))))
-        plot_still(film, ax, frame=frame, limit=limit, locus=locus, alone=True)
+        plot_still(film, ax, frame=frame, limit=limit, locus=locus, sight=sight, alone=True)
         if limit is None:  # several films: their titles instead of a legend each
             if ax.legend_ is not None:
                 ax.legend_.remove()

@@ -33,8 +33,7 @@ from framework.show.film import Film
 from framework.show.force_polygon import shown_limit
 from framework.show.forces import drawn_sides, figure_vectors, why_no_figure
 from framework.show.motors import motor_shapes, placed
-from framework.show.shapes import body_shapes
-from framework.show.sight import seen_from
+from framework.show.sight import Sight, film_sight, tilted
 
 UNPROVED_TORQUE_RATIO = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
 COIL_LENGTH = 0.18  # length of a spring's coil, over the `length` of the document
@@ -63,7 +62,17 @@ def film_documents(films: Sequence[Film]) -> list[dict[str, Any]]:
             traced.append((film.robot.description, locus))
         return locus
 
-    return [_film_document(film, curves_about, stated_limit(film, films)) for film in films]
+    seen: list[tuple[RobotDescription, Sight]] = []
+    for film in sorted(films, key=lambda film: not film.instants):
+        if all(description != film.robot.description for description, _ in seen):
+            seen.append((film.robot.description, film_sight(film)))
+    sights = [
+        next(sight for description, sight in seen if description == film.robot.description) for film in films
+    ]
+    return [
+        _film_document(film, sight, curves_about, stated_limit(film, films))
+        for film, sight in zip(films, sights, strict=True)
+    ]
 
 
 def stated_limit(film: Film, films: Sequence[Film]) -> Array:
@@ -76,13 +85,13 @@ def stated_limit(film: Film, films: Sequence[Film]) -> Array:
     return shown_limit(film.robot, usual, None)
 
 
-def _film_document(film: Film, curves_about: CurvesAbout, limit: Array) -> dict[str, Any]:
+def _film_document(film: Film, sight: Sight, curves_about: CurvesAbout, limit: Array) -> dict[str, Any]:
     robot = film.robot
     poses = joint_poses(robot, film.q)
     platform = platform_positions(robot, poses)
     power = np.sum(film.t_s * film.W_p, axis=1)  # (F,), whose t_s never turns round
     W_p, *world = _wrenches(film)
-    document = drawn_robot(robot, poses)
+    document = drawn_robot(robot, poses, sight)
     document |= {
         "kind": "film",
         "title": film.name or said(robot.name),
@@ -133,10 +142,10 @@ def _instants(film: Film, platform: Array, power: Array) -> list[dict[str, Any]]
     ]
 
 
-def drawn_robot(robot: ParallelRobot, poses: Array) -> dict[str, Any]:
+def drawn_robot(robot: ParallelRobot, poses: Array, sight: Sight) -> dict[str, Any]:
     """Return the entries that do not depend on the motion, and the view."""
-    shapes = body_shapes(robot)
-    view = _view(robot, _points_in_sight(robot, shapes, poses))
+    shapes = sight.shapes[: sight.bodies]
+    view = _view(_points_in_sight(robot, shapes, poses), sight)
     return {
         "robot": robot.name,
         "flexibility": robot.flexibility,
@@ -329,15 +338,14 @@ def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) ->
     return np.concatenate(points)
 
 
-def _view(robot: ParallelRobot, points: Array) -> dict[str, Any]:
+def _view(points: Array, sight: Sight) -> dict[str, Any]:
     """Return centre and radius of the picture, and the direction of sight."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
-    toward, flat = seen_from(robot)
     return {
         "center": center.tolist(),
         "radius": max(float(np.linalg.norm(points - center, axis=1).max()), 1e-6),
-        "from": toward.tolist(),
+        "from": (tilted(sight.toward) if sight.planar else sight.toward).tolist(),
         "lowest": float(low[2]),
-        "flat": flat,
+        "flat": sight.planar,
     }

@@ -12,6 +12,7 @@ STICK_COLOR: Color = (0.45, 0.52, 0.60, 1.0)
 JOINT_COLOR: Color = (0.75, 0.76, 0.78, 1.0)
 STICK_RADIUS = 0.012  # radius of a stick, in lengths of the robot
 MIN_STICK_LENGTH = 0.03  # in lengths of the robot
+MAX_SURFACE_POINTS = 3000  # of one shape
 MESH_CELLS = 40  # a mesh is thinned to this many cells along its diagonal
 
 
@@ -38,6 +39,27 @@ def thinned(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     a, b, c = corners.T
     kept = corners[(a != b) & (b != c) & (c != a)]
     return mean, np.unique(kept, axis=0)
+
+
+def surface_points(shape: Shape, spacing: float) -> Array:
+    """Return points (m, 3) all over a shape's surface, in its node's frame, about `spacing` [m] apart."""
+    if shape.vertices is not None and shape.faces is not None:
+        local = np.concatenate([shape.vertices, shape.vertices[shape.faces].mean(axis=1)])
+        local = local[:: 1 + len(local) // MAX_SURFACE_POINTS]
+    else:
+        radius = shape.size[0]
+        sides = {"box": shape.size, "cylinder": (2 * radius, 2 * radius, shape.size[-1])}
+        half = 0.5 * np.array(sides.get(shape.kind, (2 * radius,) * 3))
+        cells = np.sort(2 * half / spacing)
+        count = int(min(MAX_SURFACE_POINTS, 12 * (cells[2] + 1) * (cells[1] + 1)))
+        # a spiral about the sphere, pushed outward onto the solid of unit size
+        height = (2 * np.arange(count) + 1) / count - 1
+        angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+        level = np.sqrt(1 - height**2)
+        round_ = np.stack([level * np.cos(angle), level * np.sin(angle), height], axis=1)
+        far = {"box": np.abs(round_).max(axis=1), "cylinder": np.maximum(level, np.abs(height))}
+        local = half * round_ / far.get(shape.kind, np.ones(count))[:, None]
+    return np.asarray(local @ shape.placement[:3, :3].T + shape.placement[:3, 3])
 
 
 def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:

@@ -1,4 +1,8 @@
-"""The direction of sight on a robot: planar ones along the normal of their plane, others from a corner."""
+"""The direction from which a robot is looked at: of many, the one that shows most of what has to be seen.
+
+A planar robot is seen along its normal, from one side or the other; any other from all around, from eye
+level to halfway up. Bodies are measured as the picture has them: which is nearest to the eye in each cell.
+"""
 
 from __future__ import annotations
 
@@ -6,26 +10,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import LEAST_DIVISOR, Array, IntArray
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import planar_normal
+from framework.kinematics.placements import (
+    joint_poses,
+    planar_normal,
+    platform_positions,
+    platform_twists,
+    rotated,
+)
+from framework.locus.drawn_locus import locus_patch
+from framework.model.visuals import Shape
+from framework.show.film import Film
+from framework.show.motors import motor_shapes
+from framework.show.shapes import body_shapes, surface_points
 
-CORNER_DIRECTION = np.array([0.75, -1.35, 0.65])  # from the robot to the eye
+USUAL_DIRECTION = np.array([0.75, -1.35, 0.65])  # from the robot to the eye: of directions alike the nearest
+USUAL_NORMAL = np.array([0.2, -1.0, 2.0])  # on whose side the eye is, of a planar robot
 FLAT_VIEW_SLOPE = np.tan(np.radians(10.0))  # planar robots on a page: bodies still show a depth
+AZIMUTHS, ELEVATIONS = np.radians(np.arange(0, 360, 15)), np.radians([10, 20, 30, 40])
+PICTURE_CELLS = 40  # along the robot's largest extent, of the picture that is measured
+LOSS_OPPOSITE = 0.3  # what the direction opposite to the usual one loses
 
 
-def seen_from(robot: ParallelRobot, *, flat: bool = False) -> tuple[Array, bool]:
-    """Return the direction (3,) from the robot to the viewer, and whether the robot is planar.
+class Wanted(NamedTuple):
+    """What has to be seen beside the bodies."""
 
-    `flat`: planar robots exactly flat-on.
-    """
-    normal = planar_normal(robot)
-    if normal is None:
-        return CORNER_DIRECTION / np.linalg.norm(CORNER_DIRECTION), False
-    normal = normal * (np.sign(normal @ np.array([0.2, -1.0, 2.0])) or 1.0)
-    aside = np.array([0.0, -1.0, 0.0]) if abs(normal[2]) > 0.7 else np.array([0.5, 0.0, 0.8])
-    direction = normal if flat else normal + FLAT_VIEW_SLOPE * aside
-    return direction / np.linalg.norm(direction), True
+    path: Array  # (m, 3)
+    arrow: Array  # (3,) that is to lie across the sight, such as t_s
+    normal: Array | None  # (3,) of a surface that is not to be seen from its edge
 
 
 class Projection(NamedTuple):
@@ -40,10 +53,126 @@ class Projection(NamedTuple):
         return np.asarray(points @ np.stack([self.right, self.up], axis=1))
 
 
-def projection(robot: ParallelRobot) -> Projection:
-    """Return the projection of a robot; flat-on for planar ones, whose figures have the base's axes [m]."""
-    toward, _ = seen_from(robot, flat=True)
+class Sight(NamedTuple):
+    """A robot's solids and from where they are looked at: what all pictures of one motion share."""
+
+    shapes: list[Shape]  # of the bodies, and after them of the motors
+    bodies: int  # how many are bodies
+    toward: Array  # (3,) from the robot to the eye, flat-on for planar robots
+    planar: bool
+
+    @property
+    def onto(self) -> Projection:
+        return projection(self.toward)
+
+
+def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: Wanted | None = None) -> Sight:
+    """Choose the sight on a robot at q (nq,), its reference when None."""
+    bodies = body_shapes(robot)
+    shapes = bodies + motor_shapes(robot, bodies)
+    normal = planar_normal(robot)
+    points, nodes = _surfaces(robot, robot.reference.q if q is None else q, shapes)
+    return Sight(shapes, len(bodies), _best_direction(points, nodes, normal, wanted), normal is not None)
+
+
+def film_sight(film: Film) -> Sight:
+    """Choose the sight on a motion by its first singular instant, or else halfway."""
+    robot, k = film.robot, film.telling_frame
+    q, arrow, normal = film.q[k], np.zeros(3), None
+    if film.instants:
+        twist = platform_twists(robot, q[None], film.t_s[k][None])[0]
+        arrow = twist[:3] if len(robot.platform.sliding) else twist[3:]
+        patch = locus_patch(robot, q, film.x[k])
+        if patch is not None:
+            normal = np.cross(patch[-1, -1] - patch[0, 0], patch[0, -1] - patch[-1, 0])
+            normal /= np.linalg.norm(normal)
+    return robot_sight(robot, q, Wanted(platform_positions(robot, joint_poses(robot, film.q)), arrow, normal))
+
+
+def projection(toward: Array) -> Projection:
+    """Return the projection for an eye in a direction (3,) from the robot: z is up on paper, or else y."""
     upright = np.array([0.0, 1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
     right = np.cross(upright, toward)
     right = right / np.linalg.norm(right)
     return Projection(right, np.cross(toward, right), -toward)
+
+
+def tilted(toward: Array) -> Array:
+    """Return the direction (3,) of an eye a little aside of the normal of a planar robot."""
+    aside = np.array([0.0, -1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.5, 0.0, 0.8])
+    direction = toward + FLAT_VIEW_SLOPE * aside
+    return np.asarray(direction / np.linalg.norm(direction))
+
+
+def _best_direction(points: Array, nodes: IntArray, normal: Array | None, wanted: Wanted | None) -> Array:
+    """Return the direction (3,) to the eye; `points`, `nodes` of `_surfaces`, `normal` of a planar robot.
+
+    The score is the share of each body that is seen, of the most that any direction shows of it, times how
+    far arrow and path lie across the sight and the surface faces it.
+    """
+    directions, usual = _candidates(normal)
+    areas = np.array([_areas(points, nodes, projection(toward)) for toward in directions])
+    away = np.arccos(np.clip(directions @ usual, -1.0, 1.0)) / np.pi
+    scores = _seen(areas) * (1.0 - LOSS_OPPOSITE * away)
+    if wanted is not None and normal is None:
+        scores *= _across(wanted.arrow[None], directions)
+        scores *= np.sqrt(_across(np.diff(wanted.path, axis=0), directions))
+        if wanted.normal is not None:
+            scores *= np.sqrt(np.abs(directions @ wanted.normal))
+    return np.asarray(directions[int(np.argmax(scores))])
+
+
+def _candidates(normal: Array | None) -> tuple[Array, Array]:
+    """Return the directions (k, 3) to choose from, and the usual one (3,)."""
+    if normal is not None:
+        usual = normal * (np.sign(normal @ USUAL_NORMAL) or 1.0)
+        return np.stack([usual, -usual]), usual
+    azimuth, elevation = (each.ravel() for each in np.meshgrid(AZIMUTHS, ELEVATIONS))
+    level = np.cos(elevation)
+    around = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
+    return around, USUAL_DIRECTION / np.linalg.norm(USUAL_DIRECTION)
+
+
+def _surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tuple[Array, IntArray]:
+    """Return points (m, 3) all over the solids, in cells of the picture, and the node (m,) of each."""
+    poses = joint_poses(robot, q[None])[0]
+
+    def placed(shape: Shape, local: Array) -> Array:
+        pose = poses[shape.node]
+        return pose[:3] + rotated(np.repeat(pose[None, 3:], len(local), axis=0), local)
+
+    boxes = [placed(shape, shape.corners()) for shape in shapes]
+    spacing = float(np.ptp(np.concatenate(boxes), axis=0).max()) / PICTURE_CELLS
+    points = [placed(shape, surface_points(shape, spacing)) for shape in shapes]
+    nodes = [np.full(len(each), shape.node) for shape, each in zip(shapes, points, strict=True)]
+    return np.concatenate(points) / spacing, np.concatenate(nodes)
+
+
+def _areas(points: Array, nodes: IntArray, onto: Projection) -> IntArray:
+    """Return the number of cells (nodes,) in which each node's body is the nearest, points in cells."""
+    across, up = np.floor(onto(points)).astype(np.int64).T
+    order = np.lexsort((-(points @ onto.ahead), up, across))  # the nearest last in its cell
+    nearest = np.append((np.diff(across[order]) != 0) | (np.diff(up[order]) != 0), True)
+    return np.bincount(nodes[order[nearest]], minlength=nodes.max() + 1)
+
+
+def _seen(areas: IntArray) -> Array:
+    """Return the share (k,) of the moving bodies that is seen; `areas` (k, nodes), node 0 is the base."""
+    moving = areas[:, 1:][:, areas[:, 1:].max(axis=0) > 0]
+    if not moving.shape[1]:
+        return np.ones(len(areas))
+    share = np.maximum(moving, 1) / moving.max(
+        axis=0
+    )  # a cell at least: a hidden body weighs, but decides not alone
+    weight = np.sqrt(moving.max(axis=0))
+    share = np.exp(np.log(share) @ weight / weight.sum())
+    filled = moving.sum(axis=1) / areas.sum(axis=1)
+    return np.asarray(share * np.sqrt(filled))
+
+
+def _across(arrows: Array, directions: Array) -> Array:
+    """Return the part (k,) of the arrows' (m, 3) length that lies across the sight; 1 where there is none."""
+    length = np.linalg.norm(arrows, axis=1)
+    along = directions @ arrows.T
+    seen = np.sqrt(np.clip(length**2 - along**2, 0.0, None)).sum(axis=1)
+    return np.asarray(seen / length.sum() if length.sum() > LEAST_DIVISOR else np.ones(len(directions)))

@@ -20,7 +20,7 @@ from framework.locus.drawn_locus import locus_curves
 from framework.show.drawing import draw_robot, hull
 from framework.show.film import Film
 from framework.show.scene import locus_lines
-from framework.show.sight import Projection, projection
+from framework.show.sight import Projection, Sight, film_sight
 from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, legend_above
 
 ARROW_LENGTH = 0.32  # length of t_s, over the robot's; the page's too
@@ -35,6 +35,7 @@ def plot_still(
     frame: int | None = None,
     limit: Array | None = None,
     locus: Sequence[Array] | None = None,
+    sight: Sight | None = None,
     alone: bool = False,
 ) -> Axes:
     """Draw a film at one of its frames: when None at its first singular instant, or else halfway.
@@ -43,11 +44,12 @@ def plot_still(
         limit: torque limits (n_a,); a platform that moves in a plane then gets the polygons of the forces
             that such motors can give, some along the path, in a common scale; with `alone` that of the
             frame only.
-        locus: curves (m, 3) of the singular locus, when they are known already; see `locus_of`.
+        locus, sight: `locus_of(film)` and `film_sight(film)`, when they are known already.
     """
-    robot, k = film.robot, telling_frame(film) if frame is None else frame
-    ax = draw_robot(robot, film.q[k], ax)
-    onto, platform = projection(robot), platform_positions(robot, joint_poses(robot, film.q))
+    robot, k = film.robot, film.telling_frame if frame is None else frame
+    sight = film_sight(film) if sight is None else sight
+    ax = draw_robot(robot, film.q[k], ax, sight=sight)
+    onto, platform = sight.onto, platform_positions(robot, joint_poses(robot, film.q))
     path_line, place = onto(platform), platform[k]
     for piece, line in enumerate(locus_of(film) if locus is None else locus):
         label = None if piece else "singular locus"
@@ -64,7 +66,7 @@ def plot_still(
         ax.plot(*mark, "o", color=LOCUS if film.proved else ALARM, markersize=4, zorder=6)
     if limit is not None and robot.n == 2 and robot.platform.is_point:
         _polygons(film, ax, path_line, limit, [k] if alone else None)
-    if film.instants and k == telling_frame(film) and len(robot.platform.sliding):
+    if film.instants and k == film.telling_frame and len(robot.platform.sliding):
         _action_lines(film, ax, k, place, onto)
     reach = min(robot.length, 0.8 * float(np.ptp(ax.get_xlim())))
     twist = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
@@ -106,13 +108,6 @@ def locus_of(film: Film) -> list[Array]:
     return locus_lines(robot, locus_curves(robot, film.q[0], film.x[0]), platform)
 
 
-def telling_frame(film: Film) -> int:
-    """Return the frame of the first singular instant, or else the one in the middle."""
-    if not film.instants:
-        return len(film.time) // 2
-    return int(np.argmin(np.abs(film.time - film.instants[0].time)))
-
-
 def _arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: str) -> None:
     if np.linalg.norm(arrow) > 0.02 * np.ptp(ax.get_xlim()):
         style = {
@@ -136,7 +131,7 @@ def _polygons(film: Film, ax: Axes, line: Array, limit: Array, frames: Sequence[
     scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()
     if frames is None:
         spread = np.linspace(0, len(film.time) - 1, FORCE_POLYGONS).astype(int)
-        frames = [int(k) for k in np.unique(np.append(spread, telling_frame(film)))]
+        frames = [int(k) for k in np.unique(np.append(spread, film.telling_frame))]
     for k in frames:
         corners = line[k] + scale * hull(vertices[k])
         ax.add_patch(Polygon(corners, facecolor=GIVEN, alpha=0.18, zorder=3.5))

@@ -19,7 +19,7 @@ from framework.show.gallery import gallery_picture
 from framework.show.jupyter import load_ipython_extension
 from framework.show.moving import film_picture
 from framework.show.shapes import body_shapes
-from framework.show.sight import projection
+from framework.show.sight import robot_sight
 from framework.show.still import plot_still
 from tests.show.test_film import filmed
 
@@ -35,10 +35,10 @@ def test_the_hull_is_that_of_qhull():
 @pytest.mark.parametrize("name", ["five_bar", "n_four_bar", "delta", "gough_stewart", "agile_eye"])
 def test_all_joints_of_a_drawn_robot_lie_within_what_is_drawn(name):
     robot = robots.load(name)
-    q = robot.reference.q
-    (bodies,) = draw_robot(robot, q).collections
+    q, sight = robot.reference.q, robot_sight(robot)
+    (bodies,) = draw_robot(robot, q, sight=sight).collections
     drawn = np.concatenate([path.vertices for path in bodies.get_paths()])
-    places = projection(robot)(frame_positions(robot, joint_poses(robot, q[None])))
+    places = sight.onto(frame_positions(robot, joint_poses(robot, q[None])))
     beyond = np.maximum(drawn.min(axis=0) - places, places - drawn.max(axis=0))
     assert beyond.max() < 0.03 * robot.length  # a joint of no size may lie beside its body
     assert np.all(np.isfinite(drawn))

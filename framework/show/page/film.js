@@ -29,7 +29,7 @@ class Film {
     this.caption = section.querySelector(".now");
     this.legend(document.getElementById("legend"), section.querySelector(".legend"));
     this.charts(section.querySelector(".side"), seek);
-    this.view.extra.push(...points(this.platform), ...this.tips());
+    this.view.extra.push(...this.tips());
     this.view.frame();
   }
 

@@ -1,5 +1,7 @@
 // One robot in one pane: MeshCat's viewer, the robot's nodes, and labels that follow points of the scene.
 
+const FILLED = 0.85, RIM = 30; // the share of the picture that bodies fill; pixels beyond all else
+
 class View {
   constructor(element, content) {
     this.content = content;
@@ -8,7 +10,7 @@ class View {
     this.pane.className = "pane";
     this.viewer = new MeshCat.Viewer(this.pane);
     this.labels = [];
-    this.extra = []; // points that have to be in sight beside the bodies
+    this.extra = []; // points that have to be in sight beside the bodies, such as the tips of arrows
     this.turned = false; // by hand: then the camera stays where it was put
     this.fit();
     this.nodes = [];
@@ -97,9 +99,9 @@ class View {
     this.viewer.set_dirty();
   }
 
-  // Corners of all bodies in some frames of the motion, and what else has to be in sight.
+  // Corners of all bodies in some frames of the motion.
   inSight(frames = 25) {
-    const found = [...this.extra], placed = new THREE.Matrix4();
+    const found = [], placed = new THREE.Matrix4();
     const count = this.poses.length / (7 * this.content.joints), last = Math.min(frames, count) - 1;
     for (let f = 0; f <= last; f++) {
       this.setPoses(this.poses, last ? Math.round((f * (count - 1)) / last) : 0);
@@ -115,28 +117,31 @@ class View {
     return found;
   }
 
-  // Stands the camera as near as it can be with all that is to be seen in its frame, from the given direction.
+  // Stands the camera, in the given direction, so near that bodies fill three quarters of the picture, or less if
+  // what is to be seen beside them needs the room.
   frame() {
     const { clientWidth: width, clientHeight: height } = this.element;
     if (!width || !height) return;
     if (!this.cloud) this.cloud = this.inSight();
-    const { camera, controls } = this.viewer, rim = Math.min(34, 0.12 * Math.min(width, height));
+    const { camera, controls } = this.viewer, slope = Math.tan((camera.fov * Math.PI) / 360);
     const inCamera = ({ x, y, z }) => new THREE.Vector3(x, z, -y); // the camera lives in a frame whose y is up
     const ahead = inCamera(new THREE.Vector3(...this.content.view.from)).negate();
     const right = ahead.clone().cross(new THREE.Vector3(0, 1, 0)).normalize(), up = right.clone().cross(ahead);
-    const slope = Math.tan((camera.fov * Math.PI) / 360);
-    const across = slope * (width - 2 * rim) / height, along = slope * (1 - 2 * rim / height);
-    // |x - x0| <= across (z - z0) and |y - y0| <= along (z - z0) for all points: four least sides bound z0
-    const side = [-Infinity, -Infinity, -Infinity, -Infinity];
-    let middle = 0;
-    for (const point of this.cloud.map(inCamera)) {
-      const [x, y, z] = [point.dot(right), point.dot(up), point.dot(ahead)];
-      [x - across * z, -x - across * z, y - along * z, -y - along * z].forEach((value, k) => { side[k] = Math.max(side[k], value); });
-      middle += z / this.cloud.length;
-    }
-    const depth = Math.min(-(side[0] + side[1]) / (2 * across), -(side[2] + side[3]) / (2 * along));
-    camera.position.set(0, 0, 0)
-      .addScaledVector(right, 0.5 * (side[0] - side[1])).addScaledVector(up, 0.5 * (side[2] - side[3])).addScaledVector(ahead, depth);
+    const placed = (points) => points.map(inCamera).map((point) => [point.dot(right), point.dot(up), point.dot(ahead)]);
+    const bodies = placed(this.cloud), rim = Math.min(RIM, 0.08 * Math.min(width, height));
+    const lots = [[bodies, FILLED, FILLED], [placed(this.extra), 1 - 2 * rim / width, 1 - 2 * rim / height]];
+    // |x - x0| <= a (z - z0) for all points of a lot: x0 is above x - a z + a z0, and below x + a z - a z0
+    const bounds = (i, ratio) => lots.map(([points, ...shares]) => {
+      const a = slope * ratio * shares[i];
+      return points.reduce((least, point) => ({
+        a, above: Math.max(least.above, point[i] - a * point[2]), below: Math.min(least.below, point[i] + a * point[2]),
+      }), { a, above: -Infinity, below: Infinity });
+    });
+    const sides = [bounds(0, width / height), bounds(1, 1)];
+    const depth = Math.min(...sides.flatMap((side) => side.flatMap((one) => side.map((other) => (one.below - other.above) / (one.a + other.a)))));
+    const [x, y] = sides.map((side) => 0.5 * (Math.max(...side.map(({ a, above }) => above + a * depth)) + Math.min(...side.map(({ a, below }) => below - a * depth))));
+    const middle = bodies.reduce((sum, point) => sum + point[2], 0) / bodies.length;
+    camera.position.set(0, 0, 0).addScaledVector(right, x).addScaledVector(up, y).addScaledVector(ahead, depth);
     controls.target.copy(camera.position).addScaledVector(ahead, middle - depth);
     camera.near = (middle - depth) / 100;
     camera.far = 60 * (middle - depth);

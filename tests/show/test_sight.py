@@ -1,0 +1,80 @@
+"""From where robots are looked at: what has to be seen is seen."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
+from framework.locus.drawn_locus import locus_patch
+from framework.show.drawing import draw_robot
+from framework.show.sight import film_sight
+from tests.browser.pages import filmed
+
+SCENES = {
+    "delta": "cross",
+    "gough_stewart": "turn",
+    "humanoid_knee": "deep",
+    "orthoglide": "cross",
+    "par4": "cross",
+    "spherical_rrr": "cross",
+}
+
+
+@pytest.fixture(scope="module")
+def sights():
+    films = {name: filmed(name, scene) for name, scene in SCENES.items()}
+    return {name: (film, film_sight(film)) for name, film in films.items()}
+
+
+def pixels(film, sight, rgb) -> int:
+    """How much of a picture of the singular instant is of a colour."""
+    drawing = Figure(figsize=(4, 4), dpi=60)
+    draw_robot(film.robot, film.q[film.telling_frame], drawing.subplots(), sight=sight).set_axis_off()
+    written = io.BytesIO()
+    drawing.savefig(written, format="png")
+    seen = np.asarray(Image.open(written).convert("RGB"), dtype=float) / 255
+    return int(np.sum(np.abs(seen - rgb).max(axis=2) < 0.02))
+
+
+def test_the_rod_of_the_knee_is_before_the_thigh(sights):
+    film, sight = sights["humanoid_knee"]
+    rod = (0.12, 0.47, 0.71)
+    behind = sight._replace(toward=-sight.toward)
+    assert pixels(film, sight, rod) > 3 * pixels(film, behind, rod)
+
+
+def test_the_base_of_a_hexapod_hides_no_leg_and_fills_less_than_its_picture(sights):
+    film, sight = sights["gough_stewart"]
+    base, legs = (0.25, 0.27, 0.30), (0.12, 0.47, 0.71)
+    corner = sight._replace(toward=np.array([0.75, -1.35, 0.65]) / np.linalg.norm([0.75, -1.35, 0.65]))
+    assert pixels(film, sight, base) < 0.5 * pixels(film, corner, base)
+    assert pixels(film, sight, legs) > pixels(film, corner, legs)
+
+
+@pytest.mark.parametrize("name", [name for name in SCENES if name != "humanoid_knee"])
+def test_path_and_t_s_lie_across_the_sight(sights, name):
+    film, sight = sights[name]
+    q = film.q[film.telling_frame][None]
+    twist = platform_twists(film.robot, q, film.t_s[film.telling_frame][None])[0]
+    arrow = twist[:3] if len(film.robot.platform.sliding) else twist[3:]
+    assert np.linalg.norm(sight.onto(arrow)) > 0.7 * np.linalg.norm(arrow)
+    steps = np.diff(platform_positions(film.robot, joint_poses(film.robot, film.q)), axis=0)
+    seen = np.linalg.norm(sight.onto(steps), axis=1).sum()
+    assert seen >= 0.6 * np.linalg.norm(steps, axis=1).sum()
+
+
+@pytest.mark.parametrize("name", ["delta", "gough_stewart", "orthoglide"])
+def test_a_singular_surface_is_not_seen_from_its_edge(sights, name):
+    film, sight = sights[name]
+    k = film.telling_frame
+    patch = locus_patch(film.robot, film.q[k], film.x[k])
+    lines = np.stack(
+        [patch[-1] - patch[0], patch[:, -1] - patch[:, 0]], axis=1
+    )  # (m, 2, 3) from edge to edge
+    whole = np.linalg.norm(np.cross(lines[:, 0], lines[:, 1]), axis=1).sum()
+    assert np.abs(np.linalg.det(sight.onto(lines))).sum() > 0.35 * whole
