@@ -162,7 +162,9 @@ def _same_branch(
     places = np.flatnonzero(which)
     (sign_one, size_one), (sign_two, size_two) = before.factors.slogdet, after.factors.slogdet
     sure = (sign_one == sign_two) & (size_two - size_one > np.log(DETERMINANT_LOST))
-    kept = [bool(sure[k]) or keeps_working_mode(robot, before.at(int(k)), after.at(int(k))) for k in places]
+    kept = [
+        bool(sure[k]) or keeps_working_mode(robot, before.at(int(k)), after.at(int(k)))[0] for k in places
+    ]
     same = np.array(kept, dtype=np.bool_)
     places = places[same]
     # where branches cross, the tangent turns by more than the correction of one branch tells

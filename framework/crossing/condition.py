@@ -23,13 +23,13 @@ from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack, linearised_at
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
-from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.motion_rates import joint_rates, motion_at
 from framework.motion.path import along
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.root_of_g import root_of_g
-from framework.singularity.type2 import sign_along, uncontrolled_motion
+from framework.singularity.type2 import least_held, sign_along, uncontrolled_motion
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 
 
@@ -111,7 +111,8 @@ def crossing_point(
 
     root = root_of_g(passive, near)
     if root.converged:
-        return _oriented(branch, root.place, closed(np.array([root.place])))
+        there = closed(np.array([root.place]))
+        return _oriented(branch, root.place, there, *least_held(robot, there.linearised), singular.kind)
     raise NoLaw(
         f"{robot.name}: the deflected robot has no singular point near s = {singular.s:.6g}; the deflections "
         f"are too large for the path to cross the locus there"
@@ -120,16 +121,17 @@ def crossing_point(
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
     """Return a point of the path treated as singular whether it is or not, as rounded data would have it."""
-    return _oriented(branch, s, branch.closed(s))
+    closed = branch.closed(s)
+    kind, twist, motion, _ = uncontrolled_motion(branch.robot, closed.linearised)
+    return _oriented(branch, s, closed, twist, motion, kind)
 
 
-def _oriented(branch: Branch, s: float, closed: ClosedStack) -> CrossingPoint:
-    """Compute the uncontrolled motion there, its twist pointing along the path."""
-    uncontrolled = uncontrolled_motion(branch.robot, closed.linearised)
-    sign = sign_along(uncontrolled.twist, branch.robot.platform.path_twist(branch.path, s))
-    return CrossingPoint(
-        s, uncontrolled.kind, sign * uncontrolled.twist, sign * uncontrolled.motion, closed.q[0]
-    )
+def _oriented(
+    branch: Branch, s: float, closed: ClosedStack, twist: Array, motion: Array, kind: str
+) -> CrossingPoint:
+    """Return the crossing point with its twist pointing along the path."""
+    sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
+    return CrossingPoint(s, kind, sign * twist, sign * motion, closed.q[0])
 
 
 def condition_at(branch: Branch, place: CrossingPoint, deflection: Deflection | None) -> Condition8:
@@ -171,26 +173,31 @@ def coefficients_at(branch: Branch, place: CrossingPoint, deflection: Deflection
     no difference is taken. Of delta one share is damping at s' = 1, the other is bilinear in s' and the rates
     of the deflections: the half difference at +s' and -s', where both move the joints equally fast.
     """
-    robot = branch.robot
-    motion = _at_speeds(branch, place, [0.0, 1.0], [1.0, 0.0])
-    alpha, beta = inertial_forces(robot, motion) * place.motion  # (nv,) terms of sums
-    wrenches = branch.wrenches.at(robot, motion.linearised.frames.at(0), np.array([place.s]))
+    robot, x = branch.robot, branch.path(place.s)[None]
+    speeds, accelerations, elastic = [0.0, 1.0], [1.0, 0.0], np.zeros((2, 5, robot.n_e))
+    linearised, pace = linearised_at(robot, place.q[None], x), 1.0
+    deflects = deflection is not None and robot.n_e > 0
+    if deflection is not None and deflects:
+        elastic[0, 2:], elastic[1, 2] = deflection.rate, deflection.acceleration
+        pace = _equal_pace(branch, place, linearised, deflection.rate)
+        speeds, accelerations = [*speeds, 0.0, pace, -pace], [*accelerations, 0.0, 0.0, 0.0]
+    count = len(speeds)
+    same = np.zeros(count, dtype=np.intp)
+    closed = ClosedStack(linearised.frames.q[same], x[same], linearised.at(same))
+    s = [np.full(count, place.s), np.array(speeds), np.array(accelerations)]
+    _, dx, ddx = along(branch.path, s)
+    motion = motion_at(robot, closed, dx, ddx, *elastic[:, :count])
+    inertial = inertial_forces(robot, motion) * place.motion  # (count, nv) terms of sums
+    wrenches = branch.wrenches.at(robot, linearised.frames, np.array([place.s]))
     gamma = static_forces(robot, place.q[None], wrenches)[0] * place.motion
     rate = float(np.abs(motion.v[1] / robot.column_scale).max())
     sizes = bounds_of_terms(branch, place, rate)
-    delta = robot.joint_damping * motion.v[1] * place.motion
-    terms = np.array([alpha, beta, gamma, delta])
+    damping = robot.joint_damping * motion.v * place.motion
+    terms = np.array([inertial[0], inertial[1], gamma, damping[1]])
     values, sizes = terms.sum(axis=1), np.maximum(sizes, np.abs(terms).sum(axis=1))
-    if deflection is not None and robot.n_e:
-        swing = float(np.abs(deflection.rate / robot.column_scale[robot.elastic]).max())
-        pace = swing / rate if swing > 0.0 and rate > 0.0 else 1.0
-        still = np.zeros_like(deflection.rate)
-        rates = np.array([deflection.rate, deflection.rate, deflection.rate])
-        accelerations = np.array([deflection.acceleration, still, still])
-        motion = _at_speeds(branch, place, [0.0, pace, -pace], [0.0, 0.0, 0.0], rates, accelerations)
-        at_rest, forth, back = inertial_forces(robot, motion) * place.motion
-        at_rest += robot.joint_damping * motion.v[0] * place.motion
-        across = 0.5 * (forth - back) / pace
+    if deflects:
+        at_rest = inertial[2] + damping[2]
+        across = 0.5 * (inertial[3] - inertial[4]) / pace
         values[2:] += at_rest.sum(), across.sum()
         sizes[2:] += np.abs(at_rest).sum(), np.abs(across).sum()
         if abs(values[0]) > NO_HOLD * sizes[0]:
@@ -225,14 +232,11 @@ def bounds_of_terms(branch: Branch, place: CrossingPoint, rate: float) -> Array:
     return escape * np.array([*inertia, weight, 0.0])
 
 
-def _at_speeds(
-    branch: Branch, place: CrossingPoint, speeds: list[float], accelerations: list[float], *elastic: Array
-) -> Motion:
-    """Return the motion at a crossing point for s', s" and rates and accelerations (T, n_e) of springs."""
-    robot, count = branch.robot, len(speeds)
-    q = np.repeat(place.q[None], count, axis=0)
-    x = np.repeat(branch.path(place.s)[None], count, axis=0)
-    closed = ClosedStack(q, x, linearised_at(robot, q, x))
-    s = [np.full(count, place.s), np.array(speeds), np.array(accelerations)]
-    _, dx, ddx = along(branch.path, s)
-    return motion_at(robot, closed, dx, ddx, *elastic)
+def _equal_pace(branch: Branch, place: CrossingPoint, linearised: LinearisedLoops, rate: Array) -> float:
+    """Return the s' at which the path moves the joints as fast as these rates (n_e,) of deflections."""
+    robot = branch.robot
+    twist = robot.platform.path_twist(branch.path, place.s)
+    tangent = joint_rates(robot, linearised, twist[None], np.zeros((1, robot.n_e)))
+    fastest = float(np.abs(tangent / robot.column_scale).max())
+    swing = float(np.abs(rate / robot.column_scale[robot.elastic]).max())
+    return swing / fastest if swing > 0.0 and fastest > 0.0 else 1.0

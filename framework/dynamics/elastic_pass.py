@@ -14,7 +14,7 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import MotionLaw
+from framework.motion.law import MotionLaw, orders_of
 from framework.motion.path import along
 
 
@@ -65,7 +65,7 @@ def moving_with(
 ) -> Motion:
     """All coordinates at the nodes with deflections (T, n_e) and two time derivatives of them."""
     robot, (q_e, *rates) = branch.robot, deflections
-    s = [law(grid.times, order) for order in range(3)]
+    s = orders_of(law, grid.times)
     x, dx, ddx = along(branch.path, s)
     if before is None:
         step = np.zeros((len(x), robot.model.nv))

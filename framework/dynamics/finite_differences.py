@@ -21,7 +21,7 @@ from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.law import MotionLaw, is_number
+from framework.motion.law import MotionLaw, is_number, orders_of
 from framework.motion.path import Path, along
 
 
@@ -76,7 +76,7 @@ def finite_difference_torques(
 
 def _motion(branch: Branch, law: MotionLaw, times: Array, q_e: Array) -> Motion:
     robot = branch.robot
-    s = [law(times, order) for order in range(3)]
+    s = orders_of(law, times)
     x, dx, ddx = along(branch.path, s)
     step = np.zeros((len(times), robot.model.nv))
     step[:, robot.elastic] = q_e

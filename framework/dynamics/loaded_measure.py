@@ -17,6 +17,7 @@ from framework.arrays import Array
 from framework.dynamics.loaded_balance import Course, balance_along, slopes_along, spring_units
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
+from framework.motion.law import orders_of
 from framework.motion.path import along
 from framework.singularity.root_of_g import root_of_g
 from framework.tolerances import SAME_PLACE
@@ -42,7 +43,7 @@ def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
         NotAssembled: a small deflection tears the loops.
     """
     robot, law = result.robot, result.law
-    s = [np.asarray(law(t, order)) for order in range(3)]
+    s = orders_of(law, t)
     course = Course(s[0], *along(result.path, s), *(result.deflection(t, order) for order in range(3)))
     balance = balance_along(robot, course, result.configuration(t), wrenches=result.wrenches)
     still = Course(*(np.zeros_like(part) for part in course))

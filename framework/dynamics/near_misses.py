@@ -13,7 +13,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import joint_forces
-from framework.dynamics.residuals import motion_of_forces, planned_pose
+from framework.dynamics.residuals import checked_motion, planned_pose
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import instants
 from framework.errors import point
@@ -56,7 +56,7 @@ def _is_seen(
     # with its deflections the robot is nearest to the singularity somewhat earlier or later
     turning = extremum_near(matrices, (edges - start) / duration, (near - start) / duration, miss.size)
     times = start + duration * np.array([turning.s, *turning.beyond(2 * abs(turning.g))])
-    motion = motion_of_forces(searched.branch, result, times, planned_pose(result, times))
+    motion = checked_motion(searched.branch, result, times)[1]
     computed = joint_forces(robot, motion).joint_torque
     expected = state.grid.fit(state.forces.joint_torque)(times)
     allowed = RESOLVABLE_TAIL + turning.rounding / max(abs(turning.g), turning.rounding)

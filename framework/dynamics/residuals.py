@@ -30,6 +30,7 @@ from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import rounded_gap
 from framework.kinematics.tree_model import is_ball
+from framework.motion.law import orders_of
 from framework.motion.path import along
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
 
@@ -53,9 +54,8 @@ def measure_neglected(branch: Branch, state: DeflectionSolution, result: Inverse
     on_nodes = state.motion.linearised.loops.residual
     _check_dropped_rows(robot, nodes, on_nodes, state.motion.q)
     times = _instants(robot, nodes)
-    closed = planned_pose(result, times)
+    closed, motion = checked_motion(branch, result, times)
     gaps = (on_nodes, closed.linearised.loops.residual, closed.linearised.residual[:, : robot.n])
-    motion = motion_of_forces(branch, result, times, closed)
     residual = _residual_torques(robot, motion, _joint_torques(state, times))
     residual[:, robot.structure.idle] = 0.0  # see `check_idle_joints`
     return Neglected(
@@ -95,7 +95,7 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
     if not len(idle):
         return 0.0
     times, scale = _instants(robot, state.grid.times), robot.column_scale
-    motion = motion_of_forces(branch, result, times, planned_pose(result, times))
+    motion = checked_motion(branch, result, times)[1]
     torques = _joint_torques(state, times)
     loads = _residual_torques(robot, motion, torques)[:, idle]
     worst = int(np.argmax(np.abs(loads * scale[idle])))
@@ -147,20 +147,27 @@ def _instants(robot: ParallelRobot, nodes: Array) -> Array:
 
 def planned_pose(result: InverseDynamics, times: Array) -> ClosedStack:
     """Evaluate the coordinates as functions of time, nothing solved."""
-    q, x = result.configuration(times), result.platform(times)
+    return _pose(result, times, result.platform(times))
+
+
+def _pose(result: InverseDynamics, times: Array, x: Array) -> ClosedStack:
+    q = result.configuration(times)
     return ClosedStack(q, x, linearised_at(result.robot, q, x))
 
 
-def motion_of_forces(branch: Branch, result: InverseDynamics, times: Array, closed: ClosedStack) -> Motion:
-    """Return the motion whose forces are taken: with rigid geometry the robot's without deflections."""
-    robot = branch.robot
-    s = [result.law(times, order) for order in range(3)]
+def checked_motion(branch: Branch, result: InverseDynamics, times: Array) -> tuple[ClosedStack, Motion]:
+    """Return `planned_pose`, and the motion whose forces are taken.
+
+    That is, with rigid geometry, the robot's without deflections.
+    """
+    robot, s = branch.robot, orders_of(result.law, times)
+    x, dx, ddx = along(branch.path, s)
+    closed = _pose(result, times, x)
     if robot.n_e and result.geometry == "rigid":
-        _, dx, ddx = along(branch.path, s)
-        return branch.loaded(motion_at(robot, branch.closed(s[0]), dx, ddx), s[0])
-    rates = [result.deflection(times, order) for order in (1, 2)]
-    motion = motion_at(robot, closed, result.platform(times, 1), result.platform(times, 2), *rates)
-    return branch.loaded(motion, s[0])
+        motion = motion_at(robot, branch.closed(s[0]), dx, ddx)
+    else:
+        motion = motion_at(robot, closed, dx, ddx, *(result.deflection(times, order) for order in (1, 2)))
+    return closed, branch.loaded(motion, s[0])
 
 
 def _joint_torques(state: DeflectionSolution, times: Array) -> Array:

@@ -16,7 +16,7 @@ from framework.kinematics.modes import mode_signs
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
-from framework.motion.law import MotionLaw, PlannedLaw
+from framework.motion.law import MotionLaw, PlannedLaw, orders_of
 from framework.motion.path import along
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.root_of_g import root_of_g
@@ -25,6 +25,8 @@ from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
 NO_INSTANTS: Array = np.empty(0)
 LAW_ROOT_ROUNDING = 1e-12  # in s, of what a law leaves at its roots
+MAX_POLISHINGS, ROOT_LEFT = 3, 1e-15  # Newton steps to a root of the law, unless so little of s is left
+SAMPLES = 33  # of a motion, for the size of its forces
 EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing than this is a node too near to it
 
 
@@ -54,14 +56,16 @@ def instants(law: MotionLaw, edges: Array, s: float) -> Array:
     for start, end, series in zip(edges[:-1], edges[1:], function.coefficients[..., 0], strict=True):
         shifted = series.copy()
         shifted[0] -= s
-        for t in start + 0.5 * (end - start) * (real_roots(shifted) + 1.0):
-            for _ in range(3):
-                slope = float(law(np.array([t]), 1)[0])
-                if slope != 0.0:
-                    t = np.clip(t - (float(law(np.array([t]))[0]) - s) / slope, start, end)
-            if abs(float(law(np.array([t]))[0]) - s) < LAW_ROOT_ROUNDING:  # no near miss
-                roots.append(t)
-    times = np.sort(np.array(roots))
+        t = start + 0.5 * (end - start) * (real_roots(shifted) + 1.0)
+        left = np.asarray(law(t)) - s
+        for _ in range(MAX_POLISHINGS if len(t) else 0):
+            slope = np.asarray(law(t, 1))
+            t = np.clip(t - np.divide(left, slope, out=np.zeros_like(t), where=slope != 0.0), start, end)
+            left = np.asarray(law(t)) - s
+            if np.abs(left).max() < ROOT_LEFT:
+                break
+        roots.append(t[np.abs(left) < LAW_ROOT_ROUNDING])  # no near misses
+    times = np.sort(np.concatenate(roots))
     keep = np.concatenate(([True], np.diff(times) > SAME_PLACE * (edges[-1] - edges[0])))
     return times[keep[: len(times)]]
 
@@ -77,10 +81,27 @@ def rigid_crossings(
     for singular in points:
         check_kind(branch.robot, singular)
     edges = panel_edges(branch, law)
+    met = [(t, singular) for singular in points for t in map(float, instants(law, edges, singular.s))]
+    if not met:
+        return ()
+    count, robot = len(met), branch.robot
+    times = np.concatenate([[t for t, _ in met], np.linspace(0.0, law.duration, SAMPLES)])
+    s = orders_of(law, times)
+    quickest = np.abs(s[1]).max()
+    for (t, singular), speed in zip(met, s[1], strict=False):
+        if abs(speed) <= STOP_AT_CROSSING * quickest:
+            raise NoLaw(
+                f"{robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
+                f"{singular.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
+            )
+    x, dx, ddx = along(branch.path, s)
+    # only the size of the forces is wanted of the samples: a guess will do
+    q = np.concatenate([*(singular.q[None] for _, singular in met), branch.guess(s[0][count:])])
+    closed = ClosedStack(q, x, linearised_at(robot, q, x))
+    forces = tree_forces(robot, branch.loaded(motion_at(robot, closed, dx, ddx), s[0]))
     return tuple(
-        _rigid_crossing(branch, law, t, singular)
-        for singular in points
-        for t in instants(law, edges, singular.s)
+        _rigid_crossing(robot, law.duration, t, singular, forces[[k, *range(count, len(forces))]])
+        for k, (t, singular) in enumerate(met)
     )
 
 
@@ -99,29 +120,18 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
         raise NoLaw(f"{robot.name}: at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}")
 
 
-def _rigid_crossing(branch: Branch, law: MotionLaw, t: float, singular: SingularPoint) -> SingularityCrossing:
-    """Compute t_s . W_p of the undeformed robot when the law takes it through a singular point at time t."""
-    speed = float(law(np.array([t]), 1)[0])
-    quickest = float(np.abs(law(np.linspace(0, law.duration, 101), 1)).max())
-    if abs(speed) <= STOP_AT_CROSSING * quickest:
-        raise NoLaw(
-            f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, "
-            f"s = {singular.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
-        )
+def _rigid_crossing(
+    robot: ParallelRobot, duration: float, t: float, singular: SingularPoint, forces: Array
+) -> SingularityCrossing:
+    """Compute t_s . W_p when the undeformed robot passes a singular point at time t.
+
+    With the forces (1 + SAMPLES, nv) of its open tree there, and then along the motion.
+    """
     escape = singular.motion[None]
     if singular.corank > 1:
-        linearised = linearised_at(branch.robot, singular.q[None], singular.platform[None])
-        escape = escaping_motions(branch.robot, linearised, at_least=singular.corank).motions
-    times = np.concatenate(([t], np.linspace(0.0, law.duration, 33)))
-    s = [law(times, order) for order in range(3)]
-    x, dx, ddx = along(branch.path, s)
-    q = np.concatenate(
-        (singular.q[None], branch.guess(s[0][1:]))
-    )  # but for the crossing only a scale is wanted
-    closed = ClosedStack(q, x, linearised_at(branch.robot, q, x))
-    robot = branch.robot
-    forces = tree_forces(robot, branch.loaded(motion_at(robot, closed, dx, ddx), s[0]))
-    force = robot.mass * robot.length / law.duration**2
+        linearised = linearised_at(robot, singular.q[None], singular.platform[None])
+        escape = escaping_motions(robot, linearised, at_least=singular.corank).motions
+    force = robot.mass * robot.length / duration**2
     least = force * robot.length * np.abs(escape / robot.column_scale).max(axis=1)
     parts = forces[:, None] * escape  # (T, corank, nv)
     scale = np.maximum(np.abs(parts).sum(axis=2).max(axis=0), least)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, IntArray, ReadOnlyArrays
+from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.kinematics.closures import scaled
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import LinearisedLoops
@@ -45,9 +45,10 @@ def keeps_assembly_mode(before: LinearisedLoops, after: LinearisedLoops) -> bool
     return bool(sign_one == sign_two and size_two - size_one > np.log(DETERMINANT_LOST))
 
 
-def keeps_working_mode(robot: ParallelRobot, before: LinearisedLoops, after: LinearisedLoops) -> bool:
-    """Whether no Type 1 singularity lies between two near configurations (T = 1) or at the second.
+def keeps_working_mode(robot: ParallelRobot, before: LinearisedLoops, after: LinearisedLoops) -> BoolArray:
+    """Whether no Type 1 singularity lies between two near configurations or at the second, (T,).
 
+    Of T configurations `after`, each with the one before it, the first with `before` (T = 1).
     det [dF/dq] also changes sign where the loop equations lose rank, and there a smooth branch goes on.
     The map from the motions that the loops allow to the platform does not: with N a basis of those
     motions, carried on from one configuration to the other, det (platform N) keeps its sign. A determinant
@@ -57,21 +58,21 @@ def keeps_working_mode(robot: ParallelRobot, before: LinearisedLoops, after: Lin
     columns = robot.moving
 
     def loops(linearised: LinearisedLoops) -> Array:
-        return scaled(robot, linearised.closures, robot.loops.rotation)[0][:, columns]
+        return scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
 
-    if np.linalg.svd(loops(after), compute_uv=False).min(initial=np.inf) < RANK_LOST:
-        return False
-    (sign_one, size_one), (sign_two, size_two) = before.factors.slogdet, after.factors.slogdet
-    if sign_one == sign_two and size_two - size_one > np.log(DETERMINANT_LOST):
-        return True
-    bases, maps = [], []
-    for linearised in (before, after):
-        basis = np.linalg.svd(loops(linearised))[2][linearised.closures.shape[1] :].T
-        bases.append(basis)
-        platform = scaled(robot, linearised.platform, ~robot.translations)[0][:, columns]
-        maps.append(float(np.linalg.det(platform @ basis)))
-    carried_on = maps[1] * np.sign(maps[0] * np.linalg.det(bases[0].T @ bases[1]))
-    return bool(carried_on > DETERMINANT_LOST * abs(maps[0]))
+    ranked = np.linalg.svd(loops(after), compute_uv=False).min(axis=1, initial=np.inf) >= RANK_LOST
+    signs, sizes = map(np.concatenate, zip(before.factors.slogdet, after.factors.slogdet, strict=True))
+    keep = ranked & (signs[1:] == signs[:-1]) & (sizes[1:] - sizes[:-1] > np.log(DETERMINANT_LOST))
+    for k in map(int, np.flatnonzero(ranked & ~keep)):
+        bases, maps = [], []
+        for linearised in (after.at(k - 1) if k else before, after.at(k)):
+            basis = np.linalg.svd(loops(linearised)[0])[2][linearised.closures.shape[1] :].T
+            bases.append(basis)
+            platform = scaled(robot, linearised.platform, ~robot.translations)[0][:, columns]
+            maps.append(float(np.linalg.det(platform @ basis)))
+        carried_on = maps[1] * np.sign(maps[0] * np.linalg.det(bases[0].T @ bases[1]))
+        keep[k] = carried_on > DETERMINANT_LOST * abs(maps[0])
+    return keep
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,12 @@ class Sparsity(ReadOnlyArrays):
             of_frames = everywhere.take(self.place, axis=1) * self.sign
         else:
             of_frames = np.einsum("tei,tei->te", wrench[:, self.row], screws[:, self.column]) * self.sign
-        return of_frames + self.constant if self.constant.any() else of_frames
+        return of_frames + self.constant if self.has_constants else of_frames
+
+    @cached_property
+    def has_constants(self) -> bool:
+        """Whether some equations are between joints themselves."""
+        return bool(self.constant.any())
 
     @cached_property
     def place(self) -> IntArray:

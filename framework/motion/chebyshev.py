@@ -11,12 +11,12 @@ Source: Trefethen, Approximation Theory and Approximation Practice, SIAM 2013, c
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order
 from framework.tolerances import SAME_PLACE
 
@@ -25,9 +25,10 @@ COEFFICIENT_ROUNDING = 1e-15  # of the largest coefficient of a series
 NOISE_FACTOR = 3.0  # times the largest coefficient of the last eighth: what may be rounding
 
 
+@lru_cache(maxsize=64)
 def nodes(size: int) -> Array:
     """Return the Chebyshev points of the second kind on [-1, 1], ascending, ends included, shape (size,)."""
-    return -np.cos(np.pi * np.arange(size) / (size - 1))
+    return read_only(-np.cos(np.pi * np.arange(size) / (size - 1)))
 
 
 @lru_cache(maxsize=64)
@@ -118,17 +119,24 @@ class TimeFunction(ReadOnlyArrays):
         if not np.all((times >= start - slack) & (times <= end + slack)):
             raise InvalidInput(f"time {t!r} is outside [{start:g}, {end:g}] s")
         flat = times.ravel()
-        panel = np.searchsorted(self.edges[1:-1], flat, side="right")
-        values = np.empty((flat.size, self.coefficients.shape[2]))
-        for p in np.unique(panel) if values.size else ():
-            inside = panel == p
-            half = 0.5 * (self.edges[p + 1] - self.edges[p])
-            local = (flat[inside] - self.edges[p]) / half - 1.0
-            series = self.coefficients[p]
-            for _ in range(order):
-                series = derivative_matrix(len(series)) @ series / half
-            values[inside] = evaluate(np.clip(local, -1, 1), series)
+        if len(self.edges) == 2:
+            values = self._on_panel(0, flat, order)
+        else:
+            panel = np.searchsorted(self.edges[1:-1], flat, side="right")
+            values = np.empty((flat.size, self.coefficients.shape[2]))
+            for p in np.unique(panel) if values.size else ():
+                inside = panel == p
+                values[inside] = self._on_panel(p, flat[inside], order)
         return values.reshape(*times.shape, self.coefficients.shape[2])
+
+    def _on_panel(self, p: int, t: Array, order: int) -> Array:
+        """Compute values (T, k) of a derivative at t (T,) on one panel."""
+        half = 0.5 * (self.edges[p + 1] - self.edges[p])
+        local = (t - self.edges[p]) / half - 1.0
+        series = self.coefficients[p]
+        for _ in range(order):
+            series = derivative_matrix(len(series)) @ series / half
+        return evaluate(np.minimum(np.maximum(local, -1.0), 1.0), series)
 
     @property
     def tail(self) -> float:
@@ -143,13 +151,13 @@ class TimeGrid(ReadOnlyArrays):
     edges: Array
     size: int
 
-    @property
+    @cached_property
     def times(self) -> Array:
         """All nodes, panel after panel (an inner edge appears twice), shape (panels * size,)."""
         half = 0.5 * np.diff(self.edges)[:, None]
         times = self.edges[:-1, None] + half * (nodes(self.size) + 1.0)
         times[:, -1] = self.edges[1:]
-        return times.ravel()
+        return read_only(times.ravel())
 
     def fit(self, values: Array) -> TimeFunction:
         """Return the function through values (panels * size, k) at `times`."""

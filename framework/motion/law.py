@@ -8,10 +8,11 @@ end of the motion from s = 1 to s = 1.77.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -51,31 +52,51 @@ class MotionLaw(Protocol):
     def __call__(self, t: ArrayLike, order: int = 0) -> Array: ...
 
 
-@runtime_checkable
-class PlannedLaw(MotionLaw, Protocol):
+class PlannedLaw(ABC):
     """A law of this package: its derivatives are right by construction, and it can be written down.
 
-    `kind` names it, `coefficients` (degree + 1,) are those of its Chebyshev series. `edges` are the instants
-    (k,) [s] between which it is resolved by some thirty points, both ends among them, or empty for a law that
-    needs no panels. `advance(smoothness)` is the least s' over its mean, the zeros at the ends divided out;
-    `to_dict` is the law as plan.json has it.
+    `kind` names it, `coefficients` (degree + 1,) are those of its Chebyshev series.
     """
 
-    @property
-    def kind(self) -> str: ...
+    kind: ClassVar[str]
+    coefficients: Array
+    duration: float
 
     @property
-    def degree(self) -> int: ...
+    def degree(self) -> int:
+        """Return the degree of its series."""
+        return len(self.coefficients) - 1
 
     @property
-    def coefficients(self) -> Array: ...
+    def edges(self) -> Array:
+        """Instants (k,) [s] between which it is resolved by some thirty points, both ends among them.
 
-    @property
-    def edges(self) -> Array: ...
+        Empty for a law that needs no panels.
+        """
+        return np.empty(0)
 
-    def advance(self, smoothness: int) -> float: ...
+    @abstractmethod
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """Return s(t) or its derivative [1/s^order], with the shape of t."""
 
-    def to_dict(self) -> dict[str, Any]: ...
+    @abstractmethod
+    def orders(self, t: Array, count: int) -> list[Array]:
+        """Return s and its first derivatives at t (T,), `count` in all."""
+
+    @abstractmethod
+    def advance(self, smoothness: int) -> float:
+        """Return the least s' over its mean, the zeros at the ends divided out."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Return the law as plan.json has it."""
+
+
+def orders_of(law: MotionLaw, t: Array, count: int = 3) -> list[Array]:
+    """Return s and its first time derivatives at t (T,), `count` in all, of any law."""
+    if isinstance(law, PlannedLaw):
+        return law.orders(t, count)
+    return [np.asarray(law(t, order)) for order in range(count)]
 
 
 class Condition(NamedTuple):
@@ -87,18 +108,13 @@ class Condition(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Law(ReadOnlyArrays):
+class Law(ReadOnlyArrays, PlannedLaw):
     """Polynomial law: Chebyshev `coefficients` (degree + 1,) on [0, `duration`] [s]."""
 
     coefficients: Array
     duration: float
 
     kind: ClassVar[str] = "polynomial"
-    edges: ClassVar[Array] = np.empty(0)
-
-    @property
-    def degree(self) -> int:
-        return len(self.coefficients) - 1
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """Return s(t) or its derivative [1/s^order], with the shape of t.
@@ -107,14 +123,25 @@ class Law(ReadOnlyArrays):
             InvalidInput: t lies outside [0, duration], where the polynomial means nothing, or is not finite.
         """
         check_order(order)
-        scale = 2.0 / self.duration
-        local = np.asarray(t, dtype=float) * scale - 1.0
+        return np.asarray(chebyshev.chebval(self._local(t), self._series(order)))
+
+    def orders(self, t: Array, count: int) -> list[Array]:
+        series = np.stack([self._series(order) for order in range(count)], axis=1)
+        return list(chebyshev.chebval(self._local(t), series))
+
+    def _local(self, t: ArrayLike) -> Array:
+        """Return instants t as places in [-1, 1]."""
+        local = np.asarray(t, dtype=float) * (2.0 / self.duration) - 1.0
         if not np.all(np.abs(local) <= 1.0 + SAME_PLACE):
             raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
-        series = self.coefficients
-        if order:
-            series = scale**order * (derivative_matrix(len(series), order) @ series)
-        return np.asarray(chebyshev.chebval(local, series))
+        return local
+
+    def _series(self, order: int) -> Array:
+        """Return the series (degree + 1,) of a derivative."""
+        if not order:
+            return self.coefficients
+        scale = (2.0 / self.duration) ** order
+        return np.asarray(scale * (derivative_matrix(len(self.coefficients), order) @ self.coefficients))
 
     @staticmethod
     def from_conditions(conditions: Sequence[Condition], duration: float) -> Law:

@@ -23,6 +23,7 @@ from numpy.polynomial import chebyshev, polynomial
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order
 from framework.motion.chebyshev import TimeFunction, TimeGrid, extrema, nodes
+from framework.motion.law import PlannedLaw
 from framework.motion.path import HIGHEST_ORDER
 from framework.tolerances import NEWTON_STEP, SAME_PLACE, SLOWNESS_ROUNDING
 
@@ -117,7 +118,7 @@ def _slope_powers(smoothness: int, order: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class OptimalLaw(ReadOnlyArrays):
+class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     """The law s = phi(sigma(t)) with (d sigma/dt)^2 a Chebyshev series in xi(sigma).
 
     `coefficients` (degree + 1,) [1/s^2] are those of the series. `dense_at`: places sigma where xi is
@@ -146,10 +147,6 @@ class OptimalLaw(ReadOnlyArrays):
         object.__setattr__(self, "duration", self.duration or taken)
         if not abs(taken - self.duration) <= DURATION_MISMATCH * self.duration:
             raise InvalidInput(f"law: its speed takes {taken!r} s, not {self.duration!r} s")
-
-    @property
-    def degree(self) -> int:
-        return len(self.coefficients) - 1
 
     @cached_property
     def phi(self) -> Smoothstep:
@@ -211,6 +208,10 @@ class OptimalLaw(ReadOnlyArrays):
         """
         check_order(order, HIGHEST_ORDER)
         return self.at_parameter(self.parameter(t), order)
+
+    def orders(self, t: Array, count: int) -> list[Array]:
+        sigma = self.parameter(t)
+        return [self.at_parameter(sigma, order) for order in range(count)]
 
     def at_parameter(self, sigma: ArrayLike, order: int = 0) -> Array:
         """Evaluate s or its time derivative [1/s^order] where the parameter is sigma."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import InvalidInput
-from framework.motion.path import Path, expect_path
+from framework.motion.path import Path, PointPath, expect_path
 from framework.tolerances import WRONG_DERIVATIVE
 
 DIFFERENCE_ROUNDING = 1e-10  # of x(b) - x(a), over the largest value: what a user's own formula may lose
@@ -33,6 +33,8 @@ def check_path(path: Path) -> None:
             or path(s, 1) or path(s, 2) is not the derivative of what comes before it.
     """
     expect_path(path)
+    if isinstance(path, PointPath):
+        return  # one of our own
     starts, lengths = _intervals(path)
     nodes, weights = _gauss()
     inside = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)

@@ -105,6 +105,11 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     passive = Measured(continued, partial(type2_matrix, robot), power)
     try:
         resolved = panels(samples, passive)
+        if continued is branch:
+            edges = np.array([resolved[0].start, *(panel.end for panel in resolved)])
+            q = np.concatenate([samples.on(panel.start, panel.end).frames.q for panel in resolved])
+            branch = branch.through(edges, q)
+            passive = passive._replace(branch=branch)
         ranks_lost = contacts(passive, resolved)
         misses = near_misses(passive, resolved, ranks_lost)
     except Unresolved as unresolved:

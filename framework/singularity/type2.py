@@ -62,6 +62,18 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
     return Uncontrolled(kind, twist / scale, motion / scale, escaping.corank)
 
 
+def least_held(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
+    """Compute the unit twist (n,) and the joint rates (nv,) that the motors hold least, at one configuration.
+
+    On a Type 2 singularity where one motion of the platform escapes this is it, see `uncontrolled_motion`.
+    """
+    P = passive_matrix(robot, linearised)[0]
+    motion = passive_motion(robot, np.linalg.svd(P)[2][-1])
+    twist = linearised.platform[0] @ motion
+    scale = unit_twist(robot, twist)
+    return twist / scale, motion / scale
+
+
 # Where several kinds meet, what no law can cross comes first.
 PRECEDENCE = ("closure", "constraint", "type_2", "leg_passive")
 

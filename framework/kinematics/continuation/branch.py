@@ -23,7 +23,7 @@ from framework.kinematics.linearised_loops import ClosedStack, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.chebyshev import nodes, tail
+from framework.motion.chebyshev import TimeFunction, TimeGrid, nodes, tail
 from framework.motion.path import Path
 from framework.tolerances import CONTINUATION_ERROR, CONTINUATION_STEP
 
@@ -69,6 +69,7 @@ class Branch(ReadOnlyArrays):
     du: Array  # (K, nv) derivative with respect to s
     continuations: tuple[Continuation, ...] = ()  # a later one goes before an earlier one
     wrenches: ExternalWrenches = NO_WRENCHES
+    series: TimeFunction | None = None  # of u in s: better guesses, see `through`
 
     @property
     def knots(self) -> Array:
@@ -84,25 +85,52 @@ class Branch(ReadOnlyArrays):
         wrenches.check_frames(self.robot)
         return replace(self, wrenches=wrenches) if wrenches.entries else self
 
+    def through(self, edges: Array, q: Array) -> Branch:
+        """Return the same branch with guesses through the configurations that it has on Chebyshev nodes.
+
+        Args:
+            edges: (panels + 1,) of s, from 0 to 1.
+            q: (panels * size, nq) on the nodes between them, see `TimeGrid`.
+        """
+        grid = TimeGrid(edges, len(q) // (len(edges) - 1))
+        return replace(self, series=grid.fit(difference(self.robot, self.origin, q)))
+
     def loaded(self, motion: Motion, s: Array) -> Motion:
         """Return a motion of the robot at s (T,) under the wrenches of the world."""
         return motion.under(self.wrenches.at(self.robot, motion.linearised.frames, s))
 
     def guess(self, s: Array) -> Array:
         """Return configurations (T, nq) near the branch at s (T,)."""
+        u = self._between_knots(s) if self.series is None else self._of_series(self.series, s)
+        for continuation in self.continuations:
+            covered = continuation.covers(s)
+            u[covered] = continuation.offset(s[covered])
+        return integrate(self.robot, self.origin, u)
+
+    @staticmethod
+    def _of_series(series: TimeFunction, s: Array) -> Array:
+        """Compute offsets (T, nv) from the origin by the series, which go on beyond the path's ends."""
+        u = series(np.clip(s, 0.0, 1.0))
+        for panel, beyond in ((0, s < 0.0), (-1, s > 1.0)):
+            if beyond.any():
+                start, end = series.edges[:-1][panel], series.edges[1:][panel]
+                local = (2 * s[beyond] - start - end) / (end - start)
+                angles = np.arccos(local + 0j)[:, None]  # T_k(x) = cos(k arccos x), complex beyond [-1, 1]
+                basis = np.cos(angles * np.arange(series.coefficients.shape[1])).real
+                u[beyond] = basis @ series.coefficients[panel]
+        return u
+
+    def _between_knots(self, s: Array) -> Array:
+        """Compute offsets (T, nv) from the origin by cubics between the knots."""
         k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         step = (self.s[k + 1] - self.s[k])[:, None]
         t = ((s - self.s[k])[:, None]) / step
-        u = (
+        return np.asarray(
             (1 + 2 * t) * (1 - t) ** 2 * self.u[k]
             + t * (1 - t) ** 2 * step * self.du[k]
             + t**2 * (3 - 2 * t) * self.u[k + 1]
             + t**2 * (t - 1) * step * self.du[k + 1]
         )
-        for continuation in self.continuations:
-            covered = continuation.covers(s)
-            u[covered] = continuation.offset(s[covered])
-        return integrate(self.robot, self.origin, u)
 
     def closed(self, s: ArrayLike) -> ClosedStack:
         """Return assembled configurations on the branch at s (T,).

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, freeze
+from framework.arrays import Array, ArrayLike, BoolArray, freeze
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
 from framework.kinematics.assembly import Configuration
-from framework.kinematics.continuation.predictor_corrector import FIRST_STEP_RATIO, Place, Way, follow
+from framework.kinematics.continuation.predictor_corrector import FIRST_STEP_RATIO, Places, Way, follow
 from framework.kinematics.continuation.turning_point import (
     CurveEquations,
     TurningPoints,
@@ -53,7 +53,7 @@ class ForwardPose(Configuration):
 
     clearance: float
     robot: ParallelRobot = field(repr=False)
-    place: Place = field(repr=False)
+    place: Places = field(repr=False)
 
 
 def forward_kinematics(
@@ -78,15 +78,14 @@ def forward_kinematics(
     check_motors_are_free(robot)
     start = start_pose(robot, near)
     way, x = _follow_motors(robot, start.place, target), start.x[None]
-    for place in way.places[1:]:
+    for place in way.stretches[1:]:
         x = robot.platform.unwrap(robot.platform.coordinates(place.linearised.frames), x[0])
     if not way.complete:
         raise _stopped(robot, way, x[0], target)
-    least = min(place.clearance for place in way.places)
-    return _pose_at(robot, way.last, x[0], least, steps=len(way.at) - 1)
+    return _pose_at(robot, way.last, x[0], float(way.clearance.min()), steps=len(way.at) - 1)
 
 
-def _pose_at(robot: ParallelRobot, place: Place, x: Array, least: float, *, steps: int) -> ForwardPose:
+def _pose_at(robot: ParallelRobot, place: Places, x: Array, least: float, *, steps: int) -> ForwardPose:
     """Return the pose of a place, its platform at x (n,), with the least clearance of the way there."""
     freeze(place)
     return ForwardPose(
@@ -110,8 +109,8 @@ def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> 
         return near
     closed = assembled_at(robot, robot.reference.q if near is None else near)
     still = np.zeros((1, robot.model.nv))
-    place = Place(closed.q, closed.linearised, still, float(clearance(robot, closed.linearised)[0]))
-    return _pose_at(robot, place, closed.x[0], place.clearance, steps=0)
+    place = Places(closed.q, closed.linearised, still, clearance(robot, closed.linearised))
+    return _pose_at(robot, place, closed.x[0], float(place.clearance[0]), steps=0)
 
 
 def check_motors_are_free(robot: ParallelRobot) -> None:
@@ -128,7 +127,7 @@ def motors_are_free(robot: ParallelRobot) -> bool:
     return robot.n_a == robot.n and len(robot.following) == len(robot.loops.names)
 
 
-def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
+def _follow_motors(robot: ParallelRobot, start: Places, q_a: Array) -> Way:
     """Turn the motors to q_a (n_a,) from a place, as far as that goes."""
     columns = robot.following
     turn = np.zeros((1, robot.model.nv))
@@ -140,52 +139,48 @@ def _follow_motors(robot: ParallelRobot, start: Place, q_a: Array) -> Way:
     def linear(linearised: LinearisedLoops) -> Linear:
         return Linear(linearised.residual[:, robot.n :], linearised.passive_factors)
 
-    def place(q: Array, linearised: LinearisedLoops, distance: float) -> Place | None:
+    def place(q: Array, linearised: LinearisedLoops, distance: Array) -> Places | None:
         rate = turn.copy()
         if len(columns):
             try:
                 rate[:, columns] = -linearised.passive_factors.solve(linearised.closures @ turn[0])
             except np.linalg.LinAlgError:
                 return None
-        return Place(q, linearised, rate, distance)
+        return Places(q, linearised, rate, distance)
 
-    def arrive(share: Array, predicted: Array) -> list[Place]:
+    def arrive(share: Array, predicted: Array) -> Places | None:
         """Return the place at one share (1,) of the way."""
         step = np.zeros_like(turn)  # what the rounding of many steps has left of the motors' angles
         off = share[:, None] * turn - difference(robot, start.q[0], predicted)
         step[:, robot.actuated] = off[:, robot.actuated]
         guess = integrate(robot, predicted, step)
         if not len(columns):
-            closed_place = place(guess, evaluate(guess, slice(None)), np.inf)
-        else:
-            q, linearised, closed = newton(robot, guess, columns, evaluate, linear)
-            closed_place = (
-                place(q, linearised, float(clearance(robot, linearised)[0])) if closed.all() else None
-            )
-        return [] if closed_place is None else [closed_place]
+            return place(guess, evaluate(guess, slice(None)), np.full(1, np.inf))
+        q, linearised, closed = newton(robot, guess, columns, evaluate, linear)
+        return place(q, linearised, clearance(robot, linearised)) if closed.all() else None
 
-    def belongs(before: Place, after: Place, straight: bool) -> bool:
-        apart = straight or after.clearance > BRANCHES_CROSS
-        return bool(apart) and keeps_assembly_mode(before.linearised, after.linearised)
+    def belong(before: Places, after: Places, straight: BoolArray) -> BoolArray:
+        apart = straight | (after.clearance > BRANCHES_CROSS)
+        return apart & keeps_assembly_mode(before.linearised, after.linearised)
 
-    def end(share: float, before: Place) -> tuple[float, Place] | None:
+    def end(share: float, before: Places) -> tuple[float, Places] | None:
         ahead = motors_turning_points(robot, before.q, np.array([share]), turn)
         if not ahead.found[0]:
             return None
-        nearest = float(clearance(robot, ahead.linearised)[0])
-        return float(ahead.share[0]), Place(ahead.q, ahead.linearised, np.zeros_like(turn), nearest)
+        nearest = clearance(robot, ahead.linearised)
+        return float(ahead.share[0]), Places(ahead.q, ahead.linearised, np.zeros_like(turn), nearest)
 
     first_place = place(start.q, start.linearised, start.clearance)
-    if first_place is None or start.clearance < RANK_LOST:  # on the meeting of two modes
+    if first_place is None or start.clearance[0] < RANK_LOST:  # on the meeting of two modes
         return Way(np.zeros(1), (start,))
     short = np.abs(first_place.rate / robot.column_scale).max() < MAX_SINGLE_STEP
     step = 1.0 if short else FIRST_STEP_RATIO
-    return _up_to_the_meeting(follow(robot, first_place, arrive, belongs, end=end, step=step))
+    return _up_to_the_meeting(follow(robot, first_place, arrive, belong, end=end, step=step))
 
 
 def _up_to_the_meeting(way: Way) -> Way:
     """Return a way up to where it first comes nearest to another assembly mode, if it meets one."""
-    near = np.array([place.clearance for place in way.places])
+    near = way.clearance
     closer = near[1:] < near[:-1]  # not where it leads away from such a place
     meeting = np.flatnonzero((near[1:] < BRANCHES_MEET) & closer)
     if not len(meeting):
@@ -193,7 +188,7 @@ def _up_to_the_meeting(way: Way) -> Way:
     first = int(meeting[0]) + 1
     beyond = np.flatnonzero(near[first:] >= BRANCHES_MEET)
     last = first + int(near[first : first + beyond[0] if len(beyond) else None].argmin())
-    return Way(way.at[: last + 1], way.places[: last + 1])
+    return Way(way.at[: last + 1], way.stretches[: last + 1])
 
 
 def motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> TurningPoints:
@@ -214,9 +209,8 @@ def motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Ar
 def _stopped(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembled:
     """Return the error for the end of the way of the motors to q_a, at platform x."""
     residual = float(np.abs(way.last.linearised.residual[:, robot.n :]).max(initial=0.0))
-    largest = max(place.clearance for place in way.places)
-    usual = max(largest, float(clearance(robot, linearised_at_reference(robot))[0]))
-    if way.last.clearance > TYPE_2_END_RATIO * usual:
+    usual = max(float(way.clearance.max()), float(clearance(robot, linearised_at_reference(robot))[0]))
+    if way.last.clearance[0] > TYPE_2_END_RATIO * usual:
         where = _on_the_way(robot, way.at[-1], x, q_a)
         return NotAssembled(
             f"{robot.name}: the loops cannot be followed {where}", q=way.q[-1], residual=residual

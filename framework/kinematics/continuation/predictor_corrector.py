@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import between, integrate
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.mechanism import Mechanism
 from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
@@ -24,35 +24,53 @@ FIRST_STEP_RATIO = 1 / 8  # of the way
 END_ROUNDING = 1e-12  # of the way: a place that near to its end is the end
 
 
-class Place(NamedTuple):
-    """An assembled configuration of the branch, and how it goes on."""
+class Places(NamedTuple):
+    """K assembled configurations of the branch, and how it goes on from each."""
 
-    q: Array  # (1, nq)
+    q: Array  # (K, nq)
     linearised: LinearisedLoops
-    rate: Array  # (1, nv) joint rates with respect to the parameter of the way
-    clearance: float = np.inf  # from where the branch ends, if its parameter knows one
+    rate: Array  # (K, nv) joint rates with respect to the parameter of the way
+    clearance: Array  # (K,) from where the branch ends, infinite if its parameter knows of none
+
+    @property
+    def last(self) -> Places:
+        """The last of them, K = 1."""
+        return self._part(slice(-1, None)) if len(self.q) > 1 else self
+
+    def first(self, count: int) -> Places:
+        """Return the first of them."""
+        return self._part(slice(count)) if count < len(self.q) else self
+
+    def _part(self, which: slice) -> Places:
+        q, linearised, rate, clearance = self
+        return Places(q[which], linearised.at(which), rate[which], clearance[which])
 
 
 class Way(NamedTuple):
     """A branch as far as it could be followed, at K places."""
 
     at: Array  # (K,) parameter, from 0 ascending; the last one is 1 if the whole way could be followed
-    places: tuple[Place, ...]  # K
+    stretches: tuple[Places, ...]  # K places together
 
     @property
     def q(self) -> Array:
         """The configurations (K, nq)."""
-        return np.concatenate([place.q for place in self.places])
+        return np.concatenate([places.q for places in self.stretches])
 
     @property
     def rate(self) -> Array:
         """The joint rates (K, nv) with respect to the parameter."""
-        return np.concatenate([place.rate for place in self.places])
+        return np.concatenate([places.rate for places in self.stretches])
 
     @property
-    def last(self) -> Place:
+    def clearance(self) -> Array:
+        """The clearances (K,) from where the branch ends."""
+        return np.concatenate([places.clearance for places in self.stretches])
+
+    @property
+    def last(self) -> Places:
         """The place at which it ends."""
-        return self.places[-1]
+        return self.stretches[-1].last
 
     @property
     def complete(self) -> bool:
@@ -89,27 +107,29 @@ def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
 
 def follow(
     robot: Mechanism,
-    start: Place,
-    arrive: Callable[[Array, Array], list[Place]],
-    belongs: Callable[[Place, Place, bool], bool],
+    start: Places,
+    arrive: Callable[[Array, Array], Places | None],
+    belong: Callable[[Places, Places, BoolArray], BoolArray],
     *,
-    end: Callable[[float, Place], tuple[float, Place] | None] | None = None,
+    end: Callable[[float, Places], tuple[float, Places] | None] | None = None,
     step: float = FIRST_STEP_RATIO,
     at_once: int = 1,
 ) -> Way:
-    """Follow the branch through `start`, at parameter 0, towards parameter 1.
+    """Follow the branch through `start` (K = 1), at parameter 0, towards parameter 1.
 
     Args:
-        arrive: the places at parameters (T,) near configurations (T, nq), as far as loops close.
-        belongs: whether a place (the second) is on the branch of the one before it; the third argument says
-            whether the tangent has turned no more than the corrections of one branch allow.
+        arrive: the places at parameters (T,) near configurations (T, nq), as far as loops close; None where
+            not even the first does.
+        belong: which of K places (the second) are on the branch of the one before; the first argument is the
+            one before them all, the third tells where the tangent has turned no more than the corrections of
+            one branch allow.
         end: where the branch ends not far ahead of a place, if that is known: its parameter and the place.
             It is asked where a step does not count; without an answer the step is halved.
         step: the first one, as a share of the way.
         at_once: places that are looked for together along one tangent; each counts as a step from the one
             before it, or not at all.
     """
-    parameter, place, parameters, places = 0.0, start, [0.0], [start]
+    parameter, place, parameters, stretches = 0.0, start, [np.zeros(1)], [start]
     while parameter < 1.0:
         fastest = float(np.abs(place.rate / robot.column_scale).max(initial=0.0))
         step = min(step, 1.0 - parameter)
@@ -121,24 +141,48 @@ def follow(
         inside = (s for s in further if s < 1.0 + 0.5 * MIN_STEP_RATIO)
         near = (s for s in inside if (s - parameter) * fastest < MAX_PREDICTOR_MOVE)
         ahead = np.array([1.0 if s > 1.0 - END_ROUNDING else s for s in (parameter + step, *near)])
-        predicted, correction = integrate(robot, place.q, place.rate * (ahead - parameter)[:, None]), np.inf
-        for following, next_place in zip(ahead, arrive(ahead, predicted), strict=False):
-            along, beyond = (following - parameter) * place.rate, (following - parameter) * next_place.rate
-            moved = difference(robot, integrate(robot, place.q, along)[0], next_place.q)
-            measured = measure(robot, moved, along, beyond)
-            if not (measured.small[0] and belongs(place, next_place, bool(measured.straight[0]))):
-                break
-            parameter, place, correction = float(following), next_place, float(measured.correction[0])
-            parameters.append(parameter)
-            places.append(place)
+        lengths = (ahead - parameter)[:, None]
+        arrived = arrive(ahead, integrate(robot, place.q, lengths * place.rate))
+        kept = None if arrived is None else _kept(robot, place, arrived, lengths, belong)
+        if kept is not None:
+            places, correction = kept
+            parameters.append(ahead[: len(places.q)])
+            stretches.append(places)
+            parameter, place = float(parameters[-1][-1]), places.last
             if correction < 0.2 * BRANCH_CORRECTION and step < 2 * FIRST_STEP_RATIO:
                 step = min(2.0 * step, 2 * FIRST_STEP_RATIO)
-                break
-        if correction == np.inf:  # not one step counts
-            ended = None if end is None else end(parameter, place)
-            if ended is not None:
-                parameters.append(ended[0])
-                places.append(ended[1])
-                break
-            step *= 0.5
-    return Way(np.array(parameters), tuple(places))
+            continue
+        ended = None if end is None else end(parameter, place)
+        if ended is not None:
+            parameters.append(np.array([ended[0]]))
+            stretches.append(ended[1])
+            break
+        step *= 0.5
+    return Way(np.concatenate(parameters), tuple(stretches))
+
+
+def _kept(
+    robot: Mechanism,
+    start: Places,
+    arrived: Places,
+    lengths: Array,
+    belong: Callable[[Places, Places, BoolArray], BoolArray],
+) -> tuple[Places, float] | None:
+    """Return the places up to the first step that does not count, and the correction of the last one.
+
+    `lengths` (T, 1) are the parameters of those that were to arrive, from the start. None if no step counts.
+    """
+    steps = np.diff(lengths[: len(arrived.q)], axis=0, prepend=0.0)
+    q, rate = np.concatenate([start.q, arrived.q[:-1]]), np.concatenate([start.rate, arrived.rate[:-1]])
+    along = steps * rate
+    moved = between(robot, integrate(robot, q, along), arrived.q)
+    correction, small, straight = measure(robot, moved, along, steps * arrived.rate)
+    count = _leading(small)
+    if count:
+        count = _leading(belong(start, arrived.first(count), straight[:count]))
+    return (arrived.first(count), float(correction[count - 1])) if count else None
+
+
+def _leading(true: BoolArray) -> int:
+    """Count the values (K,) before the first that is false."""
+    return len(true) if true.all() else int(np.argmin(true))

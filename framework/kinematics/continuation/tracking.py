@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
+from framework.arrays import Array, ArrayLike, BoolArray
 from framework.errors import (
     InvalidInput,
     NotAssembled,
@@ -20,7 +20,7 @@ from framework.errors import (
 )
 from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.branch import Branch as Branch
-from framework.kinematics.continuation.predictor_corrector import FIRST_STEP_RATIO, Place, Way, follow
+from framework.kinematics.continuation.predictor_corrector import FIRST_STEP_RATIO, Places, Way, follow
 from framework.kinematics.continuation.turning_point import CurveEquations, turning_points
 from framework.kinematics.frames import difference, difference_rates, integrate
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
@@ -57,10 +57,11 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     if x is None:
         return reference
     target = _platform_point(robot, x)
-    if np.allclose(target, reference.x, rtol=0, atol=PLATFORM_ROUNDING * robot.length):
+    off = float(np.abs(target - reference.x).max())
+    if off <= PLATFORM_ROUNDING * robot.length:
         return reference
     require_square(robot)
-    if np.abs(target - reference.x).max() < FILE_ROUNDING * robot.length:
+    if off < FILE_ROUNDING * robot.length:
         closed = close_loops(robot, target[None], reference.q[None])
         return Configuration(closed.q[0], target, float(np.abs(closed.linearised.residual).max()), 1)
     segment = Line(reference.x, target)
@@ -104,26 +105,30 @@ def follow_path(
     singularity, from where another one leads on; or on it, `to_the_end`, if it is found there.
     """
 
-    def arrive(s: Array, predicted: Array) -> list[Place]:
+    def arrive(s: Array, predicted: Array) -> Places | None:
         q, linearised, closed = close_each(
             robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
         )
         count = len(s) if closed.all() else int(np.argmin(closed))
+        if not count:
+            return None
+        if count < len(s):
+            s, q, linearised = s[:count], q[:count], linearised.at(slice(count))
         try:
-            return places(s, q, linearised, count) if count else []
+            return places(s, q, linearised)
         except NotAssembled:  # one of them is singular, to the last bit
-            return arrive(s[:1], predicted[:1]) if len(s) > 1 else []
+            return arrive(s[:1], predicted[:1]) if len(s) > 1 else None
 
-    def places(s: Array, q: Array, linearised: LinearisedLoops, count: int) -> list[Place]:
-        """Return the first `count` places of a stack."""
-        rate = _rates(robot, path, s[:count], linearised.at(slice(count)))
-        return [Place(q[k : k + 1], linearised.at(k), rate[k : k + 1]) for k in range(count)]
+    def places(s: Array, q: Array, linearised: LinearisedLoops) -> Places:
+        return Places(q, linearised, _rates(robot, path, s, linearised), np.full(len(s), np.inf))
 
-    def belongs(before: Place, after: Place, straight: bool) -> bool:
-        same_branch = straight or not lost_equations(robot, after.linearised, BRANCHES_CROSS)
-        return same_branch and keeps_working_mode(robot, before.linearised, after.linearised)
+    def belong(before: Places, after: Places, straight: BoolArray) -> BoolArray:
+        keep = keeps_working_mode(robot, before.linearised, after.linearised)
+        for k in map(int, np.flatnonzero(keep & ~straight)):
+            keep[k] = not lost_equations(robot, after.linearised.at(k), BRANCHES_CROSS)
+        return keep
 
-    def end(s: float, before: Place) -> tuple[float, Place] | None:
+    def end(s: float, before: Places) -> tuple[float, Places] | None:
         sizes = equation_sizes(robot)
 
         def evaluate(q: Array, share: Array) -> CurveEquations:
@@ -138,14 +143,16 @@ def follow_path(
 
         still = np.zeros((1, robot.model.nv))
         ahead = turning_points(robot, before.q, np.array([s]), robot.moving, still, evaluate)
-        return (float(ahead.share[0]), Place(ahead.q, ahead.linearised, still)) if ahead.found[0] else None
+        if not ahead.found[0]:
+            return None
+        return float(ahead.share[0]), Places(ahead.q, ahead.linearised, still, np.full(1, np.inf))
 
     s = np.zeros(1)
-    [start] = places(s, q[None], linearised_at(robot, q[None], path(s)), 1)
+    start = places(s, q[None], linearised_at(robot, q[None], path(s)))
     short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
     first = 1.0 if short else FIRST_STEP_RATIO
     ends = end if to_the_end else None
-    return follow(robot, start, arrive, belongs, end=ends, step=first, at_once=PLACES_AT_ONCE)
+    return follow(robot, start, arrive, belong, end=ends, step=first, at_once=PLACES_AT_ONCE)
 
 
 def _followed(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
