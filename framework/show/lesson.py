@@ -7,9 +7,6 @@ for whatever law its reader makes; nothing on it was drawn beforehand.
 from __future__ import annotations
 
 import html
-import json
-from importlib.resources import files
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -27,6 +24,7 @@ from framework.motion.path import Path
 from framework.show.captions import said, why
 from framework.show.drawing import outlines
 from framework.show.sight import Projection, Sight, robot_sight
+from framework.show.standalone import page_part, standalone_page
 
 NODE_COUNTS = (64, 96, 128, 192)  # of the series in s, until they are resolved
 LAW_NODE_COUNTS = (160, 320, 640, 1280)  # of the best law's squared speed in sigma, likewise
@@ -48,12 +46,13 @@ def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str 
     sight = robot_sight(robot)
     crossing = planar_crossing(robot, path, duration, sight.onto.up)
     heading = said(robot.name) + (f", {name}" if name else "")
-    document = json.dumps(_document(robot, crossing, sight), allow_nan=False)
-    return Template(_asset("lesson.html")).substitute(
-        title=f"Thread the needle: {html.escape(heading)}",
-        style=_asset("lesson.css"),
-        document=document.replace("<", "\\u003c"),
-        script=_asset("lesson.js"),
+    title = f"Thread the needle: {heading}"
+    return standalone_page(
+        title,
+        page_part("lesson.html", title=html.escape(title)),
+        _document(robot, crossing, sight),
+        styles=["lesson.css"],
+        scripts=["curves.js", "lesson.js"],
     )
 
 
@@ -162,7 +161,3 @@ def _truncated(series: Array) -> list[float]:
     """Return a series without its last coefficients that are rounding."""
     large = np.flatnonzero(np.abs(series) > COEFFICIENT_ROUNDING * np.abs(series).max(initial=0.0))
     return [float(value) for value in series[: large[-1] + 1 if large.size else 1]]
-
-
-def _asset(name: str) -> str:
-    return files("framework.show").joinpath("page", name).read_text(encoding="utf-8")

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-import json
-from importlib.resources import files
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -26,6 +23,7 @@ from framework.show.map import (
     lies_in,
     title,
 )
+from framework.show.standalone import page_part, standalone_page
 from framework.show.style import LOCUS, PATH
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
@@ -38,15 +36,18 @@ ON_LOCUS = "On the purple locus (Type 2) the motors do not hold the platform:"
 
 def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
     """Return the page as HTML."""
-    document = json.dumps(_document(workspace, path), allow_nan=False).replace("<", "\\u003c")
-    return Template(_asset("map.html")).substitute(
-        title=html.escape(title(workspace)),
-        lead=html.escape(
-            f"{LEAD} {ON_LOCUS if workspace.locus.curves else 'Singular locus:'} {workspace.locus.sentence}."
+    locus = ON_LOCUS if workspace.locus.curves else "Singular locus:"
+    heading = title(workspace)
+    return standalone_page(
+        heading,
+        page_part(
+            "map.html",
+            title=html.escape(heading),
+            lead=html.escape(f"{LEAD} {locus} {workspace.locus.sentence}."),
         ),
-        style=_asset("map.css"),
-        document=document,
-        script=_asset("map.js"),
+        _document(workspace, path),
+        styles=["map.css"],
+        scripts=["map.js"],
     )
 
 
@@ -125,7 +126,3 @@ def _packed(array: np.ndarray) -> str:
 
 def _rgb(colour: str) -> list[int]:
     return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-
-
-def _asset(name: str) -> str:
-    return files("framework.show").joinpath("page", name).read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A page of its own: everything inline, nothing fetched, so that it plays with the network off.
+"""The pages on which robots move in three dimensions: films, and robots moved by hand.
 
 The viewer is the JavaScript of the installed `meshcat` package, read when a page is made.
 """
@@ -6,13 +6,10 @@ The viewer is the JavaScript of the installed `meshcat` package, read when a pag
 from __future__ import annotations
 
 import html
-import json
 from collections.abc import Sequence
 from functools import cache
-from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from framework.errors import MissingPackage
@@ -21,6 +18,7 @@ from framework.show.captions import said
 from framework.show.film import Film
 from framework.show.jogging import hand_document
 from framework.show.scene import film_documents
+from framework.show.standalone import page_part, standalone_page
 
 SCRIPTS = (
     "shapes.js",
@@ -62,20 +60,13 @@ def hand_page(robot: ParallelRobot) -> str:
 
 def scene_part(heading: str, lead: str) -> str:
     """Return the part of a page in which the scene is drawn; `heading` is plain text, `lead` is HTML."""
-    return Template(_asset("scene.html")).substitute(heading=html.escape(heading), lead=lead)
+    return page_part("scene.html", heading=html.escape(heading), lead=lead)
 
 
 def whole_page(title: str, body: str, documents: Sequence[dict[str, Any]]) -> str:
     """Return a page with this body and the scripts that fill its scene from the documents."""
-    viewer, licences = _viewer()
-    return Template(_asset("page.html")).substitute(
-        title=html.escape(title),
-        style=_asset("page.css"),
-        licences=licences.replace("--", "- -"),
-        body=body,
-        viewer=viewer.replace("</script", "<\\/script"),
-        documents=json.dumps(list(documents), allow_nan=False).replace("<", "\\u003c"),
-        script="\n".join(_asset(name) for name in SCRIPTS),
+    return standalone_page(
+        title, body, list(documents), styles=["page.css"], scripts=SCRIPTS, library=_viewer()
     )
 
 
@@ -84,13 +75,8 @@ def _scene_page(documents: Sequence[dict[str, Any]], heading: str, lead: str) ->
 
 
 @cache
-def _asset(name: str) -> str:
-    return files("framework.show").joinpath("page", name).read_text(encoding="utf-8")
-
-
-@cache
-def _viewer() -> tuple[str, str]:
-    """Return MeshCat's JavaScript and the licences of what is in it."""
+def _viewer() -> str:
+    """Return MeshCat's JavaScript and the licences of what is in it, as HTML."""
     package = find_spec("meshcat")
     if package is None or package.origin is None:
         raise MissingPackage(
@@ -99,4 +85,9 @@ def _viewer() -> tuple[str, str]:
     viewer = Path(package.origin).parent / "viewer"
     texts = [viewer / "LICENSE", viewer / "dist" / "main.min.js.LICENSE.txt"]
     licences = "\n\n".join(text.read_text(encoding="utf-8") for text in texts if text.is_file())
-    return (viewer / "dist" / "main.min.js").read_text(encoding="utf-8"), licences
+    script = (viewer / "dist" / "main.min.js").read_text(encoding="utf-8")
+    return page_part(
+        "viewer.html",
+        licences=licences.replace("--", "- -"),
+        script=script.replace("</script", "<\\/script"),
+    )

@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
 
 def scenes(file) -> list[dict]:
     text = file.read_text(encoding="utf-8")
-    found = re.search(r'<script type="application/json" id="documents">(.*?)</script>', text, re.DOTALL)
+    found = re.search(r'<script type="application/json" id="document">(.*?)</script>', text, re.DOTALL)
     return json.loads(found[1])
 
 

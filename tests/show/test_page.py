@@ -29,7 +29,7 @@ def decoded(text: str) -> np.ndarray:
 
 
 def documents(page: str) -> list[dict]:
-    found = re.search(r'<script type="application/json" id="documents">(.*?)</script>', page, re.DOTALL)
+    found = re.search(r'<script type="application/json" id="document">(.*?)</script>', page, re.DOTALL)
     return json.loads(found[1])
 
 

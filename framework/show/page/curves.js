@@ -1,31 +1,8 @@
-// Curves over time beside the scene, in SVG, with a mark that moves.
+// Curves over time, or along a path, in SVG, with a mark that moves.
 
 const PALETTE = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"];
 const UNREAL = "#b4bcc5"; // what is drawn for comparison only
 let frames = 0;
-
-function svg(name, attributes, parent) {
-  const element = document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
-  if (parent) parent.appendChild(element);
-  return element;
-}
-
-// Round values from low to high: as few as possible, but three.
-function ticks(low, high) {
-  const power = Math.pow(10, Math.floor(Math.log10(high - low)));
-  for (const part of [5, 2, 1, 0.5, 0.2, 0.1]) {
-    const step = part * power, found = [];
-    for (let k = Math.ceil(low / step - 1e-9); k * step <= high * (1 + 1e-9); k++) found.push(k * step);
-    if (found.length >= 3) return found;
-  }
-  return [low, high];
-}
-
-function rounded(value) {
-  if (value === 0 || Math.abs(value) < 1e-12) return "0";
-  return Number(value.toPrecision(3)).toString().replace("-", "−");
-}
 
 // A value that changes, to three digits of the largest that it takes: what cannot be seen there is 0.
 function steady(value, largest) {
@@ -36,13 +13,16 @@ function steady(value, largest) {
 
 class Chart {
   // series: [{values, color, dash, name}], each on `time`; `limit` clips them; beyond the time `unreal` they are
-  // grey, and begin anew. `band` has a least and a largest value for each time. events: [{time, value, said, alarm}], a line each and, with a value, a ring on it.
-  constructor(parent, { title, time, series, limit, events = [], unreal = Infinity, seek, height = 150, band }) {
-    Object.assign(this, { time, series, unreal, breaks: events.filter(({ alarm }) => alarm).map((event) => event.time) });
+  // grey, and begin anew. `band` has a least and a largest value for each time, `levels` are drawn across.
+  // events: [{time, value, said, alarm}], a line each and, with a value, a ring on it. `tell` says a time.
+  constructor(parent, { title, time, series, limit, events = [], unreal = Infinity, seek, height = 150, band, bandName, levels = [], along = "time [s]", tell = (t) => `${t.toFixed(3)} s` }) {
+    Object.assign(this, { time, series, unreal, tell, breaks: events.filter(({ alarm }) => alarm).map((event) => event.time) });
     // drawn for letters of 14 px, and as much larger as those of the page are
     const scale = parseFloat(getComputedStyle(document.documentElement).fontSize) / 14;
-    const width = Math.max(300, (parent.clientWidth - 16) / scale), left = 52, right = 10, top = 22, bottom = 20;
-    const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "chart", role: "img", "aria-label": title }, parent);
+    const { paddingLeft, paddingRight } = getComputedStyle(parent);
+    const width = Math.max(300, (parent.clientWidth - parseFloat(paddingLeft) - parseFloat(paddingRight)) / scale), left = 52, right = 10, top = 22, bottom = 20;
+    const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "chart" }, parent);
+    this.root = root;
     const duration = time[time.length - 1];
     let largest = limit;
     if (largest === undefined) {
@@ -55,21 +35,26 @@ class Chart {
     if (series.every(({ values }) => values.every((value) => value >= 0))) low = 0;
     const box = { x: left, y: top, width: width - left - right, height: height - top - bottom };
     this.x = (t) => left + (t / duration) * box.width;
+    this.value = (y) => high - ((y - top) / box.height) * (high - low);
     this.height = (value) => top + ((high - Math.min(9 * high, Math.max(-9 * high, value))) / (high - low)) * box.height;
     for (const value of ticks(low, high)) {
       svg("line", { x1: left, x2: width - right, y1: this.height(value), y2: this.height(value), class: value ? "grid" : "axis" }, root);
       svg("text", { x: left - 5, y: this.height(value) + 4, "text-anchor": "end" }, root).textContent = rounded(value);
     }
     for (const t of ticks(0, duration)) {
-      if (this.x(t) > width - right - 62) continue; // there stands the unit
+      if (this.x(t) > width - right - 7.8 * along.length) continue; // there stands the unit
       svg("text", { x: this.x(t), y: height - 5, "text-anchor": "middle" }, root).textContent = rounded(t);
     }
-    svg("text", { x: width - right, y: height - 5, "text-anchor": "end" }, root).textContent = "time [s]";
+    svg("text", { x: width - right, y: height - 5, "text-anchor": "end" }, root).textContent = along;
     const head = svg("text", { x: 4, y: 13, class: "title" }, root);
     head.textContent = title;
     for (const { name, color, dash } of series.filter((each) => each.name)) {
       svg("tspan", { dx: 9, style: `fill:${color}` }, head).textContent = dash ? "┄ " : "━ ";
       svg("tspan", {}, head).textContent = name;
+    }
+    if (bandName) {
+      svg("tspan", { dx: 9, style: "fill:var(--given)", opacity: 0.5 }, head).textContent = "█ ";
+      svg("tspan", {}, head).textContent = bandName;
     }
     const frame = `frame${frames++}`;
     svg("rect", box, svg("clipPath", { id: frame }, root));
@@ -78,6 +63,7 @@ class Chart {
       const edge = (side) => Array.from(time, (t, k) => `${this.x(t).toFixed(1)} ${this.height(band[2 * k + side]).toFixed(2)}`);
       svg("polygon", { points: [...edge(0), ...edge(1).reverse()].join(" "), class: "band" }, inside);
     }
+    for (const level of levels) svg("line", { x1: left, x2: width - right, y1: this.height(level), y2: this.height(level), class: "level" }, inside);
     for (const { time: t } of events) svg("line", { x1: this.x(t), x2: this.x(t), y1: top, y2: height - bottom, class: "event" }, inside);
     series.forEach(({ values, color, dash }) => {
       for (const [path, shade] of [[this.outline(values, -Infinity, unreal), color], [this.outline(values, unreal, Infinity), UNREAL]]) {
@@ -98,9 +84,10 @@ class Chart {
     root.addEventListener("pointerdown", (event) => { root.setPointerCapture(event.pointerId); at(event); });
     root.addEventListener("pointermove", (event) => { if (event.buttons) at(event); });
     // by keyboard as by hand
-    root.setAttribute("tabindex", 0);
+    const keys = { tabindex: 0, role: "slider", "aria-label": title, "aria-valuemin": 0, "aria-valuemax": duration };
+    for (const [name, value] of Object.entries(keys)) root.setAttribute(name, value);
     root.addEventListener("keydown", (event) => {
-      const step = { ArrowLeft: -0.01, ArrowRight: 0.01, Home: -Infinity, End: Infinity }[event.key];
+      const step = { ArrowLeft: -0.01, ArrowDown: -0.01, ArrowRight: 0.01, ArrowUp: 0.01, Home: -Infinity, End: Infinity }[event.key];
       if (step === undefined) return;
       event.preventDefault();
       seek(Math.min(Math.max(this.at + step * duration, 0), duration));
@@ -145,8 +132,16 @@ class Chart {
     return text;
   }
 
+  // The time and the values there, in words.
+  told(t, k, part) {
+    const values = this.series.map(({ values, name }) => `${name ? `${name} ` : ""}${rounded(between(values, k, part))}`);
+    return `${this.tell(t)}: ${values.join(", ")}`;
+  }
+
   mark(t, k, part) {
     this.at = t;
+    this.root.setAttribute("aria-valuenow", t);
+    this.root.setAttribute("aria-valuetext", this.told(t, k, part));
     const x = this.x(t);
     this.line.setAttribute("x1", x);
     this.line.setAttribute("x2", x);
@@ -154,6 +149,7 @@ class Chart {
       const value = between(values, k, part);
       this.dots[i].setAttribute("cx", x);
       this.dots[i].setAttribute("cy", this.height(isFinite(value) ? value : 0));
+      this.dots[i].setAttribute("visibility", isFinite(value) ? "visible" : "hidden");
       this.dots[i].setAttribute("fill", t > this.unreal ? UNREAL : color);
     });
   }

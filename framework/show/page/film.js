@@ -27,8 +27,8 @@ class Film {
     this.live = section.querySelector(".unseen");
     this.furnish();
     this.caption = section.querySelector(".now");
-    this.legend(document.getElementById("legend"), section.querySelector(".legend"));
-    this.charts(section.querySelector(".side"), seek);
+    this.legend(byId("legend"), section.querySelector(".legend"));
+    Object.assign(this, { side: section.querySelector(".side"), seek, panels: [] });
     this.view.extra.push(...this.tips());
     this.view.frame();
   }
@@ -114,7 +114,7 @@ class Film {
       lines.push('<div><span class="key" style="background:linear-gradient(90deg, var(--trace) 50%, var(--path) 50%)"></span>way gone, and to go</div>');
     }
     const limit = content.shared_limit;
-    lines.push(`<div>motor torque 0<span class="scale"></span>${rounded(limit)} ${content.motors[0].unit}</div>`);
+    lines.push(`<div>motor torque 0<span class="scale"></span><span class="unseen"> to </span>${rounded(limit)} ${content.motors[0].unit}</div>`);
     if (content.springs) {
       const { factors, coils } = content.springs, said = [];
       if (coils.some((coil) => coil.slides)) said.push(`stretch drawn × ${factors.slide}`);
@@ -125,8 +125,9 @@ class Film {
     if (lines.length > box.children.length) box.innerHTML = lines.join("");
   }
 
-  charts(side, seek) {
-    const { content, time, end: unreal } = this, beside = document.getElementById("legend").dataset.columns > 1;
+  // Words and curves, as wide as there is room, and as high beside one scene.
+  layCurves() {
+    const { content, time, side, seek, end: unreal } = this, beside = byId("legend").dataset.columns > 1 || isOnPaper();
     const alarm = !content.proved;
     const mark = (instant, value, said) => ({ time: instant.time, value, said, alarm });
     const units = [...new Set(content.motors.map(({ unit }) => unit))].join(", ");
@@ -135,7 +136,7 @@ class Film {
     // beside the title of their curves, if all of them find room there
     const scale = parseFloat(getComputedStyle(document.documentElement).fontSize) / 14;
     const shortNames = names.reduce((sum, name) => sum + 6.4 * name.length + 24, 130) * scale < side.clientWidth;
-    side.insertAdjacentHTML("beforeend", `<p class="summary">${symbols(content.summary)}</p>`);
+    side.innerHTML = `<p class="summary">${symbols(content.summary)}</p>`;
     if (content.refusal) side.insertAdjacentHTML("beforeend", `<p class="summary refusal">The planner: ${symbols(content.refusal)}</p>`);
     // alone beside its scene, the curves take what height the words leave
     const written = [...side.children].reduce((sum, { offsetHeight }) => sum + offsetHeight + 12, 30 * !shortNames);

@@ -4,7 +4,7 @@ class Hand {
   constructor(section, content) {
     this.content = content;
     section.innerHTML = `<h2>${plain(content.robot).replace(/_/g, " ")}, moved by hand <span class="subtitle">${plain(content.about)}</span></h2>
-      <div class="inside"><div class="left"><div class="legend"></div><div class="view"></div><div class="now"></div></div><div class="side sliders"></div></div>`;
+      <div class="inside"><div class="left"><div class="legend"></div><div class="view"></div><div class="now" role="status"></div></div><div class="side sliders"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
     this.view.name(`${content.robot.replace(/_/g, " ")}, moved by hand`);
     this.now = section.querySelector(".now");
@@ -59,8 +59,9 @@ class Hand {
       all.insertAdjacentHTML("beforeend", `<h3>${title}</h3>`);
       sliders[part].forEach(({ name, unit, low, high }, index) => {
         const label = document.createElement("label");
-        label.innerHTML = `<span>${plain(name).replace(/_/g, " ")} [${unit}]</span>
-          <input type="range" min="${low}" max="${high}" step="${(high - low) / 1000}" data-part="${part}" data-index="${index}"><output></output>`;
+        label.innerHTML = `<span>${plain(name).replace(/_/g, " ")}</span><output aria-live="off"></output>
+          <input type="range" min="${low}" max="${high}" step="${(high - low) / 1000}" data-part="${part}" data-index="${index}"
+            aria-label="${part === "motor" ? "" : "platform "}${plain(name).replace(/_/g, " ")}">`;
         all.appendChild(label);
         const input = label.querySelector("input");
         input.addEventListener("input", () => this.ask({ part, index, value: Number(input.value) }));
@@ -82,8 +83,8 @@ class Hand {
       this.full = this.full || 6 * Math.max(...start.torques, 1e-9);
       const rows = motors.map(({ name, unit }, k) => {
         const value = state.torques ? (state.torques[k] < 1e-9 * Math.max(...state.torques) ? 0 : state.torques[k]) : Infinity, share = Math.min(1, value / this.full);
-        const text = isFinite(value) ? `${Number(value.toPrecision(3))} ${unit}` : "no bound";
-        return `<div><span>${plain(name).replace(/_/g, " ")}</span><i><b style="width:${100 * share}%"></b></i><output>${text}</output></div>`;
+        const text = isFinite(value) ? `${rounded(value)} ${unit}` : "no bound";
+        return `<div><span>${plain(name).replace(/_/g, " ")}</span><output aria-live="off">${text}</output><i><b style="width:${100 * share}%"></b></i></div>`;
       });
       box.innerHTML = `<h3>Motor torque against ${symbols(push)}</h3>${rows.join("")}`;
     }
@@ -218,21 +219,22 @@ class Hand {
         const isOf = (movement) => movement && movement.part === part && movement.index === index;
         const dragged = isOf(this.waiting) || (isOf(held) && !this.settle); // a held key asks on while one waits
         if (!dragged) input.value = state[part][index];
-        input.setAttribute("aria-valuetext", `${state[part][index].toPrecision(4)} ${this.content.sliders[part][index].unit}`);
         output.textContent = `${state[part][index].toFixed(4).replace(/^-(?=[0.]*$)/, "").replace("-", "−")} ${this.content.sliders[part][index].unit}`;
+        input.setAttribute("aria-valuetext", output.textContent);
       });
     }
     this.holds(state);
     const badge = this.side.querySelector(".class");
     badge.className = `class ${state.level}`;
     badge.innerHTML = symbols(state.verdict);
-    this.side.querySelector(".g").textContent = state.g === null ? "none" : state.g.toPrecision(4);
-    this.side.querySelector(".smallest").textContent = state.smallest === null ? "none" : state.smallest.toPrecision(4);
+    this.side.querySelector(".g").textContent = state.g === null ? "none" : rounded(state.g, 4);
+    this.side.querySelector(".smallest").textContent = state.smallest === null ? "none" : rounded(state.smallest, 4);
     this.side.querySelector(".stop").textContent = state.stopped;
     this.view.element.className = `view ${state.level}`;
     const end = state.words.indexOf(".") + 1;
     const loose = state.wobble ? ` ${state.wobble.words}` : "";
-    this.now.innerHTML = `<b>${plain(state.words.slice(0, end))}</b>${symbols(state.words.slice(end) + loose)}`;
+    const words = `<b>${plain(state.words.slice(0, end))}</b>${symbols(state.words.slice(end) + loose)}`;
+    if (this.words !== words) this.now.innerHTML = this.words = words; // not said again
     this.view.viewer.set_dirty();
     if (!this.held) this.wobble();
   }

@@ -1,12 +1,9 @@
 // Condition (8) by hand: all numbers are Chebyshev series in the share s of the path, evaluated here.
-const doc = JSON.parse(document.getElementById("document").textContent);
-const MOTORS = doc.motors.length, CROSSING = doc.crossing;
+const MOTORS = data.motors.length, CROSSING = data.crossing;
 const SAMPLES = 600; // of sigma, for curves and peaks
 const HANDLES = [0.12, 0.25, 0.38, 0.5, 0.62, 0.75, 0.88]; // in sigma, of the speed that is bent
 const SNAP = 0.05; // of the largest force along t_s: a miss that is taken for a hit, and made one
 const CLEAR = 2e-4; // in s beside the crossing, where quotients by g lose digits
-const COLOURS = ["var(--first)", "var(--second)"];
-const byId = (id) => document.getElementById(id);
 
 // ---- what the framework computed ------------------------------------------------------------------------
 function series(coefficients, x) { // Clenshaw
@@ -20,7 +17,7 @@ function slope(coefficients, x) { // of a series along x
   derivative[0] /= 2;
   return series(derivative, x);
 }
-const along = (key, s) => doc.series.slice(...doc.slices[key]).map((each) => series(each, 2 * s - 1));
+const along = (key, s) => data.series.slice(...data.slices[key]).map((each) => series(each, 2 * s - 1));
 
 // Motor torques and t_s . W_p at s of a motion with ds/dt = v, d2s/dt2 = a.
 function torques(s, v, a, gravity) {
@@ -83,13 +80,13 @@ function bentLaw(logarithms) {
   const fit = () => {
     let time = 0;
     for (const x of SIGMA) time += 1 / (SAMPLES * Math.sqrt(z(x).z));
-    scale *= (time / doc.duration) ** 2;
+    scale *= (time / data.duration) ** 2;
   };
   fit();
   return { z, twist: (value) => { twist = value; fit(); } };
 }
 function bestLaw(gravity) {
-  const coefficients = doc.best[gravity].squared_speed;
+  const coefficients = data.best[gravity].squared_speed;
   return { z: (x) => ({ z: series(coefficients, 2 * x - 1), u: slope(coefficients, 2 * x - 1) }) };
 }
 // What a law asks for at sigma: s, ds/dt, d2s/dt2.
@@ -100,8 +97,9 @@ function motion(law, x) {
 
 // ---- the state ---------------------------------------------------------------------------------------------
 const LEVEL = HANDLES.map(() => 0);
-const state = { step: 0, gravity: "off", logarithms: [...LEVEL], best: false, s: 0, push: [0, 0], playing: false };
+const state = { step: 0, gravity: "off", logarithms: [...LEVEL], best: false, s: 0, push: [0, 0], playing: false, held: false };
 let now = null; // the law and its curves
+let fastest = 1; // of the speed's curve, the same while one bends it
 
 function missOf(law, gravity) {
   const { s, v, a } = motion(law, SIGMA_C);
@@ -110,7 +108,7 @@ function missOf(law, gravity) {
 // All curves of the state; a near miss becomes a hit by a bend of the speed about the crossing.
 function curves() {
   const { gravity } = state, law = state.best ? bestLaw(gravity) : bentLaw(state.logarithms);
-  const limit = doc.best[gravity].limit;
+  const limit = data.best[gravity].limit;
   const powers = () => SIGMA.map((x) => { const { s, v, a } = motion(law, x); return power(s, v, a, gravity); });
   let wrench = powers(), largest = Math.max(...wrench.map(Math.abs)), miss = missOf(law, gravity);
   if (!state.best && state.step > 1 && Math.abs(miss) < SNAP * largest) {
@@ -127,106 +125,82 @@ function curves() {
   }
   const threads = Math.abs(miss) < 1e-9 * largest;
   const asked = SIGMA.map((x) => motion(law, x));
-  const torque = asked.map(({ s, v, a }) => (threads && Math.abs(s - CROSSING) < CLEAR ? null : torques(s, v, a, gravity)));
-  const peak = threads ? Math.max(...torque.filter(Boolean).flat().map(Math.abs)) : Infinity;
+  const torque = asked.map(({ s, v, a }) => torques(s, v, a, gravity));
+  if (threads) asked.forEach(({ s }, k) => { // at most one sample is that near
+    if (Math.abs(s - CROSSING) < CLEAR) torque[k] = torque[k].map((_, m) => 0.5 * (torque[k - 1][m] + torque[k + 1][m]));
+  });
+  const peak = threads ? Math.max(...torque.flat().map(Math.abs)) : Infinity;
   const time = [];
   SIGMA.reduce((sum, x, k) => (time[k] = sum + 1 / (SAMPLES * Math.sqrt(law.z(x).z))), 0);
-  now = { law, limit, wrench, largest, miss, threads, asked, torque, peak, time, band: asked.map(({ s }) => reach(s, limit)) };
+  now = { law, limit, wrench, largest, miss, threads, asked, shares: asked.map(({ s }) => s), torque, peak, time, band: asked.map(({ s }) => reach(s, limit)) };
 }
 
 // ---- drawing -------------------------------------------------------------------------------------------------
-function element(name, attributes, parent) {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  if (parent) parent.appendChild(made);
-  return made;
-}
-function rounded(value) {
-  return value === 0 ? "0" : Number(value.toPrecision(3)).toString().replace("-", "−");
-}
-const line = (points) => points.map(([x, y], k) => `${k ? "L" : "M"}${x.toFixed(2)} ${y.toFixed(2)}`).join("");
-
-class Plot {
-  constructor(id, title) {
-    this.root = byId(id);
-    this.title = title;
-  }
-
-  begin(low, high) {
-    [this.width, this.height] = [Math.max(280, this.root.clientWidth), Math.max(120, this.root.clientHeight)];
-    this.root.setAttribute("viewBox", `0 0 ${this.width} ${this.height}`);
-    this.root.replaceChildren();
-    Object.assign(this, { low, high });
-    element("text", { x: 48, y: 13, class: "title" }, this.root).textContent = this.title;
-    for (const value of [low, 0, high].filter((each, k, all) => all.indexOf(each) === k && each >= low)) {
-      element("line", { x1: 48, x2: this.width - 8, y1: this.y(value), y2: this.y(value), class: value ? "grid" : "axis" }, this.root);
-      element("text", { x: 44, y: this.y(value) + 4, "text-anchor": "end" }, this.root).textContent = rounded(value);
-    }
-    element("line", { x1: this.x(CROSSING), x2: this.x(CROSSING), y1: 20, y2: this.height - 8, class: "crossing" }, this.root);
-    const clip = element("clipPath", { id: `${this.root.id}-clip` }, this.root);
-    element("rect", { x: 48, y: 20, width: this.width - 56, height: this.height - 28 }, clip);
-    this.inside = element("g", { "clip-path": `url(#${this.root.id}-clip)` }, this.root);
-  }
-
-  x(s) { return 48 + s * (this.width - 56); }
-  y(value) { return 20 + ((this.high - value) / (this.high - this.low)) * (this.height - 28); }
-  value(y) { return this.high - ((y - 20) / (this.height - 28)) * (this.high - this.low); }
-
-  curve(values, colour, dash = "") {
-    const far = 20 * (this.high - this.low), kept = values.map((value, k) => [now.asked[k].s, value]).filter(([, value]) => value !== null && isFinite(value));
-    const pieces = [[]];
-    kept.forEach(([s, value], k) => { // a pole is no line from one side to the other
-      if (k && !now.threads && (kept[k - 1][0] < CROSSING) !== (s < CROSSING)) pieces.push([]);
-      pieces[pieces.length - 1].push([this.x(s), this.y(Math.min(Math.max(value, -far), far))]);
-    });
-    for (const piece of pieces) element("path", { d: line(piece), class: "curve", style: `stroke:${colour}`, "stroke-dasharray": dash }, this.inside);
-  }
-
-  mark(s) { element("line", { x1: this.x(s), x2: this.x(s), y1: 20, y2: this.height - 8, class: "mark" }, this.root); }
-}
-const plots = {
-  speed: new Plot("speed", "speed along the path ds/dt [1/s]"),
-  needle: new Plot("needle", "force along tₛ: asked for (pink), and what the motors can give (blue) [N]"),
-  torque: new Plot("torque", `motor torques [${doc.unit}]: ${doc.motors[0]} ━  ${doc.motors[1]} ┄`),
-};
+const line = (points) => points.map(([x, y], k) => `${k ? "L" : "M"}${x.toFixed(5)} ${y.toFixed(5)}`).join("");
+const names = data.motors.map((name) => name.replace(/_/g, " "));
+const charts = {};
 
 function drawCurves() {
-  const { speed, needle, torque } = plots, { step } = state, best = doc.best[state.gravity];
-  const speeds = now.asked.map(({ v }) => v);
-  speed.begin(0, 1.25 * Math.max(...speeds, 2.2 / doc.duration));
-  speed.curve(speeds, "var(--ink)");
-  if (step > 1 && !state.best) HANDLES.forEach((x, k) => handle(k, motion(now.law, x)));
-  const high = now.largest;
-  needle.begin(-1.2 * high, 1.2 * high);
-  const edge = (sign) => now.asked.map(({ s }, k) => [needle.x(s), needle.y(sign * Math.min(now.band[k], 3 * high))]);
-  element("path", { d: `${line([...edge(1), ...edge(-1).reverse()])}Z`, class: "band" }, needle.inside);
-  needle.curve(now.wrench, "var(--wrench)");
-  element("circle", { cx: needle.x(CROSSING), cy: needle.y(Math.max(-1.2 * high, Math.min(1.2 * high, now.miss))), r: 5, fill: now.threads ? "var(--good)" : "var(--alarm)" }, needle.root);
-  const top = 2 * best.limit;
-  torque.begin(-top, top);
-  for (const sign of [-1, 1]) element("line", { x1: 48, x2: torque.width - 8, y1: torque.y(sign * best.limit), y2: torque.y(sign * best.limit), class: "limit" }, torque.root);
-  for (let k = 0; k < MOTORS; k++) torque.curve(now.torque.map((each) => each && each[k]), COLOURS[k % 2], k ? "7 4" : "");
-  for (const plot of Object.values(plots)) plot.mark(state.s);
+  const { threads, miss, largest, band, limit } = now, { best } = data;
+  const speeds = now.asked.map(({ v }) => v), reached = band.map((value) => Math.min(value, 3 * largest));
+  if (!state.held) fastest = 1.15 * Math.max(...speeds, 2.2 / data.duration);
+  const drawn = {
+    speed: { title: "speed along the path ds/dt [1/s]", limit: fastest, series: [{ values: speeds, color: "var(--ink)" }], events: [{ time: CROSSING }] },
+    needle: {
+      title: "force along tₛ [N]", limit: 1.1 * largest, series: [{ values: now.wrench, color: "var(--wrench)", name: "asked for" }],
+      band: reached.flatMap((value) => [-value, value]), bandName: "what motors can give",
+      events: [{ time: CROSSING, value: miss, alarm: !threads, said: threads ? "through the eye" : `misses the eye by ${rounded(Math.abs(miss))} N` }],
+    },
+    torque: {
+      title: `motor torque [${data.unit}]`, limit: 1.9 * best[state.gravity].limit, levels: [-limit, limit],
+      series: names.map((name, k) => ({ values: now.torque.map((each) => each[k]), color: PALETTE[k], dash: k ? "7 4" : "", name })),
+      events: [{ time: CROSSING, alarm: !threads, said: threads ? "" : "no bound" }],
+    },
+  };
+  const scale = parseFloat(getComputedStyle(document.documentElement).fontSize) / 14;
+  for (const [id, content] of Object.entries(drawn)) {
+    const box = byId(id), before = box.querySelector(".chart"), isFocused = before === document.activeElement;
+    if (before) before.remove();
+    charts[id] = new Chart(box, { time: now.shares, along: "share of the path", tell: (s) => `${Math.round(100 * s)} % of the path`, seek: goTo, height: box.clientHeight / scale, ...content });
+    if (isFocused) charts[id].root.focus({ preventScroll: true });
+  }
+  mark();
+  placeHandles();
   score();
+}
+// Where the robot is, on all curves.
+function mark() {
+  const next = now.shares.findIndex((s) => s > state.s), k = next < 0 ? SAMPLES - 2 : Math.max(0, next - 1);
+  const part = Math.min(1, Math.max(0, (state.s - now.shares[k]) / (now.shares[k + 1] - now.shares[k])));
+  for (const chart of Object.values(charts)) chart.mark(state.s, k, part);
 }
 
 function score() {
-  const best = doc.best[state.gravity];
+  const best = data.best[state.gravity];
   const hit = now.threads
-    ? `<span class="good">Through the eye</span>: no force along tₛ is asked for at the singular point. Peak torque <b>${rounded(now.peak)} ${doc.unit}</b>`
+    ? `<span class="good">Through the eye</span>: no force along t<sub>s</sub> is asked for at the singular point. Peak torque <b>${rounded(now.peak)} ${data.unit}</b>`
     : `<span class="alarm">Misses the eye by ${rounded(Math.abs(now.miss))} N</span>: no torque is large enough at the singular point`;
   const above = Math.round(100 * (now.peak / best.peak - 1));
-  const compared = state.best ? ", of the best law" : now.threads && state.step > 2 ? `, ${above} % above the best law's ${rounded(best.peak)} ${doc.unit}` : "";
-  byId("score").innerHTML = state.step ? `${hit}${compared}. ${doc.duration} s in all.` : "";
+  const compared = state.best ? ", of the best law" : now.threads && state.step > 2 ? `, ${above} % above the best law's ${rounded(best.peak)} ${data.unit}` : "";
+  tell("score", `${hit}${compared}. ${data.duration} s in all.`);
+}
+// Writes what is new: what stands there already is not said again.
+function tell(id, text) {
+  if (byId(id).told !== text) byId(id).innerHTML = byId(id).told = text;
 }
 
-function handle(k, { s, v }) {
-  const { speed } = plots;
-  const knob = element("circle", {
-    cx: speed.x(s), cy: speed.y(v), r: 8, class: "handle", tabindex: 0, role: "slider",
-    "aria-label": `speed at ${Math.round(100 * s)} % of the path`, "aria-valuenow": v.toPrecision(3), "data-handle": k,
-  }, speed.root);
-  if (state.focus === k) knob.focus();
+// ---- the speed, bent by its handles ----------------------------------------------------------------------------
+const overlay = svg("svg", { class: "handles", role: "group", "aria-label": "the speed, to be bent" }, byId("speed"));
+const handles = HANDLES.map((x, k) => svg("circle", { r: 9, tabindex: 0, role: "slider", "aria-valuemin": 0, "aria-label": `speed at ${Math.round(100 * phi(x))} % of the path`, "data-handle": k }, overlay));
+function placeHandles() {
+  const { speed } = charts;
+  overlay.style.display = state.step < 2 || state.best ? "none" : "";
+  overlay.setAttribute("viewBox", speed.root.getAttribute("viewBox"));
+  handles.forEach((knob, k) => {
+    const { s, v } = motion(now.law, HANDLES[k]);
+    const placed = { cx: speed.x(s), cy: speed.height(v), "aria-valuenow": v.toPrecision(3), "aria-valuemax": fastest.toPrecision(3), "aria-valuetext": `${rounded(v)} per second` };
+    for (const [name, value] of Object.entries(placed)) knob.setAttribute(name, value);
+  });
 }
 // Bend the speed so that handle k has it, as near as the duration allows.
 function bendTo(k, wanted) {
@@ -236,27 +210,21 @@ function bendTo(k, wanted) {
   }
   update();
 }
-byId("speed").addEventListener("pointerdown", (event) => {
-  const k = event.target.dataset.handle;
-  if (k === undefined) return;
-  event.preventDefault();
-  state.focus = Number(k);
-  const root = byId("speed");
-  root.setPointerCapture(event.pointerId);
-  const { low, high } = plots.speed;
-  const move = (each) => {
-    const box = root.getBoundingClientRect(), y = ((each.clientY - box.top) / box.height) * plots.speed.height;
-    bendTo(state.focus, high - ((y - 20) / (plots.speed.height - 28)) * (high - low));
-  };
-  root.onpointermove = move;
-  root.onpointerup = root.onpointercancel = () => { root.onpointermove = null; };
-});
-byId("speed").addEventListener("keydown", (event) => {
-  const k = event.target.dataset.handle, way = { ArrowUp: 1, ArrowDown: -1 }[event.key];
-  if (k === undefined || !way) return;
-  event.preventDefault();
-  state.focus = Number(k);
-  bendTo(state.focus, motion(now.law, HANDLES[k]).v * (1 + 0.03 * way * (event.shiftKey ? 5 : 1)));
+handles.forEach((knob, k) => {
+  knob.addEventListener("pointerdown", (event) => {
+    event.preventDefault();
+    knob.focus({ preventScroll: true });
+    knob.setPointerCapture(event.pointerId);
+    state.held = true;
+    knob.onpointermove = (each) => bendTo(k, charts.speed.value(new DOMPoint(each.clientX, each.clientY).matrixTransform(overlay.getScreenCTM().inverse()).y));
+    knob.onpointerup = knob.onpointercancel = () => { knob.onpointermove = null; state.held = false; update(); };
+  });
+  knob.addEventListener("keydown", (event) => {
+    const way = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 }[event.key];
+    if (!way) return;
+    event.preventDefault();
+    bendTo(k, motion(now.law, HANDLES[k]).v * (1 + 0.03 * way * (event.shiftKey ? 5 : 1)));
+  });
 });
 
 // ---- the robot -----------------------------------------------------------------------------------------------
@@ -269,7 +237,7 @@ const view = (() => {
 function placed(s, shift) {
   const poses = along("poses", s), rates = along("pose_rates", s), count = poses.length;
   const moved = poses.map((value, k) => value + rates[k] * shift[0] + rates[count + k] * shift[1]);
-  return doc.shapes.map(({ node, points, colour }) => {
+  return data.shapes.map(({ node, points, colour }) => {
     let [x, y, c, d] = node ? moved.slice(4 * (node - 1), 4 * node) : [0, 0, 1, 0];
     const size = Math.hypot(c, d);
     [c, d] = [c / size, d / size];
@@ -285,110 +253,112 @@ function held(s, push) {
   const size = Math.hypot(...shift), share = size > far ? far / size : 1;
   return { shift: shift.map((value) => value * share), torque, gives: size > 0.5 * far && far > 0 };
 }
-function drawRobot() {
-  const root = byId("robot"), { low, high, size } = view, rim = 0.06 * size, across = high[0] - low[0] + 2 * rim;
-  root.replaceChildren();
+const knob = (() => {
+  const { low, high, size } = view, rim = 0.06 * size, across = high[0] - low[0] + 2 * rim, root = byId("robot");
   root.setAttribute("viewBox", `${low[0] - rim} ${-high[1] - rim} ${across} ${high[1] - low[1] + 2 * rim}`);
-  const flip = element("g", { transform: "scale(1,-1)" }, root), width = size / 160;
-  for (const curve of doc.locus) element("path", { d: line5(curve), fill: "none", stroke: "var(--locus)", "stroke-width": 1.6 * width }, flip);
+  const flip = svg("g", { transform: "scale(1,-1)" }, root);
+  return svg("circle", { r: size / 50, class: "platform", role: "application", "aria-label": "platform: hold an arrow key to push it" }, flip);
+})();
+function drawRobot() {
+  const flip = knob.parentNode, { size } = view, width = size / 160;
+  while (flip.firstChild !== knob) flip.firstChild.remove();
+  const draw = (name, attributes) => flip.insertBefore(svg(name, attributes), knob);
+  const stroke = (points, color, wide, more = {}) => draw("path", { d: line(points), fill: "none", stroke: color, "stroke-width": wide * width, ...more });
+  for (const curve of data.locus) stroke(curve, "var(--locus)", 1.6);
   const { shift, torque, gives } = held(state.s, state.push);
   for (const { colour, outline } of placed(state.s, shift)) {
-    element("path", { d: `${line5(outline)}Z`, fill: `rgb(${colour.slice(0, 3).map((c) => Math.round(255 * c)).join(",")})`, stroke: "#0004", "stroke-width": 0.2 * width }, flip);
+    draw("path", { d: `${line(outline)}Z`, fill: `rgb(${colour.slice(0, 3).map((c) => Math.round(255 * c)).join(",")})`, stroke: "#0004", "stroke-width": 0.2 * width });
   }
-  element("path", { d: line5(Array.from({ length: 41 }, (_, k) => along("place", k / 40))), fill: "none", stroke: "var(--path)", "stroke-width": width, "stroke-dasharray": `${2 * width}` }, flip);
-  const place = along("place", state.s), t = along("t_s", state.s), unit = 0.16 * size / Math.hypot(...t);
+  stroke(Array.from({ length: 41 }, (_, k) => along("place", k / 40)), "var(--path)", 1, { "stroke-dasharray": 2 * width });
+  const place = along("place", state.s), t = along("t_s", state.s), unit = (0.16 * size) / Math.hypot(...t);
   const near = Math.exp(-(((state.s - CROSSING) / 0.12) ** 2));
-  element("path", { d: line5([-1, 1].map((way) => [0, 1].map((k) => place[k] + way * unit * t[k]))), stroke: "var(--ink)", "stroke-width": 1.4 * width, opacity: near }, flip);
-  const at = [0, 1].map((k) => place[k] + shift[k]);
-  if (Math.hypot(...state.push)) element("path", { d: line5([at, [0, 1].map((k) => place[k] + state.push[k])]), stroke: "var(--wrench)", "stroke-width": 1.4 * width }, flip);
-  const knob = element("circle", { cx: at[0], cy: at[1], r: 3.2 * width, class: "platform" }, flip);
-  if (!state.step) for (const [name, value] of Object.entries({ tabindex: 0, role: "application", "aria-label": "platform: push it by the arrow keys, or drag it" })) knob.setAttribute(name, value);
-  if (state.holding && !state.step) knob.focus();
-  if (!state.step) {
-    const large = torque.map((value) => Math.abs(value) * (doc.best.off.limit / usualTorque()));
-    const bounded = large.every((value) => value < 1e4 * doc.best.off.limit);
-    const needed = bounded ? `It takes ${large.map((value) => `${rounded(value)} ${doc.unit}`).join(" and ")}.` : "No torque is large enough.";
-    byId("score").innerHTML = Math.hypot(...state.push)
-      ? `${gives ? '<span class="alarm">It gives way.</span>' : '<span class="good">The motors hold it.</span>'} ${needed}`
-      : "Push the platform: drag it, or focus it and use the arrow keys.";
-  }
+  stroke([-1, 1].map((way) => [0, 1].map((k) => place[k] + way * unit * t[k])), "var(--ink)", 1.4, { opacity: near });
+  const at = [0, 1].map((k) => place[k] + shift[k]), isPushed = Math.hypot(...state.push) > 0;
+  if (isPushed) stroke([at, [0, 1].map((k) => place[k] + state.push[k])], "var(--wrench)", 1.4);
+  knob.setAttribute("cx", at[0]);
+  knob.setAttribute("cy", at[1]);
+  if (state.step) return;
+  const large = torque.map((value) => Math.abs(value) * (data.best.off.limit / usualTorque()));
+  const bounded = large.every((value) => value < 1e4 * data.best.off.limit);
+  const needed = bounded ? `It takes ${large.map((value) => `${rounded(value)} ${data.unit}`).join(" and ")}.` : "No torque is large enough.";
+  tell("score", isPushed
+    ? `${gives ? '<span class="alarm">It gives way.</span>' : '<span class="good">The motors hold it.</span>'} ${needed}`
+    : "Push the platform: drag its black dot, or press Tab until the dot is marked and hold an arrow key.");
 }
 // Torque against a push of the usual size where the robot starts.
 function usualTorque() {
   const [g0] = along("g", 0);
-  return Math.max(...along("torque_of_force", 0).map((value) => Math.abs(value / g0))) * 0.15 * doc.length;
+  return Math.max(...along("torque_of_force", 0).map((value) => Math.abs(value / g0))) * 0.15 * data.length;
 }
-const line5 = (points) => points.map(([x, y], k) => `${k ? "L" : "M"}${x.toFixed(5)} ${y.toFixed(5)}`).join("");
-function onPaper(event) {
-  const root = byId("robot"), point = new DOMPoint(event.clientX, event.clientY).matrixTransform(root.getScreenCTM().inverse());
-  return [point.x, -point.y];
+function push(way) {
+  state.push = way.map((value) => value * 0.15 * data.length);
+  drawRobot();
 }
-byId("robot").addEventListener("pointerdown", (event) => {
-  if (state.step || !event.target.classList.contains("platform")) return;
+knob.addEventListener("pointerdown", (event) => {
+  if (state.step) return;
   event.preventDefault();
-  byId("robot").setPointerCapture(event.pointerId);
-  const root = byId("robot");
-  root.onpointermove = (each) => {
-    const at = onPaper(each), place = along("place", state.s), far = Math.hypot(at[0] - place[0], at[1] - place[1]);
-    const share = Math.min(1, 0.15 * doc.length / (far || 1));
-    state.push = [0, 1].map((k) => (at[k] - place[k]) * share);
-    drawRobot();
+  knob.focus({ preventScroll: true });
+  knob.setPointerCapture(event.pointerId);
+  knob.onpointermove = (each) => {
+    const at = new DOMPoint(each.clientX, each.clientY).matrixTransform(knob.getScreenCTM().inverse()), [x, y] = along("place", state.s);
+    const far = Math.max(0.15 * data.length, Math.hypot(at.x - x, at.y - y));
+    push([(at.x - x) / far, (at.y - y) / far]);
   };
-  root.onpointerup = root.onpointercancel = () => { root.onpointermove = null; state.push = [0, 0]; drawRobot(); };
+  knob.onpointerup = knob.onpointercancel = () => { knob.onpointermove = null; push([0, 0]); };
 });
-byId("robot").addEventListener("keydown", (event) => {
-  const way = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0], Escape: [0, 0] }[event.key];
+knob.addEventListener("keydown", (event) => {
+  const way = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] }[event.key];
   if (!way || state.step) return;
   event.preventDefault();
-  state.push = way.map((value) => value * 0.15 * doc.length);
-  state.holding = true;
-  drawRobot();
+  push(way);
 });
-byId("robot").addEventListener("keyup", () => { state.push = [0, 0]; drawRobot(); state.holding = false; });
+for (const end of ["keyup", "blur"]) knob.addEventListener(end, () => push([0, 0]));
 
 // ---- the lesson ----------------------------------------------------------------------------------------------
 const STEPS = [
-  ["Push", "The motors are locked. Push the platform about, then lead it along its path with the slider. On the purple curve <b>it gives way along t<sub>s</sub></b>, however strong the motors. WHY"],
-  ["Go through", "Now drive along the path. At the purple curve this motion asks for a force along t<sub>s</sub> that the motors cannot give: the pink curve misses the point to which the blue region closes, <b>and the torque has no bound</b>. Press Play."],
-  ["Thread the needle", "Bend the speed with the circles until <b>the pink curve passes through the eye</b>. Faster or slower does not matter: at the purple line the speed must change by just what lets the platform coast (t<sub>s</sub> · W<sub>p</sub> = 0). Watch the torques come back."],
+  ["Push", `The motors are locked. Push the platform about, then lead it along its path with the slider and push again. On the purple curve <b>it gives way along t<sub>s</sub></b>, the direction without hold, however strong the motors. ${symbols(data.why)}`],
+  ["Go through", "Now the robot drives along its path. At the purple curve this motion asks for a force along t<sub>s</sub> that the motors cannot give: the pink curve misses the <b>eye</b>, the point to which the blue region closes, and <b>the torque has no bound</b>. Press Play."],
+  ["Thread the needle", "Bend the speed: pull its circles up or down until <b>the pink curve passes through the eye</b>. Faster or slower does not matter: at the purple line the speed must change by just what lets the platform coast (t<sub>s</sub> · W<sub>p</sub> = 0). Watch the torques come back."],
   ["With gravity", "Stand the robot upright. Coasting no longer does: at the purple line the platform must fall freely along t<sub>s</sub>. <b>Go slowly, sprint across, and go slowly on.</b>"],
-  ["Beat the best", "Keep through the eye, and bring the largest torque down. The best law of the same duration needs <b>BEST</b>. Can you come within 5 %?"],
+  ["Beat the best", `Keep through the eye, and bring the largest torque down. The best law of the same duration needs <b>${rounded(data.best.off.peak)} ${data.unit}</b>. Can you come within 5 %?`],
 ];
 function choose(step) {
-  Object.assign(state, { step, best: false, push: [0, 0], focus: undefined, playing: false });
   const gravity = step === 3 ? "on" : "off";
   if (step < 2 || gravity !== state.gravity) state.logarithms = [...LEVEL];
-  state.gravity = gravity;
+  Object.assign(state, { step, gravity, best: false, push: [0, 0], playing: false });
   if (step > 0) state.s = 0;
   update();
 }
 function update() {
+  const { step, best } = state, last = step === STEPS.length - 1;
   curves();
-  const best = doc.best[state.gravity];
-  byId("task").innerHTML = STEPS[state.step][1].replace("BEST", `${rounded(best.peak)} ${doc.unit}`).replace("WHY", doc.why);
-  byId("steps").querySelectorAll("button").forEach((button, k) => (k === state.step ? button.setAttribute("aria-current", "step") : button.removeAttribute("aria-current")));
-  document.querySelector(".curves").hidden = state.step === 0;
-  byId("play").hidden = state.step === 0;
-  const choices = byId("choices");
-  choices.replaceChildren();
-  const choice = (text, act) => { const button = choices.appendChild(document.createElement("button")); Object.assign(button, { type: "button", textContent: text, onclick: act }); };
-  if (state.step > 1) {
-    choice(state.best ? "Back to mine" : "Show the best law", () => { state.best = !state.best; update(); });
-    choice("Start over", () => { state.logarithms = [...LEVEL]; state.best = false; state.focus = undefined; update(); });
-  }
-  if (state.step < STEPS.length - 1) choice(`Next: ${STEPS[state.step + 1][0]}`, () => choose(state.step + 1));
-  if (state.step) drawCurves();
-  drawRobot();
-  byId("place").value = state.s;
-  byId("place").setAttribute("aria-valuetext", `${Math.round(100 * state.s)} % of the path`);
+  tell("task", STEPS[step][1]);
+  byId("steps").querySelectorAll("button").forEach((button, k) => (k === step ? button.setAttribute("aria-current", "step") : button.removeAttribute("aria-current")));
+  document.querySelector(".curves").hidden = byId("play").hidden = step === 0;
+  byId("best").hidden = byId("over").hidden = step < 2;
+  byId("best").textContent = best ? "Back to mine" : "Show the best law";
+  byId("next").textContent = last ? `Once more: ${STEPS[0][0]}` : `Next: ${STEPS[step + 1][0]}`;
+  knob.classList.toggle("held", step === 0);
+  knob.setAttribute("tabindex", step ? -1 : 0);
+  if (step) drawCurves();
+  lead(state.s);
 }
 function lead(s) {
   state.s = s;
   byId("place").value = s;
-  if (state.step) drawCurves();
+  byId("place").setAttribute("aria-valuetext", `${Math.round(100 * s)} % of the path`);
+  if (state.step) mark();
   drawRobot();
 }
-byId("place").addEventListener("input", () => { state.playing = false; lead(Math.abs(byId("place").value - CROSSING) < 0.006 ? CROSSING : Number(byId("place").value)); });
+// What a hand leads to: a place, or the singular one that it means.
+function goTo(s) {
+  state.playing = false;
+  lead(Math.abs(s - CROSSING) < 0.006 ? CROSSING : Math.min(1, Math.max(0, s)));
+}
+byId("place").addEventListener("input", () => goTo(Number(byId("place").value)));
+byId("best").addEventListener("click", () => { state.best = !state.best; update(); });
+byId("over").addEventListener("click", () => { Object.assign(state, { logarithms: [...LEVEL], best: false }); update(); });
+byId("next").addEventListener("click", () => choose((state.step + 1) % STEPS.length));
 byId("play").addEventListener("click", () => {
   state.playing = !state.playing;
   const began = performance.now(), scene = now;
@@ -407,8 +377,10 @@ byId("play").addEventListener("click", () => {
 });
 STEPS.forEach(([title], k) => {
   const button = byId("steps").appendChild(document.createElement("button"));
-  Object.assign(button, { type: "button", textContent: `${k + 1}. ${title}`, onclick: () => choose(k) });
+  button.type = "button";
+  button.innerHTML = `${k + 1}<span>. ${title}</span>`;
+  button.addEventListener("click", () => choose(k));
 });
-addEventListener("resize", update);
+onNewWidth(update);
 choose(0);
 window.crossing = { lesson: { torques, power, along, state, choose, update, bendTo, curves: () => now } };

@@ -29,7 +29,7 @@ class Clock {
     this.bar.addEventListener("input", () => this.take(Number(this.bar.value)));
     // the space bar plays as long as the scene is in sight, but for what it operates itself
     const plays = (event) => {
-      const { top, bottom } = document.getElementById("stage").getBoundingClientRect();
+      const { top, bottom } = byId("stage").getBoundingClientRect();
       return event.code === "Space" && bottom > 0 && top < innerHeight && !event.target.closest("button, select, a, summary");
     };
     document.addEventListener("keydown", (event) => {
@@ -102,25 +102,26 @@ class Clock {
 
 // Side by side, the views take what height the two upper curves leave of the window.
 function fillHeight(films, columns) {
-  if (document.body.classList.contains("printing")) { columns.style.removeProperty("--view-height"); return; }
+  if (isOnPaper()) { columns.style.removeProperty("--view-height"); return; }
   const bottom = (film) => {
     const chart = columns.querySelectorAll(".side")[films.indexOf(film)].querySelectorAll(".chart")[1];
     return chart ? chart.getBoundingClientRect().bottom + scrollY - film.view.element.offsetHeight : 0;
   };
-  const taken = Math.max(...films.map(bottom)) + document.getElementById("controls").offsetHeight;
+  const taken = Math.max(...films.map(bottom)) + byId("controls").offsetHeight;
   columns.style.setProperty("--view-height", `${Math.max(200, innerHeight - taken - 2)}px`);
 }
 
 function start() {
-  const contents = JSON.parse(document.getElementById("documents").textContent);
-  const columns = document.getElementById("columns");
+  const contents = data, columns = byId("columns");
   const section = () => {
     const made = columns.appendChild(document.createElement("section"));
     made.className = contents.length === 1 ? "column single" : "column";
     return made;
   };
   if (contents[0].kind === "hand") {
-    window.crossing = { hand: new Hand(section(), contents[0]) };
+    const hand = new Hand(section(), contents[0]);
+    window.crossing = { hand };
+    onNewWidth(() => hand.view.resize(), (isPrinted) => hand.view.onPaper(isPrinted));
     return;
   }
   const limit = Math.max(...contents.map((content) => content.torque_limit));
@@ -131,31 +132,26 @@ function start() {
     const factors = sprung.map(({ springs }) => springs.factors[part]).filter(Boolean);
     for (const { springs } of sprung) if (springs.factors[part]) springs.factors[part] = Math.min(...factors);
   }
-  document.getElementById("legend").dataset.columns = contents.length;
+  byId("legend").dataset.columns = contents.length;
   let clock = null;
-  document.getElementById("controls").innerHTML = "<button>Play</button>"; // as high as it will be
+  byId("controls").innerHTML = "<button>Play</button>"; // as high as it will be
   const sections = contents.map(section); // all of them, so that each knows its width
   const films = contents.map((content, k) => new Film(sections[k], content, (t) => clock.take(t)));
-  clock = new Clock(films, document.getElementById("controls"));
+  clock = new Clock(films, byId("controls"));
   window.crossing = { films, clock };
   const makeRoom = () => {
     const shown = films.map((film) => film.shown);
+    for (const film of films) film.layCurves();
     const height = Math.max(...films.map((film) => film.wordiest));
     for (const film of films) film.caption.style.height = `${height}px`;
     if (films.length > 1) fillHeight(films, columns);
     films.forEach((film, k) => film.show(shown[k]));
   };
-  addEventListener("resize", makeRoom);
   makeRoom();
-  // On paper the scenes stand below one another, as wide as the page.
-  const printing = (isPrinted) => () => {
+  onNewWidth(makeRoom, (isPrinted) => { // the scenes stand below one another
     clock.pause();
-    document.body.classList.toggle("printing", isPrinted);
-    makeRoom();
     for (const { view } of films) view.onPaper(isPrinted);
-  };
-  addEventListener("beforeprint", printing(true));
-  addEventListener("afterprint", printing(false));
+  });
   const asked = /[#&]t=([\d.]+|singular)/.exec(location.hash);
   if (asked && asked[1] === "singular") { clock.tell(); return; }
   clock.seek(asked ? Number(asked[1]) : 0);

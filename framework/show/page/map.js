@@ -1,17 +1,11 @@
 // A map of a robot: colours on a canvas, curves on top, and the values of the pose under the pointer.
-const doc = JSON.parse(document.getElementById("document").textContent);
-const numbers = (text) => {
-  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  return new Float32Array(bytes.buffer);
-};
-const [rows, columns] = doc.shape; // first axis, to the right; second axis, upwards
-const values = Object.fromEntries(doc.quantities.map((one) => [one.key, numbers(one.values)]));
-const codes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-const reasons = codes(doc.reason), modes = codes(doc.assembly);
-const loads = doc.load ? codes(doc.load) : null; // 0: the load is carried
-const canvas = document.getElementById("map"), select = document.getElementById("quantity");
+const [rows, columns] = data.shape; // first axis, to the right; second axis, upwards
+const values = Object.fromEntries(data.quantities.map((one) => [one.key, decoded(one.values)]));
+const reasons = decoded(data.reason, Uint8Array), modes = decoded(data.assembly, Uint8Array);
+const loads = data.load ? decoded(data.load, Uint8Array) : null; // 0: the load is carried
+const canvas = byId("map"), select = byId("quantity");
 const MARGIN = { left: 58, right: 10, top: 8, bottom: 40 };
-let chosen = doc.quantities[0], cursor = null, picture = null;
+let chosen = data.quantities[0], cursor = null, picture = null;
 
 const share = (one, value) => {
   const [low, high] = one.range;
@@ -19,18 +13,10 @@ const share = (one, value) => {
   return Math.min(Math.max(way, 0), 1);
 };
 const colour = (one, value) => one.colours[Math.round(share(one, value) * (one.colours.length - 1))];
-const short = (value) => {
-  if (!Number.isFinite(value)) return "∞";
-  const size = Math.abs(value);
-  if (value === 0) return "0";
-  if (size < 1e5 && size >= 1e-3) return String(Number(value.toPrecision(4))).replace("-", "−");
-  const [digits, power] = value.toExponential(2).split("e");
-  const raised = [...power.replace("+", "")].map((sign) => (sign === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(sign)])).join("");
-  return `${Number(digits)}·10${raised}`.replace("-", "−");
-};
+const short = (value) => rounded(value, 4);
 
 function paint() {
-  document.getElementById("reading").textContent = chosen.reading;
+  byId("reading").textContent = chosen.reading;
   picture = document.createElement("canvas");
   picture.width = rows;
   picture.height = columns;
@@ -38,7 +24,7 @@ function paint() {
   for (let i = 0; i < rows; i++) {
     for (let j = 0; j < columns; j++) {
       const value = values[chosen.key][i * columns + j];
-      const lost = chosen.loaded && !reasons[i * columns + j] ? doc.not_carried : doc.unreached;
+      const lost = chosen.loaded && !reasons[i * columns + j] ? data.not_carried : data.unreached;
       const [r, g, b] = Number.isNaN(value) ? lost : colour(chosen, value);
       image.data.set([r, g, b, 255], 4 * ((columns - 1 - j) * rows + i));
     }
@@ -49,12 +35,11 @@ function paint() {
 }
 
 function paintScale() {
-  const strip = document.getElementById("scale"), count = chosen.colours.length;
+  const strip = byId("scale"), count = chosen.colours.length;
   strip.width = count;
   const pen = strip.getContext("2d");
   chosen.colours.forEach(([r, g, b], k) => { pen.fillStyle = `rgb(${r},${g},${b})`; pen.fillRect(k, 0, 1, 14); });
-  const ticks = document.getElementById("ticks");
-  ticks.replaceChildren(...ticksOf(...chosen.range, chosen.decades, 5).map((value) => {
+  byId("ticks").replaceChildren(...scaleTicks(chosen.range, chosen.decades).map((value) => {
     const label = document.createElement("span");
     label.textContent = short(value);
     label.style.left = `${100 * share(chosen, value)}%`;
@@ -62,30 +47,35 @@ function paintScale() {
   }));
 }
 
-function ticksOf(low, high, decades, count) {
-  if (decades) {
-    const found = [];
-    for (let k = Math.ceil(Math.log10(low) - 1e-9); k <= Math.log10(high) + 1e-9; k++) found.push(10 ** k);
-    return found.length > 1 ? found : [low, high];
-  }
-  const rough = (high - low) / count, size = 10 ** Math.floor(Math.log10(rough));
-  const step = size * [1, 2, 5, 10].find((factor) => factor * size >= rough), found = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(k * step);
-  return found;
+// Powers of ten where the scale has decades.
+function scaleTicks([low, high], decades) {
+  if (!decades) return ticks(low, high);
+  const found = [];
+  for (let k = Math.ceil(Math.log10(low) - 1e-9); k <= Math.log10(high) + 1e-9; k++) found.push(10 ** k);
+  return found.length > 1 ? found : [low, high];
 }
 
+// Where the map is on its canvas: as large as the width, or what the window leaves of its height, lets it be.
 function frame() {
-  const wide = canvas.clientWidth, inside = wide - MARGIN.left - MARGIN.right;
-  const [[x0, x1], [y0, y1]] = doc.edges;
-  const aspect = doc.to_scale ? (y1 - y0) / (x1 - x0) : 0.8;
-  const high = Math.min(inside * aspect, Math.max(0.72 * window.innerHeight, 240));
-  const across = doc.to_scale ? Math.min(inside, high / aspect) : inside;
+  const inside = canvas.clientWidth - MARGIN.left - MARGIN.right, [[x0, x1], [y0, y1]] = data.edges;
+  const aspect = data.to_scale ? (y1 - y0) / (x1 - x0) : 0.8, high = Math.min(inside * aspect, room());
+  const across = data.to_scale ? high / aspect : inside;
   return { left: MARGIN.left, top: MARGIN.top, across, high, x0, x1, y0, y1,
     x: (value) => MARGIN.left + (value - x0) / (x1 - x0) * across,
     y: (value) => MARGIN.top + (y1 - value) / (y1 - y0) * high };
 }
 
+function room() {
+  const around = canvas.getBoundingClientRect().top + scrollY + MARGIN.top + MARGIN.bottom;
+  const below = byId("legend").getBoundingClientRect().bottom - canvas.getBoundingClientRect().bottom + 26;
+  return isOnPaper() ? 560 : Math.max(innerHeight - around - below, 300);
+}
+
 function draw() {
+  if (data.to_scale) { // a card no wider than its map
+    const [[x0, x1], [y0, y1]] = data.edges;
+    canvas.parentNode.style.maxWidth = `${Math.max(420, room() * (x1 - x0) / (y1 - y0) + MARGIN.left + MARGIN.right + 26)}px`;
+  }
   const f = frame(), scale = window.devicePixelRatio || 1;
   canvas.style.height = `${f.high + MARGIN.top + MARGIN.bottom}px`;
   canvas.width = canvas.clientWidth * scale;
@@ -100,27 +90,27 @@ function draw() {
   pen.fillStyle = "#5c6876";
   pen.font = "12px system-ui, sans-serif";
   pen.textAlign = "center";
-  for (const value of ticksOf(f.x0, f.x1, false, Math.max(2, f.across / 90))) {
+  for (const value of ticks(f.x0, f.x1)) {
     pen.fillRect(f.x(value), f.top + f.high, 1, 4);
-    pen.fillText(short(Math.abs(value) < 1e-12 ? 0 : value), f.x(value), f.top + f.high + 17);
+    pen.fillText(short(value), f.x(value), f.top + f.high + 17);
   }
-  pen.fillText(doc.axes[0], f.left + f.across / 2, f.top + f.high + 34);
+  pen.fillText(data.axes[0], f.left + f.across / 2, f.top + f.high + 34);
   pen.textAlign = "right";
-  for (const value of ticksOf(f.y0, f.y1, false, Math.max(2, f.high / 70))) {
+  for (const value of ticks(f.y0, f.y1)) {
     pen.fillRect(f.left - 4, f.y(value), 4, 1);
-    pen.fillText(short(Math.abs(value) < 1e-12 ? 0 : value), f.left - 7, f.y(value) + 4);
+    pen.fillText(short(value), f.left - 7, f.y(value) + 4);
   }
   pen.save();
   pen.translate(12, f.top + f.high / 2);
   pen.rotate(-Math.PI / 2);
   pen.textAlign = "center";
-  pen.fillText(doc.axes[1], 0, 0);
+  pen.fillText(data.axes[1], 0, 0);
   pen.restore();
   pen.save();
   pen.beginPath();
   pen.rect(f.left, f.top, f.across, f.high);
   pen.clip();
-  for (const curve of doc.curves) {
+  for (const curve of data.curves) {
     for (const [style, width] of [["#ffffff", curve.width + 2], [curve.colour, curve.width]]) {
       pen.beginPath();
       curve.points.forEach(([x, y], k) => (k ? pen.lineTo : pen.moveTo).call(pen, f.x(x), f.y(y)));
@@ -134,8 +124,8 @@ function draw() {
   pen.font = "13px system-ui, sans-serif";
   pen.textAlign = "center";
   pen.fillStyle = "#7b3fa6";
-  for (const [x, y] of doc.crosses) pen.fillText("×", f.x(x), f.y(y) + 4);
-  for (const [x, y] of doc.marks) {
+  for (const [x, y] of data.crosses) pen.fillText("×", f.x(x), f.y(y) + 4);
+  for (const [x, y] of data.marks) {
     pen.beginPath();
     pen.arc(f.x(x), f.y(y), 4, 0, 2 * Math.PI);
     pen.fillStyle = "#14181d";
@@ -160,19 +150,19 @@ function draw() {
 }
 
 function tell() {
-  const table = document.getElementById("values");
+  const table = byId("values");
   const rowsOf = [];
   if (cursor) {
     const [i, j] = cursor, at = i * columns + j;
-    const pose = [doc.spans[0][i], doc.spans[1][j]];
-    rowsOf.push([doc.axes[0], short(pose[0])], [doc.axes[1], short(pose[1])]);
-    if (reasons[at]) rowsOf.push(["pose", doc.reasons[reasons[at]]]);
+    const pose = [data.spans[0][i], data.spans[1][j]];
+    rowsOf.push([data.axes[0], short(pose[0])], [data.axes[1], short(pose[1])]);
+    if (reasons[at]) rowsOf.push(["pose", data.reasons[reasons[at]]]);
     else {
-      for (const one of doc.quantities) {
-        const text = one.loaded && loads[at] ? doc.loads[loads[at]] : short(values[one.key][at]);
+      for (const one of data.quantities) {
+        const text = one.loaded && loads[at] ? data.loads[loads[at]] : short(values[one.key][at]);
         rowsOf.push([`${one.name} [${one.unit}]`, text, one === chosen]);
       }
-      if (doc.has_sides) rowsOf.push(["side of the locus (sign of the assembly mode)", modes[at] === 1 ? "+" : modes[at] === 255 ? "−" : "on it"]);
+      if (data.has_sides) rowsOf.push(["side of the locus (sign of the assembly mode)", modes[at] === 1 ? "+" : modes[at] === 255 ? "−" : "on it"]);
     }
   }
   table.replaceChildren(...rowsOf.map(([name, value, shown]) => {
@@ -183,7 +173,7 @@ function tell() {
     row.append(head, cell);
     return row;
   }));
-  document.getElementById("spoken").textContent = rowsOf.map(([name, value]) => `${name} ${value}`).join(", ");
+  byId("spoken").textContent = rowsOf.map(([name, value]) => `${name} ${value}`).join(", ");
 }
 
 function point(event) {
@@ -208,19 +198,20 @@ canvas.addEventListener("keydown", (event) => {
   const [i, j] = cursor || [rows >> 1, columns >> 1], step = event.shiftKey ? 10 : 1;
   move([Math.min(Math.max(i + step * way[0], 0), rows - 1), Math.min(Math.max(j + step * way[1], 0), columns - 1)]);
 });
-for (const one of doc.quantities) {
+for (const one of data.quantities) {
   const option = document.createElement("option");
   option.value = one.key;
   option.textContent = `${one.name} [${one.unit}]`;
   select.append(option);
 }
-select.addEventListener("change", () => { chosen = doc.quantities.find((one) => one.key === select.value); paint(); tell(); });
-document.getElementById("legend").replaceChildren(...doc.legend.map(([name, style, area]) => {
-  const entry = document.createElement("div"), key = document.createElement("i");
-  if (area) { key.className = "area"; key.style.background = style; } else key.style.borderColor = style;
-  entry.append(key, name);
-  return entry;
-}));
-window.addEventListener("resize", draw);
+select.addEventListener("change", () => { chosen = data.quantities.find((one) => one.key === select.value); paint(); tell(); });
+byId("legend").innerHTML = data.legend.map(([name, style, area]) =>
+  `<div><span class="key${area ? " area" : ""}" style="background:${style}"></span>${plain(name)}</div>`).join("");
+// at first where the dot is
+const nearest = ([low, high], count, value) => Math.floor((value - low) / (high - low) * count);
+const start = data.marks.map(([x, y]) => [nearest(data.edges[0], rows, x), nearest(data.edges[1], columns, y)])
+  .filter(([i, j]) => i >= 0 && i < rows && j >= 0 && j < columns);
 paint();
+move(start[0] || null);
+onNewWidth(draw);
 window.crossing = { map: { frame, values, move } };

@@ -6,18 +6,6 @@ const [LOCUS, TWIST, WRENCH, WORLD, TRACE, PATH, GIVEN] = ["locus", "twist", "wr
   getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
 const COLORS = { locus: new THREE.Color(LOCUS), twist: new THREE.Color(TWIST), wrench: new THREE.Color(WRENCH), world: new THREE.Color(WORLD), trace: new THREE.Color(TRACE), path: new THREE.Color(PATH), given: new THREE.Color(GIVEN) };
 
-// Names come from robot files: text, never HTML.
-function plain(text) {
-  return String(text).replace(/[&<>"']/g, (sign) => `&#${sign.charCodeAt(0)};`);
-}
-
-function decoded(text, Kind = Float32Array) {
-  const raw = atob(text);
-  const bytes = new Uint8Array(raw.length);
-  for (let k = 0; k < raw.length; k++) bytes[k] = raw.charCodeAt(k);
-  return new Kind(bytes.buffer);
-}
-
 function points(values) {
   const found = [];
   for (let k = 0; k + 2 < values.length; k += 3) found.push(new THREE.Vector3(values[k], values[k + 1], values[k + 2]));

@@ -1,9 +1,5 @@
 // What is said of a film at one of its instants: of the singular instant that is nearest in time.
 
-function symbols(text) {
-  return plain(text).replace(/\bt_s\b/g, "t<sub>s</sub>").replace(/\bW_p\b/g, "W<sub>p</sub>");
-}
-
 // The words at time t, as HTML, and the state that they tell: singular, unbounded, unreal or none of them.
 function spoken(film, t, g, power) {
   const { content } = film;

@@ -1,0 +1,44 @@
+"""A page in one file: styles, scripts and data inline, nothing fetched: it works with the network off."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from string import Template
+from typing import Any
+
+
+def standalone_page(
+    title: str, body: str, data: object, *, styles: Sequence[str], scripts: Sequence[str], library: str = ""
+) -> str:
+    """Return a page, HTML.
+
+    Args:
+        title: plain text.
+        body: HTML.
+        data: what the scripts read, as JSON, from the element `document`.
+        styles, scripts: names of files in framework/show/page, beside those that all pages share.
+        library: HTML before the scripts.
+    """
+    return page_part(
+        "page.html",
+        title=html.escape(title),
+        style="\n".join(map(_asset, ("shared.css", *styles))),
+        body=body,
+        library=library,
+        document=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
+        script="\n".join(map(_asset, ("shared.js", *scripts))),
+    )
+
+
+def page_part(name: str, **texts: Any) -> str:
+    """Return a file of framework/show/page with its places filled by HTML."""
+    return Template(_asset(name)).substitute(texts)
+
+
+@cache
+def _asset(name: str) -> str:
+    return files("framework.show").joinpath("page", name).read_text(encoding="utf-8")
