@@ -22,10 +22,10 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_each, close_loops
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
-from tests.benchmarks.chart.bare import BareFiveBar
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, singles
 from tests.benchmarks.chart.peers.five_bar import BASES, LENGTH
 from tests.benchmarks.chart.reading import finite
+from tests.benchmarks.chart.torque import bare
 
 POSES = np.linspace(0.05, 1.0, 96)  # path coordinates
 BEHIND = 0.05  # of the path, where each search starts
@@ -47,29 +47,18 @@ class Closed(NamedTuple):
     with_motors: Callable[[float], Array]  # path coordinate -> platform (2,) [m] with the motors given there
 
 
-@cache
-def _bare() -> BareFiveBar:
-    return BareFiveBar()
-
-
 def _with_platform(x: Array) -> tuple[Equations, IntArray]:
-    """Both tips at x (2,), by pinocchio alone."""
-    robot, target = _bare(), np.concatenate([x, x])
-
-    def equations(q: Array) -> tuple[Array, Array]:
-        places, slopes = robot.tip_places(q)
-        return places - target, slopes
-
-    return equations, np.arange(4)
+    """The platform at x (2,), by pinocchio alone."""
+    return lambda q: bare().evaluate(q, (x, None)), np.arange(4)
 
 
 def _with_motors() -> tuple[Equations, IntArray]:
-    """Both tips on one point, motors fixed, by pinocchio alone."""
-    robot = _bare()
+    """The loop closed, motors fixed, by pinocchio alone."""
+    robot = bare()
 
     def equations(q: Array) -> tuple[Array, Array]:
-        places, slopes = robot.tip_places(q)
-        return places[:2] - places[2:], (slopes[:2] - slopes[2:])[:, robot.others]
+        lacking, rows = robot.evaluate(q, (np.zeros(2), None))
+        return lacking[:2], robot.passive(rows)
 
     return equations, robot.others
 

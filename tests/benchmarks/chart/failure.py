@@ -21,7 +21,7 @@ from framework.kinematics.frames import frames_at
 from framework.motion.path import along
 from framework.simulation import simulate
 from tests.benchmarks.chart import closed_form, integrators
-from tests.benchmarks.chart.bare import BareFiveBar
+from tests.benchmarks.chart.bare import FLAT, BareRobot, Motion
 from tests.benchmarks.chart.integrators import Case, Prepared
 from tests.benchmarks.chart.measure import Judged, Method, Setting
 from tests.benchmarks.chart.peers.five_bar import SIDES
@@ -71,44 +71,28 @@ def _simulated(variant: Variant) -> Outcome:
     return _places(variant, run.times, robot.platform.coordinates(frames_at(robot, run.q)))
 
 
-class Motion(NamedTuple):
-    """The law of a variant on the samples of a table."""
-
-    times: Array
-    x: Array
-    dx: Array
-    ddx: Array
-
-
-def _motion(variant: Variant) -> Motion:
+def _bare(variant: Variant) -> tuple[BareRobot, Motion, Array]:
+    """The variant by pinocchio and numpy alone, its motion and the samples of a table."""
     law = closed_form.motion(variant.link, payload=variant.payload)
     times = np.linspace(0.0, float(closed_form.DURATION), SAMPLES)
     powers = np.polynomial.Polynomial([float(c) for c in law.powers])
     s = [powers.deriv(k)(times) / variant.slower**k for k in range(3)]
-    return Motion(times * variant.slower, *along(variant.path, s))
-
-
-def _bare(variant: Variant) -> tuple[BareFiveBar, Array]:
-    robot = variant.robot
-    return BareFiveBar(robot.model, variant.size), assemble(robot, variant.platform(0.0)).q
+    robot = BareRobot(variant.robot, assemble(variant.robot, variant.platform(0.0)).q, FLAT, (0, 1))
+    return robot, robot.motion(*along(variant.path, s)), times * variant.slower
 
 
 def _pinocchio_inverse(variant: Variant) -> Outcome:
-    robot, start = _bare(variant)
-    motion = _motion(variant)
-    table = robot.torques(robot.loads(motion.x, motion.dx, motion.ddx, start))
-    return _torques(variant, make_interp_spline(motion.times, table, k=DEGREE))
+    robot, motion, times = _bare(variant)
+    return _torques(variant, make_interp_spline(times, robot.torques(motion), k=DEGREE))
 
 
 def _mujoco_inverse(variant: Variant) -> Outcome:
     from tests.benchmarks.chart.peers.mujoco_inverse import Tree
 
-    robot, start = _bare(variant)
+    motion, times = _bare(variant)[1:]
     names = [f"{side}_{part}" for side in SIDES for part in ("motor", "elbow")]
-    motion = _motion(variant)
-    joints = robot.rates(motion.x, motion.dx, motion.ddx, start)
-    table = Tree(variant.five_bar, names).inverse(*joints).torque
-    return _torques(variant, make_interp_spline(motion.times, table, k=DEGREE))
+    table = Tree(variant.five_bar, names).inverse(*motion[:3]).torque
+    return _torques(variant, make_interp_spline(times, table, k=DEGREE))
 
 
 def _case(variant: Variant) -> Case:

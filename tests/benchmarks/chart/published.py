@@ -1,4 +1,4 @@
-"""Andrews' squeezing mechanism: a problem that others have published with its solution.
+"""Andrews' squeezing mechanism: a problem that others have published, with the solution to more digits.
 
 F. Mazzia and C. Magherini, Test Set for Initial Value Problem Solvers, release 2.4, University of Bari 2008,
 chapter "Andrews' squeezing mechanism"; dimensions from W. Schiehlen (ed.), Multibody Systems Handbook 1990.
@@ -14,8 +14,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 
 FILE = Path(__file__).parent / "data" / "andrews_squeezer" / "andrews_squeezer.yaml"
 TORQUE, DURATION = 0.033, 0.03  # [N m], [s]
-# Angles at the end [rad].
-ANGLES = {
+REFERENCE = FILE.with_name("angles.txt")  # at the end, by the two programs in `squeezer`
+ANGLES = {  # at the end, as published [rad]: right to nine digits
     "beta": 0.1581077119629904e2,
     "theta": -0.1575637105984298e2,
     "gamma": 0.4082224013073101e-1,
@@ -32,7 +32,20 @@ def squeezer() -> ParallelRobot:
     return ParallelRobot.from_file(FILE)
 
 
+@cache
+def angles() -> dict[str, float]:
+    """Angles at the end [rad]."""
+    lines = REFERENCE.read_text(encoding="utf-8").splitlines()
+    pairs = (line.split() for line in lines if not line.startswith("#"))
+    return {name: float(angle) for name, angle in pairs}
+
+
 def off(robot: ParallelRobot, q: Array) -> float:
     """The largest error of the angles of q (nq,) at the end [rad]."""
     found = {robot.coordinates.name_of(column): float(value) for column, value in enumerate(q)}
-    return max(abs(found[joint] - angle) for joint, angle in ANGLES.items())
+    return max(abs(found[joint] - angle) for joint, angle in angles().items())
+
+
+def floor() -> float:
+    """The largest error of the published angles [rad]."""
+    return max(abs(ANGLES[joint] - angle) for joint, angle in angles().items())

@@ -24,9 +24,9 @@ from framework.singularity.points_on_path import locate_singularities
 from framework.singularity.root_of_g import root_of_g, slope_of_g, stencil
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
-from tests.benchmarks.chart.bare import BareFiveBar
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, singles
 from tests.benchmarks.chart.reading import best, short
+from tests.benchmarks.chart.torque import bare
 
 LOW, HIGH = 0.6, 0.75  # of the path
 TOLERANCES = singles(1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
@@ -50,17 +50,14 @@ def matrices(s: Array) -> Array:
 
 
 @cache
-def _bare() -> tuple[BareFiveBar, Array]:
-    """The 5R without the framework, and its joints in the middle of the interval."""
-    robot, middle = BareFiveBar(), np.array([0.5 * (LOW + HIGH)])
-    return robot, robot.close(given.path()(middle)[0], given.branch().guess(middle)[0])[0]
+def _middle() -> Array:
+    """The joints in the middle of the interval."""
+    return bare().joints([(x, None) for x in given.path()(np.linspace(0.0, 0.5 * (LOW + HIGH), 17))])[0][-1]
 
 
 def _matrix(s: float) -> Array:
     """P (2, 2) by pinocchio and numpy alone."""
-    robot, middle = _bare()
-    slopes = robot.close(given.path()(s), middle)[1]
-    return np.asarray((slopes[:2] - slopes[2:])[:, robot.others])
+    return bare().passive(bare().close((given.path()(s), None), _middle())[1])
 
 
 def _twist(s: float, null_vector: Callable[[Array], Array]) -> Array:

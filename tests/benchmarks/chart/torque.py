@@ -25,13 +25,14 @@ from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.forces import motor_torque, tree_forces
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.motion_rates import Motion as JointMotion
+from framework.kinematics.motion_rates import motion_at
 from framework.motion.chebyshev import TimeGrid
 from framework.motion.law import MotionLaw
 from framework.motion.path import along
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
-from tests.benchmarks.chart.bare import BareFiveBar, Loads
+from tests.benchmarks.chart.bare import FLAT, BareRobot, Motion
 from tests.benchmarks.chart.formula import torques
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, pairs, singles
 from tests.benchmarks.chart.reading import best, short
@@ -75,7 +76,7 @@ class DifferencedLaw:
         return (middle, (ahead - back) / (2 * h), (ahead - 2 * middle + back) / h**2)[order]
 
 
-def motion_of(law: MotionLaw, times: Array, name: str = "five_bar") -> Motion:
+def motion_of(law: MotionLaw, times: Array, name: str = "five_bar") -> JointMotion:
     """All joints along scene C."""
     branch = given.branch(name)
     s = [law(times, order) for order in range(3)]
@@ -118,23 +119,20 @@ def damped(damping: float) -> Solve:
 
 
 @cache
-def bare() -> tuple[BareFiveBar, Array]:
-    """The 5R without the framework, and its joints where the path starts."""
-    robot = BareFiveBar()
-    return robot, robot.close(given.path()(0.0), given.branch().guess(np.zeros(1))[0])[0]
+def bare() -> BareRobot:
+    """The 5R without the framework."""
+    return BareRobot(given.robot(), given.branch().guess(np.zeros(1))[0], FLAT, (0, 1))
 
 
-def bare_loads(law: MotionLaw, times: Array) -> Loads:
-    """What the law asks of the joints, by pinocchio and numpy alone."""
-    robot, start = bare()
+def bare_motion(law: MotionLaw, times: Array, start: Array | None = None) -> Motion:
+    """The joints along scene C, by pinocchio and numpy alone."""
     x, dx, ddx = along(given.path(), [law(times, order) for order in range(3)])
-    way = given.path()(np.linspace(0.0, float(law(times[:1])[0]), 17))  # to the first place
-    return robot.loads(x, dx, ddx, start if len(times) > 1 else robot.joints(way, start)[0][-1])
+    return bare().motion(x, dx, ddx, start)
 
 
 def bare_torques(law: MotionLaw, times: Array) -> Array:
     """Motor torques (T, 2) [N m] by pinocchio and numpy alone."""
-    return bare()[0].torques(bare_loads(law, times))
+    return bare().torques(bare_motion(law, times))
 
 
 def formula(law: MotionLaw, times: Array) -> Array:
@@ -221,27 +219,26 @@ def _planned(setting: Setting) -> Callable[[], Torques]:
 
 def doubled(law: MotionLaw, agreement: float) -> Callable[[], Torques]:
     """Point located by Brent on the determinant, condition (8) checked, table doubled until it stays."""
-    robot, start = bare()
+    robot = bare()
 
     def measure(s: float) -> float:
-        return robot.singularity(robot.close(given.path()(s), near[np.searchsorted(places, s) - 1])[0])
+        rows = robot.close((given.path()(s), None), near[np.searchsorted(places, s) - 1])[1]
+        return float(np.linalg.det(robot.passive(rows)))
 
     places = np.linspace(0.0, 1.0, LEAST_COUNT)
     near = np.empty((0, 4))
 
     def run() -> Torques:
         nonlocal near
-        near, _ = robot.joints(given.path()(places), start)
-        signs = np.sign([robot.singularity(q) for q in near])
-        size = np.abs(bare_loads(law, np.linspace(0.0, T, LEAST_COUNT)).forces).max()
+        near, rows = robot.joints([(x, None) for x in given.path()(places)])
+        signs = np.sign(np.linalg.det(robot.passive(np.array(rows))))
+        size = np.abs(robot.forces(bare_motion(law, np.linspace(0.0, T, LEAST_COUNT)))).max()
         for k in np.flatnonzero(signs[:-1] != signs[1:]):
             s_c = optimize.brentq(measure, places[k], places[k + 1], xtol=1e-15)
             t_c = optimize.brentq(lambda t, s=s_c: float(law(t)) - s, 0.0, T, xtol=1e-15)
-            there = bare_loads(law, np.array([t_c]))
-            if (
-                abs(np.linalg.svd(there.passive[0])[0][:, -1] @ there.forces[0, robot.others])
-                > BALANCED * size
-            ):
+            there = bare_motion(law, np.array([t_c]), near[k])
+            free = np.linalg.svd(robot.passive(there.rows[0]))[2][-1]
+            if abs(free @ robot.forces(there)[0, robot.others]) > BALANCED * size:
                 raise ArithmeticError(f"unbounded torque at t = {t_c:.6g} s")
         samples, before = LEAST_COUNT, None
         while samples <= MOST_COUNT:
