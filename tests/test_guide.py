@@ -1,4 +1,4 @@
-"""framework/README.md leads a reader to files that exist, by one or two of them for each question."""
+"""framework/README.md and CONTRIBUTING.md lead to files that exist, one or two for each question."""
 
 from __future__ import annotations
 
@@ -8,30 +8,49 @@ from pathlib import Path
 
 import pytest
 
-GUIDE = Path(__file__).parents[1] / "framework" / "README.md"
-ROWS = [line for line in GUIDE.read_text(encoding="utf-8").splitlines() if "](" in line and line[0] == "|"]
-TWO_FILES_AT_MOST = 14  # the questions about a plan, and what is new
+ROOT = Path(__file__).parents[1]
+GUIDE = ROOT / "framework" / "README.md"
+QUESTIONS_ABOUT_A_PLAN = 7
+
+
+def rows_of(file: Path) -> list[tuple[Path, str]]:
+    """The rows of its tables that link to files, with the folder that links start from."""
+    lines = file.read_text(encoding="utf-8").splitlines()
+    return [(file.parent, line) for line in lines if "](" in line and line[0] == "|"]
+
+
+NEW = rows_of(ROOT / "CONTRIBUTING.md")
+ROWS = [*rows_of(GUIDE), *NEW]
+NAMES = [row.split("|")[1].strip() for _, row in ROWS]
+each_row = pytest.mark.parametrize(("folder", "row"), ROWS, ids=NAMES)
 
 
 def links(row: str) -> list[str]:
-    """The files that a row of a table links to, from the guide."""
+    """The files that a row of a table links to."""
     return re.findall(r"\]\(([^)]+)\)", row)
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.split("|")[1].strip())
-def test_what_the_guide_links_to_is_there(row: str) -> None:
+@each_row
+def test_what_a_row_links_to_is_there(folder: Path, row: str) -> None:
     for link in links(row):
-        assert (GUIDE.parent / link).exists(), link
+        assert (folder / link).exists(), link
 
 
 def test_each_question_is_answered_by_two_files_at_most() -> None:
-    for row in ROWS[:TWO_FILES_AT_MOST]:
+    assert len(NEW) == 8
+    for _, row in [*ROWS[:QUESTIONS_ABOUT_A_PLAN], *NEW]:
         assert len(links(row)) <= 2, row
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.split("|")[1].strip())
-def test_the_names_that_the_guide_gives_are_in_the_files_it_links_to(row: str) -> None:
-    texts = [(GUIDE.parent / link) for link in links(row)]
+def test_the_tests_that_hold_something_new_are_there() -> None:
+    named = {name for _, row in NEW for name in re.findall(r"`(tests/[\w/]+(?:\.py)?)`", row)}
+    assert len(named) > 6
+    assert all((ROOT / name).exists() for name in named - {"tests/robots/test_NAME.py"})
+
+
+@each_row
+def test_the_names_that_a_row_gives_are_in_the_files_it_links_to(folder: Path, row: str) -> None:
+    texts = [folder / link for link in links(row)]
     whole = "".join(path.read_text(encoding="utf-8") for path in texts if path.is_file())
     for name in re.findall(r"(?<!\[)`([A-Za-z_]+)`(?!\])", row.split("|")[2]):
         assert name in whole, name

@@ -18,8 +18,8 @@ from framework.errors import NoAnswer, NoLaw
 from framework.model.description import FLEXIBILITIES, Scene
 
 CASES = [(name, flexibility) for name in robots.CATALOGUE for flexibility in FLEXIBILITIES]
-ELASTIC = [(name, flexibility) for name, flexibility in CASES if flexibility != "rigid"]
 RIGID = {name: entry.load() for name, entry in robots.CATALOGUE.items()}
+ELASTIC = [case for case in CASES if RIGID[case[0]].description.active_springs(case[1])]
 SCENES = [(name, scene) for name, robot in RIGID.items() for scene in robot.description.scenes]
 
 
