@@ -101,10 +101,10 @@ def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, A
 
 def hull(points: Array) -> Array:
     """Compute the convex hull of points (m, 2) of a plane, counter-clockwise, by Andrew's monotone chain."""
-    ordered = points[np.lexsort((points[:, 1], points[:, 0]))]
+    ordered = sorted(points.tolist())
     halves = []
     for direction in (ordered, ordered[::-1]):
-        chain: list[Array] = []
+        chain: list[list[float]] = []
         for point in direction:
             while len(chain) > 1 and not _turns_left(chain[-2], chain[-1], point):
                 chain.pop()
@@ -113,5 +113,5 @@ def hull(points: Array) -> Array:
     return np.array(halves[0] + halves[1])
 
 
-def _turns_left(a: Array, b: Array, c: Array) -> bool:
-    return bool((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0)
+def _turns_left(a: list[float], b: list[float], c: list[float]) -> bool:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0

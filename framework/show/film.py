@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,12 @@ from framework.dynamics.wrench import wrench_curves
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.placements import (
+    joint_poses,
+    platform_positions,
+    platform_twists,
+    platform_wrenches,
+)
 from framework.motion.law import MotionLaw
 from framework.motion.path import Path
 
@@ -70,6 +77,21 @@ class Film:
     @property
     def proved(self) -> bool:
         return self.plan is not None
+
+    @cached_property
+    def platform(self) -> Array:
+        """The origin (F, 3) of the platform's frame [m]."""
+        return platform_positions(self.robot, joint_poses(self.robot, self.q))
+
+    @cached_property
+    def twists(self) -> Array:
+        """The twists (F, 6) of the platform's frame that t_s is, in base axes."""
+        return platform_twists(self.robot, self.q, self.t_s)
+
+    @cached_property
+    def demands(self) -> Array:
+        """The wrenches (F, 6) at the platform's origin that W_p is, in base axes [N, N m]."""
+        return platform_wrenches(self.robot, self.q, self.W_p)
 
     @property
     def telling_frame(self) -> int:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
+from textwrap import fill
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -27,6 +29,7 @@ GIF_FRAMES = 60
 FRAME_TIME, SINGULAR_FRAME_TIME = 100, 2000  # [ms] of a frame, and of one at a singular instant
 FRAME_DPI = 100
 FILM_WIDTH = 2.8  # [in] of each of several films side by side
+TITLE_LETTERS = 44  # in that width
 
 
 PICTURE_KINDS = ("png", "svg", "pdf", "gif")
@@ -64,7 +67,7 @@ def _gif(films: Sequence[Film]) -> bytes:
     with styled():
         stage = _stage(films) if len(films) == 1 else _stages(films)
         canvas = FigureCanvasAgg(stage.drawing)
-        for t in times[:: max(1, len(times) // 8)]:  # where the robots come, so that nothing is cut off
+        for t in times[:: -max(1, len(times) // 8)]:  # where the robots come, so that nothing is cut off
             stage.move(float(t))
         limits = np.array([[ax.get_xlim(), ax.get_ylim()] for ax in stage.robots])  # (N, 2, 2)
         xlim, ylim = np.stack([limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)], axis=1)
@@ -72,17 +75,20 @@ def _gif(films: Sequence[Film]) -> bytes:
             ax.set(xlim=xlim, ylim=ylim)
         stage.drawing.draw_without_rendering()
         stage.drawing.set_layout_engine("none")
+        for mark in stage.marks:
+            mark.artist.set_animated(True)  # not drawn with what stays
+        canvas.draw()  # type: ignore[no-untyped-call]
+        stays = canvas.copy_from_bbox(stage.drawing.bbox)  # type: ignore[no-untyped-call]
         pictures = []
         for t in times:
-            for ax in stage.robots:
-                ax.clear()
             stage.move(float(t))
-            for ax in stage.robots:
-                ax.set(xlim=xlim, ylim=ylim)
-            canvas.draw()  # type: ignore[no-untyped-call]
+            canvas.restore_region(stays)  # type: ignore[no-untyped-call]
+            for mark in stage.marks:
+                mark.artist.draw(canvas.get_renderer())  # type: ignore[no-untyped-call]
             pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
             pictures.append(Image.fromarray(pixels).convert("RGB"))
-    palette = pictures[0].quantize(256, method=Image.Quantize.FASTOCTREE)
+    some = Image.fromarray(np.concatenate([np.asarray(picture) for picture in pictures[::8]]))  # all colours
+    palette = some.quantize(256, method=Image.Quantize.FASTOCTREE)
     small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     written = io.BytesIO()
     lasting = [SINGULAR_FRAME_TIME if t in instants or t == end else FRAME_TIME for t in times]
@@ -90,19 +96,23 @@ def _gif(films: Sequence[Film]) -> bytes:
     return written.getvalue()
 
 
-Mark = Callable[[float], None]  # draws what an instant [s] is like
+class _Mark(NamedTuple):
+    """What differs from instant to instant."""
+
+    artist: Artist
+    move: Callable[[float], object]  # to an instant [s]
 
 
 class _Stage(NamedTuple):
     """A figure that shows films at one instant after the other."""
 
     drawing: Figure
-    robots: list[Axes]  # which are cleared between instants
-    marks: list[Mark]
+    robots: list[Axes]
+    marks: list[_Mark]
 
     def move(self, t: float) -> None:
         for mark in self.marks:
-            mark(t)
+            mark.move(t)
 
 
 def _stage(films: Sequence[Film]) -> _Stage:
@@ -117,7 +127,7 @@ def _stages(films: Sequence[Film]) -> _Stage:
     drawing = Figure(figsize=(FILM_WIDTH * len(films), 4.2), layout="constrained")
     robots, below = drawing.subplots(2, len(films), height_ratios=(2.4, 1.0))
     largest = 1.1 * max(float(stated_limit(film, films).max()) for film in films)
-    marks: list[Mark] = []
+    marks: list[_Mark] = []
     for film, above, ax in zip(films, robots, below, strict=True):
         marks.append(_robot(film, above, None))
         for k, torque in enumerate(film.torque.T):
@@ -131,11 +141,13 @@ def _stages(films: Sequence[Film]) -> _Stage:
     return _Stage(drawing, list(robots), marks)
 
 
-def _robot(film: Film, ax: Axes, limit: Array | None) -> Mark:
+def _robot(film: Film, ax: Axes, limit: Array | None) -> _Mark:
     """Draw the robot at the frame of an instant; of an unproved motion at the latest where it ends."""
     locus, sight, end = locus_of(film), film_sight(film), _end(film)
 
     def draw(t: float) -> None:
+        for artist in [*ax.collections, *ax.lines, *ax.patches, *ax.texts]:
+            artist.remove()
         frame = int(np.argmin(np.abs(film.time - min(t, end))))
         plot_still(film, ax, frame=frame, limit=limit, locus=locus, sight=sight, alone=True)
         if limit is None:  # several films: their titles instead of a legend each
@@ -143,10 +155,11 @@ def _robot(film: Film, ax: Axes, limit: Array | None) -> Mark:
                 ax.legend_.remove()
             ends = t >= end
             words = "no torque is large enough" if ends else subtitle(film)
-            ax.set_title(f"{film.name}: {words}", color=ALARM if ends else "black", fontsize=8)
+            title = fill(f"{film.name}: {words}", TITLE_LETTERS)
+            ax.set_title(title, color=ALARM if ends else "black", fontsize=8, y=1.0)
             ax.set_axis_off()
 
-    return draw
+    return _Mark(ax, draw)
 
 
 def _end(film: Film) -> float:
@@ -154,9 +167,9 @@ def _end(film: Film) -> float:
     return np.inf if film.proved else film.instants[0].time
 
 
-def _moved_line(film: Film, ax: Axes) -> Mark:
+def _moved_line(film: Film, ax: Axes) -> _Mark:
     line, end = ax.axvline(0.0, color="black", linewidth=0.8), _end(film)
-    return lambda t: line.set_xdata([min(t, end)] * 2)
+    return _Mark(line, lambda t: line.set_xdata([min(t, end)] * 2))
 
 
 def _shown(films: Sequence[Film]) -> Film:
@@ -164,7 +177,7 @@ def _shown(films: Sequence[Film]) -> Film:
     return next((film for film in films if film.proved), films[0])
 
 
-def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[Mark]]:
+def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
     """Make axes for the robot, and beside it for the eye, or for torques of a motion without crossing."""
     drawing = Figure(figsize=(8.4, 3.6), layout="constrained")
     left, right = drawing.subplots(1, 2, width_ratios=(1.0, 1.1))
@@ -178,7 +191,7 @@ def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[Mark]]:
     return drawing, left, [_moved_line(film, right)]
 
 
-def _dot(film: Film, twist: Array, ax: Axes) -> Mark:
+def _dot(film: Film, twist: Array, ax: Axes) -> _Mark:
     """Draw a dot on a curve of the eye; it stays where an unproved motion ends."""
     s, demand = film.law(film.time), film.motors.along(twist)
     end = _end(film)
@@ -190,4 +203,4 @@ def _dot(film: Film, twist: Array, ax: Axes) -> Mark:
         instant = min(t, end)
         dot.set_data([np.interp(instant, film.time, s)], [np.interp(instant, film.time, demand)])
 
-    return move
+    return _Mark(dot, move)

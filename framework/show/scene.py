@@ -21,8 +21,6 @@ from framework.kinematics.placements import (
     joint_axis,
     joint_poses,
     platform_positions,
-    platform_twists,
-    platform_wrenches,
     rotated,
 )
 from framework.locus.drawn_locus import LocusCurves, locus_curves, locus_patch
@@ -118,7 +116,7 @@ def _film_document(film: Film, sight: Sight, curves_about: CurvesAbout, limit: A
         "polytope": _polytope(film, limit),
         "no_figure": why_no_figure(robot) or "",
         "lines": _action_lines(film),
-        "t_s": _arrows(platform_twists(robot, film.q, film.t_s)),
+        "t_s": _arrows(film.twists),
         "W_p": W_p,
         "world": world,
         "instants": _instants(film, platform, power),
@@ -231,7 +229,7 @@ def _wrenches(film: Film) -> list[dict[str, Any]]:
     """Return W_p and the wrenches of the world that are not zero, all with the same largest sizes."""
     applied = [wrench for wrench in film.wrenches if wrench.wrench.any()]
     sixes = [
-        platform_wrenches(film.robot, film.q, film.W_p),
+        film.demands,
         *(wrench.at_origin for wrench in applied),
     ]
     arrows = [_arrows(six) for six in sixes]

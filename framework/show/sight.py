@@ -15,8 +15,6 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import (
     joint_poses,
     planar_normal,
-    platform_positions,
-    platform_twists,
     rotated,
 )
 from framework.locus.drawn_locus import locus_patch
@@ -80,13 +78,13 @@ def film_sight(film: Film) -> Sight:
     robot, k = film.robot, film.telling_frame
     q, arrow, normal = film.q[k], np.zeros(3), None
     if film.instants:
-        twist = platform_twists(robot, q[None], film.t_s[k][None])[0]
+        twist = film.twists[k]
         arrow = twist[:3] if len(robot.platform.sliding) else twist[3:]
         patch = locus_patch(robot, q, film.x[k])
         if patch is not None:
             normal = np.cross(patch[-1, -1] - patch[0, 0], patch[0, -1] - patch[-1, 0])
             normal /= np.linalg.norm(normal)
-    return robot_sight(robot, q, Wanted(platform_positions(robot, joint_poses(robot, film.q)), arrow, normal))
+    return robot_sight(robot, q, Wanted(film.platform, arrow, normal))
 
 
 def projection(toward: Array) -> Projection:

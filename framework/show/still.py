@@ -10,12 +10,6 @@ from matplotlib.patches import Polygon
 
 from framework.arrays import Array
 from framework.dynamics.action_lines import action_lines
-from framework.kinematics.placements import (
-    joint_poses,
-    platform_positions,
-    platform_twists,
-    platform_wrenches,
-)
 from framework.locus.drawn_locus import locus_curves
 from framework.show.drawing import draw_robot, hull
 from framework.show.film import Film
@@ -49,8 +43,8 @@ def plot_still(
     robot, k = film.robot, film.telling_frame if frame is None else frame
     sight = film_sight(film) if sight is None else sight
     ax = draw_robot(robot, film.q[k], ax, sight=sight)
-    onto, platform = sight.onto, platform_positions(robot, joint_poses(robot, film.q))
-    path_line, place = onto(platform), platform[k]
+    onto, place = sight.onto, film.platform[k]
+    path_line = onto(film.platform)
     for piece, line in enumerate(locus_of(film) if locus is None else locus):
         label = None if piece else "singular locus"
         ax.plot(*onto(line).T, color=LOCUS, linewidth=1.4, zorder=2, label=label)
@@ -71,8 +65,8 @@ def plot_still(
     reach = min(robot.length, 0.8 * float(np.ptp(ax.get_xlim())))
     twist = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
     arrows = (
-        (platform_twists(robot, film.q, film.t_s), TWIST, True, ARROW_LENGTH, twist),
-        (platform_wrenches(robot, film.q, film.W_p), WRENCH, False, ARROW_LENGTH, r"$\mathbf{W}_p$"),
+        (film.twists, TWIST, True, ARROW_LENGTH, twist),
+        (film.demands, WRENCH, False, ARROW_LENGTH, r"$\mathbf{W}_p$"),
     )
     for six, color, both, size, label in arrows:
         # a platform that only turns has the axes of its turn and of its torque
@@ -104,8 +98,7 @@ def locus_of(film: Film) -> list[Array]:
     robot = film.robot
     if np.isnan(film.g).any() or not robot.platform.is_point:
         return []
-    platform = platform_positions(robot, joint_poses(robot, film.q))
-    return locus_lines(robot, locus_curves(robot, film.q[0], film.x[0]), platform)
+    return locus_lines(robot, locus_curves(robot, film.q[0], film.x[0]), film.platform)
 
 
 def _arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: str) -> None:
