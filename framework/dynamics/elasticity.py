@@ -44,18 +44,19 @@ from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw
 from framework.tolerances import MAX_DEFLECTION
 
-SETTLED = 0.1  # of the tolerance, that the remaining change of the deflections may be
-GAIN = 0.3  # share of the change that a good pass leaves at most; else Newton's method takes over
-NOTHING = 1e-18  # [rad, robot lengths] a change of no meaning, however small the deflections
-STEP = 1e-6  # of the deflections, for differences along a direction: half of the digits, some for curvature
-LINEAR = 1e-3  # share of the change that GMRES leaves, which differences can tell and curvature allows
-WEAK = 1e-5  # share of the size of I - dG below which a direction is a free vibration: not asked for
-MOST_DIRECTIONS = 50  # of GMRES; dG is nearly nilpotent on few coefficients, and hopeless where it takes more
-SHORTEST = 1 / 64  # of a step of Newton's method
-NEAR, STALLED = 1e-6, 0.5  # a change below the first that a step leaves more of than the second is rounding
-MOST_PASSES, FEW_PASSES = 200, 12  # on one grid: of few nodes, of very many
-MOST_WORK = 200 * 128  # passes times nodes on one grid: what costs more is nearly hopeless
-FEWEST, MORE = 1.2, 1.5  # times the coefficients, when some are to be added
+SETTLED_SHARE = 0.1  # of the tolerance, that the remaining change of the deflections may be
+GOOD_CONTRACTION = 0.3  # of the change, by a pass; where it is less, Newton's method takes over
+DEFLECTION_ROUNDING = 1e-18  # [rad, robot lengths] a change of no meaning, however small the deflections
+DIFFERENCE_STEP = 1e-6  # of the deflections, along a direction: half of the digits, some for curvature
+GMRES_TOLERANCE = 1e-3  # of the change: what differences can tell and curvature allows
+MIN_SINGULAR_RATIO = 1e-5  # of the size of I - dG: below it a direction is a free vibration, not asked for
+MAX_GMRES_DIRECTIONS = 50  # dG is nearly nilpotent on few coefficients, and hopeless where it takes more
+MIN_STEP_SHARE = 1 / 64  # of a step of Newton's method
+ROUNDING_CHANGE = 1e-6  # a change so small is rounding where a step leaves more than the next share of it
+STALLED_SHARE = 0.5
+MAX_PASSES, MAX_PASSES_OF_MANY_NODES = 200, 12  # on one grid: of few nodes, of very many
+MAX_PASS_NODES = 200 * 128  # passes times nodes on one grid: what costs more is nearly hopeless
+MIN_GROWTH, MAX_GROWTH = 1.2, 1.5  # times the coefficients, when some are to be added
 # The law to use when the robot deflects like this, after this law; None before the first pass.
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
 
@@ -168,18 +169,19 @@ class _Iteration:
 
     def run(self, here: Pass) -> DeflectionSolution:
         """Until the change within what the grid resolves is settled, or is the least to be had."""
-        ratio, last = GAIN, (here, np.inf)  # what a pass leaves of the change, as far as is known
+        # what a pass leaves of the change, as far as is known
+        ratio, last = GOOD_CONTRACTION, (here, np.inf)
         while True:
             following = self.grid.resolved(here.caused)
             lacking = self.grid.values(_difference(following, here.function))[0]
             inner, outer = self._share(lacking, here), self._share(here.residual - lacking, here)
             if np.isfinite(last[1]):
                 ratio = inner / last[1]
-            if inner <= self.tolerance and inner * ratio <= SETTLED * self.tolerance:
+            if inner <= self.tolerance and inner * ratio <= SETTLED_SHARE * self.tolerance:
                 return self._result(here, following)
             if inner <= outer:
                 return self._result(here, here.function)
-            if ratio > GAIN:
+            if ratio > GOOD_CONTRACTION:
                 break
             last = here, inner
             try:
@@ -191,7 +193,7 @@ class _Iteration:
 
     def _newton(self, here: Pass) -> Pass:
         """Steps of Newton's method on ever more coefficients."""
-        count = self._told(here)
+        count = self._resolved_count(here)
         cut = here.function.coefficients.copy()
         cut[:, count:] = 0.0
         try:
@@ -200,44 +202,47 @@ class _Iteration:
             self.obstacle = str(failure)
             return here
         stalled = False
-        while self.passes < self._most:
+        while self.passes < self._max_passes:
             inner, outer = self._within(here, count)
-            settled = inner <= max(outer, SETTLED * self.tolerance)
+            settled = inner <= max(outer, SETTLED_SHARE * self.tolerance)
             new = None if settled else self._improved(here, count, inner)
             if new is not None:
                 here, stalled = new, False
                 continue
-            resolved = settled and outer <= SETTLED * self.tolerance
+            resolved = settled and outer <= SETTLED_SHARE * self.tolerance
             if resolved or count == self.grid.resolvable or (stalled and not settled):
                 break
-            count, stalled = self._more(count, max(inner, outer)), not settled
+            count, stalled = self._needed_count(count, max(inner, outer)), not settled
         return here
 
     @property
-    def _most(self) -> int:
+    def _max_passes(self) -> int:
         """Passes at most, fewer where each looks at more nodes."""
-        return min(MOST_PASSES, max(FEW_PASSES, MOST_WORK // len(self.grid.times)))
+        return min(MAX_PASSES, max(MAX_PASSES_OF_MANY_NODES, MAX_PASS_NODES // len(self.grid.times)))
 
-    def _told(self, here: Pass) -> int:
+    def _resolved_count(self, here: Pass) -> int:
         """How many coefficients of the deflections the change does not hide."""
         series = np.abs(self.grid.fit(here.caused * self._weights(here)).coefficients)
-        told = (series > self._share(here.residual, here) * series.max()).any(axis=(0, 2))
-        return min(self.grid.resolvable, int(np.flatnonzero(told).max(initial=7)) + 1)
+        known = (series > self._share(here.residual, here) * series.max()).any(axis=(0, 2))
+        return min(self.grid.resolvable, int(np.flatnonzero(known).max(initial=7)) + 1)
 
-    def _more(self, count: int, outer: float) -> int:
+    def _needed_count(self, count: int, outer: float) -> int:
         """How many it takes if they go on falling as they did, to `outer` after this many."""
-        falling = np.log(SETTLED * self.tolerance) / np.log(min(outer, 0.5))
-        return min(self.grid.resolvable, int(np.ceil(count * min(max(falling, FEWEST), MORE))))
+        falling = np.log(SETTLED_SHARE * self.tolerance) / np.log(min(outer, 0.5))
+        needed = np.ceil(count * min(max(falling, MIN_GROWTH), MAX_GROWTH))
+        return min(self.grid.resolvable, int(needed))
 
     def _improved(self, here: Pass, count: int, inner: float) -> Pass | None:
         """The pass after a step, halved until it helps; None if it does not, or has come to rounding."""
         try:
-            step = self._step(here, count, max(LINEAR, SETTLED * SETTLED * self.tolerance / inner))
+            wanted = SETTLED_SHARE * SETTLED_SHARE * self.tolerance / inner
+            step = self._step(here, count, max(GMRES_TOLERANCE, wanted))
         except NoAnswer as failure:
             self.obstacle = str(failure)
             return None
         share = 1.0
-        while share >= (SHORTEST if inner > NEAR else 1.0) and self.passes < self._most:
+        least = MIN_STEP_SHARE if inner > ROUNDING_CHANGE else 1.0
+        while share >= least and self.passes < self._max_passes:
             series = here.function.coefficients + share * step
             series[:, count:] = 0.0
             try:
@@ -246,7 +251,7 @@ class _Iteration:
                 self.obstacle = str(failure)
             else:
                 left = self._within(new, count)[0] / inner
-                if left < STALLED or (left < 1.0 - 0.1 * share and inner > NEAR):
+                if left < STALLED_SHARE or (left < 1.0 - 0.1 * share and inner > ROUNDING_CHANGE):
                     self.obstacle = ""
                     return new
             share *= 0.5
@@ -272,9 +277,10 @@ class _Iteration:
             moved = self._at(here, TimeFunction(self.grid.edges, series))
             return direction - leading(moved.caused - here.caused) / width
 
-        right, most = leading(here.residual), min(MOST_DIRECTIONS, max(1, self._most - self.passes))
-        width = STEP * float(np.linalg.norm(leading(here.caused)))
-        return step(gmres(applied, right, left=left, most=most, weak=WEAK))
+        right = leading(here.residual)
+        most = min(MAX_GMRES_DIRECTIONS, max(1, self._max_passes - self.passes))
+        width = DIFFERENCE_STEP * float(np.linalg.norm(leading(here.caused)))
+        return step(gmres(applied, right, left=left, most=most, weak=MIN_SINGULAR_RATIO))
 
     def _at(self, here: Pass, function: TimeFunction) -> Pass:
         """The pass at these deflections, near another one.
@@ -297,7 +303,7 @@ class _Iteration:
 
     def _share(self, lacking: Array, here: Pass) -> float:
         """`lacking` over the largest deflection or the largest spring force, whichever is more."""
-        if np.abs(lacking / spring_scale(self.branch.robot)).max(initial=0.0) <= NOTHING:
+        if np.abs(lacking / spring_scale(self.branch.robot)).max(initial=0.0) <= DEFLECTION_ROUNDING:
             return 0.0
         return float((np.abs(lacking) * self._weights(here)).max())
 
