@@ -307,5 +307,9 @@ def slowness_on_panels(series: Array, stretch: Stretch) -> TimeFunction:
 
 def least_value(series: Array) -> float:
     """Compute the least value on [-1, 1] of one Chebyshev series (size,)."""
-    candidates = np.concatenate(([-1.0, 1.0], extrema(series)))
-    return float(chebyshev.chebval(candidates, series).min())
+    return float(chebyshev.chebval(ends_and_extrema(series), series).min())
+
+
+def ends_and_extrema(series: Array) -> Array:
+    """Return the ends of [-1, 1] and where one Chebyshev series (size,) turns between them."""
+    return np.concatenate(([-1.0, 1.0], extrema(series)))

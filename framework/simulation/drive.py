@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import Parameter, signature
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.simulation.world_forces import NO_FORCES, WorldForces
 
 FEEDBACK_DIFFERENCE = 1e-7  # [rad, m] and their rates: a step of the differences of a feedback torque
+MOTION = ("duration", "torque", "platform", "configuration", "velocity")  # what a planned motion has
 
 
-@runtime_checkable
 class PlannedMotion(Protocol):
     """Planned torques with their motion, as `inverse_dynamics` returns."""
 
@@ -46,8 +46,8 @@ class PlannedMotion(Protocol):
 def planned_motion(source: Any) -> PlannedMotion | None:
     """Return the planned motion in `source`: the inverse dynamics of a plan, or itself, or none."""
     for candidate in (getattr(source, "dynamics", None), source):
-        if isinstance(candidate, PlannedMotion):
-            return candidate
+        if all(hasattr(candidate, name) for name in MOTION):
+            return cast(PlannedMotion, candidate)
     return None
 
 

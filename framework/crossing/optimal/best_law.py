@@ -10,18 +10,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import chebyshev
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.crossing.optimal.speed_program import (
-    DENSE_POINTS_RATIO,
-    FIRST_ROW_STRIDE,
     SpeedProgram,
 )
 from framework.errors import InvalidInput
 from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve_cone_program
 from framework.motion.exact_duration import adjusted, blended, duration_of
 from framework.motion.infeasibility import Infeasible
-from framework.motion.optimal_law import OptimalLaw
+from framework.motion.optimal_law import OptimalLaw, ends_and_extrema
 from framework.tolerances import LIMIT_MARGIN
 
 DEGREES = (40, 80)  # of the squared speed; the second where the first has no law
@@ -32,22 +31,18 @@ MAX_ROW_ROUNDS = 8  # of solving with further rows where a limit was exceeded
 # peak torque of a slow law over that of the quickest, tried in turn
 PEAK_RATIOS = (1.002, 1.005, 1.01, 1.02, 1.05, 1.2, 1.5, 2.0, 4.0)
 MAX_CONVEX_CONCAVE_STEPS = 8  # from the quickest towards the slowest law
-SLOW_LAW_MIN_SQUARED_SPEED_RATIO = 0.02  # least z of such a law, over the mean speed squared
 
 
 class Best(NamedTuple):
     """The best law of its degree; `peak` of torque over `reference` (n_a,) [N m] is what the program saw.
 
     cost: what was to be least: the duration [s], the peak of torque [N m], or the energy [N2 m2 s].
-    bound: the same of the program with rows at few points and no weight on roughness, which no law of this
-        degree goes below.
     """
 
     law: OptimalLaw
     peak: float
     reference: Array
     cost: float
-    bound: float
 
 
 def best_law(program: SpeedProgram) -> Best | Infeasible | Unsolved:
@@ -61,7 +56,6 @@ def within_limits(
     program: SpeedProgram, cones: ConeProgram, optimum: Optimum
 ) -> Best | Infeasible | Unsolved:
     """Return the law of an optimum, solved again until limits hold between the points (`kept_between`)."""
-    unextended = optimum
     kept = kept_between(program, cones, optimum)
     if isinstance(kept, Infeasible | Unsolved):
         return kept
@@ -78,7 +72,7 @@ def within_limits(
         return Unsolved(str(problem))
     peak = float(program.torques(y).max())
     final = optimum._replace(peak=peak, duration=law.duration / program.units.time)
-    return Best(law, peak, program.units.torque, _cost(program, final), _bound(program, unextended))
+    return Best(law, peak, program.units.torque, _cost(program, final))
 
 
 def kept_between(
@@ -106,11 +100,14 @@ def kept_between(
     return cones, optimum
 
 
-def _bound(program: SpeedProgram, limited: Optimum) -> float:
-    """Return the cost without the weight on roughness; that of `limited` where this program is not solved."""
-    unweighted = replace(program, roughness=0.0)
-    optimum = unweighted.solved(unweighted.cones())
-    return _cost(program, optimum if isinstance(optimum, Optimum) else limited)
+def lowest_cost(program: SpeedProgram, optimum: Optimum) -> float:
+    """Return the cost that no law of this degree goes below: rows at few points, no floor, rough or not.
+
+    That of `optimum`, which had all of these, where the program without is not solved.
+    """
+    cones = replace(program, roughness=0.0).cones()
+    lowest = program.solved(replace(cones, positive=cones.positive[:0]))
+    return _cost(program, lowest if isinstance(lowest, Optimum) else optimum)
 
 
 def _cost(program: SpeedProgram, optimum: Optimum) -> float:
@@ -132,7 +129,8 @@ def _with_rows_where_exceeded(
     Returns None if there are none.
     """
     over = _peaks((program.torques(y) / allowed).max(axis=1), 1.0)
-    low = _peaks(-(program.speeds_between @ y), -0.5 * cones.floor)
+    low = ends_and_extrema(y)
+    low = low[chebyshev.chebval(low, y) < 0.5 * cones.floor]
     fastest = 1.0
     if program.specification.goal in ("peak_speed", "peak"):
         fastest = float((cones.below_one @ y).max(initial=0.0)) * (1.0 + 2.0 * LIMIT_MARGIN)
@@ -144,7 +142,7 @@ def _with_rows_where_exceeded(
         torque=_stacked(cones.torque, program.torque_rows(program.between[over])),
         bounded=np.append(cones.bounded, np.tile(program.specification.limited_motors, len(over))),
         below_one=np.concatenate([cones.below_one, program.speed_rows(program.between[fast])]),
-        positive=np.concatenate([cones.positive, program.speeds_between[low]]),
+        positive=np.concatenate([cones.positive, chebyshev.chebvander(low, program.degree)]),
     )
 
 
@@ -166,10 +164,7 @@ def _lasting(program: SpeedProgram, cones: ConeProgram, quick: Optimum) -> Array
     stretch = program.on_path.stretch
     if duration_of(quick.y, stretch) > duration * (1.0 - QUICKEST_MARGIN):
         return adjusted(quick.y, cones.equalities, duration, stretch)
-    everywhere = program.speeds_between[:: FIRST_ROW_STRIDE * DENSE_POINTS_RATIO]
-    slower = replace(
-        cones, positive=np.concatenate([cones.positive, everywhere]), floor=SLOW_LAW_MIN_SQUARED_SPEED_RATIO
-    )
+    slower = cones
     for peak_ratio in PEAK_RATIOS:
         previous, allowed = quick.y, _allowed(program.specification.limited_motors, peak_ratio * quick.peak)
         for _ in range(MAX_CONVEX_CONCAVE_STEPS):

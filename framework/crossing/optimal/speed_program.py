@@ -147,11 +147,6 @@ class SpeedProgram:
         at_crossings = evaluate(self.on_path.stretch(self.on_path.crossings), series_through(np.eye(size)))
         return np.concatenate([_dense(size), at_crossings])
 
-    @cached_property
-    def speeds_between(self) -> Array:
-        """z between the points, as a matrix on the coefficients."""
-        return np.asarray(chebyshev.chebvander(_fine(len(self.on_path.sigma)), self.degree), dtype=float)
-
     def torques(self, y: Array) -> Array:
         """Return sizes of the torques over their units between the points and at the crossings (R, n_a)."""
         matrix, offset = self._torque
@@ -192,7 +187,7 @@ class SpeedProgram:
             speeds=np.asarray(chebyshev.chebvander(points, degree), dtype=float),
             average=np.eye(len(weights)),
             weights=weights / self.on_path.stretch(self.on_path.stretch.inverse(points), 1),
-            positive=np.empty((0, degree + 1)),
+            positive=Basis.at(self.on_path.sigma[rows], degree, self.on_path.stretch).z,
             torque=self.torque_rows(np.eye(size)[rows]),
             bounded=np.tile(specification.limited_motors, len(rows)),
             below_one=self.speed_rows(np.eye(size)[rows]),
@@ -222,13 +217,8 @@ def conditions_on_speed(
     return Affine(scale * rows, constant[:, 0])
 
 
-def _fine(size: int) -> Array:
-    """Return points in (-1, 1), DENSE_POINTS_RATIO times as dense as `size` Chebyshev points."""
-    count = DENSE_POINTS_RATIO * size
-    return np.asarray(-np.cos(np.pi * (np.arange(count) + 0.5) / count))
-
-
 @lru_cache(maxsize=8)
 def _dense(size: int) -> Array:
-    """Return the matrix that interpolates between `size` Chebyshev points."""
-    return evaluate(_fine(size), series_through(np.eye(size)))
+    """Return the matrix that interpolates `size` Chebyshev points, DENSE_POINTS_RATIO times as densely."""
+    count = DENSE_POINTS_RATIO * size
+    return evaluate(-np.cos(np.pi * (np.arange(count) + 0.5) / count), series_through(np.eye(size)))

@@ -13,6 +13,7 @@ from framework.crossing.optimal.best_law import (
     MAX_CROSSINGS_AT_FIRST_DEGREE,
     Best,
     best_law,
+    lowest_cost,
     within_limits,
 )
 from framework.crossing.optimal.optimal_task import (
@@ -122,16 +123,19 @@ def first_program(
     """Return the program of the least degree that leaves little to be gained, and its best law."""
     best_of_degrees: tuple[SpeedProgram, Best] | None = None
     failures: list[tuple[SpeedProgram, Infeasible | Unsolved]] = []
+    units: Units | None = None
     for degree in DEGREES[len(task.targets) > MAX_CROSSINGS_AT_FIRST_DEGREE :]:
-        program = program_of(task, places, None, task.specification, degree, None)
+        program = program_of(task, places, None, task.specification, degree, units)
         program, optimum = _in_fitting_units(replace(program, roughness=roughness))
+        units = program.units
         best = within_limits(program, program.cones(), optimum) if isinstance(optimum, Optimum) else optimum
         if not isinstance(best, Best):
             failures.append((program, best))
             continue
         if best_of_degrees is None or best.cost < best_of_degrees[1].cost:
             best_of_degrees = program, best
-        if best.cost <= (1.0 + gap) * best.bound:
+        assert isinstance(optimum, Optimum)
+        if degree < DEGREES[-1] and best.cost <= (1.0 + gap) * lowest_cost(program, optimum):
             break
     if best_of_degrees is None:  # what the highest degree cannot do no lower one can
         proved = [failure for failure in failures if isinstance(failure[1], Infeasible)]

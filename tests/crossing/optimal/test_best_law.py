@@ -21,6 +21,8 @@ from framework import (
 from framework.crossing.optimal.lower_bound import estimated_best
 from framework.crossing.saved import plan_document
 from framework.errors import InvalidInput, NoAnswer, NoLaw
+from framework.motion.optimal_law import least_value
+from framework.tolerances import MIN_SQUARED_SPEED_RATIO
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 PAPERS = 0.164918  # [N m] peak torque of the paper's law in scene C, rigid robot
@@ -276,3 +278,23 @@ def test_a_robot_under_gravity_crosses_where_no_polynomial_advances():
 @pytest.mark.parametrize("k", range(1, 12))
 def test_random_lines_under_gravity(k):
     check_under_gravity(*random_motions(12, seed=11)[k])
+
+
+def beside_the_locus(robot, distance: float) -> Line:
+    """LINE up to this distance [m] beyond its singular point."""
+    along = LINE.end - LINE.start
+    (singular,) = locate_singularities(robot, LINE)
+    return Line(LINE.start, singular.platform + distance * along / np.linalg.norm(along))
+
+
+@pytest.mark.parametrize("distance", [-1e-6, 1e-5, 1e-6])
+def test_paths_that_end_beside_a_singular_point_keep_the_least_speed_between_all_points(robot, distance):
+    plan = plan_crossing(robot, beside_the_locus(robot, distance), duration=1.5)
+    assert (plan.law.kind, len(plan.crossings)) == ("optimal", distance > 0)
+    assert least_value(plan.law.coefficients) * plan.duration**2 > 0.49 * MIN_SQUARED_SPEED_RATIO
+
+
+def test_a_path_that_ends_just_short_of_a_singular_point_takes_a_hundredth_of_the_polynomials_torque(robot):
+    path = beside_the_locus(robot, -1e-6)
+    plans = [plan_crossing(robot, path, duration=1.5, law=law) for law in ("auto", "polynomial")]
+    assert peak(plans[0]) < 0.01 * peak(plans[1])
