@@ -12,7 +12,7 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -20,7 +20,18 @@ from framework.arrays import Array, ArrayLike
 
 
 class FrameworkError(Exception):
-    """Base of all errors raised on purpose by this package. They can be pickled, whatever they carry."""
+    """Base of all errors raised on purpose by this package. They can be pickled, whatever they carry.
+
+    `remedy`: options with which the same call gives another answer, None for one to leave out; None where
+    none is known.
+    """
+
+    remedy: Mapping[str, Any] | None = None
+
+    def advising(self, remedy: Mapping[str, Any] | None) -> Self:
+        """Return the error with a remedy."""
+        self.remedy = remedy
+        return self
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (type(self), self.args, self.__dict__)

@@ -126,6 +126,20 @@ def test_check_examines_a_robot(document, flexibility):
     ]  # redundant, as in all planar robots
 
 
+def test_a_robot_that_is_not_square_has_one_exit_code_in_every_command(crossing, write_robot):
+    motor = {"joint": "left_motor"}
+    file = write_robot(
+        ("actuators", [motor]), ("scenes.C", {"line": [[0.1, 0.345], [-0.05, 0.195]], "duration": 1})
+    )
+    code, out, err = crossing("check", file)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "A is NOT square" in out
+    assert "add actuators" in out
+    assert "2 platform axes and 1 actuators for 2 degrees of freedom" in err
+    for command in ("locate", "plan"):
+        assert crossing(command, file, "--scene", "C")[0] == 2
+
+
 def test_check_takes_the_path_of_a_robot_file(document, write_robot):
     assert document("check", write_robot())["robot"] == "my_robot"
 

@@ -8,6 +8,7 @@ What commands share
     parser              the options of several commands
     arguments           from options to the robot, the path and the request
     console, layout     reports on stdout, errors in one line on stderr; how they fit a terminal
+    advice              the command line to try after a refusal
     progress            a word of life while a command works
 
 Commands
@@ -20,10 +21,11 @@ Commands
     calibrate, identify      the geometry, and parameters of torques, from recorded data
     show, report, export     pages, reports, files for other programs
 
-Exit codes: 0 done, 1 the answer is no (`check`: not assembled at its reference), 2 misuse or bad input, 70 a
-fault of this program, 130 ended by Ctrl-C, 143 by SIGTERM: all but 0 with one line on stderr. A page that is
-served ends by a signal as it should: 0. With --json there is one JSON object on stdout
-and nothing else.
+Exit codes: 0 done, 1 the answer is no (`check`: not assembled at its reference), 2 misuse or bad input
+(`check`: a robot that no other command takes, its A not square), 70 a fault of this program, 130 ended by
+Ctrl-C, 143 by SIGTERM: all but 0 with one line on stderr, which a terminal breaks and which ends with what to
+try, where something helps. A page that is served ends by a signal as it should: 0. With --json there is one
+JSON object on stdout and nothing else.
 """
 
 from __future__ import annotations
@@ -47,11 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def interrupted(stop: KeyboardInterrupt, arguments: Sequence[str]) -> int:
     """Say that a command was interrupted; returns the exit code."""
-    from framework.cli.console import one_line
     from framework.cli.running import refused
 
     words = "terminated" if isinstance(stop, Terminated) else "interrupted"
-    return refused(stop, one_line(": ".join([words, *map(str, stop.args)])), exit_code(stop), arguments)
+    return refused(stop, ": ".join([words, *map(str, stop.args)]), exit_code(stop), arguments)
 
 
 def _run(arguments: Sequence[str], heard: Heard) -> int:
@@ -62,7 +63,7 @@ def _run(arguments: Sequence[str], heard: Heard) -> int:
         options = parser.parse_args(arguments)
         with uninterrupted():
             from framework.cli.running import run
-        return run(options, heard)
+        return run(options, heard, arguments)
     except Exception as error:  # noqa: BLE001 - whatever else happens, nobody meant it to
         from framework.cli.running import failed
 

@@ -45,7 +45,9 @@ def take_level(options: argparse.Namespace) -> ChosenLevel | None:
     from framework.fidelity.chosen_level import kept_level, options_of_level, predicted_level
 
     if options.geometry is not None:
-        raise InvalidInput("--geometry: each level of --flexibility auto has its own; leave one of them out")
+        raise InvalidInput(
+            "--geometry: each level of --flexibility auto has its own; leave one of them out"
+        ).advising({"geometry": None})
     options.flexibility = FLEXIBILITIES[0]
     robot = load(options)
     asked, description = request(options, robot), robot.description
@@ -121,11 +123,17 @@ def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
     ends = (options.start, options.end)
     if options.scene is not None:
         if any(end is not None for end in ends):
-            raise InvalidInput("--scene already has a path; give either --scene or --from and --to")
+            raise InvalidInput("--scene already has a path; give either --scene or --from and --to").advising(
+                {"from": None, "to": None}
+            )
         return scene_path(scene(robot, options.scene))
     if any(end is None for end in ends):
-        scenes = ", ".join(robot.description.scenes) or "none"
-        raise InvalidInput(f"give --scene (of {robot.name}: {scenes}), or both --from and --to")
+        names = list(robot.description.scenes)
+        first = {"from": None, "to": None, "scene": names[0]} if names else None
+        listed = ", ".join(names) or "none"
+        raise InvalidInput(f"give --scene (of {robot.name}: {listed}), or both --from and --to").advising(
+            first
+        )
     for name, end in zip(("--from", "--to"), ends, strict=True):
         if len(end) != robot.n or not np.all(np.isfinite(end)):
             raise InvalidInput(
@@ -142,7 +150,7 @@ def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
     if options.scene is not None:
         return scene_request(robot, options.scene, **typed)
     if "duration" not in typed and not (typed.get("optimize") == "time" or "longest" in typed):
-        raise InvalidInput("--duration: required with --from and --to")
+        raise InvalidInput("--duration: required with --from and --to").advising({"duration": 1.0})
     return Request.of(robot, along, **typed)
 
 
@@ -236,7 +244,9 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
     """
     if not is_plan_folder(options.robot):
         if options.robot_file is not None:
-            raise InvalidInput("--robot-file: goes with a folder of `crossing plan --out`")
+            raise InvalidInput("--robot-file: goes with a folder of `crossing plan --out`").advising(
+                {"robot_file": None}
+            )
         return None
     for key in _OF_A_PLAN:
         value = getattr(options, key, None)
@@ -244,7 +254,7 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
             name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key).replace("_", "-")
             raise InvalidInput(
                 f"--{name}: the plan in {options.robot} has its own; leave it out, or plan again"
-            )
+            ).advising({name: None})
     return load_plan(options.robot, robot_file=options.robot_file)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_missing_fields, add_robot, command
-from framework.errors import NotAssembled, point
+from framework.errors import InvalidInput, NotAssembled, point
 from framework.kinematics.diagnostics.diagnosis import check_robot
 
 
@@ -31,6 +31,12 @@ def run(options: argparse.Namespace) -> Report:
             f"pose that is printed as reference",
             q=np.array(list(diagnosis.reference.values())),
             residual=diagnosis.gap_at_reference,
+        ).advising({"reference": diagnosis.reference})
+    elif not diagnosis.square:
+        options.refusal = InvalidInput(
+            f"{diagnosis.robot}: A is not square: {len(diagnosis.platform_axes)} platform axes and "
+            f"{len(diagnosis.actuators)} actuators for {diagnosis.mobility - len(diagnosis.idle_joints)} "
+            f"degrees of freedom; the notes say what other commands need"
         )
     rank = f"{diagnosis.rank} of {diagnosis.loop_equations} loop equations independent"
     if diagnosis.redundant_rows:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import shlex
 from collections.abc import Iterable, Sequence
 from importlib import import_module
 from importlib.metadata import version
@@ -134,7 +135,11 @@ FIRST_EXAMPLES = ("crossing plan five_bar --scene C", "crossing show five_bar --
 
 
 class Misuse(Exception):
-    """argparse found the command line wrong."""
+    """argparse found the command line wrong; `instead`: one to try, None where the message has a hint."""
+
+    def __init__(self, message: str, instead: str | None = None) -> None:
+        super().__init__(message)
+        self.instead = instead
 
 
 class _Help(argparse.HelpFormatter):
@@ -158,7 +163,8 @@ class OneLineParser(argparse.ArgumentParser):
     """argparse with options in groups, errors in one line, and negative numbers with exponents."""
 
     def __init__(self, *, examples: Iterable[str] = (), **settings: Any) -> None:
-        shown = "\n  ".join(["examples:", *examples])
+        self.examples = tuple(examples)
+        shown = "\n  ".join(["examples:", *self.examples])
         super().__init__(allow_abbrev=False, epilog=shown, formatter_class=_Help, **settings)
         self._optionals.title = "output"
         # argparse takes -1e-3 for an option: its pattern for negative numbers knows no exponents
@@ -168,6 +174,13 @@ class OneLineParser(argparse.ArgumentParser):
         """Return the group of options of that title; what has none stands last, under `output`."""
         there = [group for group in self._action_groups if group.title == title]
         return there[0] if there else self.add_argument_group(title)
+
+    @property
+    def option_actions(self) -> dict[str, argparse.Action]:
+        """The options of this command, or of the one below it, by their flags."""
+        below = [action.choices for action in self._actions if isinstance(action, argparse._SubParsersAction)]
+        parsers = [self, *(parser for choices in below for parser in choices.values())]
+        return {flag: action for parser in parsers for flag, action in parser._option_string_actions.items()}
 
     def format_help(self) -> str:
         self._action_groups.sort(key=lambda group: group is self._optionals)
@@ -204,7 +217,8 @@ class OneLineParser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint} (choose from {listed})")
 
     def error(self, message: str) -> NoReturn:
-        raise Misuse(f"{message} (see `{self.prog} --help`)")
+        instead = None if "did you mean" in message else next(iter(self.examples), None)
+        raise Misuse(f"{message} (see `{self.prog} --help`)", instead)
 
 
 class _Version(argparse.Action):
@@ -219,7 +233,25 @@ class _Version(argparse.Action):
         parser.exit(message=f"crossing {version('parallel-singularity-crossing')}\n")
 
 
-def parser_of(arguments: Sequence[str]) -> argparse.ArgumentParser:
+def _check_first(arguments: Sequence[str]) -> None:
+    """Raise Misuse where the arguments begin neither with a command nor with an option of all."""
+    first = arguments[0] if arguments else "--help"
+    meant = next((word for word in arguments if word in COMMANDS), None)
+    if first == "help":
+        instead = f"crossing {meant} --help" if meant else "crossing --help"
+        raise Misuse("help is an option, --help, and stands behind the command", instead)
+    if not first.startswith("-"):
+        from framework.errors import choose_from
+
+        raise Misuse(f"{choose_from('command', first, COMMANDS)} (see `crossing --help`)")
+    if meant and first not in ("-h", "--help", "--version"):
+        moved = [word for word in arguments if word != meant and word != first]
+        raise Misuse(
+            f"{first}: options stand behind the command", shlex.join(["crossing", meant, *moved, first])
+        )
+
+
+def parser_of(arguments: Sequence[str]) -> OneLineParser:
     """Return the parser of the command that the arguments begin with, or else one that lists all commands.
 
     Only the module of that command is imported.
@@ -239,10 +271,7 @@ def parser_of(arguments: Sequence[str]) -> argparse.ArgumentParser:
     if first in COMMANDS:
         import_module(f"framework.cli.{COMMANDS[first].module}").add(commands)
         return parser
-    if first and not first.startswith("-"):
-        from framework.errors import choose_from
-
-        raise Misuse(f"{choose_from('command', first, COMMANDS)} (see `{parser.prog} --help`)")
+    _check_first(arguments)
     for name, command in COMMANDS.items():
         commands.add_parser(name, help=command.text)
     return parser

@@ -16,17 +16,17 @@ from framework.errors import OutputError
 
 PROGRAM, TRY = "crossing: ", "try: "  # what a complaint begins with, and what advice does
 MAX_MESSAGE_LENGTH = 1000  # [characters]
-_BEGINNING_LENGTH = 800  # [characters] of a longer message that are shown before the gap
+_END_LENGTH = 200  # [characters] of a longer message, the gap included
 
 
-def one_line(message: str) -> str:
-    """Return a message as one line of printable letters, its middle left out where it is long."""
+def one_line(message: str, most: int = MAX_MESSAGE_LENGTH) -> str:
+    """Return a message as one line of printable letters, at `most` so many, its middle left out."""
     line = printable(" ".join(message.splitlines()))
-    if len(line) <= MAX_MESSAGE_LENGTH:
+    if len(line) <= most:
         return line
     left_out = f" [... {len(line)} characters ...] "
-    end_length = MAX_MESSAGE_LENGTH - _BEGINNING_LENGTH - len(left_out)
-    return line[:_BEGINNING_LENGTH] + left_out + line[-end_length:]
+    beginning = line[: max(most - _END_LENGTH, 0)]
+    return beginning + left_out + line[len(line) - most + len(beginning) + len(left_out) :]
 
 
 def printable(text: str) -> str:

@@ -79,11 +79,15 @@ def run(options: argparse.Namespace) -> Report:
         raise InvalidInput(f"--out: needs the name of a file, got {options.out!r}")
     if file.suffix not in SUFFIXES[options.program]:
         valid = " or ".join(SUFFIXES[options.program])
-        raise InvalidInput(f"--out: {options.program} is written to {valid}, got {options.out!r}")
+        raise InvalidInput(f"--out: {options.program} is written to {valid}, got {options.out!r}").advising(
+            {"out": str(file.with_suffix(SUFFIXES[options.program][0]))}
+        )
     lines: list[str] = []
     if options.program == "mjcf":
         if any(option is not None for option in (options.scene, options.samples, options.side)):
-            raise InvalidInput("--scene, --samples, --side: a MuJoCo model has no motion; leave them out")
+            raise InvalidInput(
+                "--scene, --samples, --side: a MuJoCo model has no motion; leave them out"
+            ).advising(dict.fromkeys(("scene", "samples", "side")))
         saved = is_plan_folder(options.robot)
         robot = arguments.planned(options).robot if saved else arguments.load(options)
         text, description = mjcf_text(robot), "a MuJoCo model with its loops"

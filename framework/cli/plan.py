@@ -85,9 +85,9 @@ def run(options: argparse.Namespace) -> Report:
     if level is not None and options.bend is not None:
         raise InvalidInput(
             "--bend: the level of --flexibility auto is for the path as it is; leave one of them out"
-        )
+        ).advising({"bend": None})
     if options.bend is not None and options.raw:
-        raise InvalidInput("--bend: finds a plan with a proof; leave --raw out")
+        raise InvalidInput("--bend: finds a plan with a proof; leave --raw out").advising({"raw": None})
     out = None if options.out is None else FilePath(options.out)
     if out is None and options.raw:
         return report_raw(options, robot, request, None)

@@ -64,20 +64,28 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Report the pose of given motor angles or of a platform point, springs at rest."""
-    if (options.motor_joints is None) == (options.point is None):
-        raise InvalidInput("give either --motors or --platform")
     robot = arguments.load(options)
+    if (options.motor_joints is None) == (options.point is None):
+        here = robot.actuated_coordinates(robot.reference.q[None])[0].tolist()
+        raise InvalidInput("give either --motors or --platform").advising({"platform": None, "motors": here})
     motor_joints = options.motor_joints
     single = ("torque_limit", "speed_limit", "velocity", "acceleration", "wrench", "wrench_on")
     stated = [name for name in single if getattr(options, name) is not None]
     if options.every and stated:
         flag = "--" + stated[0].replace("_", "-")
-        raise InvalidInput(f"--all: lists poses alone; {flag} is for a single pose")
+        raise InvalidInput(f"--all: lists poses alone; {flag} is for a single pose").advising(
+            dict.fromkeys(stated)
+        )
     if options.every:
         return _working(robot, options.point) if motor_joints is None else _assembly(robot, motor_joints)
-    closed = (
-        assemble(robot, options.point) if motor_joints is None else forward_kinematics(robot, motor_joints)
-    )
+    try:
+        closed = (
+            assemble(robot, options.point)
+            if motor_joints is None
+            else forward_kinematics(robot, motor_joints)
+        )
+    except NotAssembled as failure:  # from the reference; another mode may have such a pose
+        raise failure.advising(None if stated else {"all": True}) from None
     pose, classification = describe_pose(robot, closed.q), classify(robot, closed.q)
     limits = _limits(robot, closed.q, options)
     instant = loads_of_instant(robot, closed.q, options)

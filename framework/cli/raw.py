@@ -30,9 +30,13 @@ def report_raw(
         InvalidInput: the optimal law is asked for, which is nothing without its proof.
     """
     if request.kind == "optimal":
-        raise InvalidInput("--raw samples the polynomial law only, which needs no proof to be chosen")
+        raise InvalidInput(
+            "--raw samples the polynomial law only, which needs no proof to be chosen"
+        ).advising({"raw": None})
     if request.keep_limits:
-        raise InvalidInput("--keep-limits: is for a plan, and --raw proves none; leave one of them out")
+        raise InvalidInput(
+            "--keep-limits: is for a plan, and --raw proves none; leave one of them out"
+        ).advising({"raw": None})
     searched = search_path(robot, request.path).under(request.external_wrenches)
     law, crossings = law_before_proof(searched, request)
     raw = finite_difference_torques(

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from framework.cli.advice import advised
 from framework.cli.commands import Misuse
-from framework.cli.console import complain, one_line, report, tell
+from framework.cli.console import MAX_MESSAGE_LENGTH, TRY, complain, one_line, report, tell
 from framework.cli.progress import Progress
 from framework.errors import FrameworkError, NoAnswer
 from framework.interruption import Heard
@@ -22,8 +23,8 @@ UNEXPECTED_EXIT_CODE = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG_VARIABLE = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback
 
 
-def run(options: argparse.Namespace, heard: Heard) -> int:
-    """Run the parsed command and tell its report; returns the exit code 0, or 1 where its answer is no.
+def run(options: argparse.Namespace, heard: Heard, arguments: Sequence[str]) -> int:
+    """Run the parsed command and tell its report; returns the exit code, 0 where it refuses nothing.
 
     Raises:
         FrameworkError: the command refuses.
@@ -37,32 +38,39 @@ def run(options: argparse.Namespace, heard: Heard) -> int:
         text = "\n".join([text, *(f"  warning           {warning}" for warning in options.warnings)])
     heard.check()
     if options.refusal is not None:
-        document = {**document, "error": error_document(options.refusal, str(options.refusal))}
+        told, entry = error_told(options.refusal, str(options.refusal), arguments)
+        document = {**document, "error": entry}
     if options.json:
         tell(json.dumps(document, allow_nan=False))
     else:
         report(text)
     if options.refusal is None:
         return 0
-    complain(one_line(str(options.refusal)))
-    return 1
+    complain(told)
+    return code_of(options.refusal)
 
 
 def failed(error: Exception, heard: Heard, arguments: Sequence[str]) -> int:
     """Say why a command ended without an answer; returns the exit code."""
     heard.check()  # an import that is interrupted may fail in other words
     if isinstance(error, FrameworkError | Misuse):
-        return refused(error, one_line(str(error)), 1 if isinstance(error, NoAnswer) else 2, arguments)
+        return refused(error, str(error), code_of(error), arguments)
     if os.environ.get(DEBUG_VARIABLE):
         raise error
-    return refused(error, one_line(_unexpected(error)), UNEXPECTED_EXIT_CODE, arguments)
+    return refused(error, _unexpected(error), UNEXPECTED_EXIT_CODE, arguments)
+
+
+def code_of(error: Exception) -> int:
+    """Return 1 where a question that can be asked has no answer, 2 where what was given cannot be right."""
+    return 1 if isinstance(error, NoAnswer) else 2
 
 
 def refused(error: BaseException, message: str, code: int, arguments: Sequence[str]) -> int:
     """Say one sentence on stderr, with --json also as a document on stdout; returns the exit code."""
-    complain(message)
+    told, entry = error_told(error, message, arguments)
+    complain(told)
     if "--json" in arguments:
-        tell(json.dumps({"error": error_document(error, message)}, allow_nan=False))
+        tell(json.dumps({"error": entry}, allow_nan=False))
     return code
 
 
@@ -82,13 +90,18 @@ def _unexpected(error: Exception) -> str:
     )
 
 
-def error_document(error: BaseException, message: str) -> dict[str, Any]:
-    """Return an error for JSON: its kind, the sentence, and the numbers that it carries."""
-    document: dict[str, Any] = {"kind": type(error).__name__.lstrip("_"), "message": message}
+def error_told(error: BaseException, message: str, arguments: Sequence[str]) -> tuple[str, dict[str, Any]]:
+    """Return the line about an error, with what to try, and the same for JSON with the numbers it carries."""
+    instead = advised(error, arguments)
+    advice = "" if instead is None else f"; {TRY}{instead}"
+    line = one_line(message, most=MAX_MESSAGE_LENGTH - len(advice)) + advice
+    document: dict[str, Any] = {"kind": type(error).__name__.lstrip("_"), "message": line}
+    if instead is not None:
+        document["try"] = instead
     for key in ("time", "s", "wrench", "joint", "residual", "platform"):
         value = getattr(error, key, None)
         if (isinstance(value, float) and np.isfinite(value)) or isinstance(value, str):
             document[key] = value
         elif isinstance(value, np.ndarray):
             document[key] = value.tolist()
-    return document
+    return line, document

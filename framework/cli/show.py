@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> Report:
     from framework.show.page import film_page, hand_page
 
     if options.html is not None and options.picture is not None:
-        raise InvalidInput("--picture: give either --picture or --html")
+        raise InvalidInput("--picture: give either --picture or --html").advising({"picture": None})
     films = _films(options)
     if options.picture is not None:
         from framework.show.moving import film_picture

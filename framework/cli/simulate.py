@@ -96,7 +96,7 @@ def _sensors(options: argparse.Namespace) -> Sensors | None:
     if options.sensors is None:
         return None
     if options.out is None:
-        raise InvalidInput("--sensors: writes sensors.csv into a folder; give --out")
+        raise InvalidInput("--sensors: writes sensors.csv into a folder; give --out").advising({"out": "run"})
     values = {}
     for word in options.sensors:
         name, _, text = word.partition("=")

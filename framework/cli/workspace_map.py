@@ -123,7 +123,9 @@ def run(options: argparse.Namespace) -> Report:
     if options.study:
         return report_design_study(options)
     if options.table is not None:
-        raise InvalidInput("--table: is read with --study only; add it, or leave --table out")
+        raise InvalidInput("--table: is read with --study only; add it, or leave --table out").advising(
+            {"study": True}
+        )
     robot = arguments.load(options)
     if options.keep_limits:
         check_reference(robot)

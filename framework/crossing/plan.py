@@ -17,13 +17,13 @@ from framework.crossing.optimal.optimal_motion import optimal_motion
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.options import takes_options
 from framework.crossing.polynomial import polynomial_at_rest, polynomial_motion
-from framework.crossing.refusals.explanation import check_limits, explained
+from framework.crossing.refusals.explanation import check_limits, explained, with_remedy
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan, Optimality, certified_plan
 from framework.crossing.specification import specification_of
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import rigid_crossings
-from framework.errors import NoAnswer, NoLaw, NotConverged, UncontrolledMotions
+from framework.errors import NoAnswer, NoLaw, NotConverged, UnboundedTorque, UncontrolledMotions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law
 from framework.motion.path import Path
@@ -88,6 +88,8 @@ def plan_request(
         raise
     except NoLaw as refusal:
         raise explained(refusal, work.to_cross.searched, request) from None
+    except UnboundedTorque as pole:
+        raise with_remedy(pole, work.to_cross.searched, request) from None
     check_limits(plan)
     return plan
 

@@ -14,6 +14,7 @@ from framework.crossing.condition import (
     effective,
 )
 from framework.crossing.crossing_points import PathToCross
+from framework.crossing.refusals.remedies import OPTIMAL_LAW
 from framework.crossing.refusals.turning_back import check_advance
 from framework.crossing.refusals.uncrossable_points import check_one_condition_each
 from framework.crossing.request import Request
@@ -127,7 +128,7 @@ def _law(
         )
         if request.times is None:
             raise NoLaw(f"{name}: {why}") from None
-        raise InvalidInput(f"times: {why}; {OF_A_SCENE}") from None
+        raise InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW) from None
 
 
 def _inner(
@@ -154,7 +155,7 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
             raise InvalidInput(
                 f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
                 f"{OF_A_SCENE}"
-            )
+            ).advising(OPTIMAL_LAW)
     crossings = _at_rest(to_cross)
 
     def advance(crossing_times: Sequence[CrossingTime]) -> float:

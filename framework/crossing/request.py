@@ -71,7 +71,7 @@ class Request(PlanOptions):
         if self._bounded and self.law == "polynomial":
             raise InvalidInput(
                 "optimize, longest, limits and margin are for the optimal law, not the polynomial"
-            )
+            ).advising({"law": None})
         if self.kind == "optimal":
             self._check_optimal()
         elif self.duration is None:
@@ -141,11 +141,17 @@ class Request(PlanOptions):
 
     def _check_optimal(self) -> None:
         if self.times is not None:
-            raise InvalidInput("times: belong to the polynomial; the optimal law finds its own")
+            raise InvalidInput("times: belong to the polynomial; the optimal law finds its own").advising(
+                {"times": None, "speeds": None}
+            )
         if self.longest is not None and self.duration is not None:
-            raise InvalidInput("longest: bounds a duration that is open; give either, not both")
+            raise InvalidInput("longest: bounds a duration that is open; give either, not both").advising(
+                {"duration": None}
+            )
         if self.goal == "time" and self.duration is not None:
-            raise InvalidInput("duration: with optimize time it is found; give longest to bound it")
+            raise InvalidInput("duration: with optimize time it is found; give longest to bound it").advising(
+                {"duration": None}
+            )
         if self.goal != "time" and self.duration is None and self.longest is None:
             raise InvalidInput(
                 f"duration: optimize {self.goal} needs one, or longest: without, slower is always better"
@@ -153,7 +159,7 @@ class Request(PlanOptions):
         if self.smoothness > HIGHEST_SMOOTHNESS:
             raise InvalidInput(
                 f"smoothness: got {self.smoothness}, the optimal law has at most {HIGHEST_SMOOTHNESS}"
-            )
+            ).advising({"smoothness": HIGHEST_SMOOTHNESS})
 
 
 def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
@@ -172,5 +178,5 @@ def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
             f"smoothness: got {smoothness}, valid: {least} .. {MAX_SMOOTHNESS} (the torque of a "
             f"{robot.flexibility} robot contains derivatives of s up to order {least} at least; fewer zeros "
             f"make it jump there)"
-        )
+        ).advising({"smoothness": None})
     return int(smoothness)

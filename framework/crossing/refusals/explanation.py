@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from framework.crossing.durations import optimal_durations, polynomial_durations
 from framework.crossing.feasibility import feasibility_on_path
+from framework.crossing.refusals.remedies import remedy_of
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
-from framework.errors import LimitsExceeded, NoLaw
+from framework.errors import LimitsExceeded, NoLaw, UnboundedTorque
 from framework.singularity.points_on_path import SearchedPath
 
 
@@ -25,7 +26,14 @@ def explained(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw
     optimal = None if request.may_be_optimal else optimal_durations(searched, request)
     if optimal is not None:
         sentences.append(optimal.sentence)
-    return NoLaw("; ".join(sentences), proof=refusal.proof)
+    remedy = remedy_of(refusal, searched.branch.robot, request, optimal)
+    return NoLaw("; ".join(sentences), proof=refusal.proof).advising(remedy)
+
+
+def with_remedy(pole: UnboundedTorque, searched: SearchedPath, request: Request) -> UnboundedTorque:
+    """Return the refusal of a law without condition (8), with what to ask for instead."""
+    optimal = None if request.may_be_optimal else optimal_durations(searched, request)
+    return pole.advising(remedy_of(pole, searched.branch.robot, request, optimal))
 
 
 def check_limits(plan: CrossingPlan) -> None:

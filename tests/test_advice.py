@@ -1,0 +1,197 @@
+"""What to try after a refusal: the error carries it, the command line says it, and it is true."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import shlex
+
+import pytest
+
+import robots
+from framework import plan_scene
+from framework.cli import main
+from framework.cli.commands import COMMANDS
+from framework.crossing.path_modification import plan_request_with_modified_path
+from framework.crossing.scenes import scene_request
+from framework.errors import InvalidInput, NoAnswer, NoLaw, UnboundedTorque
+from framework.kinematics.parallel_robot import ParallelRobot
+
+LINE = "--from 0.1 0.345 --to -0.05 0.195"
+MEANT = [  # a wrong command line, what was meant
+    ("plna five_bar --scene C", "did you mean 'plan'?"),
+    ("Plan five_bar --scene C", "did you mean 'plan'?"),
+    ("robot", "did you mean 'robots'?"),
+    ("plan five_bra --scene C", "did you mean 'five_bar'?"),
+    ("plan FIVE_BAR --scene C", "did you mean 'five_bar'?"),
+    ("check humanoid", "did you mean 'humanoid_ankle' or 'humanoid_knee'?"),
+    ("plan five_bar --scene c", "did you mean 'C'?"),
+    ("plan delta --scene crss", "did you mean 'cross'?"),
+    ("plan five_bar C", "did you mean --scene C?"),
+    ("plan five_bar --scen C", "did you mean --scene?"),
+    ("plan five_bar --scene C --torque_limit 1", "did you mean --torque-limit?"),
+    ("plan five_bar --scene C --optimise time", "did you mean --optimize?"),
+    ("plan five_bar --scene C --law optimum", "did you mean 'optimal'?"),
+    ("plan five_bar --scene C --flexibility joints", "did you mean 'flexible_joints'?"),
+    ("plan five_bar --scene C --optimize torque", "did you mean 'peak_torque'?"),
+    ("map five_bar --quantity conditionning", "did you mean 'conditioning'?"),
+    ("export five_bar --to mjfc --out a.xml", "did you mean 'mjcf'?"),
+    ("robustness five_bar --scene C --controller lqrr", "did you mean 'lqr'?"),
+    ("simulate five_bar --scene C --method explicite", "did you mean 'explicit'?"),
+    ("plan five_bar --scene C --wrench-on left_tp 0 0 0 0 0 0", "did you mean 'left_tip'?"),
+    ("calibrate five_bar none.csv --noise motor_angel=1", "did you mean 'motor_angle'?"),
+]
+TRIED = [  # a wrong command line, its exit code, what to try
+    ("plan five_bar", 2, "plan five_bar --scene A"),
+    ("plan --scene C", 2, "plan five_bar --scene C --out crossing_C"),
+    ("pose", 2, "pose five_bar --motors 1.2 1.9"),
+    ("pose five_bar", 2, "pose five_bar --motors 1.27186 1.08362"),
+    ("help plan", 2, "plan --help"),
+    ("--json check five_bar", 2, "check five_bar --json"),
+    (f"plan five_bar {LINE}", 2, f"plan five_bar {LINE} --duration 1"),
+    (f"plan five_bar --scene A {LINE}", 2, "plan five_bar --scene A"),
+    ("plan five_bar --scene C --duration 0.3", 2, "plan five_bar --scene C --duration 0.3 --law optimal"),
+    ("plan five_bar --scene C --law optimal --times 1", 2, "plan five_bar --scene C --law optimal"),
+    ("plan five_bar --scene C --smoothness 1", 2, "plan five_bar --scene C"),
+    ("plan five_bar --scene C --bend --raw", 2, "plan five_bar --scene C --bend"),
+    ("simulate five_bar --scene A --sensors", 2, "simulate five_bar --scene A --sensors --out run"),
+    ("export five_bar --to mjcf --out a.txt", 2, "export five_bar --to mjcf --out a.xml"),
+    ("plan five_bar --scene B", 1, "plan five_bar --scene B --law optimal"),
+    (
+        "simulate five_bar --scene B --method stiff",
+        1,
+        "simulate five_bar --scene B --method stiff --law optimal",
+    ),
+    (
+        "plan --law polynomial five_bar --scene C --times 0.1",
+        1,
+        "plan five_bar --scene C --law optimal",
+    ),  # a motion that runs back
+    ("plan five_bar --scene C --law optimal --torque-limit=0.01", 1, None),  # a duration
+    ("pose five_bar --motors 1.27 4.5", 1, "pose five_bar --motors 1.27 4.5 --all"),
+]
+
+
+def run(capsys, line: str, *more: str) -> tuple[int, str, str]:
+    """The exit code of a command line, its stdout and its stderr."""
+    code = main([*shlex.split(line), *more])
+    return code, *capsys.readouterr()
+
+
+@pytest.mark.parametrize(("line", "hint"), MEANT, ids=[line for line, _ in MEANT])
+def test_a_word_that_is_nearly_right_is_told(capsys, tmp_path, monkeypatch, line, hint):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "none.csv").write_text("motor_angle_left_motor\n0\n")
+    code, out, err = run(capsys, line)
+    assert (code, out) == (2, "")
+    assert hint in err
+    assert err.count("\n") == 1
+    if "argument" in err:
+        name = line.split()[0]
+        assert f"`crossing {name if name in COMMANDS else '--help'}" in err
+
+
+@pytest.mark.parametrize(("line", "code", "expected"), TRIED, ids=[line for line, *_ in TRIED])
+def test_what_is_to_be_tried_ends_otherwise(capsys, tmp_path, monkeypatch, line, code, expected):
+    monkeypatch.chdir(tmp_path)
+    got, out, err = run(capsys, line)
+    assert (got, out if "--json" not in line else "") == (code, "")
+    assert err.count("\n") == 1
+    instead = err.strip().split("; try: crossing ")[1]
+    assert expected is None or instead == expected
+    monkeypatch.setattr("framework.show.plots.save_figures", lambda *_: None)
+    if "--help" in instead:
+        with pytest.raises(SystemExit) as ended:
+            main(shlex.split(instead))
+        assert ended.value.code == 0
+    else:
+        assert run(capsys, instead)[0] == 0
+
+
+def test_json_has_what_to_try(capsys):
+    code, out, err = run(capsys, "plan five_bar --scene B", "--json")
+    error = json.loads(out)["error"]
+    assert (code, error["try"]) == (1, "crossing plan five_bar --scene B --law optimal")
+    assert err == f"crossing: {error['message']}\n"
+
+
+def test_advice_in_a_terminal_stands_on_a_line_of_its_own(capsys, monkeypatch):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "dumb")
+    monkeypatch.setenv("COLUMNS", "80")
+    _, _, err = run(capsys, "plan five_bar --scene B")
+    *why, advice = err.splitlines()
+    assert advice == "  try: crossing plan five_bar --scene B --law optimal"
+    assert max(map(len, why)) <= 80
+
+
+def test_an_error_with_a_remedy_can_be_pickled():
+    with pytest.raises(UnboundedTorque) as caught:
+        plan_scene(robots.load("five_bar"), "B")
+    assert caught.value.remedy == {"law": "optimal", "times": None, "speeds": None}
+    assert pickle.loads(pickle.dumps(caught.value)).remedy == caught.value.remedy
+
+
+# ------------------------------------------------------------------ over the catalogue
+
+
+def asked(duration: float, peak: float) -> list[dict]:
+    """Options of a plan, many of which are refused; `peak` is the least peak torque in the duration."""
+    free = {"times": None, "speeds": None}
+    return [
+        {},
+        {"law": "polynomial"},
+        {"law": "polynomial", "duration": 5 * duration, **free},
+        {"times": []},
+        {"times": [0.1 * duration]},
+        {"torque_limit": 0.7 * peak, "duration": duration},
+        {"torque_limit": 0.3 * peak, "duration": 0.5 * duration},
+    ]
+
+
+def planned(robot: ParallelRobot, scene: str, options: dict) -> None:
+    """Plan a scene, on a bent path where that is asked for."""
+    options = dict(options)
+    bend = options.pop("bend", None)
+    request = scene_request(robot, scene, **options)
+    if bend:
+        plan_request_with_modified_path(robot, request)
+    else:
+        plan_scene(robot, scene, **options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", robots.CATALOGUE)
+def test_remedies_are_true_and_advise_no_law_that_was_tried(name):
+    robot = robots.load(name)
+    refused, advised = 0, 0
+    for scene, described in robot.description.scenes.items():
+        try:
+            best = plan_scene(robot, scene, law="optimal", times=None, speeds=None)
+        except NoAnswer:  # C-printed imposes a point that is not singular
+            continue
+        for options in asked(described.duration, max(best.peak_torque.values())):
+            try:
+                plan_scene(robot, scene, **options)
+            except InvalidInput:  # a number of times that the path has no crossings for
+                continue
+            except NoAnswer as refusal:
+                refused += 1
+                if refusal.remedy is None:
+                    continue
+                advised += 1
+                if refusal.remedy.get("law") == "optimal":
+                    assert scene_request(robot, scene, **options).kind == "polynomial"
+                planned(robot, scene, options | dict(refusal.remedy))
+    assert advised or not refused
+
+
+def test_limits_that_are_too_low_are_answered_with_the_duration_that_keeps_them():
+    robot = robots.load("five_bar")
+    with pytest.raises(NoLaw) as caught:
+        plan_scene(robot, "C", law="optimal", torque_limit=0.01)
+    ((name, value),) = caught.value.remedy.items()
+    assert name == "duration"
+    assert plan_scene(robot, "C", law="optimal", torque_limit=0.01, duration=value).duration == value
+    with pytest.raises(NoLaw):
+        plan_scene(robot, "C", law="optimal", torque_limit=0.01, duration=0.97 * value)
