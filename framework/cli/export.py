@@ -22,7 +22,7 @@ from framework.cli.parser import (
 from framework.crossing.options import MOTION
 from framework.crossing.restored import is_plan_folder
 from framework.crossing.scenes import scene, scene_path
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, NoAnswer
 from framework.export.joint_trajectory import (
     DEFAULT_SAMPLES,
     SAMPLE_RANGE,
@@ -134,5 +134,9 @@ def _lesson(options: argparse.Namespace) -> tuple[ParallelRobot, str]:
     asked = scene(robot, options.scene)
     if asked.wrenches is not None:
         raise InvalidInput(f"--scene {asked.name} has wrenches of the world, which a lesson does not have")
-    page = lesson_page(robot, scene_path(asked), duration=asked.duration, name=f"Scene {asked.name}")
+    try:
+        page = lesson_page(robot, scene_path(asked), duration=asked.duration, name=f"Scene {asked.name}")
+    except NoAnswer as error:
+        error.args = (f"--scene {asked.name}: {error}",)
+        raise
     return robot, page

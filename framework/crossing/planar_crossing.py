@@ -21,14 +21,15 @@ from framework.crossing.plan import plan_crossing
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.forces import inertial_forces, static_forces
 from framework.dynamics.platform_wrench import motor_speeds
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, NoAnswer
 from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.optimal_law import Smoothstep
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
-from framework.singularity.type2 import sign_along, singularity_measure, unit_twist
+from framework.singularity.type2 import SingularityMeasure, sign_along, singularity_measure, unit_twist
 
 UPRIGHT_GRAVITY = 9.81  # [m/s^2] as robot files have it by default
 PATH_SMOOTHNESS = 2  # derivatives of s that vanish at both ends of the best laws
@@ -69,11 +70,10 @@ class PlanarCrossing(NamedTuple):
         """Compute all at places s (M,), ascending, none of them the crossing itself."""
         robot, branch = self.robots["off"], self.searched.branch
         closed = branch.closed(s)
-        measure = singularity_measure(robot, closed.linearised)
-        twist = np.einsum("tnv,tv->tn", closed.linearised.platform, measure.motion)
+        measure, twist = _measured(robot, closed)
         nearest = int(np.argmin(np.abs(measure.g)))
-        size = unit_twist(robot, twist[nearest])
-        size *= sign_along(twist[nearest], branch.path(s, 1)[nearest])
+        _, twist_there = _measured(robot, branch.closed(np.array([self.point.s])))
+        size = unit_twist(robot, twist_there[0]) * sign_along(twist[nearest], branch.path(s, 1)[nearest])
         speeds = motor_speeds(robot, closed.linearised)[0]
         step = STEP_ASIDE * robot.length
         aside = [
@@ -107,6 +107,12 @@ class PlanarCrossing(NamedTuple):
         )
 
 
+def _measured(robot: ParallelRobot, closed: ClosedStack) -> tuple[SingularityMeasure, Array]:
+    """Return the measure of singularity, and the twist (M, n) of its motion."""
+    measure = singularity_measure(robot, closed.linearised)
+    return measure, np.einsum("tnv,tv->tn", closed.linearised.platform, measure.motion)
+
+
 def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: Array) -> PlanarCrossing:
     """Search the path, and find the best laws with gravity off and on.
 
@@ -117,7 +123,8 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
         upwards: (3,) against gravity, where it is on.
 
     Raises:
-        InvalidInput: the robot or the path is none of these.
+        InvalidInput: the robot is not of this kind.
+        NoAnswer: the path does not cross the singular locus once.
         As `plan_crossing` with law "optimal".
     """
     needed = {
@@ -129,17 +136,13 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
     }
     missing = [reason for reason, holds in needed.items() if not holds]
     if missing:
-        raise InvalidInput(f"{robot.name}: a lesson needs {', '.join(missing)}")
+        raise InvalidInput(f"{robot.name}, {robot.flexibility}: a lesson needs {', '.join(missing)}")
     searched = search_path(robot, path)
-    if any(point.contact == "tangential" for point in searched.points):
-        raise InvalidInput(
-            f"{robot.name}: a lesson needs a path that crosses the singular locus, this one touches it at "
-            f"s = {searched.points[0].s:.6g}"
-        )
-    if len(searched.points) != 1:
-        raise InvalidInput(
-            f"{robot.name}: a lesson needs a path that crosses the singular locus once, this one meets it "
-            f"{len(searched.points)} times"
+    if [point.contact for point in searched.points] != ["transversal"]:
+        met = [f"at s = {point.s:.6g} ({point.contact})" for point in searched.points]
+        raise NoAnswer(
+            f"{robot.name}: a lesson needs a path that crosses the singular locus once (transversal); this "
+            f"one meets it {', '.join(met) or 'nowhere'}"
         )
     robots = {key: _weighed(robot, -size * upwards) for key, size in (("off", 0.0), ("on", UPRIGHT_GRAVITY))}
     options: dict[str, Any] = {"law": "optimal", "optimize": "peak_torque", "smoothness": PATH_SMOOTHNESS}

@@ -14,7 +14,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.crossing.planar_crossing import PATH_SMOOTHNESS, STEP_ASIDE, PlanarCrossing, planar_crossing
 from framework.crossing.result import CrossingPlan
-from framework.errors import InvalidInput
+from framework.errors import NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, rotated
 from framework.locus.drawn_locus import locus_curves
@@ -40,7 +40,7 @@ def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str 
         name: what stands beside the robot's name, such as Scene C.
 
     Raises:
-        InvalidInput: the path comes too near another singularity for series.
+        NoAnswer: the path comes too near another singularity for series.
         As `planar_crossing`.
     """
     sight = robot_sight(robot)
@@ -92,9 +92,7 @@ def _series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
         series = {key: coefficients(values.reshape(count, -1)) for key, values in columns.items()}
         if max(map(tail, series.values())) < SERIES_TAIL:
             return series
-    raise InvalidInput(
-        f"{crossing.robots['off'].name}: the path is too near another singularity for a lesson"
-    )
+    raise NoAnswer(f"{crossing.robots['off'].name}: the path is too near another singularity for a lesson")
 
 
 def _columns(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, Array]:

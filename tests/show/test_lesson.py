@@ -13,7 +13,8 @@ import pytest
 from numpy.polynomial.chebyshev import chebval
 
 import robots
-from framework import InvalidInput, Line, ParallelRobot, dynamics_at
+from framework import InvalidInput, Line, NoAnswer, ParallelRobot, dynamics_at
+from framework.cli import main
 from framework.crossing.planar_crossing import PATH_SMOOTHNESS
 from framework.crossing.scenes import scene, scene_path
 from framework.show.lesson import lesson_page
@@ -87,5 +88,24 @@ def test_whom_a_lesson_is_not_for_is_told_what_it_needs():
     three_rrr = robots.load("three_rrr")
     with pytest.raises(InvalidInput, match="two translations"):
         lesson_page(three_rrr, scene_path(scene(three_rrr, "crossing")), duration=1.0)
-    with pytest.raises(InvalidInput, match="crosses the singular locus once, this one meets it 0 times"):
+    with pytest.raises(NoAnswer, match=r"crosses the singular locus once .*this one meets it nowhere"):
         lesson_page(robots.load("five_bar"), Line([0.1, 0.345], [0.05, 0.345]), duration=1.0)
+    with pytest.raises(NoAnswer, match=r"meets it at s = 0\.\d+ \(transversal\), at s = 0\.\d+ \(transv"):
+        lesson_page(robots.load("five_bar"), Line([0.0, 0.345], [0.0, -0.15]), duration=1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["five_bar", "--scene", "A"], 1, "--scene A: five_bar: a lesson needs a path that crosses"),
+        (["five_bar", "--scene", "Z"], 2, "unknown scene 'Z'"),
+        (["three_rrr", "--scene", "crossing"], 2, "three_rrr, rigid: a lesson needs a platform with two"),
+    ],
+)
+def test_no_lesson_is_an_answer_of_the_path_and_bad_input_of_the_robot(
+    tmp_path, capsys, arguments, code, said
+):
+    file = tmp_path / "lesson.html"
+    assert main(["export", *arguments, "--to", "lesson", "--out", str(file)]) == code
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert not file.exists()

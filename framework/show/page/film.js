@@ -23,7 +23,8 @@ class Film {
     section.innerHTML = `<h2>${plain(content.title)} ${badge} <span class="subtitle">${symbols(content.subtitle)}</span></h2>
       <div class="inside"><div class="left"><div class="legend"></div><div class="view"></div><div class="now"></div><div class="unseen" role="status"></div></div><div class="side"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
-    this.view.name(`${content.robot.replace(/_/g, " ")}, ${content.title}: ${content.subtitle}`);
+    section.setAttribute("aria-label", content.title || content.robot);
+    this.view.name(`${content.robot}, ${content.title}: ${content.subtitle}`);
     this.live = section.querySelector(".unseen");
     this.furnish();
     this.caption = section.querySelector(".now");
@@ -202,7 +203,7 @@ class Film {
     this.shown = at;
     if (this.told !== text.split("</b>")[0]) { // not each number anew
       this.told = text.split("</b>")[0];
-      this.live.textContent = this.caption.innerText;
+      this.live.innerHTML = text.replace(/<sub>/g, " <sub>"); // t s, not ts
     }
     view.viewer.set_dirty();
   }

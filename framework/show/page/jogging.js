@@ -6,7 +6,7 @@ class Hand {
     section.innerHTML = `<h2>${plain(content.robot).replace(/_/g, " ")}, moved by hand <span class="subtitle">${plain(content.about)}</span></h2>
       <div class="inside"><div class="left"><div class="legend"></div><div class="view"></div><div class="now" role="status"></div></div><div class="side sliders"></div></div>`;
     this.view = new View(section.querySelector(".view"), content);
-    this.view.name(`${content.robot.replace(/_/g, " ")}, moved by hand`);
+    this.view.name(`${content.robot}, moved by hand`);
     this.now = section.querySelector(".now");
     this.side = section.querySelector(".side");
     const L = content.length;

@@ -210,7 +210,10 @@ function bendTo(k, wanted) {
   }
   update();
 }
+// A finger on it does not scroll the page; browsers do not heed touch-action on a circle.
+const holdFinger = (element, isHeld) => element.addEventListener("touchstart", (event) => { if (isHeld()) event.preventDefault(); }, { passive: false });
 handles.forEach((knob, k) => {
+  holdFinger(knob, () => true);
   knob.addEventListener("pointerdown", (event) => {
     event.preventDefault();
     knob.focus({ preventScroll: true });
@@ -294,6 +297,7 @@ function push(way) {
   state.push = way.map((value) => value * 0.15 * data.length);
   drawRobot();
 }
+holdFinger(knob, () => state.step === 0);
 knob.addEventListener("pointerdown", (event) => {
   if (state.step) return;
   event.preventDefault();
@@ -383,4 +387,4 @@ STEPS.forEach(([title], k) => {
 });
 onNewWidth(update);
 choose(0);
-window.crossing = { lesson: { torques, power, along, state, choose, update, bendTo, curves: () => now } };
+window.crossing = { lesson: { data, torques, power, reach, along, state, choose, update, bendTo, curves: () => now } };

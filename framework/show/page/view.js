@@ -88,7 +88,7 @@ class View {
   name(text) {
     const canvas = this.pane.querySelector("canvas");
     canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", text);
+    canvas.setAttribute("aria-label", text.replace(/_/g, " "));
   }
 
   zoom(factor) {
@@ -200,6 +200,7 @@ class View {
   label(html, color, place, aside = () => [0, 0], leader = false) {
     const element = this.element.appendChild(document.createElement("div"));
     element.className = "label";
+    element.setAttribute("aria-hidden", "true"); // the curves and the caption say it
     element.style.color = color;
     element.innerHTML = html;
     const line = leader ? this.element.appendChild(document.createElement("div")) : null;
