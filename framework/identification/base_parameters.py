@@ -30,11 +30,13 @@ ROWS_PER_PARAMETER = 1.5  # of a set
 class BaseParameters(ReadOnlyArrays):
     """The base parameters of a robot on its closed loops, by name.
 
-    rank: how many there are; gap: the last singular value that counts over the first that does not, of the
-        random set of instants that has the least.
-    names: of the base parameters, each a combination of `parameters`.
-    without_effect: parameters that no torque depends on.
-    left_out: links without mass in the file, whose parameters are not asked for.
+    Attributes:
+        rank: how many there are.
+        gap: the last singular value that counts over the first that does not, of the random set of instants
+            that has the least.
+        names: of the base parameters, each a combination of `parameters`.
+        without_effect: parameters that no torque depends on.
+        left_out: links without mass in the file, whose parameters are not asked for.
     """
 
     robot: ParallelRobot

@@ -46,14 +46,16 @@ MIN_RESPONSE = 1e-6  # of a measurement to a direction, over its largest motion 
 class Calibration(ReadOnlyArrays):
     """A calibrated geometry with what proves it: poses that were held out.
 
-    values, deviations: (p,) of `geometry.names` [m, rad], about the file's, with standard deviations.
-    combinations: what the data determine of them; unseen directions keep the prior.
-    error_before, error_after: (m,) by column of `measured`, root mean square at instants held out, of what
-        the motors' angles predict; zero for the motors themselves.
-    noise: residual over the noise that was assumed; deviations are scaled by it. It is 1, the noise assumed,
-        where the data are too few to show it. Else deviations are widened, as Student's t is for an estimated
-        noise: three of them hold what three of a known noise do.
-    degrees_of_freedom: equations less the parameters that they determine; noise is estimated from 1 upwards.
+    Attributes:
+        values, deviations: (p,) of `geometry.names` [m, rad], about the file's, with standard deviations.
+        combinations: what the data determine of them; unseen directions keep the prior.
+        error_before, error_after: (m,) by column of `measured`, root mean square at instants held out, of
+            what the motors' angles predict; zero for the motors themselves.
+        noise: residual over the noise that was assumed; deviations are scaled by it. It is 1, the noise
+            assumed, where the data are too few to show it. Else deviations are widened, as Student's t is for
+            an estimated noise: three of them hold what three of a known noise do.
+        degrees_of_freedom: equations less the parameters that they determine; noise is estimated from 1
+            upwards.
     """
 
     robot: ParallelRobot

@@ -46,12 +46,14 @@ class Rows(NamedTuple):
 class Identification(ReadOnlyArrays):
     """Identified parameters, with what proves them: torques of instants that were held out.
 
-    base: the base parameters of the robot; values and deviations (rank,) identified, with their standard
-        deviations, infinite where these data do not show one.
-    parameters: (p,) of `base.parameters`: bodies that can exist, nearest to the file's; links and
-        link_values: the same of single links.
-    error_before, error_after: (n_a,) of motor torques held out, by the file and by `parameters`, root mean
-        square over that of the measured torques; NaN where all of them are at Type 2.
+    Attributes:
+        base: the base parameters of the robot.
+        values, deviations: (rank,) identified, with their standard deviations, infinite where these data do
+            not show one.
+        parameters: (p,) of `base.parameters`: bodies that can exist, nearest to the file's.
+        links, link_values: the same of single links.
+        error_before, error_after: (n_a,) of motor torques held out, by the file and by `parameters`, root
+            mean square over that of the measured torques; NaN where all of them are at Type 2.
     """
 
     robot: ParallelRobot

@@ -45,9 +45,10 @@ class PoseSlopes(ReadOnlyArrays):
 class KinematicDerivatives(ReadOnlyArrays):
     """Derivatives at one pose, idle joints held.
 
-    motors: along the motors' joints, joint side of the gears; deflections held.
-    springs: along the deflections q_e; motors held.
-    q_a: (n_a, n_e) of the motors' joints along the deflections, with the platform held.
+    Attributes:
+        motors: along the motors' joints, joint side of the gears; deflections held.
+        springs: along the deflections q_e; motors held.
+        q_a: (n_a, n_e) of the motors' joints along the deflections, with the platform held.
     """
 
     motors: PoseSlopes

@@ -24,15 +24,16 @@ from framework.tolerances import FILE_ROUNDING
 class Simulation(ReadOnlyArrays):
     """A simulated motion and the numbers by which it proves itself.
 
-    tracking_error: largest distance of the platform from the planned path at the same instant [m]; of a
-        platform that only turns, the largest angle [rad]. None when nothing was planned.
-    turning_error: largest turn from the planned one, of a platform that moves and turns [rad].
-    closure_error: largest loop equation at `times` and at the ends of all steps [m or rad], of all that the
-        robot has, redundant ones too.
-    energy_error: change of kinetic, elastic and gravitational energy less the work of motors and damping,
-        the largest of all steps, over the energy exchanged.
-    unresolved: largest part of the motion that a step leaves out, estimated [rad, robot lengths], above the
-        tolerance only where the loops lose rank in passing; of method fast, of all steps together.
+    Attributes:
+        tracking_error: largest distance of the platform from the planned path at the same instant [m]; of a
+            platform that only turns, the largest angle [rad]. None when nothing was planned.
+        turning_error: largest turn from the planned one, of a platform that moves and turns [rad].
+        closure_error: largest loop equation at `times` and at the ends of all steps [m or rad], of all that
+            the robot has, redundant ones too.
+        energy_error: change of kinetic, elastic and gravitational energy less the work of motors and damping,
+            the largest of all steps, over the energy exchanged.
+        unresolved: largest part of the motion that a step leaves out, estimated [rad, robot lengths], above
+            the tolerance only where the loops lose rank in passing; of method fast, of all steps together.
     """
 
     robot: ParallelRobot
