@@ -94,24 +94,24 @@ def crossing_point(
     bent[:, robot.elastic] = deflection.value
     before: tuple[Array, ClosedStack] | None = None
 
-    def closed(s: Array) -> ClosedStack:
-        """Close the loops on the path with the deflections, at s (T,), from the last solution's tangent."""
+    def guess(s: Array) -> Array:
+        """Return configurations near those on the path with the deflections, by the last ones' tangent."""
         if before is None:
-            guess = integrate(robot, branch.guess(s), np.repeat(bent, len(s), axis=0))
-        else:
-            singular, last = before
-            tangent = difference(robot, last.q[0], last.q[2:]) / (singular[2] - singular[0])
-            guess = integrate(robot, last.q[1], (s - singular[1])[:, None] * tangent)
-        return close_loops(robot, branch.path(s), guess)
+            return integrate(robot, branch.guess(s), np.repeat(bent, len(s), axis=0))
+        known, last = before
+        tangent = difference(robot, last.q[0], last.q[2:]) / (known[2] - known[0])
+        return integrate(robot, last.q[1], (s - known[1])[:, None] * tangent)
 
     def passive(s: Array) -> Array:
         nonlocal before
-        before = s, closed(s)
+        before = s, close_loops(robot, branch.path(s), guess(s))
         return type2_matrix(robot, before[1].linearised)
 
     root = root_of_g(passive, near)
-    if root.converged:
-        there = closed(np.array([root.place]))
+    if root.converged:  # by a last step along the tangent so small that loops stay closed
+        s = np.array([root.place])
+        q, x = guess(s), branch.path(s)
+        there = ClosedStack(q, x, linearised_at(robot, q, x))
         return _oriented(branch, root.place, there, *least_held(robot, there.linearised), singular.kind)
     raise NoLaw(
         f"{robot.name}: the deflected robot has no singular point near s = {singular.s:.6g}; the deflections "

@@ -160,7 +160,9 @@ def _motor_share(robot: ParallelRobot, matrix: Array, wrench: Array) -> Array:
     if robot.n_a > robot.n:
         arm = robot.platform_scale
         geared = arm[:, None] * matrix * robot.gear_ratio
-        return robot.gear_ratio * np.einsum("tan,tn->ta", np.linalg.pinv(geared), arm * wrench)
+        directions, triangle = np.linalg.qr(geared.swapaxes(1, 2))  # of the torques that hold a wrench
+        shares = solve(triangle.swapaxes(1, 2), arm * wrench)
+        return robot.gear_ratio * np.einsum("tan,tn->ta", directions, shares)
     return solve(matrix, wrench)
 
 

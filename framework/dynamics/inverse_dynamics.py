@@ -184,7 +184,8 @@ def resolve(
             """Whether what the undeformed robot asks for is resolved, or beyond resolution on any grid."""
             if grid.size >= SIZES[-1] or not regular_at_rest:
                 return True
-            return _tails(branch.robot, grid, here) <= tolerance
+            torques = grid.fit(motor_torque(branch.robot, here.motion, here.forces.joint_torque))
+            return _tails(branch.robot, grid, here, torques) <= tolerance
 
         try:
             if known is not None:
@@ -244,8 +245,8 @@ def resolve(
             check_crossings(branch.robot, state, geometry, crossings)
             held = check_idle_joints(branch, state, result)
             certificate = replace(result.certificate, max_held_torque=held)
-            result = replace(result, crossings=crossings, certificate=certificate)
-            return replace(result, friction=_planned_friction(result, friction))
+            planned = _planned_friction(result, friction)
+            return replace(result, crossings=crossings, certificate=certificate, friction=planned)
     if known is None:  # else a law that is bounded with others
         check_bounded(branch.robot, crossings, pole)
     if state.change > RESOLVABLE_TAIL < enough:
@@ -331,7 +332,7 @@ def _result(
         wrenches=branch.wrenches,
         certificate=Certificate(
             nodes=len(grid.times),
-            tail=_tails(robot, grid, state),
+            tail=_tails(robot, grid, state, torques),
             passes=passes,
             change=state.change,
             max_closure_error=0.0,
@@ -361,9 +362,10 @@ def _tail(function: TimeFunction, rounding: Array) -> float:
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
 
 
-def _tails(robot: ParallelRobot, grid: TimeGrid, here: Pass | DeflectionSolution) -> float:
+def _tails(
+    robot: ParallelRobot, grid: TimeGrid, here: Pass | DeflectionSolution, torques: TimeFunction
+) -> float:
     """The tail of the motors' torques, or of the deflections that the forces cause if that is larger."""
-    torques = grid.fit(motor_torque(robot, here.motion, here.forces.joint_torque))
     return max(
         _tail(torques, _torque_rounding(robot, here.law.duration)),
         _tail(grid.fit(here.caused), 1e-14 * robot.column_scale[robot.elastic]),

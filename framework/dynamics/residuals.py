@@ -25,11 +25,13 @@ from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics
 from framework.errors import LoadedJoint, NotAssembled
 from framework.kinematics.continuation.tracking import Branch
+from framework.kinematics.frames import integrate
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import rounded_gap
 from framework.kinematics.tree_model import is_ball
+from framework.motion.chebyshev import evaluate_together
 from framework.motion.law import orders_of
 from framework.motion.path import along
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
@@ -147,11 +149,7 @@ def _instants(robot: ParallelRobot, nodes: Array) -> Array:
 
 def planned_pose(result: InverseDynamics, times: Array) -> ClosedStack:
     """Evaluate the coordinates as functions of time, nothing solved."""
-    return _pose(result, times, result.platform(times))
-
-
-def _pose(result: InverseDynamics, times: Array, x: Array) -> ClosedStack:
-    q = result.configuration(times)
+    q, x = result.configuration(times), result.platform(times)
     return ClosedStack(q, x, linearised_at(result.robot, q, x))
 
 
@@ -162,11 +160,13 @@ def checked_motion(branch: Branch, result: InverseDynamics, times: Array) -> tup
     """
     robot, s = branch.robot, orders_of(result.law, times)
     x, dx, ddx = along(branch.path, s)
-    closed = _pose(result, times, x)
+    offsets, *rates = evaluate_together((result.offsets, *result.deflection_rates), times)
+    q = integrate(robot, result.origin, offsets)
+    closed = ClosedStack(q, x, linearised_at(robot, q, x))
     if robot.n_e and result.geometry == "rigid":
         motion = motion_at(robot, branch.closed(s[0]), dx, ddx)
     else:
-        motion = motion_at(robot, closed, dx, ddx, *(result.deflection(times, order) for order in (1, 2)))
+        motion = motion_at(robot, closed, dx, ddx, *rates)
     return closed, branch.loaded(motion, s[0])
 
 
@@ -177,8 +177,7 @@ def _joint_torques(state: DeflectionSolution, times: Array) -> Array:
 
 def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: Array) -> None:
     """Raise NotAssembled if a loop equation (T, rows) that is not among the independent ones is open."""
-    scale = robot.row_lengths
-    dropped = np.setdiff1d(np.arange(len(scale)), robot.structure.independent)
+    scale, dropped = robot.row_lengths, robot.structure.dropped
     if not len(dropped):
         return
     instant, k = divmod(int(np.argmax(np.abs(residual[:, dropped]) / scale[dropped])), len(dropped))
@@ -209,6 +208,7 @@ def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Ar
     residual[:, columns] = np.einsum(
         "tn,tnv->tv", multipliers[:, : robot.n], motion.linearised.platform[:, :, columns]
     )
-    loops = np.einsum("tm,tmv->tv", multipliers[:, robot.n :], motion.linearised.closures[:, :, idle])
-    residual[:, idle] = forces[:, idle] - loops
+    if len(idle):
+        loops = np.einsum("tm,tmv->tv", multipliers[:, robot.n :], motion.linearised.closures[:, :, idle])
+        residual[:, idle] = forces[:, idle] - loops
     return residual

@@ -26,7 +26,7 @@ from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 NO_INSTANTS: Array = np.empty(0)
 LAW_ROOT_ROUNDING = 1e-12  # in s, of what a law leaves at its roots
 MAX_POLISHINGS, ROOT_LEFT = 3, 1e-15  # Newton steps to a root of the law, unless so little of s is left
-SAMPLES = 33  # of a motion, for the size of its forces
+SAMPLES = 17  # of a motion, for the size of its forces
 EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing than this is a node too near to it
 
 
@@ -44,8 +44,10 @@ def panel_edges(branch: Branch, law: MotionLaw, clear_of: Array = NO_INSTANTS) -
             narrower = np.diff(ends)[max(k - 1, 0) : k + 1].min()
             if 0 < k < len(ends) - 1 and abs(ends[k] - t) < EDGE_CLEARANCE * narrower:
                 ends[k] = t + 3.0 * EDGE_CLEARANCE * narrower
-    inner = [instants(law, ends, knot) for knot in branch.knots]
-    return np.unique(np.concatenate([ends, *inner])) if inner else ends
+    knots = branch.knots
+    if not len(knots):
+        return ends
+    return np.unique(np.concatenate([ends, *(instants(law, ends, knot) for knot in knots)]))
 
 
 def instants(law: MotionLaw, edges: Array, s: float) -> Array:

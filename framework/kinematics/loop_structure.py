@@ -30,6 +30,7 @@ class LoopStructure(ReadOnlyArrays):
     """The independent rows and idle joints of a mechanism, decided once at its reference."""
 
     independent: IntArray  # (m,) ascending, of the mechanism's `rows`: equations that do not repeat others
+    dropped: IntArray  # (rows - m,) ascending, those that do
     springs_alone: tuple[str, ...]  # names of those that springs can move and joints cannot
     idle: IntArray  # passive joints to hold still because their motion moves nothing
     row_sizes: Array  # (m,) divides the independent equations where rank is judged
@@ -47,6 +48,7 @@ class LoopStructure(ReadOnlyArrays):
         moving = np.setdiff1d(mechanism.joints, idle)
         return LoopStructure(
             independent=independent,
+            dropped=np.setdiff1d(np.arange(len(loops)), independent),
             springs_alone=rows_of_springs_alone(mechanism, independent, matrices),
             idle=idle,
             row_sizes=_row_sizes(loops[independent][:, moving]),

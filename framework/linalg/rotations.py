@@ -60,10 +60,10 @@ def left_jacobian_coefficients(square: Array) -> Array:
     `square` (T,) is t^2. Below one radian by their series, which the closed forms lose to cancellation.
     """
     small = square < 1.0
+    if small.all():
+        return _left_jacobian_series(square)
     t = np.sqrt(np.where(small, 1.0, square))
-    series = np.zeros((*_SERIES.shape[:2], len(square)))
-    for k in range(_SERIES.shape[2] - 1, -1, -1):  # a matrix product would round by the length of the stack
-        series = series * np.where(small, square, 0.0) + _SERIES[:, :, k, None]
+    series = _left_jacobian_series(np.where(small, square, 0.0))
     sine, cosine = np.sin(t), np.cos(t)
     lost_a, lost_b = 1 - cosine, t - sine
     closed = [
@@ -79,3 +79,11 @@ def left_jacobian_coefficients(square: Array) -> Array:
         ],
     ]
     return np.where(small, series, closed)
+
+
+def _left_jacobian_series(square: Array) -> Array:
+    """Compute the same (2, 3, T) by their series."""
+    series = np.zeros((*_SERIES.shape[:2], len(square)))
+    for k in range(_SERIES.shape[2] - 1, -1, -1):  # a matrix product would round by the length of the stack
+        series = series * square + _SERIES[:, :, k, None]
+    return series

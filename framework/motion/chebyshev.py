@@ -10,6 +10,7 @@ Source: Trefethen, Approximation Theory and Approximation Practice, SIAM 2013, c
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -144,6 +145,13 @@ class TimeFunction(ReadOnlyArrays):
         return tail(self.coefficients)
 
 
+def evaluate_together(functions: Sequence[TimeFunction], t: Array) -> list[Array]:
+    """Return the values (T, k) at t (T,) of each of some functions that share their panels and size."""
+    series = np.concatenate([function.coefficients for function in functions], axis=2)
+    ends = np.cumsum([function.coefficients.shape[2] for function in functions[:-1]])
+    return np.split(TimeFunction(functions[0].edges, series)(t), ends, axis=1)
+
+
 @dataclass(frozen=True, eq=False)
 class TimeGrid(ReadOnlyArrays):
     """Chebyshev nodes of `size` points on each panel between `edges` (panels + 1,) [s]."""
@@ -154,10 +162,7 @@ class TimeGrid(ReadOnlyArrays):
     @cached_property
     def times(self) -> Array:
         """All nodes, panel after panel (an inner edge appears twice), shape (panels * size,)."""
-        half = 0.5 * np.diff(self.edges)[:, None]
-        times = self.edges[:-1, None] + half * (nodes(self.size) + 1.0)
-        times[:, -1] = self.edges[1:]
-        return read_only(times.ravel())
+        return read_only(_nodes_between(self.edges, self.size))
 
     def fit(self, values: Array) -> TimeFunction:
         """Return the function through values (panels * size, k) at `times`."""
@@ -209,14 +214,21 @@ class TimeGrid(ReadOnlyArrays):
 
         A node on the very instant of a crossing would divide 0 by 0; a few nodes more always help.
         """
-        best, best_gap = TimeGrid(edges, size), -1.0
-        for candidate in (TimeGrid(edges, size + extra) for extra in range(6)):
-            times = candidate.times
-            gaps = np.abs(times[:, None] - np.asarray(instants)[None, :])
-            gap = float(np.min(gaps, initial=np.inf)) * candidate.size
+        best, best_gap = size, -1.0
+        for candidate in range(size, size + 6) if len(instants) else ():
+            times = _nodes_between(edges, candidate)
+            gap = float(np.abs(times - instants[:, None]).min()) * candidate
             if gap > best_gap * 1.001:
                 best, best_gap = candidate, gap
-        return best
+        return TimeGrid(edges, best)
+
+
+def _nodes_between(edges: Array, size: int) -> Array:
+    """Return Chebyshev nodes, `size` on each panel between edges (panels + 1,), in one array."""
+    half = 0.5 * (edges[1:] - edges[:-1])[:, None]
+    times = edges[:-1, None] + half * (nodes(size) + 1.0)
+    times[:, -1] = edges[1:]
+    return np.asarray(times.ravel())
 
 
 @lru_cache(maxsize=64)

@@ -80,8 +80,8 @@ class PlannedLaw(ABC):
         """Return s(t) or its derivative [1/s^order], with the shape of t."""
 
     @abstractmethod
-    def orders(self, t: Array, count: int) -> list[Array]:
-        """Return s and its first derivatives at t (T,), `count` in all."""
+    def orders(self, t: ArrayLike, count: int) -> list[Array]:
+        """Return s and its first derivatives, `count` in all, each with the shape of t."""
 
     @abstractmethod
     def advance(self, smoothness: int) -> float:
@@ -92,8 +92,8 @@ class PlannedLaw(ABC):
         """Return the law as plan.json has it."""
 
 
-def orders_of(law: MotionLaw, t: Array, count: int = 3) -> list[Array]:
-    """Return s and its first time derivatives at t (T,), `count` in all, of any law."""
+def orders_of(law: MotionLaw, t: ArrayLike, count: int = 3) -> list[Array]:
+    """Return s and its first time derivatives, `count` in all, of any law, each with the shape of t."""
     if isinstance(law, PlannedLaw):
         return law.orders(t, count)
     return [np.asarray(law(t, order)) for order in range(count)]
@@ -123,18 +123,20 @@ class Law(ReadOnlyArrays, PlannedLaw):
             InvalidInput: t lies outside [0, duration], where the polynomial means nothing, or is not finite.
         """
         check_order(order)
-        return np.asarray(chebyshev.chebval(self._local(t), self._series(order)))
+        local = self._local(t)
+        return evaluate(local.ravel(), self._series(order)[:, None]).reshape(local.shape)
 
-    def orders(self, t: Array, count: int) -> list[Array]:
+    def orders(self, t: ArrayLike, count: int) -> list[Array]:
         series = np.stack([self._series(order) for order in range(count)], axis=1)
-        return list(chebyshev.chebval(self._local(t), series))
+        local = self._local(t)
+        return list(evaluate(local.ravel(), series).T.reshape(count, *local.shape))
 
     def _local(self, t: ArrayLike) -> Array:
         """Return instants t as places in [-1, 1]."""
         local = np.asarray(t, dtype=float) * (2.0 / self.duration) - 1.0
         if not np.all(np.abs(local) <= 1.0 + SAME_PLACE):
             raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
-        return local
+        return np.minimum(np.maximum(local, -1.0), 1.0)
 
     def _series(self, order: int) -> Array:
         """Return the series (degree + 1,) of a derivative."""

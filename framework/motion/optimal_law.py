@@ -209,7 +209,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         check_order(order, HIGHEST_ORDER)
         return self.at_parameter(self.parameter(t), order)
 
-    def orders(self, t: Array, count: int) -> list[Array]:
+    def orders(self, t: ArrayLike, count: int) -> list[Array]:
         sigma = self.parameter(t)
         return [self.at_parameter(sigma, order) for order in range(count)]
 

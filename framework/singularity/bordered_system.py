@@ -32,7 +32,7 @@ class Border(NamedTuple):
         left, _, right = np.linalg.svd(matrix)
         b, c = left[:, -size:].copy(), right[-size:].T
         # for the matrix itself G = -diag(sigma) with this border; det decides which sign it should have
-        if (-1) ** size * np.linalg.det(left) * np.linalg.det(right) < 0:
+        if (-1) ** size * np.prod(np.linalg.det(np.array([left, right]))) < 0:
             b[:, -1] *= -1
         return Border(b, c)
 

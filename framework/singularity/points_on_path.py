@@ -199,6 +199,8 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
     that say it all at the reference need not do so everywhere.
     """
     robot = branch.robot
+    if not len(robot.structure.dropped):
+        return
     columns = robot.moving
     jacobian = scaled(robot, loop_equations(robot.rows, linearised.frames).jacobian, robot.rows.rotation)[0][
         :, columns
@@ -244,7 +246,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
         slopes = block_slopes(passive.at, s, uncontrolled.corank)[1]
         slope = np.linalg.svd(slopes, compute_uv=False)[-1]
     else:
-        _, slope, beyond = slope_of_g(P, places)
+        _, slope, beyond, _ = slope_of_g(P, places)
         # a border taken at the root knows no sign of det: give g the sign of det P beyond it
         slope *= np.sign(beyond) * np.linalg.slogdet(P[2])[0] if places[2] > s else 1.0
     return SingularPoint(

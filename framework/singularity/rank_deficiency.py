@@ -24,7 +24,7 @@ from framework.singularity.piecewise_measure import (
     largest_on,
     turning_places,
 )
-from framework.singularity.root_of_g import STENCIL_HALF_WIDTH, root_of_g
+from framework.singularity.root_of_g import STENCIL_HALF_WIDTH, Root, root_of_g
 from framework.tolerances import (
     DISTINCT_EXTREMA,
     MEASURE_ROUNDING,
@@ -85,12 +85,13 @@ def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
                 single += [contact for contact in around if _is_apart(contact.s, single, SAME_PLACE)]
                 stretches += [stretch] if around else []
             continue
-        s, depth, _ = root_of_g(measured.at, start, size=size, longest=STENCIL_HALF_WIDTH)
-        is_root = abs(depth) < residual and abs(s - start) < MAX_ROOT_SHIFT * (panel.end - panel.start)
+        root = root_of_g(measured.at, start, size=size, longest=STENCIL_HALF_WIDTH)
+        s = root.place
+        is_root = abs(root.depth) < residual and abs(s - start) < MAX_ROOT_SHIFT * (panel.end - panel.start)
         # the roots beside an extremum are known, and a root on the edge of two panels is found twice
         new = not any(low <= s <= high for low, high in stretches)
         new = new and _is_apart(s, single, SAME_PLACE)
-        if is_root and new and _vanishes(measured, s, size) and _changes_sign(measured, s, size):
+        if is_root and new and _vanishes(measured, s, size) and _changes_sign(measured, root, size):
             single.append(Contact(s, "transversal"))
     alone = [contact for contact in single if _is_apart(contact.s, several, MULTIPLE_ROOT_RADIUS)]
     return sorted(several + alone, key=lambda contact: contact.s)
@@ -178,10 +179,12 @@ def _vanishes(measured: Measured, s: float, size: int) -> bool:
     return size == 1 or count_below(measured.at(np.array([s]))[0], RANK_LOST**measured.power) > 0
 
 
-def _changes_sign(measured: Measured, s: float, size: int) -> bool:
-    """Whether g changes its sign at s, or the path ends there."""
+def _changes_sign(measured: Measured, root: Root, size: int) -> bool:
+    """Whether g changes its sign at a root, or the path ends there."""
     h = DISTINCT_EXTREMA  # far more than the rounding of s; the roots beside a nearer extremum are known
-    if not h < s < 1 - h:
+    s = root.place
+    steep = abs(root.slope) > abs(root.bend) * h + MEASURE_ROUNDING / h  # twice what bends it back
+    if not h < s < 1 - h or (root.converged and steep):
         return True
     matrices = measured.at(np.array([s - h, s, s + h]))
     g = solve_bordered(matrices, Border.of(matrices[1], size)).g

@@ -27,6 +27,7 @@ class Slope(NamedTuple):
     g: float
     slope: float
     beyond: float  # g at the upper end of the stencil
+    bend: float  # its second derivative; 0 where the stencil lies on one side
 
 
 class Root(NamedTuple):
@@ -35,6 +36,8 @@ class Root(NamedTuple):
     place: float
     depth: float  # what is left of g: 0 if the last step was small enough for the next one to be rounding
     converged: bool
+    slope: float  # dg/dp, by the last stencil
+    bend: float  # d2g/dp2, likewise; 0 at an end of the interval
 
 
 def stencil(place: float, low: float = 0.0, high: float = 1.0) -> Array:
@@ -46,7 +49,11 @@ def stencil(place: float, low: float = 0.0, high: float = 1.0) -> Array:
 def slope_of_g(matrices: Array, places: Array, size: int = 1) -> Slope:
     """Compute g and dg/dp from matrices (3, n, n) at places (3,) of a `stencil`, the border `size` wide."""
     g = solve_bordered(matrices, Border.of(matrices[1], size)).g
-    return Slope(float(g[1]), float((g[2] - g[0]) / (places[2] - places[0])), float(g[2]))
+    below, here, beyond = map(float, g)
+    width = float(places[2] - places[0])
+    both_sides = places[0] < places[1] < places[2]
+    bend = 4.0 * (below - 2.0 * here + beyond) / width**2 if both_sides else 0.0
+    return Slope(here, (beyond - below) / width, beyond, bend)
 
 
 def root_of_g(
@@ -65,14 +72,14 @@ def root_of_g(
         size: width of the border; more than 1 where other singular values are small beside the one sought.
         longest: a Newton step beyond this leads away from the root sought, and none is found.
     """
-    place, depth = start, np.inf
+    place, depth, slope, bend = start, np.inf, 0.0, 0.0
     for _ in range(MAX_ITERATIONS):
         places = stencil(place, low, high)
-        depth, slope, _ = slope_of_g(matrices(places), places, size)
+        depth, slope, _, bend = slope_of_g(matrices(places), places, size)
         step = -depth / slope if slope else np.inf
         if not abs(step) < longest:
             break
         place = float(np.clip(place + step, low, high))
         if abs(step) < NEWTON_STEP * (high - low):
-            return Root(place, 0.0, True)
-    return Root(place, depth, False)
+            return Root(place, 0.0, True, slope, bend)
+    return Root(place, depth, False, slope, bend)

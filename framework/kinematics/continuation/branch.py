@@ -74,6 +74,8 @@ class Branch(ReadOnlyArrays):
     @property
     def knots(self) -> Array:
         """The path coordinates (k,) between which path and wrenches are smooth."""
+        if not self.wrenches.entries:
+            return self.path.knots
         return np.unique(np.concatenate([self.path.knots, self.wrenches.knots]))
 
     def under(self, wrenches: ExternalWrenches) -> Branch:
