@@ -7,7 +7,7 @@ import pytest
 from mpmath import mpf
 
 from tests.benchmarks import rows_again
-from tests.benchmarks.chart import published, robot, stages, torque
+from tests.benchmarks.chart import derivatives, growth, published, robot, stages, torque
 from tests.benchmarks.chart.measure import Row, measured
 from tests.benchmarks.chart.reading import WRONG
 from tests.benchmarks.chart.squeezer import descriptor, energy
@@ -178,6 +178,29 @@ def test_robots_in_space_have_the_torques_of_virtual_work(name):
         ("proved", (1e-6,)),
     ):
         assert row("spatial", f"{name}-{method}", *setting).error < 1e-11, method
+
+
+# ------------------------------------------------------------------ growth, derivatives
+
+
+@pytest.mark.parametrize("method", ["nodes", "dense", "stacks", "pinocchio", "sparse"])
+def test_a_row_of_four_bars_has_the_torque_of_one_line(method):
+    """The least number of nodes or samples does not depend on the loops: the torque is the same function."""
+    few, more = (row("growth", f"loops-{method}", loops) for loops in (2, 10))
+    assert max(few.error, more.error) < growth.GOAL
+    assert few.profile == more.profile
+
+
+@pytest.mark.parametrize("method", ["nodes", "proved", "stacks", "pinocchio"])
+def test_two_crossings_of_the_3_rpr_have_the_torques_of_virtual_work(method):
+    assert row("growth", f"crossings-{method}", 2).error < growth.GOAL
+
+
+def test_exact_derivatives_are_those_of_virtual_work_and_differences_come_near():
+    assert row("derivatives", "delta-stack", derivatives.COUNT).error < 1e-11
+    coarse, fine = (row("derivatives", "delta-differences", step, 4).error for step in (3e-3, 1e-3))
+    assert coarse / fine == pytest.approx(3**4, rel=0.5)
+    assert row("derivatives", "delta-differences", 1e-5, 2).error < 1e-6
 
 
 # ------------------------------------------------------------------ laws

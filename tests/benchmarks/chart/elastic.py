@@ -203,6 +203,7 @@ STAGE = Stage(
     judge=judge,
     remark=_remark,
     abscissa="stiffness over the paper's",
+    shown=("error", "profile"),
     profile=(1.0,),
     profile_error="passes",
     profile_title="How often forces are computed",

@@ -265,6 +265,7 @@ STAGE = Stage(
     remark=_remark,
     abscissa="number of conditions",
     linear=True,
+    shown=("error", "profile"),
     profile=(1.0,),
     profile_error='largest error of s" over its largest',
     profile_title="Along the motion, of the polynomial",

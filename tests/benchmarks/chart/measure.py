@@ -89,8 +89,9 @@ def no_remark(rows: Sequence[Row]) -> str:
 class Stage:
     """Methods for one question, their reference, and how the chart shows them.
 
-    goals: errors to which the times of the methods are compared; none where it is not about time.
-    abscissa: what the first number of a setting is, where the figure is not about time.
+    goals: errors to which the times of the methods are compared; none where the figure is over settings.
+    abscissa: what the first number of a setting is, if not as its method's unit says; in that case
+    shown: what is drawn over it, of time, error and profile (its only class).
     profile, profiled: the classes of `Judged.profile`, and what they are.
     profile_error, profile_title: what these errors are, if not the same, and what to say of it.
     map_axes: names of the two numbers of a setting, where the figure is a map over them.
@@ -106,6 +107,7 @@ class Stage:
     goals: tuple[float, ...] = ()
     remark: Callable[[Sequence[Row]], str] = no_remark
     abscissa: str = ""
+    shown: tuple[Literal["time", "error", "profile"], ...] = ("error",)
     linear: bool = False  # the abscissa
     profile: tuple[float, ...] = ()
     profiled: str = ""
@@ -115,8 +117,8 @@ class Stage:
 
     @property
     def timed(self) -> bool:
-        """Whether it shows work against precision."""
-        return bool(self.goals)
+        """Whether it is about time."""
+        return bool(self.goals) or "time" in self.shown
 
     @property
     def panels(self) -> tuple[str, ...]:
@@ -182,7 +184,7 @@ def _series(stage: Stage, method: Method, settings: list[Setting], effort: Effor
     for setting in settings[: effort.settings]:
         trial = tried(stage, method, setting)
         yield trial
-        if stage.timed and np.isfinite(trial.row.error):
+        if stage.goals and np.isfinite(trial.row.error):
             worse = worse + 1 if trial.row.error > least else 0
             least = min(least, trial.row.error)
             if least < FINEST or worse == BEND or trial.row.seconds > effort.longest:

@@ -35,10 +35,10 @@ def best(rows: Sequence[Row], method: str) -> Row | None:
     return min(finite(rows, method), key=lambda row: row.error, default=None)
 
 
-def front(rows: Sequence[Row], method: str) -> list[Row]:
-    """The rows of a method, from quick to slow, of which each has less error than all that are quicker."""
+def front(rows: Sequence[Row]) -> list[Row]:
+    """Of the rows of a method, from quick to slow, each that has less error than all that are quicker."""
     least, kept = np.inf, []
-    for row in sorted(finite(rows, method), key=lambda row: row.seconds):
+    for row in sorted(rows, key=lambda row: row.seconds):
         if row.error < least:
             least = row.error
             kept.append(row)
@@ -47,7 +47,7 @@ def front(rows: Sequence[Row], method: str) -> list[Row]:
 
 def time_to(stage: Stage, rows: Sequence[Row], method: str, error: float) -> Time | None:
     """The time to an error, interpolated; None where the method does not come to it."""
-    curve = front(rows, method)
+    curve = front(finite(rows, method))
     if not curve or curve[-1].error > error:
         return None
     errors = -np.log([max(row.error, LEAST) for row in curve])
@@ -69,7 +69,7 @@ def sentence(stage: Stage, rows: Sequence[Row]) -> str:
     lines = []
     for panel in stage.panels:
         for goal in stage.goals:
-            words = _quickest(times_to(stage, rows, goal, panel))
+            words = compared(times_to(stage, rows, goal, panel))
             if words:
                 where = f"{panel}, to" if panel else "to"
                 lines.append(f"{where[0].upper()}{where[1:]} {goal:.0e}: {words}.")
@@ -91,8 +91,8 @@ def counts(stage: Stage, rows: Sequence[Row]) -> str:
     return "; ".join(words)
 
 
-def _quickest(times: Sequence[Time]) -> str:
-    """Ours against the quickest other, and the frontier."""
+def compared(times: Sequence[Time]) -> str:
+    """Ours against the quickest other, and the frontier; `times` of each kind from quick to slow."""
     quickest = {kind: next((t for t in times if t.method.kind == kind), None) for kind in ("ours", "peer")}
     ours, peer = quickest["ours"], quickest["peer"]
     words = "; ".join(_words(time) for time in (ours, peer) if time is not None)

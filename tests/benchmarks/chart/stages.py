@@ -18,6 +18,8 @@ NAMES = (
     "laws",
     "elastic",
     "spatial",
+    "growth",
+    "derivatives",
     "optimal",
     "imposed",
     "misfit",

@@ -59,7 +59,7 @@ def markdown(stage: Stage, rows: Sequence[Row]) -> str:
             f"Time is processor time, the least and the upper quartile of {FULL.repeats} runs in turns. "
             "`python -m tests.benchmarks.chart --row ROW` makes a row again."
         ],
-        _times(stage, rows) if stage.timed else [],
+        _times(stage, rows) if stage.goals else [],
         ["", "Settings of the others:", "", *sources] if sources else [],
         ["", f"| problem | method | given | setting | time [ms] | {stage.error} | row |"],
         ["|---|---|---|---|--:|--:|---|", *(_row(stage, row) for row in rows)],

@@ -130,7 +130,7 @@ class Crossings:
             return list(mpmath.lu_solve(mpmath.matrix(rows), [value for *_, value in asked]))
 
     def law(self, t: Number) -> Number:
-        return mpmath.polyval(self.powers[::-1], t)
+        return mpmath.fsum(c * t**k for k, c in enumerate(self.powers))
 
     def torque(self, times: Sequence[float] | Array) -> Array:
         """Motor torques (T, n) [N m]."""
