@@ -16,7 +16,7 @@ from framework.arrays import Array
 from framework.atlas.design_study import DesignStudy
 from framework.atlas.quantities import QUANTITIES
 from framework.show.plots import save
-from framework.show.style import ALARM
+from framework.show.style import ALARM, AXIS
 
 CELL_SIZE = 1.5  # [in] of a cell
 AREAS = {
@@ -66,7 +66,7 @@ def _draw(study: DesignStudy, key: str, places: Array, ax: Axes, norm: Normalize
     middle = study.columns[key if key in AREAS else f"{key}_median"]
     if key not in AREAS:
         least, largest = study.columns[f"{key}_least"], study.columns[f"{key}_largest"]
-        ax.vlines(places, least, largest, color="#9aa4af", linewidth=0.8)
+        ax.vlines(places, least, largest, color=AXIS, linewidth=0.8)
         if QUANTITIES[key].decades and np.nanmin(least, initial=np.inf) > 0:
             ax.set_yscale("log")
     return ax.scatter(

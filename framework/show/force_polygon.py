@@ -7,13 +7,14 @@ passes only through that point, t_s . W = 0, condition (8) of Briot and Arakelia
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from framework.arrays import LEAST_DIVISOR, Array, ArrayLike
 from framework.crossing.result import CrossingPlan
-from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
+from framework.dynamics.platform_wrench import platform_wrench
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.captions import stated
@@ -23,6 +24,9 @@ from framework.show.style import ALARM, COLORS, CROSSING, GIVEN, GOOD, LOCUS, fi
 TIME_SAMPLES = 401
 SHOWN_DURATION_SHARE = 0.25  # of the duration, shown on either side of the crossing
 SHOWN_PATH_SHARE = 0.3  # of the path, shown on either side of a singular point
+BAND: dict[str, Any] = {"color": GIVEN, "alpha": 0.35, "linewidth": 0}  # what motors can give
+# colour, dash and mark of a motion at its singular instant, and what is said of it
+THREADS, MISSES = (GOOD, "-", "o", "threads the eye"), (ALARM, "--", "X", "misses the eye")
 ASSUMED_LIMIT_RATIO = 1.5  # over the plan's largest torque, where a motor of the robot file has no limit
 
 
@@ -43,37 +47,30 @@ def plot_eye(
         raise InvalidInput(f"crossing: the plan has {len(plan.crossings)}, got {crossing!r}")
     crossed = plan.crossings[crossing]
     all_times = np.linspace(0.0, plan.duration, TIME_SAMPLES)
-    limit = shown_limit(plan.robot, plan.torque(all_times), torque_limit)
+    torque = plan.torque(all_times)
+    limit = shown_limit(plan.robot, torque, torque_limit)
     times = crossed.time + SHOWN_DURATION_SHARE * plan.duration * np.linspace(-1.0, 1.0, TIME_SAMPLES)
     times = times[(times >= 0.0) & (times <= plan.duration)]
-    wrench = platform_wrench(plan.robot, plan.dynamics.motion(times))
-    return draw_eye(plan.robot, times - crossed.time, wrench, crossed.twist, limit, ax)
-
-
-def draw_eye(
-    robot: ParallelRobot,
-    time: Array,
-    wrench: PlatformWrench,
-    twist: Array,
-    limit: Array,
-    ax: Axes | None = None,
-) -> Axes:
-    """Draw band and curve over `time` (T,) from the singular instant [s], for motor limits (n_a,)."""
+    wrench, time = platform_wrench(plan.robot, plan.dynamics.motion(times)), times - crossed.time
+    demand, reach = wrench.along(crossed.twist), wrench.reach(crossed.twist, limit)
     ax = figure()[1][0] if ax is None else ax
-    demand, reach = wrench.along(twist), wrench.reach(twist, limit)
     top = 1.6 * max(float(np.abs(demand).max()), LEAST_DIVISOR)
-    unit = "N" if np.any(twist[robot.platform.translations]) else "N m"
-    supply = f"what {stated(robot, limit)} can give"
-    ax.fill_between(time, -reach, reach, color=COLORS[4], alpha=0.3, linewidth=0, label=supply)
+    supply = f"what {stated(plan.robot, limit, float(np.abs(torque).max()))} can give"
+    ax.fill_between(time, -reach, reach, **BAND, label=supply)
     ax.plot(time, demand, color=COLORS[1], label="what the motion asks for")
     ax.axvline(0.0, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
     ax.plot([0.0], [np.interp(0.0, time, demand)], "o", color=CROSSING, markersize=4, zorder=3)
     ax.set_ylim(-top, top)
     ax.set_xlim(time[0], time[-1])
     ax.set_xlabel("time from the singular instant  [s]")
-    ax.set_ylabel(rf"{'force along' if unit == 'N' else 'torque about'} $\mathbf{{t}}_s$  [{unit}]")
+    ax.set_ylabel(_ordinate(plan.robot, crossed.twist))
     legend_above(ax)
     return ax
+
+
+def _ordinate(robot: ParallelRobot, twist: Array) -> str:
+    turn = not np.any(twist[robot.platform.translations])
+    return rf"{'torque about' if turn else 'force along'} $\mathbf{{t}}_s$  [{'N m' if turn else 'N'}]"
 
 
 def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Axes:
@@ -96,36 +93,32 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
         s,
         -reach,
         reach,
-        color=GIVEN,
-        alpha=0.22,
-        linewidth=0,
-        label=f"what {stated(first.robot, limit)} can give",
+        **BAND,
+        label=f"what {stated(first.robot, limit, peak_torque(films))} can give",
     )
     low = max(0.0, first.instants[0].s - SHOWN_PATH_SHARE)
     high = min(1.0, first.instants[0].s + SHOWN_PATH_SHARE)
     top = 0.0
     for film in films:
         s_of_film, demand, s_singular = film.law(film.time), film.motors.along(twist), film.instants[0].s
-        color, verdict = (GOOD, "threads the eye") if film.proved else (ALARM, "misses the eye")
+        color, dash, dot, verdict = THREADS if film.proved else MISSES
         ax.plot(
             s_of_film,
             demand,
+            dash,
             color=color,
             linewidth=1.6,
             label=f"{film.name or 'the motion'} asks: {verdict}",
         )
         ax.plot(
-            [s_singular], [np.interp(s_singular, s_of_film, demand)], "o", color=color, markersize=5, zorder=4
+            [s_singular], [np.interp(s_singular, s_of_film, demand)], dot, color=color, markersize=5, zorder=4
         )
         top = max(top, float(np.abs(demand[(low <= s_of_film) & (s_of_film <= high)]).max()))
     ax.axvline(first.instants[0].s, color=LOCUS, linewidth=0.8, linestyle=(0, (4, 3)))
     ax.set_xlim(low, high)
     ax.set_ylim(-1.25 * top, 1.25 * top)
     ax.set_xlabel("position on the path  $s$  (dashed: singular)")
-    turn = not np.any(twist[first.robot.platform.translations])
-    ax.set_ylabel(
-        rf"{'torque about' if turn else 'force along'} $\mathbf{{t}}_s$  [{'N m' if turn else 'N'}]"
-    )
+    ax.set_ylabel(_ordinate(first.robot, twist))
     legend_above(ax)
     return ax
 
@@ -150,6 +143,11 @@ def eye_twist(films: Sequence[Film]) -> Array:
 
 
 _COMPARED_S = np.linspace(0.0, 1.0, 7)
+
+
+def peak_torque(films: Sequence[Film]) -> float:
+    """Return the largest torque of the proven films, 0 where none is proven."""
+    return max((float(np.abs(film.torque).max()) for film in films if film.proved), default=0.0)
 
 
 def shown_limit(robot: ParallelRobot, torque: Array, torque_limit: ArrayLike | None) -> Array:

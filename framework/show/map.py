@@ -22,13 +22,12 @@ from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
 from framework.show.captions import said
 from framework.show.plots import save
-from framework.show.style import COLUMN_WIDTH, LOCUS, PATH
+from framework.show.style import AXIS, BEYOND, COLUMN_WIDTH, LOCUS, NOT_CARRIED, PATH, SOFT, UNREACHED
 from framework.statics.loading import LoadReason
 from framework.tolerances import SAME_PLACE
 
 # Both can be told apart without red and green, and in grey.
 SEQUENTIAL, DIVERGING = "cividis", "BrBG"
-UNREACHED, BEYOND, NOT_CARRIED = "#e4e7eb", "#bcc4ce", "#e8a48c"
 COLOR_PERCENTILES = (2.0, 98.0)  # percentiles between which colours change: a pole would take them all
 PATH_SAMPLES = 401  # of a path
 UNEXPLAINED, NOT_TRACED = "g changes sign, no curve found", "locus not traced"
@@ -89,7 +88,7 @@ def plot_map(
         ax.plot([], [], "s", color=NOT_CARRIED, label=f"load not carried: {lost.sum()} poses")
     if beyond.any():
         ax.plot([], [], "s", color=BEYOND, label=f"beyond a limit: {beyond.sum()} poses")
-    ax.plot([], [], "s", color=UNREACHED, markeredgecolor="#9aa4af", label="not reached")
+    ax.plot([], [], "s", color=UNREACHED, markeredgecolor=AXIS, label="not reached")
     _frame(workspace, header, ax)
     return ax
 
@@ -204,7 +203,7 @@ def _frame(workspace: WorkspaceMap, header: _Header, ax: Axes) -> None:
     )
     low = LINE * header.rows + 0.3 * ABOVE
     high = low + LINE * len(header.title)
-    for lines, above, colour in ((header.name, high, "black"), (header.title, low, "#5c6876")):
+    for lines, above, colour in ((header.name, high, "black"), (header.title, low, SOFT)):
         annotation: dict[str, Any] = {"xycoords": aside, "textcoords": "offset points", "va": "bottom"}
         ax.annotate("\n".join(lines), (0.0, 1.0), (0, 72 * above), color=colour, **annotation)
 

@@ -13,10 +13,8 @@ from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
 from framework.show.map import (
-    NOT_CARRIED,
     PATH_SAMPLES,
     UNEXPLAINED,
-    UNREACHED,
     cell_edges,
     colours,
     is_to_scale,
@@ -24,7 +22,7 @@ from framework.show.map import (
     title,
 )
 from framework.show.standalone import page_part, standalone_page
-from framework.show.style import LOCUS, PATH
+from framework.show.style import LOCUS, NOT_CARRIED, PATH, UNREACHED
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
 COLOR_LEVELS = 256

@@ -18,12 +18,12 @@ from framework.arrays import Array
 from framework.errors import InvalidInput, choose_from
 from framework.show.captions import said, subtitle
 from framework.show.film import Film
-from framework.show.force_polygon import eye_twist, plot_eyes
+from framework.show.force_polygon import MISSES, THREADS, eye_twist, plot_eyes
 from framework.show.plots import torque_axes
 from framework.show.scene import stated_limit
 from framework.show.sight import film_sight
 from framework.show.still import locus_of, plot_still
-from framework.show.style import ALARM, GOOD, LOCUS, figure_file, line_style, styled
+from framework.show.style import ALARM, LOCUS, figure_file, line_style, styled
 
 GIF_FRAMES = 60
 FRAME_TIME, SINGULAR_FRAME_TIME = 100, 2000  # [ms] of a frame, and of one at a singular instant
@@ -195,9 +195,8 @@ def _dot(film: Film, twist: Array, ax: Axes) -> _Mark:
     """Draw a dot on a curve of the eye; it stays where an unproved motion ends."""
     s, demand = film.law(film.time), film.motors.along(twist)
     end = _end(film)
-    (dot,) = ax.plot(
-        [], [], "o", color=GOOD if film.proved else ALARM, markersize=7, markeredgecolor="white", zorder=5
-    )
+    color, _, mark, _ = THREADS if film.proved else MISSES
+    (dot,) = ax.plot([], [], mark, color=color, markersize=7, markeredgecolor="white", zorder=5)
 
     def move(t: float) -> None:
         instant = min(t, end)

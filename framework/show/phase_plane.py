@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from framework.crossing.optimal.limit_curves import limit_curves
 from framework.crossing.result import CrossingPlan
-from framework.show.style import COLORS, CROSSING, figure, legend_above, line_style
+from framework.show.style import CROSSING, GIVEN, figure, legend_above, line_style
 
 AXIS_OVER_LARGEST_LAW = 1.5  # the highest value shown over the largest of the laws
 TIME_SAMPLES = 601
@@ -36,7 +36,7 @@ def plot_phase_plane(
     tops = [AXIS_OVER_LARGEST_LAW * max(float(np.abs(law[order]).max()) for law in laws) for order in (1, 2)]
     unit = plan.robot.torque_units[0]
     limits = ", ".join(f"{limit:.3g}" for limit in np.unique(curves.torque_limit))
-    band: dict[str, Any] = {"color": COLORS[4], "alpha": 0.3, "linewidth": 0}
+    band: dict[str, Any] = {"color": GIVEN, "alpha": 0.35, "linewidth": 0}
     highest = np.where(np.isfinite(curves.highest_speed), curves.highest_speed, 2 * tops[0])
     highest = np.where(np.isnan(curves.highest_speed), 0.0, highest)
     axes[0].fill_between(curves.s, 0.0, highest, label=f"within {limits} {unit}", **band)

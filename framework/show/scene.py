@@ -28,7 +28,7 @@ from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
 from framework.show.captions import asked, film_summary, how, proof, said, stated, subtitle, unit, why
 from framework.show.film import Film
-from framework.show.force_polygon import shown_limit
+from framework.show.force_polygon import peak_torque, shown_limit
 from framework.show.forces import drawn_sides, figure_vectors, why_no_figure
 from framework.show.motors import motor_shapes, placed
 from framework.show.sight import Sight, film_sight, tilted
@@ -68,22 +68,26 @@ def film_documents(films: Sequence[Film]) -> list[dict[str, Any]]:
         next(sight for description, sight in seen if description == film.robot.description) for film in films
     ]
     return [
-        _film_document(film, sight, curves_about, stated_limit(film, films))
+        _film_document(film, sight, curves_about, stated_limit(film, films), peak_torque(_alike(film, films)))
         for film, sight in zip(films, sights, strict=True)
     ]
 
 
 def stated_limit(film: Film, films: Sequence[Film]) -> Array:
     """Return the torque limits (n_a,) of a film's picture: the same for all films of one robot."""
-    alike = [
-        other_film for other_film in films if other_film.robot.actuator_names == film.robot.actuator_names
-    ]
+    alike = _alike(film, films)
     proved = [np.abs(other_film.torque).max(axis=0) for other_film in alike if other_film.proved]
     usual = np.array(proved) if proved else np.full((1, film.robot.n_a), _torque_limit(film))
     return shown_limit(film.robot, usual, None)
 
 
-def _film_document(film: Film, sight: Sight, curves_about: CurvesAbout, limit: Array) -> dict[str, Any]:
+def _alike(film: Film, films: Sequence[Film]) -> list[Film]:
+    return [other for other in films if other.robot.actuator_names == film.robot.actuator_names]
+
+
+def _film_document(
+    film: Film, sight: Sight, curves_about: CurvesAbout, limit: Array, peak: float
+) -> dict[str, Any]:
     robot = film.robot
     poses = joint_poses(robot, film.q)
     platform = platform_positions(robot, poses)
@@ -111,7 +115,7 @@ def _film_document(film: Film, sight: Sight, curves_about: CurvesAbout, limit: A
         "law": floats(film.law(film.time)),
         "g": None if np.isnan(film.g).any() else floats(film.g),
         "power": floats(power),
-        "stated": stated(robot, limit),
+        "stated": stated(robot, limit, peak),
         "band": floats(film.motors.band(film.t_s, limit)),
         "polytope": _polytope(film, limit),
         "no_figure": why_no_figure(robot) or "",

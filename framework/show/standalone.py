@@ -10,6 +10,8 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
+from framework.show.style import page_colors
+
 
 def standalone_page(
     title: str, body: str, data: object, *, styles: Sequence[str], scripts: Sequence[str], library: str = ""
@@ -26,7 +28,7 @@ def standalone_page(
     return page_part(
         "page.html",
         title=html.escape(title),
-        style="\n".join(map(_asset, ("shared.css", *styles))),
+        style="\n".join([page_colors(), *map(_asset, ("shared.css", *styles))]),
         body=body,
         library=library,
         document=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),

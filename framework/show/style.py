@@ -1,4 +1,8 @@
-"""One look for all figures: readable in print, in grey and by the colour-blind."""
+"""One look for all figures and pages: readable in print, in grey and by the colour-blind.
+
+Colours drawn together differ by at least 12 (CIEDE2000), also for those who lack one kind of cone; lines of
+one plot have dashes besides. Text has a contrast of at least 4.5. Tests hold both.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +17,27 @@ from matplotlib.axes import Axes
 from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 
-# Okabe and Ito's palette without its yellow, dark and light alternating.
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
-DASHES = ("-", "--", "-.", ":")
+COLORS = ("#004f9e", "#d55e00", "#00a67a", "#7a1f4b", "#6bb8ff", "#e0a800")  # of curves, dark and light
+DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (9, 3)))
 CROSSING = "#444444"
-# One meaning each, as on the page (page/page.css).
-LOCUS, TWIST, WRENCH, PATH, GIVEN = "#7b3fa6", "#14181d", "#d6187a", "#009e73", "#2f9fe0"
-ALARM, GOOD = "#b3261e", "#1b7f4d"
+# One meaning each. Blue, orange and yellow are left to the robots.
+LOCUS, TWIST, WRENCH, WORLD = "#6212a8", "#14181d", "#a81560", "#4a1c00"
+PATH, AHEAD = "#00a572", "#8a929b"  # the path, or the way gone; the way to go
+GIVEN = "#70baff"  # what the motors can give
+ALARM, WARNING, GOOD = "#c8141e", "#8a5a00", "#14504f"
+INK, SOFT = "#1d2530", "#5c6876"  # text
+LINE, GRID, AXIS = "#d8dde3", "#e7eaee", "#9aa4af"
+PAPER, GROUND = "#ffffff", "#f3f5f8"
+IDLE, BUSY = "#d4d7db", "#00525e"  # a motor without torque, and at its largest
+UNREAL = "#b4bcc5"  # what is drawn for comparison only
+UNREACHED, BEYOND, NOT_CARRIED = "#e4e7eb", "#bcc4ce", "#e8a48c"  # poses of a map without a value
+PAGE_COLORS = (  # as the pages call them
+    {f"series-{k}": color for k, color in enumerate(COLORS)}
+    | {"locus": LOCUS, "twist": TWIST, "wrench": WRENCH, "world": WORLD, "trace": PATH, "path": AHEAD}
+    | {"given": GIVEN, "alarm": ALARM, "warning": WARNING, "good": GOOD, "idle": IDLE, "busy": BUSY}
+    | {"unreal": UNREAL, "ink": INK, "soft": SOFT, "line": LINE, "grid": GRID, "axis": AXIS}
+    | {"paper": PAPER, "ground": GROUND}
+)
 COLUMN_WIDTH = 3.5  # [in] width of a journal column
 DPI = 200
 
@@ -34,7 +52,7 @@ _SETTINGS: dict[Any, Any] = {
     "lines.linewidth": 1.2,
     "axes.grid": True,
     "grid.linewidth": 0.3,
-    "grid.color": "#cccccc",
+    "grid.color": LINE,
     "axes.axisbelow": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -52,6 +70,11 @@ def styled() -> Iterator[None]:
     """Draw and save within this style, leaving matplotlib's settings as they were."""
     with matplotlib.rc_context(_SETTINGS):
         yield
+
+
+def page_colors() -> str:
+    """Return the CSS that names these colours: --locus and so on."""
+    return ":root { " + " ".join(f"--{name}: {color};" for name, color in PAGE_COLORS.items()) + " }"
 
 
 def figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> tuple[Figure, list[Axes]]:

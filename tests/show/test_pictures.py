@@ -21,6 +21,7 @@ from framework.show.moving import film_picture
 from framework.show.shapes import body_shapes
 from framework.show.sight import robot_sight
 from framework.show.still import plot_still
+from framework.show.style import PATH
 from tests.show.test_film import filmed
 
 
@@ -60,7 +61,7 @@ def test_a_planar_robot_is_drawn_to_the_scale_of_its_axes():
 def test_a_still_shows_the_path_and_the_singular_place():
     film = filmed("five_bar", "C")
     lines = {line.get_color(): line.get_xydata() for line in plot_still(film).lines}
-    np.testing.assert_allclose(lines["#009e73"], film.x, atol=1e-9)
+    np.testing.assert_allclose(lines[PATH], film.x, atol=1e-9)
     assert film.instants[0].platform == pytest.approx([0.0, np.sqrt(0.06)], abs=1e-4)
 
 

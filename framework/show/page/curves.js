@@ -1,7 +1,7 @@
 // Curves over time, or along a path, in SVG, with a mark that moves.
 
-const PALETTE = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"];
-const UNREAL = "#b4bcc5"; // what is drawn for comparison only
+const PALETTE = [0, 1, 2, 3, 4, 5].map((k) => ink(`series-${k}`));
+const UNREAL = ink("unreal"); // what is drawn for comparison only
 let frames = 0;
 
 // A value that changes, to three digits of the largest that it takes: what cannot be seen there is 0.
@@ -76,7 +76,7 @@ class Chart {
       if (said) this.write(said, this.x(t), value === undefined ? top + 6 : this.height(value), box, taken, alarm ? "said alarm" : "said", root);
     }
     this.line = svg("line", { y1: top, y2: height - bottom, class: "mark" }, root);
-    this.dots = series.map(() => svg("circle", { r: 4, stroke: "#fff" }, inside));
+    this.dots = series.map(() => svg("circle", { r: 4, stroke: ink("paper") }, inside));
     const at = (event) => {
       const edges = root.getBoundingClientRect();
       seek(((event.clientX - edges.left) / edges.width * width - left) / box.width * duration);

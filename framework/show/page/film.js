@@ -38,12 +38,12 @@ class Film {
     const { view, content } = this, L = content.length;
     view.addLocus(content.locus);
     const track = points(this.platform);
-    view.add(tube(track, 0.0035 * L, COLORS.path));
-    this.trace = view.add(tube(track, 0.0065 * L, COLORS.trace));
+    view.add(tube(track, 0.0035 * L, ink("path")));
+    this.trace = view.add(tube(track, 0.0065 * L, ink("trace")));
     const way = [0];
     for (let k = 1; k < track.length; k++) way.push(way[k - 1] + track[k].distanceTo(track[k - 1]));
     this.way = way.map((value) => value / (way[way.length - 1] || 1));
-    this.spot = view.add(new THREE.Mesh(new THREE.SphereGeometry(0.014 * L, 24, 16), new THREE.MeshBasicMaterial({ color: COLORS.trace })));
+    this.spot = view.add(new THREE.Mesh(new THREE.SphereGeometry(0.014 * L, 24, 16), new THREE.MeshBasicMaterial({ color: ink("trace") })));
     this.vectors = new Vectors(view, content);
     const few = content.motors.length > 4 ? [] : content.motors;
     const places = few.map(({ node, placement }) => {
@@ -64,7 +64,7 @@ class Film {
       const here = labels.find((label) => label.place.distanceTo(place) < 0.02 * L);
       if (here) { here.times.push(instant.time); continue; }
       labels.push({ place, instant, times: [instant.time] });
-      view.add(new THREE.Mesh(new THREE.SphereGeometry(0.017 * L, 24, 16), new THREE.MeshBasicMaterial({ color: COLORS.locus }))).position.copy(place);
+      view.add(new THREE.Mesh(new THREE.SphereGeometry(0.017 * L, 24, 16), new THREE.MeshBasicMaterial({ color: ink("locus") }))).position.copy(place);
     }
     labels.forEach(({ place, instant, times }, k) => {
       const said = `${content.proved ? "crossing" : "no bound"}: t = ${times.map((t) => `${rounded(t)} s`).join(", ")}`;
@@ -107,7 +107,7 @@ class Film {
     const kinds = ["force", "moment"].filter((_, part) => content.world.some((wrench) => decoded(wrench[["linear", "angular"][part]]).some(Boolean)));
     if (kinds.length) key("var(--world)", `${kinds.join(" and ")} of the world, to the scale of W<sub>p</sub>`);
     if (this.g) {
-      const solid = content.polytope && !content.polytope.flat ? " (solid: its own scale)" : "", none = content.no_figure ? ` (${plain(content.no_figure)})` : "";
+      const solid = content.polytope ? (content.polytope.flat ? ", fading where it goes on" : " (solid: its own scale)") : "", none = content.no_figure ? ` (${plain(content.no_figure)})` : "";
       lines.push(`<div><span class="key given" style="background:var(--given)"></span>what ${plain(content.stated)} can give${solid}${none}</div>`);
     }
     if (content.lines) key("var(--given)", content.turning.every(Boolean) ? "axes of the motors’ torques" : "lines of the motors’ forces");
@@ -132,7 +132,7 @@ class Film {
     const alarm = !content.proved;
     const mark = (instant, value, said) => ({ time: instant.time, value, said, alarm });
     const units = [...new Set(content.motors.map(({ unit }) => unit))].join(", ");
-    const dashes = ["", "7 4", "2 3", "9 3 2 3"];
+    const dashes = ["", "7 4", "2 3", "9 3 2 3", "9 2 2 2 2 2", "14 5"];
     const names = content.motors.map(({ name }) => plain(name).replace(/_/g, " "));
     // beside the title of their curves, if all of them find room there
     const scale = parseFloat(getComputedStyle(document.documentElement).fontSize) / 14;
@@ -145,21 +145,21 @@ class Film {
     this.panels = [new Chart(side, {
       title: `motor torque [${units}]`, time, seek, unreal, limit: content.shared_limit, height: beside ? 116 : 150 * taller,
       events: content.instants.map((instant) => mark(instant, undefined, alarm ? `${rounded(instant.time)} s: no bound` : "")),
-      series: this.torque.map((values, k) => ({ values, color: PALETTE[k % 6], dash: dashes[k % 4], name: shortNames ? content.motors[k].name.replace(/_/g, " ") : "" })),
+      series: this.torque.map((values, k) => ({ values, color: PALETTE[k % 6], dash: dashes[k % 6], name: shortNames ? content.motors[k].name.replace(/_/g, " ") : "" })),
     })];
     if (!shortNames) side.insertAdjacentHTML("beforeend", `<p class="names">${names.map((name, k) =>
-      `<span><b style="color:${PALETTE[k % 6]}">${dashes[k % 4] ? "┄" : "━"}</b> ${name}</span>`).join("&ensp; ")}</p>`);
+      `<span><b style="color:${PALETTE[k % 6]}">${dashes[k % 6] ? "┄" : "━"}</b> ${name}</span>`).join("&ensp; ")}</p>`);
     if (!this.g) return;
     this.panels.push(new Chart(side, {
       title: `${content.asked} tₛ, asked for (tₛ · Wₚ) and given [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 103 : 176 * taller,
       events: content.instants.map((instant) => mark(instant, alarm ? instant.wrench : 0,
         alarm ? `misses the eye: ${rounded(instant.wrench)} ${content.unit}` : `through the eye: 0`)),
-      series: [{ values: this.power, color: WRENCH }], band: this.band,
+      series: [{ values: this.power, color: ink("wrench") }], band: this.band,
     }));
     this.panels.push(new Chart(side, {
       title: `singularity measure g: 0 ${content.locus ? `on the purple ${content.locus.kind === "patch" ? "surface" : "curve"}` : "where singular"}`, time, seek, unreal,
       height: beside ? 103 : 140 * taller, events: content.instants.map((instant) => mark(instant, 0, "")),
-      series: [{ values: this.g, color: LOCUS }],
+      series: [{ values: this.g, color: ink("locus") }],
     }));
   }
 

@@ -1,58 +1,65 @@
 // What the motors can give: their forces all together, a polygon or a parallelepiped, and the line of each.
 
-// All sums of plus or minus some vectors of a plane: a polygon, that is the forces which motors can give, as
-// far as it lies within a disc. Flat it is a line.
+// All sums of plus or minus some vectors of a plane: a polygon, that is the forces which motors can give. It fades
+// out towards a circle, where the picture ends and not what the motors give. Flat it is a line.
 class Polygon {
   constructor(color, radius, count) {
     this.radius = radius;
-    this.rim = 48;
-    const corners = 2 * count + this.rim;
-    this.place = new THREE.BufferAttribute(new Float32Array(3 * corners), 3);
+    this.count = 2 * count; // of corners, and of edges
     this.object = new THREE.Group();
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", this.place);
-    geometry.setIndex(Array.from({ length: corners - 2 }, (_, k) => [0, k + 1, k + 2]).flat());
-    const fill = new THREE.MeshBasicMaterial({ color, opacity: 0.22, transparent: true, side: THREE.DoubleSide, depthWrite: false });
-    const inside = new THREE.Mesh(geometry, fill);
-    inside.frustumCulled = false;
-    this.object.add(inside);
-    const ink = new THREE.MeshBasicMaterial({ color, depthTest: false, depthWrite: false, transparent: true });
-    this.edges = Array.from({ length: 2 * count }, () => {
-      const edge = new THREE.Mesh(new THREE.CylinderGeometry(0.006 * radius, 0.006 * radius, 1, 8), ink);
-      edge.renderOrder = 7;
-      this.object.add(edge);
-      return edge;
-    });
+    const look = { color, alphaMap: fading(), transparent: true, side: THREE.DoubleSide, depthWrite: false };
+    this.inside = this.surface(this.count, Array.from({ length: this.count - 2 }, (_, k) => [0, k + 1, k + 2]).flat(),
+      new THREE.MeshBasicMaterial({ ...look, opacity: 0.3 }));
+    this.edges = this.surface(4 * this.count, Array.from({ length: this.count }, (_, k) => [0, 1, 2, 0, 2, 3].map((corner) => 4 * k + corner)).flat(),
+      new THREE.MeshBasicMaterial({ ...look, depthTest: false }), 7);
   }
 
-  // About `center`, seen from `origin`, the centre of the disc.
+  surface(count, faces, material, order = 0) {
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * count), 3));
+    geometry.setAttribute("uv", new THREE.BufferAttribute(new Float32Array(2 * count), 2));
+    geometry.setIndex(faces);
+    const mesh = new THREE.Mesh(geometry, material);
+    mesh.frustumCulled = false;
+    mesh.renderOrder = order;
+    this.object.add(mesh);
+    return geometry.attributes;
+  }
+
+  // About `center`, seen from `origin`, the centre of the circle.
   set(origin, center, sides) {
     const [across, along] = this.plane || (this.plane = axesOf(sides));
     const flat = sides.map((side) => [side.dot(across), side.dot(along)]).map(([x, y]) => (y < 0 || (y === 0 && x < 0) ? [-x, -y] : [x, y]));
     flat.sort((a, b) => Math.atan2(a[1], a[0]) - Math.atan2(b[1], b[0]));
     let at = [center.dot(across), center.dot(along)].map((value, i) => value - flat.reduce((sum, side) => sum + side[i], 0));
-    const half = [];
-    for (const turn of [1, -1]) for (const [x, y] of flat) { half.push(at); at = [at[0] + 2 * turn * x, at[1] + 2 * turn * y]; }
-    const seen = withinDisc(half, this.radius, this.rim);
-    const placed = ([x, y]) => origin.clone().addScaledVector(across, x).addScaledVector(along, y);
-    for (let k = 0; k < this.place.count; k++) {
-      const { x, y, z } = seen.length ? placed(seen[Math.min(k, seen.length - 1)]) : origin;
-      this.place.setXYZ(k, x, y, z);
-    }
-    // its own sides, not the rim of the disc
-    const sideways = seen.map((corner, k) => [corner, seen[(k + 1) % seen.length]]).filter(([a, b]) =>
-      Math.hypot(a[0] + b[0], a[1] + b[1]) < 1.99 * this.radius && Math.hypot(a[0] - b[0], a[1] - b[1]) > 1e-6 * this.radius);
-    this.edges.forEach((edge, k) => {
-      edge.visible = k < sideways.length;
-      if (!edge.visible) return;
-      const [from, to] = sideways[k].map(placed), way = to.clone().sub(from);
-      edge.position.copy(from).addScaledVector(way, 0.5);
-      edge.scale.y = way.length();
-      edge.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), way.normalize());
-    });
-    this.place.needsUpdate = true;
-    this.corners = half;
+    const corners = [];
+    for (const turn of [1, -1]) for (const [x, y] of flat) { corners.push(at); at = [at[0] + 2 * turn * x, at[1] + 2 * turn * y]; }
+    const put = ({ position, uv }, places) => {
+      places.forEach(([x, y], k) => {
+        const { x: a, y: b, z: c } = origin.clone().addScaledVector(across, x).addScaledVector(along, y);
+        position.setXYZ(k, a, b, c);
+        uv.setXY(k, 0.5 + (0.5 * x) / this.radius, 0.5 + (0.5 * y) / this.radius);
+      });
+      position.needsUpdate = uv.needsUpdate = true;
+    };
+    put(this.inside, corners);
+    put(this.edges, corners.flatMap(([x, y], k) => { // a strip along each edge
+      const [u, v] = corners[(k + 1) % this.count], wide = (0.006 * this.radius) / (Math.hypot(u - x, v - y) || 1), [a, b] = [wide * (y - v), wide * (u - x)];
+      return [[x + a, y + b], [u + a, v + b], [u - a, v - b], [x - a, y - b]];
+    }));
+    this.corners = corners;
   }
+}
+
+// Opaque in the middle of a square, and nothing of it left at the circle that fills it.
+function fading(size = 128) {
+  const canvas = Object.assign(document.createElement("canvas"), { width: size, height: size }), pen = canvas.getContext("2d");
+  const shade = pen.createRadialGradient(size / 2, size / 2, 0.25 * size, size / 2, size / 2, 0.48 * size);
+  shade.addColorStop(0, "white");
+  shade.addColorStop(1, "black");
+  pen.fillStyle = shade;
+  pen.fillRect(0, 0, size, size);
+  return new THREE.CanvasTexture(canvas);
 }
 
 // Two directions at right angles that span what all vectors span.
@@ -60,20 +67,6 @@ function axesOf(vectors) {
   const across = vectors[0].clone().normalize();
   const rests = vectors.map((vector) => vector.clone().addScaledVector(across, -vector.dot(across)));
   return [across, rests.reduce((best, rest) => (rest.length() > best.length() ? rest : best)).normalize()];
-}
-
-// A convex polygon, counter-clockwise, as far as it lies within a regular one of `rim` corners about the origin.
-function withinDisc(corners, radius, rim) {
-  let left = corners;
-  for (let k = 0; k < rim && left.length; k++) {
-    const angle = (2 * Math.PI * k) / rim, out = ([x, y]) => x * Math.cos(angle) + y * Math.sin(angle) - radius;
-    left = left.flatMap((corner, i) => {
-      const before = left[(i + left.length - 1) % left.length], a = out(before), b = out(corner);
-      const cut = a * b < 0 ? [[before[0] + (a / (a - b)) * (corner[0] - before[0]), before[1] + (a / (a - b)) * (corner[1] - before[1])]] : [];
-      return b <= 0 ? [...cut, corner] : cut;
-    });
-  }
-  return left;
 }
 
 // All sums of plus or minus three vectors: a parallelepiped. Where they lie in one plane it is flat.

@@ -13,15 +13,15 @@ class Hand {
     this.view.addLocus(content.locus);
     this.spot = this.view.add(new THREE.Mesh(new THREE.SphereGeometry(0.02 * L, 24, 16), new THREE.MeshBasicMaterial()));
     this.arrows = {
-      linear: new Arrow(COLORS.twist, 0.007 * L, { bothWays: true }),
-      angular: new Arrow(COLORS.twist, 0.005 * L, { bothWays: true, turning: true }),
+      linear: new Arrow(ink("twist"), 0.007 * L, { bothWays: true }),
+      angular: new Arrow(ink("twist"), 0.005 * L, { bothWays: true, turning: true }),
     };
     for (const arrow of Object.values(this.arrows)) this.view.add(arrow.object);
     this.view.label("t<sub>s</sub>", "var(--twist)", () => {
       const { linear, angular } = this.arrows;
       return linear.object.visible ? linear.tip : angular.object.visible ? angular.tip : null;
     });
-    this.lines = new Lines(COLORS.given, 0.6 * L, content.motors.length);
+    this.lines = new Lines(ink("given"), 0.6 * L, content.motors.length);
     this.view.add(this.lines.object);
     section.querySelector(".legend").innerHTML = this.legend();
     this.build();
@@ -92,7 +92,7 @@ class Hand {
     if (state.lines) this.lines.set(state.lines.map(([place, way]) => [new THREE.Vector3(...place).add(this.spot.position), new THREE.Vector3(...way)]), 1);
     if (!state.sides) { if (this.polytope) this.polytope.object.visible = false; return; }
     if (!this.polytope) {
-      this.polytope = this.content.flat ? new Polygon(COLORS.given, 0.5 * L, motors.length) : new Parallelepiped(COLORS.given);
+      this.polytope = this.content.flat ? new Polygon(ink("given"), 0.5 * L, motors.length) : new Parallelepiped(ink("given"));
       this.view.add(this.polytope.object);
       const edges = state.sides.map((side) => new THREE.Vector3(...side));
       this.reach = (0.3 * L) / (this.content.flat ? Math.max(...edges.map((edge) => edge.length())) : farthestCorner(edges));
@@ -205,8 +205,7 @@ class Hand {
     this.view.setPoses(this.view.poses, 0);
     const origin = new THREE.Vector3(...state.origin);
     this.spot.position.copy(origin);
-    const color = { regular: 0x1b7f4d, near: 0xe69f00, singular: COLORS.locus.getHex() }[state.level];
-    this.spot.material.color.setHex(color);
+    this.spot.material.color.set(ink({ regular: "good", near: "warning", singular: "locus" }[state.level]));
     const [linear, angular] = state.t_s.map((part) => new THREE.Vector3(...part));
     const nearness = state.g === null ? 0 : 1 - Math.min(1, Math.abs(state.g) / this.usual);
     const size = linear.length() || 1;

@@ -270,7 +270,7 @@ function drawRobot() {
   for (const curve of data.locus) stroke(curve, "var(--locus)", 1.6);
   const { shift, torque, gives } = held(state.s, state.push);
   for (const { colour, outline } of placed(state.s, shift)) {
-    draw("path", { d: `${line(outline)}Z`, fill: `rgb(${colour.slice(0, 3).map((c) => Math.round(255 * c)).join(",")})`, stroke: "#0004", "stroke-width": 0.2 * width });
+    draw("path", { d: `${line(outline)}Z`, fill: `rgb(${colour.slice(0, 3).map((c) => Math.round(255 * c)).join(",")})`, stroke: "rgba(0, 0, 0, 0.27)", "stroke-width": 0.2 * width });
   }
   stroke(Array.from({ length: 41 }, (_, k) => along("place", k / 40)), "var(--path)", 1, { "stroke-dasharray": 2 * width });
   const place = along("place", state.s), t = along("t_s", state.s), unit = (0.16 * size) / Math.hypot(...t);

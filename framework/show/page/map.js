@@ -84,10 +84,10 @@ function draw() {
   pen.scale(scale, scale);
   pen.imageSmoothingEnabled = false;
   pen.drawImage(picture, f.left, f.top, f.across, f.high);
-  pen.strokeStyle = "#5c6876";
+  pen.strokeStyle = ink("soft");
   pen.lineWidth = 1;
   pen.strokeRect(f.left + 0.5, f.top + 0.5, f.across - 1, f.high - 1);
-  pen.fillStyle = "#5c6876";
+  pen.fillStyle = ink("soft");
   pen.font = "12px system-ui, sans-serif";
   pen.textAlign = "center";
   for (const value of ticks(f.x0, f.x1)) {
@@ -111,33 +111,33 @@ function draw() {
   pen.rect(f.left, f.top, f.across, f.high);
   pen.clip();
   for (const curve of data.curves) {
-    for (const [style, width] of [["#ffffff", curve.width + 2], [curve.colour, curve.width]]) {
+    for (const [style, width] of [[ink("paper"), curve.width + 2], [curve.colour, curve.width]]) {
       pen.beginPath();
       curve.points.forEach(([x, y], k) => (k ? pen.lineTo : pen.moveTo).call(pen, f.x(x), f.y(y)));
       pen.strokeStyle = style;
       pen.lineWidth = width;
-      pen.setLineDash(style === "#ffffff" ? [] : curve.dash);
+      pen.setLineDash(style === ink("paper") ? [] : curve.dash);
       pen.stroke();
     }
   }
   pen.setLineDash([]);
   pen.font = "13px system-ui, sans-serif";
   pen.textAlign = "center";
-  pen.fillStyle = "#7b3fa6";
+  pen.fillStyle = ink("locus");
   for (const [x, y] of data.crosses) pen.fillText("×", f.x(x), f.y(y) + 4);
   for (const [x, y] of data.marks) {
     pen.beginPath();
     pen.arc(f.x(x), f.y(y), 4, 0, 2 * Math.PI);
-    pen.fillStyle = "#14181d";
+    pen.fillStyle = ink("twist");
     pen.fill();
-    pen.strokeStyle = "#ffffff";
+    pen.strokeStyle = ink("paper");
     pen.lineWidth = 1.5;
     pen.stroke();
   }
   if (cursor) {
     const [i, j] = cursor;
     const x = f.left + (i + 0.5) / rows * f.across, y = f.top + (1 - (j + 0.5) / columns) * f.high;
-    for (const [style, width] of [["#ffffff", 3], ["#14181d", 1]]) {
+    for (const [style, width] of [[ink("paper"), 3], [ink("twist"), 1]]) {
       pen.strokeStyle = style;
       pen.lineWidth = width;
       pen.beginPath();

@@ -1,10 +1,6 @@
 // What stands in the scene: solids, tubes, arrows, coils. Sizes in metres, z up.
 
 const THREE = MeshCat.THREE;
-// One meaning each, as in page.css; blue, orange and yellow are left to the robots.
-const [LOCUS, TWIST, WRENCH, WORLD, TRACE, PATH, GIVEN] = ["locus", "twist", "wrench", "world", "trace", "path", "given"].map((name) =>
-  getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
-const COLORS = { locus: new THREE.Color(LOCUS), twist: new THREE.Color(TWIST), wrench: new THREE.Color(WRENCH), world: new THREE.Color(WORLD), trace: new THREE.Color(TRACE), path: new THREE.Color(PATH), given: new THREE.Color(GIVEN) };
 
 function points(values) {
   const found = [];
@@ -74,7 +70,7 @@ class Arrow {
   constructor(color, radius, { bothWays = false, turning = false } = {}) {
     this.object = new THREE.Group();
     this.material = new THREE.MeshBasicMaterial({ color, depthTest: false, depthWrite: false, transparent: true });
-    this.rim = new THREE.MeshBasicMaterial({ color: 0xffffff, depthTest: false, depthWrite: false, transparent: true });
+    this.rim = new THREE.MeshBasicMaterial({ color: ink("paper"), depthTest: false, depthWrite: false, transparent: true });
     this.radius = radius;
     this.bothWays = bothWays;
     this.shaft = this.part(new THREE.CylinderGeometry(radius, radius, 1, 16));
@@ -156,7 +152,7 @@ class Coil {
     this.factor = factor;
     this.object = new THREE.Group();
     this.object.applyMatrix4(matrix(coil.placement));
-    const material = new THREE.MeshPhongMaterial({ color: 0x2f3b4a, shininess: 60 });
+    const material = new THREE.MeshPhongMaterial({ color: ink("ink"), shininess: 60 });
     const turns = this.slides ? 7 : 4, radius = this.slides ? 0.13 * length : 0.3 * length;
     const height = this.slides ? 1 : 0.3 * length;
     const helix = [];
@@ -174,8 +170,8 @@ class Coil {
       const needle = (color) => new THREE.Mesh(
         new THREE.CylinderGeometry(wire, wire, 0.75 * length, 8).translate(0, 0.375 * length, 0),
         new THREE.MeshPhongMaterial({ color }));
-      this.moving.add(needle(0x1d2530));
-      this.object.add(needle(0x8a949f));
+      this.moving.add(needle(ink("ink")));
+      this.object.add(needle(ink("path")));
     }
     this.object.add(this.moving);
     this.set(0);
@@ -192,9 +188,8 @@ class Coil {
   }
 }
 
-// The colour of a motor by its share of the largest torque: grey to teal; red, the alarm, beyond it.
+// The colour of a motor by its share of the largest torque: from idle to busy, and the alarm beyond it.
+const [IDLE, BUSY, ALARM] = ["idle", "busy", "alarm"].map((name) => new THREE.Color(ink(name)));
 function heat(share) {
-  if (share > 1.001) return [0.7, 0.15, 0.12];
-  const [from, to] = [[0.83, 0.84, 0.86], [0.0, 0.32, 0.37]], t = Math.max(0, share);
-  return from.map((value, i) => value + t * (to[i] - value));
+  return share > 1.001 ? ALARM : IDLE.clone().lerp(BUSY, Math.max(0, share));
 }

@@ -1,6 +1,7 @@
 // What all pages share: their data, names as text, numbers as words, SVG, and the width that they are laid out for.
 
 const byId = (id) => document.getElementById(id);
+const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim(); // of framework/show/style.py
 const data = JSON.parse(byId("document").textContent);
 
 function decoded(text, Kind = Float32Array) {

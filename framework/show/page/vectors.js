@@ -34,17 +34,17 @@ class Vectors {
     if (content.polytope) {
       const { center, sides, count, flat } = content.polytope;
       this.given = { center: decoded(center), sides: decoded(sides), count };
-      this.polytope = flat ? new Polygon(COLORS.given, 0.5 * L, count) : new Parallelepiped(COLORS.given);
-      // a polygon is to the scale of W_p, cut off by a disc; a parallelepiped is drawn whole, to its own
+      this.polytope = flat ? new Polygon(ink("given"), 0.5 * L, count) : new Parallelepiped(ink("given"));
+      // a polygon is to the scale of W_p, and fades out where it is larger than the picture; a parallelepiped is drawn whole, to its own
       this.given.scale = flat ? (0.45 * L) / (this.values.W_p.largest[0] || 1) : (0.35 * L) / farthestCorner(points(this.given.sides));
       view.add(this.polytope.object);
     }
     if (content.lines) {
       const { place, way, count } = content.lines;
-      this.lines = { place: decoded(place), way: decoded(way), count, drawn: new Lines(COLORS.given, 0.6 * L, count) };
+      this.lines = { place: decoded(place), way: decoded(way), count, drawn: new Lines(ink("given"), 0.6 * L, count) };
       view.add(this.lines.drawn.object);
     }
-    this.corner = new RightAngle(0x1d2530, 0.004 * L, 0.06 * L);
+    this.corner = new RightAngle(ink("ink"), 0.004 * L, 0.06 * L);
     view.add(this.corner.object);
   }
 
@@ -53,8 +53,8 @@ class Vectors {
     const L = this.length;
     this.values[name] = { linear: decoded(linear), angular: decoded(angular), largest, origin: origin && decoded(origin) };
     const pair = this.arrows[name] = {
-      linear: new Arrow(COLORS[color], 0.007 * L, { bothWays }),
-      angular: new Arrow(COLORS[color], 0.005 * L, { bothWays, turning: true }),
+      linear: new Arrow(ink(color), 0.007 * L, { bothWays }),
+      angular: new Arrow(ink(color), 0.005 * L, { bothWays, turning: true }),
     };
     for (const arrow of Object.values(pair)) view.add(arrow.object);
     view.label(said, `var(--${color})`, () => (pair.linear.object.visible ? pair.linear.tip : pair.angular.object.visible ? pair.angular.tip : null), (tip) => {

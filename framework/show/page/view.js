@@ -69,7 +69,7 @@ class View {
     viewer.controls.addEventListener("start", () => { this.turned = true; });
     const step = Math.pow(10, Math.floor(Math.log10(radius)));
     const cells = 2 * Math.ceil((2.4 * radius) / step);
-    const grid = new THREE.GridHelper(cells * step, cells, 0xb9c2cc, 0xdde2e8);
+    const grid = new THREE.GridHelper(cells * step, cells, ink("axis"), ink("line"));
     grid.rotateX(Math.PI / 2);
     grid.position.set(center[0], center[1], lowest - 0.05 * radius);
     grid.material.transparent = true;
@@ -152,7 +152,7 @@ class View {
   }
 
   motor(motor) {
-    const material = new THREE.MeshPhongMaterial({ color: 0xd4d7db, shininess: 15 });
+    const material = new THREE.MeshPhongMaterial({ color: ink("idle"), shininess: 15 });
     const mesh = new THREE.Mesh(solidGeometry(motor), material);
     mesh.applyMatrix4(matrix(motor.placement));
     this.nodes[motor.node].add(mesh);
@@ -160,7 +160,7 @@ class View {
   }
 
   setMotor(k, share) {
-    this.motors[k].color.setRGB(...heat(share));
+    this.motors[k].color.copy(heat(share));
   }
 
   // Poses of frame k, and of the way to the next one.
@@ -184,12 +184,12 @@ class View {
   addLocus(locus) {
     if (!locus) return;
     if (locus.kind === "patch") {
-      this.add(patch(decoded(locus.points), locus.count, COLORS.locus));
+      this.add(patch(decoded(locus.points), locus.count, ink("locus")));
     } else {
       for (const curve of locus.curves) {
         const line = points(decoded(curve));
-        this.add(tube(line, 0.0075 * this.length, COLORS.locus));
-        const hidden = this.add(tube(line, 0.004 * this.length, COLORS.locus, 0.45)); // seen through the bodies before it
+        this.add(tube(line, 0.0075 * this.length, ink("locus")));
+        const hidden = this.add(tube(line, 0.004 * this.length, ink("locus"), 0.45)); // seen through the bodies before it
         if (hidden) hidden.material.depthTest = hidden.material.depthWrite = false;
       }
     }
