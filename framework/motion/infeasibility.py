@@ -20,6 +20,7 @@ class Infeasible(NamedTuple):
     matrix: Any  # A
     right: Array  # b
     cones: tuple[int, ...]  # sizes of second-order cones, the last rows of A; the rest of K is nonnegative
+    equalities: int = 0  # the first rows of A, where s is zero and q of either sign
 
     @property
     def contradiction(self) -> tuple[float, float]:
@@ -56,6 +57,7 @@ class Infeasible(NamedTuple):
             return self
         linear, heads, lengths = self._in_cones()
         inside = np.concatenate([linear, np.repeat(heads - lengths, self.cones)])
+        inside = np.concatenate([np.full(self.equalities, inside.max(initial=1.0)), inside])
         rows = self.matrix.multiply(inside[:, None]).T
         combined = np.linalg.lstsq((rows @ rows.T).toarray(), self.matrix.T @ self.proof, rcond=None)[0]
         return self._replace(proof=self.proof - inside * (rows.T @ combined))
@@ -63,7 +65,8 @@ class Infeasible(NamedTuple):
     def _in_cones(self) -> tuple[Array, Array, Array]:
         """Return the entries of q not to be negative, of its cones the first ones and the others' lengths."""
         sizes = np.array(self.cones, dtype=int)
-        linear, others = np.split(self.proof, [len(self.proof) - int(sizes.sum())])
+        bounds = [self.equalities, len(self.proof) - int(sizes.sum())]
+        _, linear, others = np.split(self.proof, bounds)
         starts: IntArray = np.cumsum(sizes) - sizes
         squares = others**2
         squares[starts] = 0.0

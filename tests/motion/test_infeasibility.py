@@ -44,6 +44,15 @@ def test_what_is_none_is_not_taken_for_one(least, q):
     assert not at_least(least, q).holds
 
 
+@pytest.mark.parametrize(("share", "holds"), [(-3.0, True), (3.0, False)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_share_of_an_equality_may_have_either_sign(sign, share, holds):
+    """x + y = 0 written with either sign, y <= -2 and |x| <= 1; the wrong share does not cancel y."""
+    rows = sparse.csc_array([[sign, sign], [0.0, 1.0], [0.0, 0.0], [-1.0, 0.0]])
+    proof = np.array([sign * share, 3.0, 3.0, -3.0])
+    assert Infeasible(proof, rows, np.array([0.0, -2.0, 1.0, 0.0]), (2,), 1).holds == holds
+
+
 def test_a_proof_that_is_nearly_one_is_refined_to_one():
     rough = at_least(2.0, [1.0, 1.0, -0.99])
     assert rough.reach == pytest.approx(100.0)

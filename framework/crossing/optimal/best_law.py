@@ -106,7 +106,7 @@ def lowest_cost(program: SpeedProgram, optimum: Optimum) -> float:
     That of `optimum`, which had all of these, where the program without is not solved.
     """
     cones = replace(program, roughness=0.0).cones()
-    lowest = program.solved(replace(cones, positive=cones.positive[:0]))
+    lowest = program.solved(replace(cones, floor=0.0))
     return _cost(program, lowest if isinstance(lowest, Optimum) else optimum)
 
 

@@ -187,7 +187,7 @@ class SpeedProgram:
             speeds=np.asarray(chebyshev.chebvander(points, degree), dtype=float),
             average=np.eye(len(weights)),
             weights=weights / self.on_path.stretch(self.on_path.stretch.inverse(points), 1),
-            positive=Basis.at(self.on_path.sigma[rows], degree, self.on_path.stretch).z,
+            positive=np.empty((0, degree + 1)),
             torque=self.torque_rows(np.eye(size)[rows]),
             bounded=np.tile(specification.limited_motors, len(rows)),
             below_one=self.speed_rows(np.eye(size)[rows]),
