@@ -9,13 +9,14 @@ import shlex
 import pytest
 
 import robots
-from framework import plan_scene
+from framework import Line, locate_singularities, plan_crossing, plan_scene
 from framework.cli import main
 from framework.cli.commands import COMMANDS
-from framework.crossing.path_modification import plan_request_with_modified_path
+from framework.crossing.path_modification import plan_request_with_modified_path, plan_with_modified_path
 from framework.crossing.scenes import scene_request
 from framework.errors import InvalidInput, NoAnswer, NoLaw, UnboundedTorque
 from framework.kinematics.parallel_robot import ParallelRobot
+from tests.crossing.test_orthogonal_path import bent
 
 LINE = "--from 0.1 0.345 --to -0.05 0.195"
 MEANT = [  # a wrong command line, what was meant
@@ -130,6 +131,47 @@ def test_an_error_with_a_remedy_can_be_pickled():
         plan_scene(robots.load("five_bar"), "B")
     assert caught.value.remedy == {"law": "optimal", "times": None, "speeds": None}
     assert pickle.loads(pickle.dumps(caught.value)).remedy == caught.value.remedy
+
+
+def test_what_was_tried_is_not_advised(capsys, monkeypatch):
+    def refuse(options):
+        raise NoLaw("no").advising({"bend": True})
+
+    monkeypatch.setattr("framework.cli.plan.run", refuse)
+    assert "; try: crossing plan five_bar --scene C --bend\n" in run(capsys, "plan five_bar --scene C")[2]
+    for line in (
+        "plan five_bar --scene C --bend",
+        "plan five_bar --bend --scene C",
+        "plan --bend 1% five_bar",
+    ):
+        assert ("try" in run(capsys, line)[2]) is ("1%" in line)
+    monkeypatch.setattr("framework.cli.simulate.run", refuse)
+    assert "try" not in run(capsys, "simulate five_bar --scene C")[2]  # it knows no such option
+
+
+def test_an_example_is_advised_where_it_runs_in_any_folder(capsys):
+    shown = {name: run(capsys, f"{name} --nonsense")[2].partition("try: crossing ")[2] for name in COMMANDS}
+    needing_files = {name for name, example in shown.items() if not example}
+    assert needing_files == {"calibrate", "identify", "report"}
+
+
+@pytest.mark.slow
+def test_a_path_that_no_law_can_cross_is_to_be_bent():
+    robot = robots.load("five_bar")
+    path, _ = bent(robot, 0.02)
+    options = {"duration": 1.5, "law": "optimal", "torque_limit": 0.4}
+    with pytest.raises(NoLaw) as caught:
+        plan_crossing(robot, path, **options)
+    assert caught.value.remedy == {"bend": True}
+    assert plan_with_modified_path(robot, path, **options).share > 0
+
+
+def test_an_end_on_the_locus_has_no_remedy():
+    robot = robots.load("five_bar")
+    (point,) = locate_singularities(robot, Line([0.1, 0.345], [-0.05, 0.195]))
+    with pytest.raises(NoLaw) as caught:
+        plan_crossing(robot, Line([0.1, 0.345], point.platform), duration=1.5)
+    assert caught.value.remedy is None
 
 
 # ------------------------------------------------------------------ over the catalogue

@@ -31,7 +31,8 @@ def advised(error: BaseException, arguments: Sequence[str]) -> str | None:
         if value is not None and value is not False:
             words += [flag, *_words(value)]
     instead = one_line(shlex.join(["crossing", *words]))
-    return instead if words != list(arguments) and len(instead) <= MAX_ADVICE_LENGTH else None
+    tried = sorted(words) == sorted(word for word in arguments if word != "--json")
+    return None if tried or len(instead) > MAX_ADVICE_LENGTH else instead
 
 
 _COUNTS = {"None": 1.0, "?": 1.0, "+": math.inf, "*": math.inf}  # values of an option, by its `nargs`

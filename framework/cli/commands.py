@@ -91,7 +91,7 @@ COMMANDS = {
         "robustness",
         "drive a planned crossing with a controller on many robots that differ from their model",
         (
-            "crossing robustness crossing_C --payload 0.05 --runs 20 --out study",
+            "crossing robustness five_bar --scene C --smoothness 4 --runs 20 --out study",
             "crossing robustness study --replay 17",
         ),
     ),
@@ -131,6 +131,7 @@ COMMANDS = {
         ),
     ),
 }
+NEEDS_NO_FILE = re.compile(r"crossing \w+( five_bar( --.*)?)?")  # an example that runs in any folder
 FIRST_EXAMPLES = ("crossing plan five_bar --scene C", "crossing show five_bar --scene C --html crossing.html")
 
 
@@ -217,7 +218,8 @@ class OneLineParser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint} (choose from {listed})")
 
     def error(self, message: str) -> NoReturn:
-        instead = None if "did you mean" in message else next(iter(self.examples), None)
+        anywhere = [example for example in self.examples if NEEDS_NO_FILE.fullmatch(example)]
+        instead = None if "did you mean" in message else next(iter(anywhere), None)
         raise Misuse(f"{message} (see `{self.prog} --help`)", instead)
 
 

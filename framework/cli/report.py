@@ -26,6 +26,7 @@ def run(options: argparse.Namespace) -> Report:
     from framework.show.captions import plan_name
     from framework.show.report import report_page
 
+    options.progress.start("proving the plan anew, and drawing the page")
     plan = load_plan(options.folder, robot_file=options.robot_file)
     planned = stated_certificate(options.folder)
     page = report_page(plan, planned=planned, name=plan_name(plan, Path(options.folder).resolve().name))
