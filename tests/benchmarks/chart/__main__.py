@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from framework.cli.progress import Progress
 from framework.errors import FrameworkError
 from framework.output import written_together
-from tests.benchmarks.chart import stages, table
+from tests.benchmarks.chart import repeated, stages, table
 from tests.benchmarks.chart.figures import save_chart
 from tests.benchmarks.chart.measure import FULL, QUICK, Effort, Stage, rows_of
 
@@ -28,6 +30,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--row", metavar="ROW", help="one row made again, as the table names it; writes nothing"
     )
+    parser.add_argument(
+        "--compare",
+        nargs="+",
+        type=Path,
+        metavar="DIR",
+        help="whether comparisons of these charts change sign",
+    )
     parser.add_argument("--quick", action="store_true", help="one setting of a series, run once")
     parser.add_argument(
         "--redraw", action="store_true", help="figures and text anew, from the tables of --out"
@@ -35,6 +44,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=Path(FOLDER), metavar="DIR", help="default: %(default)s")
     options = parser.parse_args(arguments)
     try:
+        if options.compare:
+            words, turned = repeated.report(options.compare)
+            print(words)
+            raise SystemExit(int(turned > 0))
         if options.row is None:
             chosen = [stages.stage(name) for name in dict.fromkeys(options.stage or stages.NAMES)]
             print(write_chart(chosen, options.out, QUICK if options.quick else FULL, redraw=options.redraw))
@@ -57,7 +70,14 @@ def write_chart(chosen: Sequence[Stage], folder: Path, effort: Effort = FULL, *,
     ):
         advance = _counted(progress.start("measuring", stages.count(chosen, effort.settings), "rows"))
         for stage in chosen:
+            began = time.process_time()
             rows = known[stage.name] if redraw else rows_of(stage, effort, advance)
+            spent = time.process_time() - began
+            print(
+                f"{stage.name}: {len(rows)} rows, {spent:.0f} s of processor time",
+                file=sys.stderr,
+                flush=True,
+            )
             document = table.document(stage, rows)
             (temporary / f"{stage.name}.csv").write_text(table.csv_text(stage, rows), encoding="utf-8")
             (temporary / f"{stage.name}.md").write_text(table.markdown(stage, rows), encoding="utf-8")
